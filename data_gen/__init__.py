@@ -1,0 +1,1 @@
+"""The transmitter's pictures and the simulated channel; imports link only."""

@@ -1,0 +1,81 @@
+"""Write simulated captures to disk: python -m data_gen --pair canon-lg --view 45 --kappa 3 --out DIR."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.pairs import get_pair
+from link.captures import MANIFEST, save_captures
+from link.embed import psnr, ssim
+from link.errors import InputError, run_cli
+from link.frames import Captured
+from link.layout import make_layout
+
+
+@dataclass(frozen=True)
+class DataGenConfig:
+    """Simulated captures in the Captures format (see README)."""
+
+    out: Path
+    """Folder for the PNGs and manifest.jsonl."""
+    pair: str = "canon-lg"
+    """Camera and display: canon|nikon|sony - imac|lg|samsung."""
+    view: float = 0.0
+    """Angle of observation, degrees from the display's normal."""
+    kappa: int = 5
+    """Gray levels of [0, 255] added where a bit is 1."""
+    frames: int = 15
+    """Frame pairs."""
+    seed: int = 0
+    split: str = "test"
+    """Pictures and channel draws: "train" or "test"."""
+    pictures: Path | None = None
+    """Folder with your own pictures."""
+    hidden: bool = False
+    """Show equalised pictures without ratex patches, for hidden_ratex."""
+    rows: int = 8
+    cols: int = 8
+    width: int = 512
+    """Of the displayed picture, pixels."""
+    height: int = 384
+    ratex: int = 5
+    """Ratex patches: 1, 2, 3 or 5."""
+    pyramid_level: int = 0
+    """Add the message at this coarser pyramid level; 0 for plain blocks."""
+
+
+def main() -> None:
+    """Simulate, save, and report how visible the message is."""
+    config = tyro.cli(DataGenConfig)
+    get_pair(config.pair)
+    if config.frames < 1:
+        raise InputError(f"--frames: need at least 1, got {config.frames}")
+    if (config.out / MANIFEST).exists():
+        raise InputError(f"--out: {config.out} already holds captures; choose another folder")
+    layout = make_layout(config.rows, config.cols, config.width, config.height, config.ratex)
+    source = Source(layout, config.split, config.seed, config.pyramid_level, config.pictures)
+    cell = Cell(config.pair, config.view, config.kappa)
+
+    visibility = []
+
+    def captures() -> Iterator[Captured]:
+        for index in tqdm(range(config.frames), unit="pair"):
+            shown = prepare(source, cell, index, config.hidden).displayed
+            frames = shown.original, shown.embedded
+            visibility.append((psnr(*frames), ssim(*frames)))
+            yield simulate(source, cell, index, config.hidden)
+
+    count = save_captures(config.out, captures())
+    psnr_db, similarity = np.mean(visibility, axis=0)
+    report = {"psnr_db": round(psnr_db, 2), "ssim": round(similarity, 4), "simulated": True}
+    print(json.dumps({"out": str(config.out), "frame_pairs": count, **report}))
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,159 @@
+"""Optics: the camera's pose, perspective, blur and vignetting."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.display import Light
+from link.errors import InputError
+
+CAPTURE_WIDTH, CAPTURE_HEIGHT = 768, 576
+"""Simulated capture in pixels: the sensor's 3:2 or 4:3 image reduced to this."""
+FILL = 0.70
+"""Share of the capture's width that the frontal picture covers."""
+ROOM_LIGHT = 0.01
+"""Linear light of what surrounds the picture, relative to frontal white: a dark room."""
+MAX_VIEW_DEG = 75.0
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the camera stands: it looks at the picture's centre from ``view_deg`` to its right."""
+
+    view_deg: float
+    """Horizontal angle from the display's normal, degrees."""
+    pitch_deg: float
+    """Vertical angle from the normal, degrees."""
+    roll_deg: float
+    """Rotation about the optical axis, degrees."""
+    distance: float
+    """To the picture's centre, in picture widths."""
+
+    def __post_init__(self) -> None:
+        if not abs(self.view_deg) <= MAX_VIEW_DEG:
+            raise InputError(
+                f"--view: need an angle within ±{MAX_VIEW_DEG:g} degrees, got {self.view_deg:g}"
+            )
+        if not self.distance > 1.0:
+            raise InputError(f"distance: need more than 1 picture width, got {self.distance:g}")
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(3,) camera centre; picture at z = 0, width 1, x right, y down, z towards the camera."""
+        yaw, pitch = np.radians([self.view_deg, self.pitch_deg])
+        towards = [np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)]
+        return np.asarray(self.distance * np.array(towards))
+
+
+def draw_pose(view_deg: float, rng: np.random.Generator) -> Pose:
+    """A hand-placed camera: within 1 degree of the nominal view, 2 of level, at 2 to 3 widths."""
+    return Pose(
+        view_deg=view_deg + rng.uniform(-1, 1),
+        pitch_deg=rng.uniform(-2, 2),
+        roll_deg=rng.uniform(-2, 2),
+        distance=rng.uniform(2.0, 3.0),
+    )
+
+
+def view_angles(pose: Pose, width: int, height: int) -> Light:
+    """(height, width) float32 angle in radians between the normal and the ray to the camera."""
+    x = ((np.arange(width) - (width - 1) / 2) / width).astype(np.float32)
+    y = ((np.arange(height) - (height - 1) / 2) / width).astype(np.float32)
+    camera_x, camera_y, camera_z = pose.position
+    squared = (camera_x - x) ** 2 + ((camera_y - y) ** 2)[:, None] + camera_z**2
+    return np.asarray(np.arccos(camera_z / np.sqrt(squared)), np.float32)
+
+
+def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
+    """``H_captured_from_display`` (3, 3) of a pinhole camera that keeps its zoom at every view."""
+    center = pose.position
+    forward = -center / np.linalg.norm(center)
+    right = np.cross(forward, np.array([0.0, 1.0, 0.0]))
+    right /= np.linalg.norm(right)
+    down = np.cross(right, forward)
+    roll = np.radians(pose.roll_deg)
+    axes = np.array(
+        [
+            np.cos(roll) * right + np.sin(roll) * down,
+            -np.sin(roll) * right + np.cos(roll) * down,
+            forward,
+        ]
+    )
+    focal = FILL * CAPTURE_WIDTH * pose.distance
+    K = np.array(
+        [[focal, 0, (CAPTURE_WIDTH - 1) / 2], [0, focal, (CAPTURE_HEIGHT - 1) / 2], [0, 0, 1]]
+    )
+    plane_from_display = np.array(
+        [
+            [1 / width, 0, -(width - 1) / 2 / width],
+            [0, 1 / width, -(height - 1) / 2 / width],
+            [0, 0, 1],
+        ]
+    )
+    extrinsics = np.column_stack([axes[:, 0], axes[:, 1], -axes @ center])
+    H = K @ extrinsics @ plane_from_display
+    return np.asarray(H / H[2, 2])
+
+
+def jitter(sigma_px: float, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Residual motion between two frames: (3, 3), captured pixels to captured pixels.
+
+    A shift of standard deviation ``sigma_px`` per axis, and a rotation and a change of scale that
+    move the corner of the image by the same order.
+    """
+    dx, dy, turn, zoom = sigma_px * rng.standard_normal(4)
+    radius = np.hypot(CAPTURE_WIDTH, CAPTURE_HEIGHT) / 2
+    a, b = 1 + zoom / radius, turn / radius
+    x, y = (CAPTURE_WIDTH - 1) / 2, (CAPTURE_HEIGHT - 1) / 2
+    return np.array([[a, -b, x - a * x + b * y + dx], [b, a, y - b * x - a * y + dy], [0, 0, 1.0]])
+
+
+def image_of(light: Light, H_captured_from_display: NDArray[np.float64], blur_px: float) -> Light:
+    """Project emitted light into the captured image and blur it.
+
+    Where the camera sees the display smaller than it is, the light is low-passed first, as pixels
+    that integrate over their area do.
+
+    Args:
+        light: (H, W, 3) float32, linear, display pixels.
+        H_captured_from_display: (3, 3).
+        blur_px: Gaussian sigma of lens and demosaicking, captured pixels.
+
+    Returns:
+        (CAPTURE_HEIGHT, CAPTURE_WIDTH, 3) float32, linear.
+    """
+    height, width = light.shape[:2]
+    H = H_captured_from_display
+    middle = np.array(
+        [[width / 2, height / 2], [width / 2 + 1, height / 2], [width / 2, height / 2 + 1]]
+    )
+    here, right, down = cv2.perspectiveTransform(middle[None], H)[0]
+    sigmas = [
+        0.5 * np.sqrt(max(0.0, 1 / float(np.linalg.norm(step - here)) ** 2 - 1))
+        for step in (right, down)
+    ]
+    if max(sigmas) > 0.1:
+        light = cv2.GaussianBlur(
+            light, (0, 0), sigmaX=max(sigmas[0], 0.05), sigmaY=max(sigmas[1], 0.05)
+        )
+    image = cv2.warpPerspective(
+        light,
+        H,
+        (CAPTURE_WIDTH, CAPTURE_HEIGHT),
+        flags=cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=(ROOM_LIGHT,) * 3,
+    )
+    return np.asarray(
+        cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px > 0.1 else image, np.float32
+    )
+
+
+def vignette(loss_at_corner: float) -> Light:
+    """(CAPTURE_HEIGHT, CAPTURE_WIDTH) float32 relative illumination: 1 - loss r^2, r = 1 at corners."""
+    x = np.linspace(-1, 1, CAPTURE_WIDTH, dtype=np.float32) * CAPTURE_WIDTH
+    y = np.linspace(-1, 1, CAPTURE_HEIGHT, dtype=np.float32) * CAPTURE_HEIGHT
+    r2 = (x**2 + (y**2)[:, None]) / (CAPTURE_WIDTH**2 + CAPTURE_HEIGHT**2)
+    return np.asarray(1 - loss_at_corner * r2, np.float32)

@@ -1,0 +1,141 @@
+"""Compare decoders: python evaluate.py --pairs canon-lg --views 0 45 --kappas 5 3 --out DIR.
+
+Decode once to predictions.jsonl, score to metrics.json, print tables beside the paper's numbers.
+"""
+
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import tyro
+
+from data_gen.dataset import Cell, Source
+from data_gen.pairs import PAIRS, get_pair
+from link.captures import load_capture, read_manifest
+from link.embed import check_kappa
+from link.errors import InputError, choose, run_cli
+from link.images import write_bytes, write_image
+from link.layout import make_layout
+from models import DECODERS
+from reports.compare import Method, decode_captures, decode_cells
+from reports.figures import annotate
+from reports.metrics import provenance, score, write_metrics
+from reports.tables import paper_tables, summary_table
+
+PRETRAINED = Path(__file__).parent / "models" / "neural" / "pretrained"
+
+
+@dataclass(frozen=True)
+class EvaluateConfig:
+    """The paper's protocol on simulated captures, or your own captures with --captures."""
+
+    pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs."""
+    views: tuple[float, ...] = (0.0, 45.0)
+    """Angles of observation, degrees."""
+    kappas: tuple[int, ...] = (5, 3)
+    """Gray levels added for a bit 1."""
+    methods: tuple[str, ...] = tuple(DECODERS)
+    """Decoders to compare."""
+    frames: int = 15
+    """Frame pairs a cell; 75 is the paper's number."""
+    seed: int = 0
+    out: Path = Path("runs/evaluation")
+    """Folder for predictions.jsonl, metrics.json and tables.md."""
+    captures: Path | None = None
+    """Folder of captures, own or simulated, with a manifest.jsonl; replaces the simulation."""
+    pictures: Path | None = None
+    """Your own pictures, in place of the built-in test pictures."""
+    run: Path | None = None
+    """Checkpoint of the method "learned": by default the shipped one, trained on all pairs."""
+    ratex: int = 5
+    """Ratex patches: 1, 2, 3 or 5."""
+    show: Path | None = None
+    """With --captures: folder for annotated pictures, one a frame pair and method."""
+    jobs: int = os.cpu_count() or 1
+    """Processes."""
+
+
+def main() -> None:
+    """Decode, score, print."""
+    config = tyro.cli(EvaluateConfig)
+    check(config)
+    checkpoint = config.run or PRETRAINED
+    options = {"learned": (("checkpoint", checkpoint),)}
+    methods = [Method(name, options.get(name, ())) for name in config.methods]
+    keep_config(config)
+    if config.captures is not None:
+        predictions, skipped = decode_captures(config.captures, methods, config.out)
+        print("\n".join(skipped))
+        entries = read_manifest(config.captures)
+        simulated = all(bool(entry.get("simulated")) for entry in entries)
+    else:
+        cells = [
+            Cell(pair, view, kappa)
+            for kappa in config.kappas
+            for view in config.views
+            for pair in config.pairs
+        ]
+        source = Source(make_layout(ratex=config.ratex), "test", config.seed, 0, config.pictures)
+        predictions = decode_cells(source, cells, config.frames, methods, config.out, config.jobs)
+        simulated = True
+    rows = score(predictions)
+    write_metrics(config.out / "metrics.json", rows, provenance(config.seed, simulated))
+    kind = "simulated captures, held-out pictures" if simulated else "real captures"
+    tables = summary_table(rows, f"All cells ({kind})")
+    if config.captures is None:
+        tables = f"{paper_tables(rows)}\n\n{tables}"
+    write_bytes(config.out / "tables.md", f"{tables}\n".encode())
+    print(tables)
+    print(f"\nwritten: {config.out}/predictions.jsonl, metrics.json, tables.md")
+    if config.captures is not None and config.show is not None:
+        show(config.captures, methods, config.show)
+
+
+def check(config: EvaluateConfig) -> None:
+    """Refuse wrong flags before any work."""
+    for pair in config.pairs:
+        get_pair(pair)
+    for kappa in config.kappas:
+        check_kappa(kappa)
+    for name in config.methods:
+        choose(DECODERS, name, "method")
+    if config.frames < 1 or config.jobs < 1:
+        raise InputError("--frames and --jobs: need at least 1")
+    for flag, values in (
+        ("pairs", config.pairs),
+        ("views", config.views),
+        ("kappas", config.kappas),
+        ("methods", config.methods),
+    ):
+        if not values or len(set(values)) != len(values):
+            raise InputError(f"--{flag}: name at least one, and none twice")
+
+
+def keep_config(config: EvaluateConfig) -> None:
+    """Save the configuration in --out, and refuse a folder that holds another run."""
+    settings = {k: v for k, v in asdict(config).items() if k not in ("out", "jobs", "show")}
+    text = json.dumps(settings, indent=2, default=str) + "\n"
+    file = config.out / "config.json"
+    if file.is_file() and file.read_text() != text:
+        raise InputError(f"--out: {config.out} holds a run with other settings; choose another")
+    write_bytes(file, text.encode())
+
+
+def show(captures: Path, methods: list[Method], folder: Path) -> None:
+    """Write one annotated picture a frame pair and method."""
+    for number, entry in enumerate(read_manifest(captures)):
+        captured = load_capture(captures, entry)
+        pair = captured.rectified()
+        for method in methods:
+            decoder = method.build()
+            if decoder.needs_ratex and not pair.layout.ratex:
+                continue
+            picture = annotate(pair, decoder.decode(pair), captured.bits)
+            write_image(folder / f"{number:05d}_{method.name}.png", picture)
+    print(f"annotated pictures: {folder}")
+
+
+if __name__ == "__main__":
+    run_cli(main)

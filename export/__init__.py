@@ -1,0 +1,1 @@
+"""Everything that leaves the lab: the ONNX graph and what runs it."""

@@ -1,0 +1,169 @@
+"""Decode with numpy, OpenCV and onnxruntime alone.
+
+python -m export.runtime MODEL ORIGINAL EMBEDDED [--corners x,y x,y x,y x,y]
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnxruntime
+from numpy.typing import ArrayLike, NDArray
+from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
+
+from link.errors import InputError, run_cli
+from link.frames import Captured, SoftBits
+from link.images import read_image
+from link.layout import MIN_BLOCK_PX, Layout
+
+ORT_ERRORS = (
+    ort_errors.EPFail,
+    ort_errors.Fail,
+    ort_errors.InvalidArgument,
+    ort_errors.InvalidGraph,
+    ort_errors.InvalidProtobuf,
+    ort_errors.NotImplemented,
+    ort_errors.RuntimeException,
+)
+FORMAT = "1"
+"""Version of the metadata and of the graph's inputs and outputs."""
+
+
+class Decoder:
+    """A decoder in an ONNX file, which carries its own layout.
+
+    Args:
+        path: written by `export.to_onnx`.
+        threads: of onnxruntime.
+
+    Raises:
+        InputError: the file is missing, damaged, or not one of ours.
+    """
+
+    def __init__(self, path: Path | str, threads: int = 2) -> None:
+        path = Path(path)
+        if not path.is_file():
+            raise InputError(f"{path}: no such model; export one with python -m export.to_onnx RUN")
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 4
+        try:
+            self._session = onnxruntime.InferenceSession(
+                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+            )
+        except ORT_ERRORS as error:
+            reason = str(error).splitlines()[0][:160]
+            raise InputError(f"{path}: not a readable ONNX model; export it again ({reason})") from None
+        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        names = [[node.name for node in nodes] for nodes in (self._session.get_inputs(), self._session.get_outputs())]
+        if self.metadata.get("format") != FORMAT or names != [["original", "embedded"], ["scores", "head"]]:
+            raise InputError(f"{path}: not a decoder of this version; export it again")
+        try:
+            self.layout = Layout.from_dict(json.loads(self.metadata["layout"]))
+        except (KeyError, json.JSONDecodeError):
+            raise InputError(f"{path}: carries no layout; export it again") from None
+
+    def decode(
+        self,
+        original: NDArray[np.uint8],
+        embedded: NDArray[np.uint8],
+        corners: ArrayLike | None = None,
+        corners_embedded: ArrayLike | None = None,
+    ) -> SoftBits:
+        """Decode one frame pair.
+
+        Args:
+            original: (H, W) or (H, W, 3) uint8, encoded RGB. Without ``corners`` the frame is
+                already rectified: the displayed picture fills it, at any size.
+            embedded: the same shape.
+            corners: (4, 2) pixels of the displayed picture in the captured original: top-left,
+                top-right, bottom-right, bottom-left (see `link.geometry`).
+            corners_embedded: the same in the captured embedded frame; ``corners`` if absent.
+
+        Returns:
+            scores of the message bits in row-major order, positive for 1, and the fitted head.
+
+        Raises:
+            InputError: frames of wrong type, size or shape, or corners that do not fit.
+        """
+        frames = [np.asarray(frame) for frame in (original, embedded)]
+        for frame in frames:
+            if frame.dtype != np.uint8 or frame.ndim not in (2, 3) or frame.shape[2:] not in ((), (3,)):
+                raise InputError(
+                    f"frames must be uint8 (H, W) or (H, W, 3), got {frame.dtype} {frame.shape}"
+                )
+        layout = self.layout
+        if corners is not None:
+            found = np.asarray(corners, np.float64)
+            other = found if corners_embedded is None else np.asarray(corners_embedded, np.float64)
+            pair = Captured(frames[0], frames[1], layout, found, other).rectified()
+            frames = [pair.original, pair.embedded]
+        (height, width), second = frames[0].shape[:2], frames[1].shape[:2]
+        if frames[0].shape != frames[1].shape:
+            raise InputError(
+                f"original is {width}x{height} and embedded is {second[1]}x{second[0]}; "
+                "give two frames of one camera at one size"
+            )
+        if height < layout.rows * MIN_BLOCK_PX or width < layout.cols * MIN_BLOCK_PX:
+            raise InputError(
+                f"a {width}x{height} frame is too small for {layout.cols}x{layout.rows} blocks"
+            )
+        feeds = {"original": _as_batch(frames[0]), "embedded": _as_batch(frames[1])}
+        try:
+            scores, head = self._session.run(["scores", "head"], feeds)
+        except ORT_ERRORS as error:
+            raise InputError(f"the model failed to run: {str(error).splitlines()[0][:160]}") from None
+        if scores.shape != (1, layout.n_bits) or not np.isfinite(scores).all():
+            raise InputError("the model returned no valid scores; export it again")
+        return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
+
+
+def _as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W) or (H, W, 3) -> (1, 3, H, W), contiguous."""
+    planes = np.repeat(frame[None], 3, axis=0) if frame.ndim == 2 else frame.transpose(2, 0, 1)
+    return np.ascontiguousarray(planes)[None]
+
+
+def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | None:
+    """Four "x,y" arguments -> (4, 2), or None where the flag is absent."""
+    if points is None:
+        return None
+    try:
+        corners = np.array([[float(v) for v in point.split(",")] for point in points])
+    except ValueError:
+        corners = np.empty(0)
+    if corners.shape != (4, 2):
+        raise InputError(f"{flag}: need four points x,y, such as 10.5,20 400,22 398,310 12,305")
+    return corners
+
+
+def main() -> None:
+    """Decode two captured images and print bits and scores as JSON."""
+    parser = argparse.ArgumentParser(prog="python -m export.runtime", description=main.__doc__)
+    parser.add_argument("model", type=Path, help="an .onnx file")
+    parser.add_argument("original", type=Path, help="image of the original frame")
+    parser.add_argument("embedded", type=Path, help="image of the embedded frame")
+    for flag, text in (
+        ("--corners", "of the displayed picture: top-left, top-right, bottom-right, bottom-left; "
+         "without them the picture fills the images"),
+        ("--corners-embedded", "the same in the embedded frame; --corners where absent"),
+    ):
+        parser.add_argument(flag, nargs=4, metavar="x,y", help=text)
+    args = parser.parse_args()
+    corners = parse_corners(args.corners, "--corners")
+    corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
+    decoder = Decoder(args.model)
+    frames = read_image(args.original), read_image(args.embedded)
+    soft = decoder.decode(*frames, corners=corners, corners_embedded=corners_embedded)
+    result: dict[str, Any] = {
+        "bits": soft.bits.tolist(),
+        "scores": [round(float(score), 4) for score in soft.scores],
+        "layout": decoder.layout.to_dict(),
+    }
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,114 @@
+"""Checkpoint -> decoder.onnx with the layout in its metadata: python -m export.to_onnx RUN."""
+
+import io
+import json
+import logging
+import warnings
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import onnx
+import torch
+import tyro
+
+from export.parity import Parity, compare
+from export.runtime import FORMAT, Decoder
+from link import __version__
+from link.errors import InputError, run_cli
+from link.images import write_bytes
+from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX
+from models.neural.checkpoint import load_checkpoint
+from models.neural.decoder import PhiDecoder
+
+
+def to_onnx(module: PhiDecoder, run_name: str) -> bytes:
+    """The decoder as an ONNX model: batch, height and width free, the head fitted inside."""
+    layout = module.layout
+    example = torch.zeros((2, 3, layout.height, layout.width), dtype=torch.uint8)
+    free = {
+        0: torch.export.Dim("batch", min=1, max=1024),
+        2: torch.export.Dim("height", min=layout.rows * MIN_BLOCK_PX, max=MAX_SIDE_PX),
+        3: torch.export.Dim("width", min=layout.cols * MIN_BLOCK_PX, max=MAX_SIDE_PX),
+    }
+    for name in ("torch.onnx", "torch.export"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of torch's own deprecations
+        program = torch.onnx.export(
+            module.eval(),
+            (example, example.clone()),
+            input_names=["original", "embedded"],
+            output_names=["scores", "head"],
+            dynamic_shapes=(free, free),
+            dynamo=True,
+            verbose=False,
+        )
+    buffer = io.BytesIO()
+    program.save(buffer)
+    model = onnx.load_from_string(buffer.getvalue())
+    _strip_traces(model.graph)
+    metadata = {
+        "format": FORMAT,
+        "layout": json.dumps(layout.to_dict()),
+        "decoder": json.dumps(asdict(module.config)),
+        "features": json.dumps(module.phi.names),
+        "run": run_name,
+        "version": __version__,
+    }
+    onnx.helper.set_model_props(model, metadata)
+    onnx.checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString())
+
+
+def _strip_traces(graph: onnx.GraphProto) -> None:
+    """Drop the source lines that torch attaches to every node and value, subgraphs included."""
+    for value in (*graph.value_info, *graph.input, *graph.output, *graph.initializer, graph):
+        del value.metadata_props[:]
+    for node in graph.node:
+        del node.metadata_props[:]
+        for attribute in node.attribute:
+            if attribute.type == onnx.AttributeProto.GRAPH:
+                _strip_traces(attribute.g)
+
+
+def export(module: PhiDecoder, path: Path, run_name: str, frames: int, seed: int = 1) -> Parity:
+    """Write ``path`` once parity with torch is shown on ``frames`` unseen frame pairs.
+
+    Raises:
+        InputError: parity fails; nothing is left under that name.
+    """
+    candidate = path.with_suffix(".unchecked.onnx")
+    write_bytes(candidate, to_onnx(module, run_name))
+    try:
+        parity = compare(module, Decoder(candidate), frames, seed)
+        if not parity.holds:
+            raise InputError(f"{path}: torch and onnxruntime disagree ({asdict(parity)})")
+        candidate.replace(path)
+    finally:
+        candidate.unlink(missing_ok=True)
+    return parity
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """Export a run's checkpoint."""
+
+    run: tyro.conf.Positional[Path]
+    """Folder with decoder.pt and config.json, such as runs/canon-lg."""
+    parity_frames: int = 30
+    """Unseen frame pairs on which torch and onnxruntime must agree."""
+
+
+def main() -> None:
+    """Export, check parity, and say so."""
+    config = tyro.cli(ExportConfig)
+    if config.parity_frames < 1:
+        raise InputError(f"--parity-frames: need at least 1, got {config.parity_frames}")
+    path = config.run / "decoder.onnx"
+    module = load_checkpoint(config.run)
+    parity = export(module, path, config.run.name, config.parity_frames)
+    print(json.dumps({"model": str(path), **asdict(parity)}))
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,122 @@
+"""The Captures format: PNGs and manifest.jsonl, one line a frame pair (simulated or real)."""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.errors import InputError
+from link.frames import Captured
+from link.images import read_image, write_bytes, write_image
+from link.layout import Layout
+
+MANIFEST = "manifest.jsonl"
+KNOWN = {"original", "embedded", "layout", "corners", "corners_embedded", "bits", "kappa", "sha256"}
+
+
+def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
+    """Write frame pairs as PNG files, and last the manifest; returns how many there are."""
+    lines = []
+    for number, captured in enumerate(captures):
+        names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
+        digest = hashlib.sha256()
+        for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
+            write_image(folder / name, frame)
+            digest.update((folder / name).read_bytes())
+        entry: dict[str, Any] = {
+            "original": names[0],
+            "embedded": names[1],
+            "layout": captured.layout.to_dict(),
+            "corners": captured.corners.round(3).tolist(),
+            "corners_embedded": captured.corners_embedded.round(3).tolist(),
+        }
+        if captured.bits is not None:
+            entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
+        if captured.kappa is not None:
+            entry["kappa"] = captured.kappa
+        lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
+    write_bytes(folder / MANIFEST, ("\n".join(lines) + "\n").encode())
+    return len(lines)
+
+
+def read_manifest(folder: Path) -> list[dict[str, Any]]:
+    """The manifest's entries, each checked to be a JSON object with the keys that are needed.
+
+    Raises:
+        InputError: no manifest, an empty one, or a line that is not a frame pair.
+    """
+    file = folder / MANIFEST
+    if not file.is_file():
+        raise InputError(f"{file}: not found; a folder of captures needs a {MANIFEST}")
+    try:
+        text = file.read_text()
+    except UnicodeDecodeError:
+        raise InputError(f"{file}: not a text file") from None
+    entries: list[dict[str, Any]] = []
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            entry = json.loads(line)
+        except json.JSONDecodeError as error:
+            raise InputError(f"{file}, line {number}: not JSON ({error})") from None
+        missing = {"original", "embedded", "layout", "corners"} - set(entry)
+        if not isinstance(entry, dict) or missing:
+            raise InputError(f"{file}, line {number}: lacks {', '.join(sorted(missing))}")
+        entries.append(entry)
+    if not entries:
+        raise InputError(f"{file}: lists no frame pair")
+    return entries
+
+
+def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
+    """Read the frame pair of one manifest entry.
+
+    Raises:
+        InputError: a file is missing or unreadable, differs from its sha256, or a field is wrong.
+    """
+    layout = Layout.from_dict(entry["layout"])
+    paths = [folder / str(entry[key]) for key in ("original", "embedded")]
+    frames = [read_image(path) for path in paths]
+    if "sha256" in entry:
+        digest = hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
+        if digest != entry["sha256"]:
+            raise InputError(f"{paths[0]} or {paths[1].name}: differs from the manifest's sha256")
+    kappa = entry.get("kappa")
+    if kappa is not None and (type(kappa) is not int or kappa < 1):
+        raise InputError(
+            f"{folder / MANIFEST}: kappa must be a positive whole number, got {kappa!r}"
+        )
+    return Captured(
+        original=frames[0],
+        embedded=frames[1],
+        layout=layout,
+        corners=_points(entry["corners"]),
+        corners_embedded=_points(entry.get("corners_embedded", entry["corners"])),
+        bits=_bits(entry.get("bits"), layout),
+        kappa=kappa,
+        meta={key: value for key, value in entry.items() if key not in KNOWN},
+    )
+
+
+def _points(value: Any) -> NDArray[np.float64]:
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"corners: need four points [x, y], got {value!r:.200}") from None
+
+
+def _bits(value: Any, layout: Layout) -> NDArray[np.intp] | None:
+    if value is None:
+        return None
+    if not isinstance(value, list) or any(bit not in (0, 1, None) for bit in value):
+        raise InputError(f"bits: need a list of 0, 1 or null, got {value!r:.100}")
+    if len(value) != layout.n_bits:
+        raise InputError(
+            f"bits: the layout carries {layout.n_bits}, the manifest lists {len(value)}"
+        )
+    return np.array([-1 if bit is None else bit for bit in value], np.intp)

@@ -1,0 +1,148 @@
+"""Picture + bits -> the original and the embedded frame (paper, § Message Structure)."""
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from link import ratex
+from link.errors import InputError
+from link.frames import Displayed
+from link.layout import Layout, block_index
+
+MAX_KAPPA = 64
+BOTTOM, TOP = 16, 245
+"""Darkest and brightest level of an embedded picture; outside them a message would vanish. Displays
+may clip the top 4 % of grays (a Samsung SyncMaster 2494 at high contrast does). At black, kappa is
+worth a twentieth of what it is at 16, while 16 emits just 0.2 % of white, about an LCD's black."""
+
+
+def check_kappa(kappa: int) -> int:
+    """Return ``kappa``, or raise an `InputError` unless it is a whole number from 1 to 64."""
+    if not 1 <= kappa <= MAX_KAPPA or int(kappa) != kappa:
+        raise InputError(f"--kappa: need 1 to {MAX_KAPPA} whole gray levels, got {kappa}")
+    return int(kappa)
+
+
+def with_head_room(picture: NDArray[np.uint8], kappa: int) -> NDArray[np.uint8]:
+    """Scale a picture from [0, 255] to [BOTTOM, TOP - kappa], so that kappa is never lost."""
+    levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
+    return levels[picture]
+
+
+def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDArray[np.float32]:
+    """Share of kappa that each pixel receives.
+
+    Adding kappa at level L of a Laplacian pyramid and collapsing it is, since both are linear, the
+    same as adding kappa times the block mask reduced L times and expanded L times (Burt & Adelson).
+
+    Args:
+        bits: (n_bits,) 0 or 1.
+        layout: the grid; its ratex cells get 0.
+        pyramid_level: 0 for plain blocks; L blurs block edges over about 2**L pixels.
+
+    Returns:
+        (height, width) float32 in [0, 1].
+
+    Raises:
+        InputError: wrong number or values of bits, or a level too coarse for the blocks.
+    """
+    values = np.asarray(bits)
+    if values.shape != (layout.n_bits,) or not np.isin(values, (0, 1)).all():
+        raise InputError(f"message: need {layout.n_bits} bits of 0 or 1, got {values.shape}")
+    block_px = min(layout.width // layout.cols, layout.height // layout.rows)
+    if pyramid_level < 0 or 2**pyramid_level > block_px // 4:
+        raise InputError(
+            f"--pyramid-level: {pyramid_level} does not fit blocks of {block_px} pixels; "
+            f"2**level may be at most a quarter of the block"
+        )
+    grid = np.zeros((layout.rows, layout.cols), np.float32)
+    grid[layout.message_mask] = values
+    mask = grid[
+        block_index(layout.height, layout.rows)[:, None], block_index(layout.width, layout.cols)
+    ]
+    sizes = []
+    for _ in range(pyramid_level):
+        sizes.append(mask.shape[::-1])
+        mask = cv2.pyrDown(mask, borderType=cv2.BORDER_REPLICATE)
+    for size in reversed(sizes):
+        mask = cv2.pyrUp(mask, dstsize=size)
+    for row, col in layout.ratex:
+        top, bottom, left, right = layout.cell_box(row, col)
+        mask[top:bottom, left:right] = 0
+    return np.asarray(np.clip(mask, 0, 1), np.float32)
+
+
+def embed(
+    picture: NDArray[np.uint8],
+    bits: ArrayLike,
+    layout: Layout,
+    kappa: int,
+    pyramid_level: int = 0,
+) -> Displayed:
+    """Hide one frame's bits in a picture.
+
+    Args:
+        picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
+        bits: (n_bits,) 0 or 1, row-major over the message cells.
+        layout: the grid and its ratex patches, which replace the picture there.
+        kappa: gray levels added where the bit is 1, in every colour channel, and in ratex tiles
+            of label 1.
+        pyramid_level: see `message_mask`.
+
+    Raises:
+        InputError: kappa, the bits or the picture's size do not fit.
+    """
+    kappa = check_kappa(kappa)
+    if picture.shape[:2] != (layout.height, layout.width):
+        raise InputError(
+            f"picture is {picture.shape[1]}x{picture.shape[0]}, "
+            f"the layout needs {layout.width}x{layout.height}"
+        )
+    original = with_head_room(picture, kappa)
+    added = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.uint8)
+    embedded = original + (added if picture.ndim == 2 else added[:, :, None])
+    ratex.draw(original, layout, kappa, embedded=False)
+    ratex.draw(embedded, layout, kappa, embedded=True)
+    return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa)
+
+
+def display_video(
+    picture: NDArray[np.uint8],
+    messages: ArrayLike,
+    layout: Layout,
+    kappa: int,
+    pyramid_level: int = 0,
+) -> list[NDArray[np.uint8]]:
+    """The paper's display video: each message as an original frame, then its embedded frame.
+
+    Args:
+        picture: as in `embed`.
+        messages: (M, n_bits); the paper has M = 5, hence 10 frames (§ Results).
+        layout: as in `embed`.
+        kappa: as in `embed`.
+        pyramid_level: as in `embed`.
+    """
+    pairs = [embed(picture, bits, layout, kappa, pyramid_level) for bits in np.asarray(messages)]
+    return [frame for pair in pairs for frame in (pair.original, pair.embedded)]
+
+
+def psnr(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
+    """Peak signal-to-noise ratio in dB over all pixels and channels; infinite if equal."""
+    error = np.mean((original.astype(np.float64) - embedded) ** 2)
+    return float("inf") if error == 0 else float(10 * np.log10(255.0**2 / error))
+
+
+def ssim(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
+    """Structural similarity, mean over pixels and channels (Wang et al. 2004: sigma 1.5 px)."""
+    x, y = original.astype(np.float64), embedded.astype(np.float64)
+
+    def blur(image: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
+
+    mean_x, mean_y = blur(x), blur(y)
+    var_x, var_y = blur(x * x) - mean_x**2, blur(y * y) - mean_y**2
+    covariance = blur(x * y) - mean_x * mean_y
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    denominator = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
+    return float(np.mean((numerator / denominator)[5:-5, 5:-5]))

@@ -1,0 +1,27 @@
+"""Hidden ratex: intensity mapping to a near-uniform histogram (paper, § Hidden Ratex).
+
+The display shows a picture whose intensities are near uniform. The receiver maps the captured
+original to uniform again, and that mapping is an estimate of the inverse CDTF. One mapping, from the
+histogram of all colour channels together, serves every channel.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def uniform_mapping(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """The mapping that makes the histogram of a frame near uniform.
+
+    Args:
+        frame: uint8 of any shape, encoded.
+
+    Returns:
+        (256,) float64 in [0, 255]: 255 times the mid-rank of each intensity; non-decreasing.
+    """
+    histogram = np.bincount(frame.reshape(-1), minlength=256)
+    return np.asarray(255.0 * (np.cumsum(histogram) - 0.5 * histogram) / histogram.sum())
+
+
+def equalise(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Pre-map a picture for display; (H, W) or (H, W, 3) uint8 encoded, in and out."""
+    return uniform_mapping(picture).round().astype(np.uint8)[picture]

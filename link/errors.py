@@ -1,0 +1,30 @@
+"""The one exception for input that the user can mend, and the wrapper that prints it."""
+
+import sys
+from collections.abc import Callable, Mapping
+from typing import TypeVar
+
+T = TypeVar("T")
+
+
+class InputError(ValueError):
+    """Input from outside is wrong; the message says what, and what to do, in one line."""
+
+
+def run_cli(main: Callable[[], None]) -> None:
+    """Run a command's ``main``; an `InputError` becomes one line on stderr and exit status 2."""
+    try:
+        main()
+    except InputError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("interrupted; what was written so far is kept", file=sys.stderr)
+        sys.exit(130)
+
+
+def choose(choices: Mapping[str, T], name: str, what: str) -> T:
+    """``choices[name]``, or an `InputError` that lists the valid names of ``what``."""
+    if name not in choices:
+        raise InputError(f"unknown {what} {name!r}; choose one of: {', '.join(choices)}")
+    return choices[name]

@@ -1,0 +1,94 @@
+"""The dataclasses that flow from the picture to the bits."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.errors import InputError
+from link.geometry import check_corners, homography_from_corners, rectify
+from link.layout import Layout
+
+
+@dataclass(frozen=True)
+class Displayed:
+    """One frame pair as the display shows it."""
+
+    original: NDArray[np.uint8]
+    """(height, width) or (height, width, 3) uint8, encoded."""
+    embedded: NDArray[np.uint8]
+    """The same shape; carries the message."""
+    bits: NDArray[np.intp]
+    """(n_bits,) 0 or 1, row-major over the message cells."""
+    layout: Layout
+    kappa: int
+    """Gray levels of [0, 255] added where the bit is 1."""
+
+
+@dataclass(frozen=True)
+class Captured:
+    """One frame pair as the camera saw it, with the display's corners."""
+
+    original: NDArray[np.uint8]
+    """(H, W) or (H, W, 3) uint8, encoded."""
+    embedded: NDArray[np.uint8]
+    """The same shape as ``original``."""
+    layout: Layout
+    corners: NDArray[np.float64]
+    """(4, 2) pixels in the original frame; convention of `link.geometry`."""
+    corners_embedded: NDArray[np.float64]
+    """(4, 2) pixels in the embedded frame."""
+    bits: NDArray[np.intp] | None = None
+    """(n_bits,) the truth, -1 where unknown; None where nothing is known."""
+    kappa: int | None = None
+    meta: dict[str, object] = field(default_factory=dict)
+    """Further keys of the manifest: pair, view_deg, picture, seed."""
+
+    def rectified(self) -> "Rectified":
+        """Both frames resampled to the layout's frame.
+
+        Raises:
+            InputError: the frames differ in size, or the corners do not lie in them.
+        """
+        if self.original.shape != self.embedded.shape:
+            sizes = [f"{a.shape[1]}x{a.shape[0]}" for a in (self.original, self.embedded)]
+            raise InputError(
+                f"original is {sizes[0]} and embedded is {sizes[1]}; "
+                "give two frames of one camera at one size"
+            )
+        width, height = self.layout.width, self.layout.height
+        frames = []
+        for image, corners in (
+            (self.original, self.corners),
+            (self.embedded, self.corners_embedded),
+        ):
+            H = homography_from_corners(check_corners(corners, image.shape), width, height)
+            frames.append(rectify(image, H, width, height))
+        return Rectified(frames[0], frames[1], self.layout, self.kappa)
+
+
+@dataclass(frozen=True)
+class Rectified:
+    """One captured frame pair resampled to the display's frame; what decoders take."""
+
+    original: NDArray[np.uint8]
+    """(height, width) or (height, width, 3) uint8, encoded, as captured (no photometric change)."""
+    embedded: NDArray[np.uint8]
+    layout: Layout
+    kappa: int | None = None
+    """Of the message and the ratex patches, where the receiver knows it."""
+
+
+@dataclass(frozen=True)
+class SoftBits:
+    """What a decoder returns."""
+
+    scores: NDArray[np.float64]
+    """(n_bits,) row-major over the message cells; positive means bit 1."""
+    head: NDArray[np.float64] | None = None
+    """Weights of the per-frame fit, where the method has them; their meaning is the method's."""
+
+    @property
+    def bits(self) -> NDArray[np.intp]:
+        """(n_bits,) hard decisions, 0 or 1."""
+        return (self.scores > 0).astype(np.intp)

@@ -1,0 +1,122 @@
+"""Pixel convention, homographies and rectification.
+
+Convention: pixel centres lie at integer coordinates (OpenCV), points are (x, y), and the corners of
+a picture are the outer corners of its corner pixels. A ``width`` x ``height`` display frame spans
+[-0.5, width - 0.5] x [-0.5, height - 0.5]. Corner order: top-left, top-right, bottom-right,
+bottom-left of the displayed picture, whatever way up the camera was.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from link.errors import InputError
+
+MIN_AREA_PX = 256.0
+
+
+def frame_corners(width: int, height: int) -> NDArray[np.float64]:
+    """(4, 2) outer corners of a ``width`` x ``height`` frame, in corner order."""
+    right, bottom = width - 0.5, height - 0.5
+    return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+
+
+def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Corners of the display in an image, refused unless they span a convex quadrilateral in it.
+
+    Args:
+        corners: (4, 2) pixels (x, y), in corner order.
+        image_shape: (H, W, ...) of the captured image.
+
+    Returns:
+        (4, 2) float64.
+
+    Raises:
+        InputError: wrong shape, not finite, outside the image, mirrored, not convex, or tiny.
+    """
+    try:
+        points = np.asarray(corners, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"corners: need four points x,y, got {corners!r:.200}") from None
+    if points.shape != (4, 2) or not np.isfinite(points).all():
+        raise InputError(f"corners: need four finite points x,y, got {points.tolist()!r:.200}")
+    height, width = image_shape[:2]
+    low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
+    outside = ((points < low) | (points > high)).any(axis=1)
+    if outside.any():
+        x, y = points[outside][0]
+        raise InputError(f"corners: ({x:g}, {y:g}) lies outside the {width}x{height} image")
+    edges = np.roll(points, -1, axis=0) - points
+    following = np.roll(edges, -1, axis=0)
+    if (edges[:, 0] * following[:, 1] - edges[:, 1] * following[:, 0] <= 0).any():
+        raise InputError(
+            "corners: not a convex quadrilateral in the order top-left, top-right, bottom-right, "
+            "bottom-left of the displayed picture"
+        )
+    area = cv2.contourArea(points.astype(np.float32))
+    if area < MIN_AREA_PX:
+        raise InputError(f"corners: the display covers only {area:.0f} square pixels")
+    return points
+
+
+def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDArray[np.float64]:
+    """``H_captured_from_display``: (3, 3), maps display pixels to captured pixels."""
+    display = frame_corners(width, height).astype(np.float32)
+    captured = np.asarray(corners, np.float32)
+    return np.asarray(cv2.getPerspectiveTransform(display, captured), np.float64)
+
+
+def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
+    """Apply a (3, 3) homography to (N, 2) points."""
+    homogeneous = np.column_stack(
+        [np.asarray(points, np.float64), np.ones(len(np.asarray(points)))]
+    )
+    mapped = homogeneous @ H.T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+
+
+def rectify(
+    image: NDArray[np.uint8], H_captured_from_display: NDArray[np.float64], width: int, height: int
+) -> NDArray[np.uint8]:
+    """Resample a captured image to the display's frame.
+
+    Bilinear; a capture finer than twice the display grid is first averaged down (INTER_AREA) by a
+    whole factor, so that every captured pixel counts and nothing aliases.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded.
+        H_captured_from_display: (3, 3).
+        width: of the display frame, pixels.
+        height: of the display frame, pixels.
+
+    Returns:
+        (height, width) or (height, width, 3) uint8, encoded.
+    """
+    H = np.asarray(H_captured_from_display, np.float64)
+    corners = transform(H, frame_corners(width, height))
+    top, right, bottom, left = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    factor = int(min(min(top, bottom) / width, min(left, right) / height))
+    if factor >= 2:
+        # a pixel centre x of the small image lies at factor * x + (factor - 1) / 2 of the large one
+        rows, cols = image.shape[0] // factor * factor, image.shape[1] // factor * factor
+        image = np.asarray(
+            cv2.resize(
+                image[:rows, :cols],
+                (cols // factor, rows // factor),
+                interpolation=cv2.INTER_AREA,
+            ),
+            np.uint8,
+        )
+        offset = (factor - 1) / 2
+        H_full_from_small = np.array([[factor, 0, offset], [0, factor, offset], [0, 0, 1.0]])
+        H = np.linalg.inv(H_full_from_small) @ H
+    return np.asarray(
+        cv2.warpPerspective(
+            image,
+            H,
+            (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        ),
+        np.uint8,
+    )

@@ -1,0 +1,65 @@
+"""Reading and writing images: RGB arrays inside, one clear line when a file is no good."""
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.errors import InputError
+
+MIN_SIDE_PX = 16
+
+
+def read_image(path: Path | str) -> NDArray[np.uint8]:
+    """Read an image file as encoded RGB.
+
+    16-bit files are reduced to 8 bits, gray files repeated over three channels, and the EXIF
+    orientation is applied.
+
+    Returns:
+        (H, W, 3) uint8, encoded, RGB.
+
+    Raises:
+        InputError: the file is missing, is not an image, or is smaller than 16 x 16.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"{path}: no such image file; check the path")
+    data = np.frombuffer(path.read_bytes(), np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    if image is None:
+        raise InputError(f"{path}: not a readable image; give a PNG, JPEG, TIFF or BMP file")
+    height, width = image.shape[:2]
+    if min(height, width) < MIN_SIDE_PX:
+        raise InputError(
+            f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
+        )
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:
+    """Write an encoded RGB (H, W, 3) or gray (H, W) uint8 image; the suffix names the format.
+
+    Raises:
+        InputError: the suffix is unknown to OpenCV.
+    """
+    path = Path(path)
+    bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    try:
+        ok, data = cv2.imencode(path.suffix, bgr)
+    except cv2.error:
+        ok = False
+    if not ok:
+        raise InputError(f"{path}: cannot write images of type {path.suffix!r}; use .png or .jpg")
+    write_bytes(path, data.tobytes())
+
+
+def write_bytes(path: Path | str, data: bytes) -> None:
+    """Write a file under a temporary name and rename it, so that a reader never sees half."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary.write_bytes(data)
+    temporary.replace(path)

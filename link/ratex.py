@@ -1,0 +1,117 @@
+"""Ratex patches: the known texture that calibrates the link (paper, § Introduction and Methods).
+
+A patch is ``TILES`` x ``TILES`` flat gray tiles. Its eight intensities span [0, 255 - kappa] (several
+patches interleave theirs), and each intensity appears twice: once in a tile of label 1, which is
+kappa brighter in the embedded frame, and once in a tile of label 0, which is not. So one frame pair
+shows both classes at every intensity. The tile orders below differ from one another under every
+rotation (correlation of intensities at most 0.24), so that corner patches also tell which way up
+the display is; labels are balanced over rows and columns, so that a small shift between the frames
+favours neither class.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.layout import Layout
+
+TILES = 4
+LEVELS = TILES * TILES // 2
+SAMPLES = 6  # training samples per tile and axis, all in the inner half of the tile
+
+# tile order of each patch, row-major: q // 2 is the intensity's rank in the patch, q % 2 the label
+TILE_ORDERS = np.array(
+    [
+        [2, 12, 1, 13, 4, 7, 6, 11, 5, 15, 10, 8, 3, 14, 9, 0],
+        [2, 8, 9, 13, 3, 5, 10, 4, 6, 7, 0, 11, 15, 12, 1, 14],
+        [12, 1, 2, 5, 13, 14, 7, 4, 6, 8, 9, 15, 3, 11, 10, 0],
+        [5, 4, 2, 13, 14, 12, 11, 15, 7, 1, 0, 10, 8, 9, 3, 6],
+        [15, 1, 4, 8, 13, 3, 10, 12, 14, 2, 11, 5, 0, 6, 9, 7],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class TrainingPixels:
+    """Where the training pixels lie in a frame, and what the display showed there."""
+
+    y: NDArray[np.intp]
+    """(N,) pixel rows."""
+    x: NDArray[np.intp]
+    """(N,) pixel columns."""
+    rho: NDArray[np.float64]
+    """(N,) displayed intensity in the original frame, gray levels of [0, 255]."""
+    label: NDArray[np.intp]
+    """(N,) 1 where the embedded frame is kappa brighter, else 0."""
+
+
+def tile_labels(layout: Layout) -> NDArray[np.intp]:
+    """(patches, TILES, TILES) labels 0 or 1."""
+    orders = TILE_ORDERS[np.arange(len(layout.ratex)) % len(TILE_ORDERS)]
+    return (orders % 2).reshape(-1, TILES, TILES)  # (patches, 16) -> (patches, 4, 4)
+
+
+def tile_levels(layout: Layout, kappa: int) -> NDArray[np.intp]:
+    """(patches, TILES, TILES) intensities in the original frame, gray levels of [0, 255 - kappa]."""
+    patches = len(layout.ratex)
+    index = np.arange(patches)
+    rank = TILE_ORDERS[index % len(TILE_ORDERS)] // 2
+    levels = np.linspace(0, 255 - kappa, max(1, patches * LEVELS)).round().astype(np.intp)
+    return levels[rank * patches + index[:, None]].reshape(-1, TILES, TILES)
+
+
+def draw(frame: NDArray[np.uint8], layout: Layout, kappa: int, *, embedded: bool) -> None:
+    """Draw the patches into a displayed frame in place.
+
+    Args:
+        frame: (height, width) or (height, width, 3) uint8 of the layout's size.
+        layout: says where the patches lie.
+        kappa: gray levels added to the tiles of label 1 in the embedded frame.
+        embedded: which frame of the pair this is.
+    """
+    shown = tile_levels(layout, kappa) + (kappa * tile_labels(layout) if embedded else 0)
+    for (row, col), tiles in zip(layout.ratex, shown, strict=True):
+        top, bottom, left, right = layout.cell_box(row, col)
+        tile_y = np.arange(top, bottom) * layout.rows * TILES // layout.height - row * TILES
+        tile_x = np.arange(left, right) * layout.cols * TILES // layout.width - col * TILES
+        patch = tiles[tile_y[:, None], tile_x].astype(np.uint8)
+        frame[top:bottom, left:right] = patch if frame.ndim == 2 else patch[:, :, None]
+
+
+def training_fractions(layout: Layout) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int]:
+    """Training samples as fractions of the frame, so that they exist at every frame size.
+
+    Returns:
+        numerators (N,) of y and of x, and their two denominators: the pixel row at height H is
+        ``numerator_y * H // denominator_y``, whole numbers throughout.
+    """
+    steps = 2 * SAMPLES
+    inner = np.arange(SAMPLES) + SAMPLES // 2
+    # centre of sub-step s of tile t of cell r: ((r * TILES + t) * steps + s + 1/2) / (rows * TILES * steps)
+    offsets = 2 * (np.arange(TILES)[:, None] * steps + inner) + 1  # (TILES, SAMPLES)
+    cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
+    numerator = (
+        2 * TILES * steps * cells[:, :, None, None] + offsets
+    )  # (patches, 2, TILES, SAMPLES)
+    shape = (len(cells), TILES, TILES, SAMPLES, SAMPLES)
+    y = np.broadcast_to(numerator[:, 0, :, None, :, None], shape).reshape(-1)  # -> (N,)
+    x = np.broadcast_to(numerator[:, 1, None, :, None, :], shape).reshape(-1)  # -> (N,)
+    return y, x, 2 * layout.rows * TILES * steps, 2 * layout.cols * TILES * steps
+
+
+def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
+    """Training pixels of all patches: 36 in the inner half of each tile, away from its edges.
+
+    Args:
+        layout: with at least one patch, or the arrays are empty.
+        kappa: of the ratex patches; enters the displayed intensities.
+    """
+    y, x, denominator_y, denominator_x = training_fractions(layout)
+    per_tile = SAMPLES * SAMPLES
+    return TrainingPixels(
+        y=y * layout.height // denominator_y,
+        x=x * layout.width // denominator_x,
+        rho=np.repeat(tile_levels(layout, kappa).reshape(-1), per_tile).astype(np.float64),
+        label=np.repeat(tile_labels(layout).reshape(-1), per_tile),
+    )

@@ -1,0 +1,42 @@
+"""Decoders by name. Importing this package imports no torch; the modules load on use."""
+
+from importlib import import_module
+from typing import Any, Protocol
+
+from link.errors import choose
+from link.frames import Rectified, SoftBits
+
+DECODERS = {
+    "naive": "models.classical.naive:Naive",
+    "two_step": "models.classical.two_step:TwoStep",
+    "oorc": "models.classical.oorc:OORC",
+    "hidden_ratex": "models.classical.hidden_ratex:HiddenRatex",
+    "phi": "models.neural.methods:Phi",
+    "learned": "models.neural.methods:Learned",
+}
+
+
+class Decoder(Protocol):
+    """The one interface of all methods: calibrate on this frame pair alone, score its blocks."""
+
+    needs_ratex: bool
+    """True where the method trains on ratex patches, false where it wants an equalised picture."""
+
+    def decode(self, pair: Rectified) -> SoftBits:
+        """Score every message block; positive means bit 1."""
+        ...
+
+
+def make_decoder(name: str, **options: Any) -> Decoder:
+    """Build the decoder called ``name``.
+
+    Args:
+        name: a key of `DECODERS`.
+        **options: fields of that decoder's dataclass, such as ``C`` or ``checkpoint``.
+
+    Raises:
+        InputError: the name is unknown (the message lists the valid ones).
+    """
+    module, _, attribute = choose(DECODERS, name, "method").partition(":")
+    decoder: Decoder = getattr(import_module(module), attribute)(**options)
+    return decoder

@@ -1,0 +1,1 @@
+"""The paper's four methods, one file each; numpy and scikit-learn."""

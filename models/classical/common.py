@@ -1,0 +1,104 @@
+"""What the paper's methods share: intensities, training samples, the SVM, and pooling.
+
+A method is a feature function u(i_o, i_e). The SVM trains on the ratex pixels and scores the message
+pixels of the same frame pair.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.svm import LinearSVC
+
+from link.errors import InputError, choose
+from link.frames import Rectified, SoftBits
+from link.layout import block_mean
+from link.ratex import SAMPLES, TILES, TrainingPixels, training_pixels
+
+Array = NDArray[np.floating[Any]]
+Features = Callable[[Array, Array], Array]
+"""(..., ) i_o and i_e in [0, 1] -> (..., D)."""
+
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
+
+
+def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(H, W) float32 in [0, 1], encoded: luma of an RGB frame, or a gray frame as it is."""
+    scaled = frame.astype(np.float32) / np.float32(255)
+    return scaled if frame.ndim == 2 else scaled @ LUMA
+
+
+def tile_mean(samples: Array) -> Array:
+    """Mean over the samples of each ratex tile: (N, ...) -> (tiles, ...)."""
+    return np.asarray(samples.reshape(-1, SAMPLES * SAMPLES, *samples.shape[1:]).mean(axis=1))
+
+
+def require_ratex(pair: Rectified, method: str) -> TrainingPixels:
+    """Training pixels of the pair, or an `InputError` that says the method needs ratex patches."""
+    if not pair.layout.ratex:
+        raise InputError(f"{method} trains on ratex patches, and this layout has none")
+    return training_pixels(pair.layout, pair.kappa or 0)
+
+
+@dataclass(frozen=True)
+class LinearHead:
+    """A linear SVM over standardised features: score = (w / scale) . u + b."""
+
+    weights: NDArray[np.float64]
+    """(D,) for features as they are (not standardised)."""
+    bias: float
+
+
+def fit_svm(features: Array, labels: NDArray[np.intp], C: float) -> LinearHead:
+    """Fit min 1/2 |w|^2 + 1/2 b^2 + C sum max(0, 1 - y (w.u + b))^2, features scaled to unit rms.
+
+    Args:
+        features: (N, D).
+        labels: (N,) 0 or 1.
+        C: weight of the squared hinge loss.
+    """
+    scale = np.sqrt(np.mean(np.square(features, dtype=np.float64), axis=0)) + 1e-9
+    svm = LinearSVC(C=C, loss="squared_hinge", dual=False, tol=1e-6, max_iter=5000)
+    svm.fit(features / scale, labels)
+    return LinearHead(svm.coef_[0] / scale, float(svm.intercept_[0]))
+
+
+def pixel_vote(scores: Array, rows: int, cols: int) -> Array:
+    """Share of pixels that vote 1, minus a half: (H, W) -> (rows, cols) in [-1/2, 1/2]."""
+    return block_mean((scores > 0).astype(np.float64), rows, cols) - 0.5
+
+
+POOLINGS = {"mean": block_mean, "vote": pixel_vote}
+
+
+def decode_with_svm(
+    pair: Rectified,
+    pixels: TrainingPixels,
+    features: Features,
+    C: float,
+    pooling: str,
+    train_on: str,
+) -> SoftBits:
+    """Train on ratex, score every message block.
+
+    Args:
+        pair: rectified frames.
+        pixels: training pixels.
+        features: u(i_o, i_e).
+        C: see `fit_svm`.
+        pooling: a key of `POOLINGS`: average the pixels' scores, or let pixels vote.
+        train_on: "tile" trains on the mean features of each ratex tile, whose noise is as low as a
+            block's; "pixel" on single pixels.
+    """
+    pool = choose(POOLINGS, pooling, "pooling")
+    i_o, i_e = intensity(pair.original), intensity(pair.embedded)
+    u = features(i_o[pixels.y, pixels.x], i_e[pixels.y, pixels.x])
+    labels = pixels.label
+    if choose({"tile": True, "pixel": False}, train_on, "train_on"):
+        u, labels = tile_mean(u), labels[:: SAMPLES * SAMPLES]
+    head = fit_svm(u, labels, C)
+    scores = features(i_o, i_e) @ head.weights + head.bias
+    blocks = pool(scores, pair.layout.rows, pair.layout.cols)[pair.layout.message_mask]
+    return SoftBits(np.asarray(blocks, np.float64), np.append(head.weights, head.bias))

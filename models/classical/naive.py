@@ -1,0 +1,30 @@
+"""Method 1, naive threshold: no calibration, a 1-D SVM on i_e - i_o (paper, § Results)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from link.frames import Rectified, SoftBits
+from models.classical.common import Array, decode_with_svm, require_ratex
+
+
+def difference(i_o: Array, i_e: Array) -> Array:
+    """u = [i_e - i_o], shape (..., 1)."""
+    return (i_e - i_o)[..., None]
+
+
+@dataclass(frozen=True)
+class Naive:
+    """Threshold on the captured difference, learned on this pair's ratex patches."""
+
+    C: float = 1.0
+    """Weight of the SVM's loss."""
+    pooling: str = "mean"
+    """"mean" or "vote"."""
+    train_on: str = "tile"
+    """"tile" or "pixel"."""
+    needs_ratex: ClassVar[bool] = True
+
+    def decode(self, pair: Rectified) -> SoftBits:
+        """Score every message block; raises `InputError` without ratex patches."""
+        pixels = require_ratex(pair, "naive")
+        return decode_with_svm(pair, pixels, difference, self.C, self.pooling, self.train_on)

@@ -1,0 +1,55 @@
+"""Method 2, two-step: calibrate, then threshold the calibrated difference (paper, § Results)."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.polynomial import Legendre
+
+from link.errors import InputError
+from link.frames import Rectified, SoftBits
+from link.ratex import TrainingPixels
+from models.classical.common import Array, decode_with_svm, intensity, require_ratex
+
+
+def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -> Legendre:
+    """Least-squares g with g(i) = rho on the ratex pixels of both frames.
+
+    Returns:
+        g: captured intensity in [0, 1] -> displayed intensity in gray levels of [0, 255].
+
+    Raises:
+        InputError: kappa is unknown, so the displayed intensities are.
+    """
+    if pair.kappa is None:
+        raise InputError("two_step needs kappa, to know what the ratex patches displayed")
+    captured = [intensity(frame)[pixels.y, pixels.x] for frame in (pair.original, pair.embedded)]
+    displayed = [pixels.rho, pixels.rho + pair.kappa * pixels.label]
+    return Legendre.fit(np.concatenate(captured), np.concatenate(displayed), degree, domain=[0, 1])
+
+
+@dataclass(frozen=True)
+class TwoStep:
+    """Fit the fourth-order g first, then a 1-D SVM on g(i_e) - g(i_o)."""
+
+    degree: int = 4
+    """Of the polynomial g."""
+    C: float = 1.0
+    """Weight of the SVM's loss."""
+    pooling: str = "mean"
+    """"mean" or "vote"."""
+    train_on: str = "tile"
+    """"tile" or "pixel"."""
+    needs_ratex: ClassVar[bool] = True
+
+    def decode(self, pair: Rectified) -> SoftBits:
+        """Score every message block; raises `InputError` without ratex patches or kappa."""
+        pixels = require_ratex(pair, "two_step")
+        g = fit_inverse_response(pair, pixels, self.degree)
+
+        def calibrated_difference(i_o: Array, i_e: Array) -> Array:
+            return np.asarray(g(i_e) - g(i_o))[..., None]
+
+        return decode_with_svm(
+            pair, pixels, calibrated_difference, self.C, self.pooling, self.train_on
+        )

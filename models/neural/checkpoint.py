@@ -1,0 +1,56 @@
+"""Checkpoints: decoder.pt (a state_dict) and config.json, loaded strictly."""
+
+import io
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from link.errors import InputError
+from link.images import write_bytes
+from link.layout import Layout
+from models.neural.decoder import DecoderConfig, PhiDecoder
+
+
+def save_checkpoint(folder: Path, module: PhiDecoder, extra: dict[str, Any]) -> None:
+    """Write decoder.pt and config.json into ``folder``; ``extra`` says how it was trained."""
+    buffer = io.BytesIO()
+    torch.save(module.state_dict(), buffer)
+    write_bytes(folder / "decoder.pt", buffer.getvalue())
+    config = {**module.to_config(), **extra}
+    write_bytes(folder / "config.json", (json.dumps(config, indent=2) + "\n").encode())
+
+
+def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
+    """Rebuild the decoder saved in ``folder``.
+
+    Its learned parameters do not depend on the layout, so it may be loaded for another one.
+
+    Args:
+        folder: with decoder.pt and config.json.
+        layout: in place of the saved one.
+
+    Raises:
+        InputError: a file is missing, damaged, or does not fit the other.
+    """
+    config_file, weights_file = folder / "config.json", folder / "decoder.pt"
+    for file in (config_file, weights_file):
+        if not file.is_file():
+            raise InputError(f"{file}: not found; train first: python train.py --pair NAME")
+    try:
+        config = json.loads(config_file.read_text())
+        decoder_config = DecoderConfig(**config["decoder"])
+        saved_layout = Layout.from_dict(config["layout"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{config_file}: not a decoder configuration ({error})") from None
+    module = PhiDecoder(layout or saved_layout, decoder_config)
+    try:
+        module.load_state_dict(torch.load(weights_file, weights_only=True), strict=True)
+    except (RuntimeError, pickle.UnpicklingError, EOFError, TypeError, AttributeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(f"{weights_file}: damaged or from another version ({reason})") from None
+    if not all(torch.isfinite(p).all() for p in module.parameters()):
+        raise InputError(f"{weights_file}: contains values that are not finite; train again")
+    return module

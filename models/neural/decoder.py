@@ -1,0 +1,164 @@
+"""PhiDecoder: two rectified frames in, block scores and the head out; one graph, one convex fit."""
+
+from dataclasses import asdict, dataclass
+
+import torch
+from torch import Tensor, nn
+
+from link.errors import InputError, choose
+from link.layout import MIN_BLOCK_PX, Layout
+from link.ratex import SAMPLES, tile_labels, training_fractions
+from models.neural.phi import PhiPolynomial
+from models.neural.solver import fit_head
+
+BINS = MIN_BLOCK_PX
+"""Pooling weights per block and axis; every block is at least this many pixels wide."""
+CHANNELS = {"luma": (0.299, 0.587, 0.114), "rgb": None}
+"""Luma (ITU-R BT.601), or Phi per colour channel with one shared head."""
+
+
+@dataclass(frozen=True)
+class DecoderConfig:
+    """What defines the graph; saved as config.json beside the weights."""
+
+    degree: int = 4
+    """Of the inverse response g."""
+    drift_degree: int = 0
+    """Of the polynomial of i_o beside Phi; 0 for none."""
+    channels: str = "luma"
+    """"luma" or "rgb"."""
+    train_on: str = "tile"
+    """Per-frame training samples: "tile" means (as quiet as a block), or single "pixel"."""
+
+    def __post_init__(self) -> None:
+        choose(CHANNELS, self.channels, "--channels")
+        choose({"tile": 0, "pixel": 0}, self.train_on, "--train-on")
+
+
+class PhiDecoder(nn.Module):
+    """OORC in torch.
+
+    As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``): ridge 1,
+    prior 0, C = 10, plain block means. Training (the method ``learned``) changes what is shared
+    across frames: ridge and prior of the head, C, pooling weights inside a block, and the
+    temperature that turns scores into log-likelihood ratios. The head itself is always fitted to
+    the ratex pixels of the frame pair at hand.
+
+    Raises:
+        InputError: the layout has no ratex patch.
+    """
+
+    labels: Tensor
+    ratex_y: Tensor
+    ratex_x: Tensor
+    message_index: Tensor
+
+    def __init__(self, layout: Layout, config: DecoderConfig) -> None:
+        super().__init__()
+        if not layout.ratex:
+            raise InputError("the torch decoder trains on ratex patches; this layout has none")
+        self.layout, self.config = layout, config
+        self.phi = PhiPolynomial(config.degree, config.drift_degree)
+        n_weights = self.phi.n_features + 1
+        self.log_ridge = nn.Parameter(torch.zeros(n_weights))
+        self.prior = nn.Parameter(torch.zeros(n_weights))
+        self.log_C = nn.Parameter(torch.tensor(10.0).log())
+        self.pool_y = nn.Parameter(torch.zeros(BINS))
+        self.pool_x = nn.Parameter(torch.zeros(BINS))
+        self.log_temperature = nn.Parameter(torch.zeros(()))
+        y, x, self._denominator_y, self._denominator_x = training_fractions(layout)
+        signs = torch.from_numpy(2.0 * tile_labels(layout).reshape(-1) - 1)
+        repeats = 1 if config.train_on == "tile" else SAMPLES * SAMPLES
+        for name, value in (
+            ("labels", signs.repeat_interleave(repeats)),
+            ("ratex_y", torch.from_numpy(y)),
+            ("ratex_x", torch.from_numpy(x)),
+            ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
+        ):
+            self.register_buffer(name, value, persistent=False)
+
+    def forward(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        """Decode a batch of rectified frame pairs.
+
+        Args:
+            original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB, any H and W of at
+                least 4 pixels a block.
+            embedded: the same shape.
+
+        Returns:
+            scores: (B, n_bits) float32, positive for bit 1, row-major over the message cells.
+            head: (B, n_features + 1) float32, weights of the features as they are, then the bias.
+        """
+        i_o, i_e = self.intensity(original), self.intensity(embedded)
+        w = self.fit(i_o, i_e)
+        blocks = self.pool(self.phi(i_o, i_e))  # (B, n_bits, n_features)
+        scores = (blocks @ w[:, :-1].float().unsqueeze(-1)).squeeze(-1) + w[:, -1:].float()
+        return self.log_temperature.exp() * scores, w.float()
+
+    def intensity(self, frame: Tensor) -> Tensor:
+        """(B, 3, H, W) in [0, 255] -> (B, C, H, W) float32 in [0, 1]; C is 1 (luma) or 3."""
+        scaled = frame.float() / 255
+        weights = CHANNELS[self.config.channels]
+        if weights is None:
+            return scaled
+        return torch.stack([w * scaled[:, c] for c, w in enumerate(weights)]).sum(0).unsqueeze(1)
+
+    def fit(self, i_o: Tensor, i_e: Tensor) -> Tensor:
+        """The head of each frame pair, from its ratex pixels.
+
+        Float64: the fit is small, and torch and onnxruntime then agree on the active set.
+
+        Args:
+            i_o: (B, C, H, W) float32 in [0, 1].
+            i_e: the same shape.
+
+        Returns:
+            (B, n_features + 1) float64.
+        """
+        X, scale = self.training_features(i_o, i_e)
+        ridge, prior = self.log_ridge.double().exp(), self.prior.double()
+        return fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior) / scale
+
+    def training_features(self, i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
+        """Features of the ratex samples, scaled to unit rms, and a last column of ones.
+
+        Returns:
+            X: (B, N, D) float64, one row a tile or a pixel.
+            scale: (B, D) float64, what each column was divided by.
+        """
+        height, width = i_o.shape[-2:]
+        index = (self.ratex_y * height // self._denominator_y) * width + (
+            self.ratex_x * width // self._denominator_x
+        )
+        features = self.phi(
+            i_o.flatten(2)[:, :, index].double(), i_e.flatten(2)[:, :, index].double()
+        )
+        u = torch.stack([f.mean(1) for f in features], dim=-1)  # (B, pixels, n_features)
+        if self.config.train_on == "tile":
+            u = u.unflatten(1, (-1, SAMPLES * SAMPLES)).mean(2)  # (B, tiles, n_features)
+        scale = (u**2).mean(1).sqrt() + 1e-9
+        ones = torch.ones_like(u[:, :, :1])
+        X = torch.cat([u / scale.unsqueeze(1), ones], dim=-1)
+        return X, torch.cat([scale, ones[:, 0]], dim=-1)
+
+    def pool(self, features: list[Tensor]) -> Tensor:
+        """Weighted mean of each feature over each message block: maps -> (B, n_bits, n_features)."""
+        rows, cols = self.layout.rows, self.layout.cols
+        maps = torch.stack([f.mean(1) for f in features], dim=1)  # (B, n_features, H, W)
+        height, width = maps.shape[-2:]
+        bins = bin_mean(height, rows * BINS, maps) @ maps
+        bins = bins @ bin_mean(width, cols * BINS, maps).T  # (B, n_features, rows * 4, cols * 4)
+        bins = bins.unflatten(3, (cols, BINS)) @ self.pool_x.softmax(0)  # (B, F, rows * 4, cols)
+        blocks = self.pool_y.softmax(0) @ bins.unflatten(2, (rows, BINS))  # (B, F, rows, cols)
+        return blocks.flatten(2)[:, :, self.message_index].transpose(1, 2)
+
+    def to_config(self) -> dict[str, object]:
+        """Layout and configuration, enough to rebuild the module for `load_state_dict`."""
+        return {"layout": self.layout.to_dict(), "decoder": asdict(self.config)}
+
+
+def bin_mean(length: int, count: int, like: Tensor) -> Tensor:
+    """(count, length) matrix that averages the pixels of each bin, in the dtype of ``like``."""
+    index = torch.arange(length, device=like.device) * count // length
+    member = (index == torch.arange(count, device=like.device).unsqueeze(1)).to(like.dtype)
+    return member / member.sum(1, keepdim=True)

@@ -1,0 +1,110 @@
+"""The per-frame convex fit: a squared-hinge SVM by Newton's method on the active set.
+
+Batched, differentiable, and made of operations that export to ONNX (torch.linalg does not); the
+iteration itself exports as one Loop.
+"""
+
+import torch
+from torch import Tensor
+
+MAX_STEPS = 50
+STEP_SIZES = tuple(2.0 ** (-k / 2) for k in range(16))
+TOLERANCE = 1e-10
+"""Relative decrease of the objective below which a frame has converged."""
+
+
+def solve_spd(A: Tensor, y: Tensor) -> Tensor:
+    """Solve A x = y by Gauss-Jordan elimination without pivoting.
+
+    Args:
+        A: (B, D, D) symmetric positive definite.
+        y: (B, D).
+
+    Returns:
+        (B, D).
+    """
+    augmented = torch.cat([A, y.unsqueeze(-1)], dim=-1)  # (B, D, D + 1)
+    D = A.shape[-1]
+    unit = torch.eye(D, dtype=A.dtype, device=A.device)
+    for k in range(D):
+        row = augmented[:, k : k + 1] / augmented[:, k : k + 1, k : k + 1]
+        column = augmented[:, :, k : k + 1] - unit[:, k : k + 1]
+        augmented = augmented - column * row
+    return augmented[:, :, -1]
+
+
+def objective(w: Tensor, X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+    """J(w) = 1/2 sum_j ridge_j (w_j - prior_j)^2 + C sum_n max(0, 1 - y_n w.x_n)^2.
+
+    Args:
+        w: (B, S, D): S heads for each frame.
+        X: (B, N, D).
+        y: (N,).
+        C: ().
+        ridge: (D,).
+        prior: (D,).
+
+    Returns:
+        (B, S).
+    """
+    slack = torch.relu(1 - y * (w @ X.transpose(1, 2)))  # (B, S, N)
+    return 0.5 * (ridge * (w - prior) ** 2).sum(-1) + C * (slack**2).sum(-1)
+
+
+def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+    """Minimise `objective` for every frame of a batch.
+
+    With ridge 1 and prior 0 this is scikit-learn's ``LinearSVC(loss="squared_hinge")`` with the
+    intercept as a feature of ones. J is piecewise quadratic: Newton's step solves a ridge system on
+    the margin violators, and a search over step sizes keeps it from cycling. The last step is
+    taken with gradients: once the active set has settled it is the exact minimiser, and its
+    derivative is that of the minimum.
+
+    Args:
+        X: (B, N, D) features, scaled to about 1, the last column of ones for the bias.
+        y: (N,) labels, -1 or 1.
+        C: () weight of the loss.
+        ridge: (D,) positive.
+        prior: (D,) mean of the head.
+
+    Returns:
+        w: (B, D).
+    """
+
+    def newton(w: Tensor, X: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+        active = (y * (X @ w.unsqueeze(-1)).squeeze(-1) < 1).to(X.dtype)
+        weighted = (2 * C) * X.transpose(1, 2) * active.unsqueeze(1)  # (B, D, N)
+        return solve_spd(torch.diag(ridge) + weighted @ X, ridge * prior + weighted @ y)
+
+    fixed = [t.detach() for t in (X, C, ridge, prior)]
+    sizes = torch.tensor(STEP_SIZES, dtype=X.dtype, device=X.device).unsqueeze(-1)  # (S, 1)
+
+    def loss(w: Tensor) -> Tensor:
+        return objective(w, fixed[0], y, *fixed[1:])
+
+    def unsettled(step: Tensor, w: Tensor, decrease: Tensor) -> Tensor:
+        return (step < MAX_STEPS) & (decrease > TOLERANCE).any()
+
+    def descend(step: Tensor, w: Tensor, decrease: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        direction = newton(w, *fixed) - w
+        trials = w.unsqueeze(1) + sizes * direction.unsqueeze(1)  # (B, S, D)
+        best, chosen = loss(trials).min(dim=1)
+        here = loss(w.unsqueeze(1)).squeeze(1)
+        index = chosen.reshape(-1, 1, 1).expand(-1, 1, w.shape[1])
+        better = (best < here).unsqueeze(-1)
+        moved = torch.where(better, trials.gather(1, index).squeeze(1), w)
+        return step + 1, moved, (here - best) / here
+
+    w = fixed[3].expand(X.shape[0], X.shape[2]).clone()
+    state = (torch.zeros((), dtype=torch.int64), w, torch.ones_like(w[:, 0]))
+    with torch.no_grad():
+        if torch.compiler.is_exporting():
+            state = torch.while_loop(unsettled, descend, state)
+        else:
+            while unsettled(*state):
+                state = descend(*state)
+    w = state[1]
+    final = newton(w, X, C, ridge, prior)
+    ends = loss(torch.stack([final.detach(), w], dim=1))
+    settled = ends[:, :1] <= ends[:, 1:] * (1 + 1e-9)
+    return torch.where(settled, final, w)

@@ -1,0 +1,59 @@
+"""Metrics -> Markdown tables, beside the paper's numbers."""
+
+from collections.abc import Sequence
+
+from reports.metrics import Row, wilson
+from reports.paper import paper_accuracy
+
+
+def summary_table(rows: Sequence[Row], title: str) -> str:
+    """Methods x accuracy over all cells, with the 95 % interval and the paper's mean over the cells."""
+    lines = [
+        title,
+        "",
+        "| method | accuracy % | 95 % interval | bits | paper % |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for method in dict.fromkeys(row.method for row in rows):
+        mine = [row for row in rows if row.method == method]
+        bits, correct = sum(row.bits for row in mine), sum(row.correct for row in mine)
+        low, high = wilson(correct, bits)
+        printed = [p for row in mine if (p := _paper(row)) is not None]
+        paper = f"{100 * sum(printed) / len(printed):.2f}" if len(printed) == len(mine) else "–"
+        accuracy = f"{100 * correct / bits:.2f}" if bits else "–"
+        interval = f"{100 * low:.2f} – {100 * high:.2f}" if bits else "–"
+        lines.append(f"| {method} | {accuracy} | {interval} | {bits} | {paper} |")
+    return "\n".join(lines)
+
+
+def paper_tables(rows: Sequence[Row]) -> str:
+    """One table a (kappa, view), pairs x methods: ours ± half the 95 % interval, the paper's behind a slash."""
+    methods = list(dict.fromkeys(row.method for row in rows))
+    blocks = []
+    for kappa, view in dict.fromkeys((row.kappa, row.view_deg) for row in rows):
+        cell_rows = [row for row in rows if (row.kappa, row.view_deg) == (kappa, view)]
+        lines = [
+            f"κ = {kappa}, {view:g}°: accuracy %, ± half the 95 % interval / the paper's",
+            "",
+            f"| pair | {' | '.join(methods)} |",
+            f"|---|{'---:|' * len(methods)}",
+        ]
+        for pair in dict.fromkeys(row.pair for row in cell_rows):
+            entries = {row.method: _cell(row) for row in cell_rows if row.pair == pair}
+            lines.append(f"| {pair} | {' | '.join(entries.get(m, '–') for m in methods)} |")
+        blocks.append("\n".join(lines))
+    return "\n\n".join(blocks)
+
+
+def _paper(row: Row) -> float | None:
+    if row.view_deg is None:
+        return None
+    return paper_accuracy(row.pair, row.view_deg, row.kappa, row.method)
+
+
+def _cell(row: Row) -> str:
+    if row.accuracy is None:
+        return "–"
+    text = f"{100 * row.accuracy:.1f} ±{50 * (row.ci_high - row.ci_low):.1f}"
+    paper = _paper(row)
+    return text if paper is None else f"{text} / {100 * paper:.1f}"
