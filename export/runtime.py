@@ -55,10 +55,18 @@ class Decoder:
             )
         except ORT_ERRORS as error:
             reason = str(error).splitlines()[0][:160]
-            raise InputError(f"{path}: not a readable ONNX model; export it again ({reason})") from None
+            raise InputError(
+                f"{path}: not a readable ONNX model; export it again ({reason})"
+            ) from None
         self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        names = [[node.name for node in nodes] for nodes in (self._session.get_inputs(), self._session.get_outputs())]
-        if self.metadata.get("format") != FORMAT or names != [["original", "embedded"], ["scores", "head"]]:
+        names = [
+            [node.name for node in nodes]
+            for nodes in (self._session.get_inputs(), self._session.get_outputs())
+        ]
+        if self.metadata.get("format") != FORMAT or names != [
+            ["original", "embedded"],
+            ["scores", "head"],
+        ]:
             raise InputError(f"{path}: not a decoder of this version; export it again")
         try:
             self.layout = Layout.from_dict(json.loads(self.metadata["layout"]))
@@ -90,7 +98,11 @@ class Decoder:
         """
         frames = [np.asarray(frame) for frame in (original, embedded)]
         for frame in frames:
-            if frame.dtype != np.uint8 or frame.ndim not in (2, 3) or frame.shape[2:] not in ((), (3,)):
+            if (
+                frame.dtype != np.uint8
+                or frame.ndim not in (2, 3)
+                or frame.shape[2:] not in ((), (3,))
+            ):
                 raise InputError(
                     f"frames must be uint8 (H, W) or (H, W, 3), got {frame.dtype} {frame.shape}"
                 )
@@ -114,7 +126,9 @@ class Decoder:
         try:
             scores, head = self._session.run(["scores", "head"], feeds)
         except ORT_ERRORS as error:
-            raise InputError(f"the model failed to run: {str(error).splitlines()[0][:160]}") from None
+            raise InputError(
+                f"the model failed to run: {str(error).splitlines()[0][:160]}"
+            ) from None
         if scores.shape != (1, layout.n_bits) or not np.isfinite(scores).all():
             raise InputError("the model returned no valid scores; export it again")
         return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
@@ -146,8 +160,11 @@ def main() -> None:
     parser.add_argument("original", type=Path, help="image of the original frame")
     parser.add_argument("embedded", type=Path, help="image of the embedded frame")
     for flag, text in (
-        ("--corners", "of the displayed picture: top-left, top-right, bottom-right, bottom-left; "
-         "without them the picture fills the images"),
+        (
+            "--corners",
+            "of the displayed picture: top-left, top-right, bottom-right, bottom-left; "
+            "without them the picture fills the images",
+        ),
         ("--corners-embedded", "the same in the embedded frame; --corners where absent"),
     ):
         parser.add_argument(flag, nargs=4, metavar="x,y", help=text)

@@ -54,3 +54,38 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
     if not all(torch.isfinite(p).all() for p in module.parameters()):
         raise InputError(f"{weights_file}: contains values that are not finite; train again")
     return module
+
+
+def save_state(
+    file: Path,
+    parts: dict[str, Any],
+    generator: torch.Generator,
+    key: str,
+    step: int,
+    log: list[dict[str, Any]],
+) -> None:
+    """Write all that training needs to go on after ``step`` steps; ``key`` names its settings."""
+    state = {name: part.state_dict() for name, part in parts.items()}
+    state |= {"generator": generator.get_state(), "key": key, "step": step, "log": log}
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    write_bytes(file, buffer.getvalue())
+
+
+def resume_state(
+    file: Path, parts: dict[str, Any], generator: torch.Generator, key: str
+) -> tuple[int, list[dict[str, Any]]]:
+    """Restore what `save_state` wrote, where it has the same ``key``; else start anew.
+
+    Returns:
+        the number of steps already made, and their log.
+    """
+    if not file.is_file():
+        return 0, []
+    state = torch.load(file, weights_only=True)
+    if state["key"] != key:
+        return 0, []
+    for name, part in parts.items():
+        part.load_state_dict(state[name])
+    generator.set_state(state["generator"])
+    return state["step"], state["log"]

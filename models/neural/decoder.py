@@ -9,6 +9,7 @@ from link.errors import InputError, choose
 from link.layout import MIN_BLOCK_PX, Layout
 from link.ratex import SAMPLES, tile_labels, training_fractions
 from models.neural.phi import PhiPolynomial
+from models.neural.register import register
 from models.neural.solver import fit_head
 
 BINS = MIN_BLOCK_PX
@@ -27,6 +28,8 @@ class DecoderConfig:
     """Of the polynomial of i_o beside Phi; 0 for none."""
     channels: str = "luma"
     """"luma" or "rgb"."""
+    register: bool = False
+    """Remove the motion between the frames first (`models.neural.register`)."""
     train_on: str = "tile"
     """Per-frame training samples: "tile" means (as quiet as a block), or single "pixel"."""
 
@@ -89,11 +92,31 @@ class PhiDecoder(nn.Module):
             scores: (B, n_bits) float32, positive for bit 1, row-major over the message cells.
             head: (B, n_features + 1) float32, weights of the features as they are, then the bias.
         """
+        return self.solve_and_score(*self.summarise(original, embedded))
+
+    def summarise(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        """All that is computed before the first learned parameter; arguments as of `forward`.
+
+        Returns:
+            ratex: (B, N, n_features) float64, features of the training samples, tiles or pixels.
+            bins: (B, n_features, 4 rows, 4 cols) float32, features averaged over parts of blocks.
+        """
         i_o, i_e = self.intensity(original), self.intensity(embedded)
-        w = self.fit(i_o, i_e)
-        blocks = self.pool(self.phi(i_o, i_e))  # (B, n_bits, n_features)
-        scores = (blocks @ w[:, :-1].float().unsqueeze(-1)).squeeze(-1) + w[:, -1:].float()
-        return self.log_temperature.exp() * scores, w.float()
+        if self.config.register:
+            i_e = register(i_o, i_e)
+        return self.ratex_features(i_o, i_e), self.bin_features(i_o, i_e)
+
+    def solve_and_score(self, ratex: Tensor, bins: Tensor) -> tuple[Tensor, Tensor]:
+        """Fit each pair's head to its ratex samples and score its blocks; arguments as above."""
+        scale = (ratex**2).mean(1).sqrt() + 1e-9
+        ones = torch.ones_like(ratex[:, :, :1])
+        X = torch.cat([ratex / scale.unsqueeze(1), ones], dim=-1)  # (B, N, n_features + 1)
+        ridge, prior = self.log_ridge.double().exp(), self.prior.double()
+        w = fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior)
+        head = torch.cat([w[:, :-1] / scale, w[:, -1:]], dim=-1)
+        blocks = self.pool(bins.double())  # (B, n_bits, n_features)
+        scores = (blocks @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
+        return (self.log_temperature.exp() * scores).float(), head.float()
 
     def intensity(self, frame: Tensor) -> Tensor:
         """(B, 3, H, W) in [0, 255] -> (B, C, H, W) float32 in [0, 1]; C is 1 (luma) or 3."""
@@ -103,28 +126,10 @@ class PhiDecoder(nn.Module):
             return scaled
         return torch.stack([w * scaled[:, c] for c, w in enumerate(weights)]).sum(0).unsqueeze(1)
 
-    def fit(self, i_o: Tensor, i_e: Tensor) -> Tensor:
-        """The head of each frame pair, from its ratex pixels.
+    def ratex_features(self, i_o: Tensor, i_e: Tensor) -> Tensor:
+        """Features of the training samples: (B, C, H, W) in [0, 1] -> (B, N, n_features) float64.
 
         Float64: the fit is small, and torch and onnxruntime then agree on the active set.
-
-        Args:
-            i_o: (B, C, H, W) float32 in [0, 1].
-            i_e: the same shape.
-
-        Returns:
-            (B, n_features + 1) float64.
-        """
-        X, scale = self.training_features(i_o, i_e)
-        ridge, prior = self.log_ridge.double().exp(), self.prior.double()
-        return fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior) / scale
-
-    def training_features(self, i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
-        """Features of the ratex samples, scaled to unit rms, and a last column of ones.
-
-        Returns:
-            X: (B, N, D) float64, one row a tile or a pixel.
-            scale: (B, D) float64, what each column was divided by.
         """
         height, width = i_o.shape[-2:]
         index = (self.ratex_y * height // self._denominator_y) * width + (
@@ -134,22 +139,27 @@ class PhiDecoder(nn.Module):
             i_o.flatten(2)[:, :, index].double(), i_e.flatten(2)[:, :, index].double()
         )
         u = torch.stack([f.mean(1) for f in features], dim=-1)  # (B, pixels, n_features)
-        if self.config.train_on == "tile":
-            u = u.unflatten(1, (-1, SAMPLES * SAMPLES)).mean(2)  # (B, tiles, n_features)
-        scale = (u**2).mean(1).sqrt() + 1e-9
-        ones = torch.ones_like(u[:, :, :1])
-        X = torch.cat([u / scale.unsqueeze(1), ones], dim=-1)
-        return X, torch.cat([scale, ones[:, 0]], dim=-1)
+        if self.config.train_on == "pixel":
+            return u
+        return u.unflatten(1, (-1, SAMPLES * SAMPLES)).mean(2)  # (B, tiles, n_features)
 
-    def pool(self, features: list[Tensor]) -> Tensor:
-        """Weighted mean of each feature over each message block: maps -> (B, n_bits, n_features)."""
-        rows, cols = self.layout.rows, self.layout.cols
+    def bin_features(self, i_o: Tensor, i_e: Tensor) -> Tensor:
+        """Features averaged over BINS x BINS parts of each block, and over colour channels."""
+        features = self.phi(i_o, i_e)
         maps = torch.stack([f.mean(1) for f in features], dim=1)  # (B, n_features, H, W)
         height, width = maps.shape[-2:]
-        bins = bin_mean(height, rows * BINS, maps) @ maps
-        bins = bins @ bin_mean(width, cols * BINS, maps).T  # (B, n_features, rows * 4, cols * 4)
-        bins = bins.unflatten(3, (cols, BINS)) @ self.pool_x.softmax(0)  # (B, F, rows * 4, cols)
-        blocks = self.pool_y.softmax(0) @ bins.unflatten(2, (rows, BINS))  # (B, F, rows, cols)
+        rows = bin_mean(height, self.layout.rows * BINS, maps)
+        cols = bin_mean(width, self.layout.cols * BINS, maps)
+        return rows @ maps @ cols.T  # (B, n_features, rows * BINS, cols * BINS)
+
+    def pool(self, bins: Tensor) -> Tensor:
+        """Weighted mean over each message block: bins -> (B, n_bits, n_features)."""
+        across = bins.unflatten(3, (-1, BINS)) @ self.pool_x.double().softmax(
+            0
+        )  # (B, F, rows * BINS, cols)
+        blocks = self.pool_y.double().softmax(0) @ across.unflatten(
+            2, (-1, BINS)
+        )  # (B, F, rows, cols)
         return blocks.flatten(2)[:, :, self.message_index].transpose(1, 2)
 
     def to_config(self) -> dict[str, object]:
