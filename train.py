@@ -6,13 +6,13 @@ that fit.
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import torch
 import tyro
 from torch.nn.functional import binary_cross_entropy_with_logits
-from tqdm import tqdm
+from tqdm import tqdm, trange
 
 from data_gen.augment import augment
 from data_gen.dataset import Cell, Source
@@ -38,7 +38,9 @@ class TrainConfig:
     """Camera and display, or "all"."""
     out: Path | None = None
     """Run folder; runs/PAIR where absent."""
-    decoder: DecoderConfig = DecoderConfig(drift_degree=4, channels="rgb", register=True)
+    decoder: DecoderConfig = field(
+        default_factory=lambda: DecoderConfig(drift_degree=4, channels="rgb", register=True)
+    )
     episodes: int = 240
     """Simulated frame pairs of training pictures."""
     rounds: int = 4
@@ -98,7 +100,7 @@ def main() -> None:
     )
     rows = score(predictions)
     write_metrics(folder / "metrics.json", rows, provenance(config.seed, simulated=True))
-    title = f"{config.pair}: views 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
+    title = f"{config.pair}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
     print(summary_table(rows, title))
     print(
         f"\n{folder}/decoder.onnx: torch and onnxruntime agree on all {parity.bits} bits of "
@@ -126,7 +128,7 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
             if not torch.isfinite(loss):
                 raise InputError(f"step {step}: the loss is not finite; lower --lr")
             optimiser.zero_grad()
-            loss.backward()
+            loss.backward()  # type: ignore[no-untyped-call]
             optimiser.step()
             schedule.step()
             errors = ((scores > 0) != (bits[index] > 0)).float().mean().item()
@@ -144,9 +146,12 @@ def summarise(
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Augment every episode and reduce it to what the learned part of the decoder takes."""
     parts = []
-    chunks = [part.split(8) for part in (episodes.original, episodes.embedded)]
-    for frames in tqdm(list(zip(*chunks, strict=True)), desc="augment", unit="batch", leave=False):
-        original, embedded = (frame.to(device) for frame in frames)
+    for start in trange(0, len(episodes.bits), 8, desc="augment", unit="batch", leave=False):
+        batch = slice(start, start + 8)
+        original, embedded = (
+            episodes.original[batch].to(device),
+            episodes.embedded[batch].to(device),
+        )
         parts.append(module.summarise(*augment(original, embedded, generator)))
     ratex, bins = (torch.cat(part) for part in zip(*parts, strict=True))
     return ratex, bins

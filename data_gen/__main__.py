@@ -1,4 +1,4 @@
-"""Write simulated captures to disk: python -m data_gen --pair canon-lg --view 45 --kappa 3 --out DIR."""
+"""Write simulated captures: python -m data_gen --pair canon-lg --view 45 --kappa 3 --out DIR."""
 
 import json
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Camera: linear light at the sensor -> the 8-bit pixels of a file (Eq. camerapixel, response f)."""
+"""Camera: linear light at the sensor -> 8-bit pixels of a file (Eq. camerapixel, response f)."""
 
 from functools import lru_cache
 
@@ -24,7 +24,7 @@ def response_curve(tone_curve: Curve) -> NDArray[np.float32]:
     exposure = np.linspace(0, 1, RESPONSE_STEPS + 1)
     linear = np.clip(PchipInterpolator(nodes[:, 0], nodes[:, 1])(exposure), 0, 1)
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return (255 * encoded).astype(np.float32)
+    return np.asarray(255 * encoded, np.float32)
 
 
 def expose(

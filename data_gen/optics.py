@@ -152,7 +152,7 @@ def image_of(light: Light, H_captured_from_display: NDArray[np.float64], blur_px
 
 
 def vignette(loss_at_corner: float) -> Light:
-    """(CAPTURE_HEIGHT, CAPTURE_WIDTH) float32 relative illumination: 1 - loss r^2, r = 1 at corners."""
+    """Relative illumination 1 - loss r^2, r = 1 at corners: (CAPTURE_HEIGHT, CAPTURE_WIDTH)."""
     x = np.linspace(-1, 1, CAPTURE_WIDTH, dtype=np.float32) * CAPTURE_WIDTH
     y = np.linspace(-1, 1, CAPTURE_HEIGHT, dtype=np.float32) * CAPTURE_HEIGHT
     r2 = (x**2 + (y**2)[:, None]) / (CAPTURE_WIDTH**2 + CAPTURE_HEIGHT**2)

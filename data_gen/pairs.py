@@ -242,8 +242,8 @@ _CROSSTALK: dict[str, tuple[RGB, ...]] = {
     "sony-samsung": ((0.637, 0.286, 0.076), (0.091, 0.715, 0.194), (0.029, 0.297, 0.675)),
 }
 
-# Assumed, mid-range: a few per cent of drift gives the paper's pattern of accuracies; flicker of the
-# backlight and of the mains, repeatability of shutter and diaphragm [0.01 to 0.08].
+# Assumed, mid-range: a few per cent of drift gives the paper's pattern of accuracies; flicker of
+# the backlight and of the mains, repeatability of shutter and diaphragm [0.01 to 0.08].
 DRIFT = 0.04
 # Assumed: Canon and Nikon record no video, so each frame has a mirror stroke [0.05 to 0.3].
 JITTER_PX = {"canon": 0.15, "nikon": 0.15, "sony": 0.10}

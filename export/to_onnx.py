@@ -1,6 +1,5 @@
 """Checkpoint -> decoder.onnx with the layout in its metadata: python -m export.to_onnx RUN."""
 
-import io
 import json
 import logging
 import warnings
@@ -43,9 +42,8 @@ def to_onnx(module: PhiDecoder, run_name: str) -> bytes:
             dynamo=True,
             verbose=False,
         )
-    buffer = io.BytesIO()
-    program.save(buffer)
-    model = onnx.load_from_string(buffer.getvalue())
+    assert program is not None
+    model = program.model_proto
     _strip_traces(model.graph)
     metadata = {
         "format": FORMAT,

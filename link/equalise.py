@@ -1,8 +1,8 @@
 """Hidden ratex: intensity mapping to a near-uniform histogram (paper, § Hidden Ratex).
 
 The display shows a picture whose intensities are near uniform. The receiver maps the captured
-original to uniform again, and that mapping is an estimate of the inverse CDTF. One mapping, from the
-histogram of all colour channels together, serves every channel.
+original to uniform again, and that mapping is an estimate of the inverse CDTF. One mapping, from
+the histogram of all colour channels together, serves every channel.
 """
 
 import numpy as np

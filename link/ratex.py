@@ -1,12 +1,12 @@
 """Ratex patches: the known texture that calibrates the link (paper, § Introduction and Methods).
 
-A patch is ``TILES`` x ``TILES`` flat gray tiles. Its eight intensities span [0, 255 - kappa] (several
-patches interleave theirs), and each intensity appears twice: once in a tile of label 1, which is
-kappa brighter in the embedded frame, and once in a tile of label 0, which is not. So one frame pair
-shows both classes at every intensity. The tile orders below differ from one another under every
-rotation (correlation of intensities at most 0.24), so that corner patches also tell which way up
-the display is; labels are balanced over rows and columns, so that a small shift between the frames
-favours neither class.
+A patch is ``TILES`` x ``TILES`` flat gray tiles. Its eight intensities span [0, 255 - kappa]
+(several patches interleave theirs), and each intensity appears twice: once in a tile of label 1,
+which is kappa brighter in the embedded frame, and once in a tile of label 0, which is not. So one
+frame pair shows both classes at every intensity. The tile orders below differ from one another
+under every rotation (correlation of intensities at most 0.24), so that corner patches also tell
+which way up the display is; labels are balanced over rows and columns, so that a small shift
+between the frames favours neither class.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def tile_labels(layout: Layout) -> NDArray[np.intp]:
 
 
 def tile_levels(layout: Layout, kappa: int) -> NDArray[np.intp]:
-    """(patches, TILES, TILES) intensities in the original frame, gray levels of [0, 255 - kappa]."""
+    """(patches, TILES, TILES) intensities in the original frame, gray levels."""
     patches = len(layout.ratex)
     index = np.arange(patches)
     rank = TILE_ORDERS[index % len(TILE_ORDERS)] // 2
@@ -88,7 +88,7 @@ def training_fractions(layout: Layout) -> tuple[NDArray[np.intp], NDArray[np.int
     """
     steps = 2 * SAMPLES
     inner = np.arange(SAMPLES) + SAMPLES // 2
-    # centre of sub-step s of tile t of cell r: ((r * TILES + t) * steps + s + 1/2) / (rows * TILES * steps)
+    # sub-step s of tile t of cell r has its centre at (r * TILES + t) * steps + s + 1/2 sub-steps
     offsets = 2 * (np.arange(TILES)[:, None] * steps + inner) + 1  # (TILES, SAMPLES)
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
     numerator = (

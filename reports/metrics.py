@@ -57,19 +57,24 @@ def score(predictions: Iterable[dict[str, Any]]) -> list[Row]:
         predictions: entries with method, pair, view_deg, kappa, scores (n_bits,) and bits (n_bits,)
             where -1 is unknown.
     """
-    counts: dict[tuple[Any, ...], list[int]] = {}
+    rows: dict[tuple[Any, ...], tuple[int, int, int]] = {}
     for entry in predictions:
         key = (entry["method"], entry["pair"], entry["view_deg"], entry["kappa"])
         truth, decided = np.array(entry["bits"]), np.array(entry["scores"]) > 0
         known = truth >= 0
-        tally = counts.setdefault(key, [0, 0, 0])
-        tally[0] += 1
-        tally[1] += int(known.sum())
-        tally[2] += int((decided == truth)[known].sum())
-    return [
-        Row(*key, frames, bits, correct, correct / bits if bits else None, *wilson(correct, bits))
-        for key, (frames, bits, correct) in counts.items()
-    ]
+        frames, bits, correct = rows.get(key, (0, 0, 0))
+        correct += int((decided == truth)[known].sum())
+        rows[key] = (frames + 1, bits + int(known.sum()), correct)
+    return [make_row(*key, *tally) for key, tally in rows.items()]
+
+
+def make_row(method: str, pair: str, view_deg: float | None, kappa: int | None, *tally: int) -> Row:
+    """A row from (frames, bits, correct)."""
+    frames, bits, correct = tally
+    accuracy = correct / bits if bits else None
+    return Row(
+        method, pair, view_deg, kappa, frames, bits, correct, accuracy, *wilson(correct, bits)
+    )
 
 
 def provenance(seed: int, simulated: bool) -> dict[str, Any]:

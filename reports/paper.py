@@ -1,7 +1,7 @@
 """The paper's Tables 1-4: accuracy in per cent of bits, 3 cameras x 3 displays.
 
 W. Yuan, E. Wengrowski, K. J. Dana, A. Ashok, M. Gruteser, N. Mandayam, "Optimal Radiometric
-Calibration for Camera-Display Communication", § Results. Each cell is about 1,800 bits. The averages
+Calibration for Camera-Display Communication", § Results. Each cell is about 1,800 bits. Averages
 are recomputed from the cells: the paper prints 93.71 for hidden ratex at +5, 45 degrees, where its
 cells give 92.86.
 """

@@ -7,7 +7,7 @@ from reports.paper import paper_accuracy
 
 
 def summary_table(rows: Sequence[Row], title: str) -> str:
-    """Methods x accuracy over all cells, with the 95 % interval and the paper's mean over the cells."""
+    """Methods x accuracy over all cells, with 95 % interval and the paper's mean over the cells."""
     lines = [
         title,
         "",
@@ -27,7 +27,7 @@ def summary_table(rows: Sequence[Row], title: str) -> str:
 
 
 def paper_tables(rows: Sequence[Row]) -> str:
-    """One table a (kappa, view), pairs x methods: ours ± half the 95 % interval, the paper's behind a slash."""
+    """One table a (kappa, view), pairs x methods: ours ± half the interval / the paper's."""
     methods = list(dict.fromkeys(row.method for row in rows))
     blocks = []
     for kappa, view in dict.fromkeys((row.kappa, row.view_deg) for row in rows):

@@ -1,7 +1,7 @@
 """What the paper's methods share: intensities, training samples, the SVM, and pooling.
 
-A method is a feature function u(i_o, i_e). The SVM trains on the ratex pixels and scores the message
-pixels of the same frame pair.
+A method is a feature function u(i_o, i_e). The SVM trains on the ratex pixels and scores the
+message pixels of the same frame pair.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from sklearn.svm import LinearSVC
 from link.errors import InputError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import block_mean
-from link.ratex import SAMPLES, TILES, TrainingPixels, training_pixels
+from link.ratex import SAMPLES, TrainingPixels, training_pixels
 
 Array = NDArray[np.floating[Any]]
 Features = Callable[[Array, Array], Array]
@@ -27,7 +27,7 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
 def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
     """(H, W) float32 in [0, 1], encoded: luma of an RGB frame, or a gray frame as it is."""
     scaled = frame.astype(np.float32) / np.float32(255)
-    return scaled if frame.ndim == 2 else scaled @ LUMA
+    return np.asarray(scaled if frame.ndim == 2 else scaled @ LUMA, np.float32)
 
 
 def tile_mean(samples: Array) -> Array:

@@ -12,7 +12,7 @@ from link.frames import Rectified, SoftBits
 from link.layout import block_mean
 
 SHRINKAGE = 4.0
-"""Pseudo-observations that pull each class's variance to the common one; tuned on train pictures."""
+"""Pseudo-observations that pull each class's variance to the common one (`reports.tune`)."""
 
 
 def constant_threshold(differences: NDArray[np.float64], kappa: int | None) -> float:
@@ -51,7 +51,7 @@ THRESHOLDS = {"clusters": cluster_threshold, "constant": constant_threshold}
 
 @dataclass(frozen=True)
 class HiddenRatex:
-    """Map the captured original to a uniform histogram, apply that mapping to both frames, subtract.
+    """Map the captured original to a uniform histogram, map both frames alike, subtract.
 
     One mapping serves all colour channels, as one g does in the paper.
     """
@@ -68,5 +68,6 @@ class HiddenRatex:
         if change.ndim == 3:
             change = change.mean(axis=2)
         layout = pair.layout
-        blocks = block_mean(change, layout.rows, layout.cols)[layout.message_mask]
+        grid = block_mean(change, layout.rows, layout.cols)
+        blocks = np.asarray(grid[layout.message_mask], np.float64)
         return SoftBits(blocks - threshold(blocks, pair.kappa))

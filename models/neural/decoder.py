@@ -41,8 +41,8 @@ class DecoderConfig:
 class PhiDecoder(nn.Module):
     """OORC in torch.
 
-    As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``): ridge 1,
-    prior 0, C = 10, plain block means. Training (the method ``learned``) changes what is shared
+    As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``):
+    ridge 1, prior 0, C = 10, plain block means. Training (the method ``learned``) changes what is shared
     across frames: ridge and prior of the head, C, pooling weights inside a block, and the
     temperature that turns scores into log-likelihood ratios. The head itself is always fitted to
     the ratex pixels of the frame pair at hand.
@@ -141,7 +141,8 @@ class PhiDecoder(nn.Module):
         u = torch.stack([f.mean(1) for f in features], dim=-1)  # (B, pixels, n_features)
         if self.config.train_on == "pixel":
             return u
-        return u.unflatten(1, (-1, SAMPLES * SAMPLES)).mean(2)  # (B, tiles, n_features)
+        tiles = u.reshape(u.shape[0], -1, SAMPLES * SAMPLES, u.shape[2])
+        return tiles.mean(2)  # (B, tiles, n_features)
 
     def bin_features(self, i_o: Tensor, i_e: Tensor) -> Tensor:
         """Features averaged over BINS x BINS parts of each block, and over colour channels."""
@@ -154,12 +155,10 @@ class PhiDecoder(nn.Module):
 
     def pool(self, bins: Tensor) -> Tensor:
         """Weighted mean over each message block: bins -> (B, n_bits, n_features)."""
-        across = bins.unflatten(3, (-1, BINS)) @ self.pool_x.double().softmax(
-            0
-        )  # (B, F, rows * BINS, cols)
-        blocks = self.pool_y.double().softmax(0) @ across.unflatten(
-            2, (-1, BINS)
-        )  # (B, F, rows, cols)
+        B, F, rows, cols = bins.shape[0], bins.shape[1], self.layout.rows, self.layout.cols
+        parts = bins.reshape(B, F, rows, BINS, cols, BINS)  # a block is BINS x BINS parts
+        weights = self.pool_y.double().softmax(0).unsqueeze(1) * self.pool_x.double().softmax(0)
+        blocks = (parts * weights.unsqueeze(1)).sum((3, 5))  # (B, F, rows, cols)
         return blocks.flatten(2)[:, :, self.message_index].transpose(1, 2)
 
     def to_config(self) -> dict[str, object]:

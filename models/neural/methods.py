@@ -1,6 +1,6 @@
-"""The torch decoder behind the common interface: ``phi`` untrained, ``learned`` from a checkpoint."""
+"""The torch decoder as a method: ``phi`` untrained, ``learned`` from a checkpoint."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
@@ -44,7 +44,7 @@ def _trained(folder: Path, layout: Layout) -> PhiDecoder:
 class Phi:
     """The torch decoder untrained: OORC's twin."""
 
-    config: DecoderConfig = DecoderConfig()
+    config: DecoderConfig = field(default_factory=DecoderConfig)
     """Of the graph."""
     needs_ratex: ClassVar[bool] = True
 

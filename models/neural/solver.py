@@ -72,6 +72,8 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     """
 
     def newton(w: Tensor, X: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+        # X is transposed before it is weighted: onnxruntime 1.31 gets the transpose of a product
+        # wrong inside a Loop
         active = (y * (X @ w.unsqueeze(-1)).squeeze(-1) < 1).to(X.dtype)
         weighted = (2 * C) * X.transpose(1, 2) * active.unsqueeze(1)  # (B, D, N)
         return solve_spd(torch.diag(ridge) + weighted @ X, ridge * prior + weighted @ y)
@@ -99,7 +101,7 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     state = (torch.zeros((), dtype=torch.int64), w, torch.ones_like(w[:, 0]))
     with torch.no_grad():
         if torch.compiler.is_exporting():
-            state = torch.while_loop(unsettled, descend, state)
+            state = torch.while_loop(unsettled, descend, state)  # type: ignore[no-untyped-call]
         else:
             while unsettled(*state):
                 state = descend(*state)
