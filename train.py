@@ -132,7 +132,7 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
             optimiser.step()
             schedule.step()
             errors = ((scores > 0) != (bits[index] > 0)).float().mean().item()
-            log.append({"step": step, "loss": round(loss.item(), 6), "bit_error": round(errors, 6)})
+            log.append({"step": step, "loss": loss.item(), "bit_error": errors})
             progress.update()
             progress.set_postfix(loss=f"{loss.item():.4f}", errors=f"{100 * errors:.2f} %")
         save_state(folder / "state.pt", parts, generator, key, number + 1, log)

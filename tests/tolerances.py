@@ -1,0 +1,16 @@
+"""Every numerical tolerance of the suite, with its reason."""
+
+SVM_OBJECTIVE_GAP = 1e-4
+"""Relative, ours against scikit-learn's LinearSVC (issue: 1e-4; measured: below 1e-9)."""
+ONNX_SCORE = 1e-4
+"""Absolute, torch against onnxruntime (measured: 3e-5 at scores up to 270)."""
+TWIN_SCORE = 2e-3
+"""Absolute, `phi` against `oorc`: float32 features against float32 features in another order."""
+FLOAT32 = 1e-5
+"""Absolute, quantities of order 1 after a few float32 operations."""
+FLOAT64 = 1e-9
+"""Absolute, quantities of order 1 in float64."""
+SUBPIXEL_PX = 0.02
+"""Pixels, geometry through cv2's float32 homographies and interpolation."""
+IDENTITY_LEVELS = 1
+"""Gray levels, an image through an identity transform: rounding."""
