@@ -64,7 +64,7 @@ def main() -> None:
     checkpoint = config.run or PRETRAINED
     options = {"learned": (("checkpoint", checkpoint),)}
     methods = [Method(name, options.get(name, ())) for name in config.methods]
-    keep_config(config)
+    keep_config(config, {method.name: method.digest() for method in methods})
     if config.captures is not None:
         predictions, skipped = decode_captures(config.captures, methods, config.out)
         print("\n".join(skipped))
@@ -113,9 +113,10 @@ def check(config: EvaluateConfig) -> None:
             raise InputError(f"--{flag}: name at least one, and none twice")
 
 
-def keep_config(config: EvaluateConfig) -> None:
+def keep_config(config: EvaluateConfig, digests: dict[str, str]) -> None:
     """Save the configuration in --out, and refuse a folder that holds another run."""
     settings = {k: v for k, v in asdict(config).items() if k not in ("out", "jobs", "show")}
+    settings["digests"] = digests
     text = json.dumps(settings, indent=2, default=str) + "\n"
     file = config.out / "config.json"
     if file.is_file() and file.read_text() != text:

@@ -30,6 +30,10 @@ from reports.metrics import provenance, score, write_metrics
 from reports.tables import summary_table
 
 
+START_LOG_TEMPERATURE = 3.0
+"""Margins are about 1 and log-likelihood ratios about 20, so training starts there."""
+
+
 @dataclass(frozen=True)
 class TrainConfig:
     """One pair, or all nine with --pair all."""
@@ -45,11 +49,11 @@ class TrainConfig:
     """Simulated frame pairs of training pictures."""
     rounds: int = 4
     """Times that all episodes are augmented anew."""
-    steps: int = 80
+    steps: int = 60
     """Optimiser steps a round."""
-    batch: int = 128
+    batch: int = 256
     """Frame pairs a step."""
-    lr: float = 0.05
+    lr: float = 0.03
     """Adam's learning rate; falls to zero on a cosine."""
     kappas: tuple[int, ...] = (1, 2, 3, 5)
     """Of the episodes."""
@@ -77,6 +81,7 @@ def main() -> None:
     folder = config.out or Path("runs") / config.pair
     layout = make_layout()
     module = PhiDecoder(layout, config.decoder).to(config.device)
+    torch.nn.init.constant_(module.log_temperature, START_LOG_TEMPERATURE)
     episodes = simulate_episodes(
         Source(layout, "train", config.seed),
         pairs,
@@ -109,7 +114,7 @@ def main() -> None:
 
 
 def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder: Path) -> None:
-    """The loop. After each round writes log.jsonl, and state.pt, from which a killed run goes on."""
+    """The loop; each round ends with log.jsonl and state.pt, from which a killed run goes on."""
     optimiser = torch.optim.Adam(module.parameters(), lr=config.lr)
     total = config.rounds * config.steps
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, total)

@@ -15,7 +15,7 @@ from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.errors import InputError, run_cli
 from link.images import write_bytes
-from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX
+from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
 
@@ -87,6 +87,14 @@ def export(module: PhiDecoder, path: Path, run_name: str, frames: int, seed: int
     return parity
 
 
+def read_layout(file: Path) -> Layout:
+    """A layout from a JSON file, or an `InputError` that names the file."""
+    try:
+        return Layout.from_dict(json.loads(file.read_text()))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{file}: no layout there ({error})") from None
+
+
 @dataclass(frozen=True)
 class ExportConfig:
     """Export a run's checkpoint."""
@@ -95,6 +103,10 @@ class ExportConfig:
     """Folder with decoder.pt and config.json, such as runs/canon-lg."""
     parity_frames: int = 30
     """Unseen frame pairs on which torch and onnxruntime must agree."""
+    layout: Path | None = None
+    """JSON file with rows, cols, width, height, ratex; the run's own layout where absent."""
+    out: Path | None = None
+    """The .onnx file; RUN/decoder.onnx where absent."""
 
 
 def main() -> None:
@@ -102,8 +114,8 @@ def main() -> None:
     config = tyro.cli(ExportConfig)
     if config.parity_frames < 1:
         raise InputError(f"--parity-frames: need at least 1, got {config.parity_frames}")
-    path = config.run / "decoder.onnx"
-    module = load_checkpoint(config.run)
+    path = config.out or config.run / "decoder.onnx"
+    module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
     parity = export(module, path, config.run.name, config.parity_frames)
     print(json.dumps({"model": str(path), **asdict(parity)}))
 

@@ -1,5 +1,6 @@
 """Decode once -> predictions; scoring them is `reports.metrics`."""
 
+import hashlib
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -26,6 +27,14 @@ class Method:
 
     name: str
     options: tuple[tuple[str, Any], ...] = ()
+    label: str = ""
+    """In tables, in place of the name."""
+
+    def digest(self) -> str:
+        """Of the checkpoint's weights, where the method has a checkpoint; else empty."""
+        folder = dict(self.options).get("checkpoint")
+        file = Path(folder) / "decoder.pt" if folder else None
+        return hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else ""
 
     def build(self) -> Decoder:
         """The decoder itself."""
@@ -55,7 +64,7 @@ def decode_cell(
     Methods that train on ratex patches and those that want an equalised picture see the same draws.
     """
     cv2.setNumThreads(1)
-    decoders = [(method.name, method.build()) for method in methods]
+    decoders = [(method.label or method.name, method.build()) for method in methods]
     lines = []
     for index in range(frames):
         for hidden in (False, True):
@@ -78,9 +87,16 @@ def decode_cells(
 ) -> list[dict[str, Any]]:
     """Decode every cell, in parallel; a run that was cut off goes on where it stopped.
 
-    Each finished cell is one file under ``folder``/cells; at the end predictions.jsonl holds them
-    all, in the order of ``cells`` whatever the number of jobs.
+    Each finished cell is one file under ``folder``/cells, used again only with the same source,
+    frames, methods and checkpoints; at the end predictions.jsonl holds them all, in the order of
+    ``cells`` whatever the number of jobs.
     """
+    settings = repr((source, frames, [(method, method.digest()) for method in methods])).encode()
+    settings_file = folder / "cells" / "settings.txt"
+    if not settings_file.is_file() or settings_file.read_bytes() != settings:
+        for stale in (folder / "cells").glob("*.jsonl"):
+            stale.unlink()
+        write_bytes(settings_file, settings)
     files = [folder / "cells" / f"{c.pair}_{c.view_deg:g}_{c.kappa}.jsonl" for c in cells]
 
     def work(cell: Cell, file: Path) -> None:
@@ -112,7 +128,7 @@ def decode_captures(
     entries = read_manifest(captures)
     lines: list[dict[str, Any]] = []
     skipped: dict[str, str] = {}
-    decoders = [(method.name, method.build()) for method in methods]
+    decoders = [(method.label or method.name, method.build()) for method in methods]
     for index, entry in enumerate(tqdm(entries, unit="pair", desc="decode")):
         captured = load_capture(captures, entry)
         pair = captured.rectified()

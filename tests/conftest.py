@@ -1,17 +1,25 @@
 """What several tests need, made once a session."""
 
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 import torch
+from hypothesis import settings
 
 from data_gen.dataset import Cell, Source, simulate
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
+from link.errors import run_cli
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
 from models.neural.checkpoint import save_checkpoint
 from models.neural.decoder import DecoderConfig, PhiDecoder
+
+settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
+settings.load_profile("suite")
 
 LEARNED = DecoderConfig(drift_degree=4, channels="rgb", register=True)
 
@@ -49,3 +57,32 @@ def run_folder(layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Path
 @pytest.fixture(scope="session")
 def onnx_decoder(run_folder: Path) -> Decoder:
     return Decoder(run_folder / "decoder.onnx")
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a command left behind."""
+
+    status: int
+    stdout: str
+    stderr: str
+
+
+Command = Callable[..., Finished]
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Run a script's ``main`` in this process, as its last two lines do."""
+
+    def run(main: Callable[[], None], *arguments: object) -> Finished:
+        monkeypatch.setattr(sys, "argv", ["program", *map(str, arguments)])
+        capsys.readouterr()
+        status = 0
+        try:
+            run_cli(main)
+        except SystemExit as end:
+            status = int(end.code or 0)
+        return Finished(status, *capsys.readouterr())
+
+    return run

@@ -14,3 +14,9 @@ SUBPIXEL_PX = 0.02
 """Pixels, geometry through cv2's float32 homographies and interpolation."""
 IDENTITY_LEVELS = 1
 """Gray levels, an image through an identity transform: rounding."""
+NOISE_RELATIVE = 0.02
+"""Relative, variance of 1.3 million noise samples: 0.12 % by chance, 0.5 % by 8-bit rounding."""
+QUIET_TWIN_LEVELS = 2
+"""Gray levels, the worst pixel of two exposures with a full well of a million electrons."""
+AUGMENT_LEVELS = 0.01
+"""Gray levels, kornia's float32 warp and gamma at the identity (measured: 0.0013)."""

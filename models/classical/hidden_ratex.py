@@ -11,23 +11,17 @@ from link.errors import InputError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import block_mean
 
-SHRINKAGE = 4.0
-"""Pseudo-observations that pull each class's variance to the common one (`reports.tune`)."""
 
-
-def constant_threshold(differences: NDArray[np.float64], kappa: int | None) -> float:
-    """The paper's constant: kappa / 2, half of the known difference."""
-    if kappa is None:
-        raise InputError("hidden_ratex with threshold 'constant' needs kappa; use 'clusters'")
-    return kappa / 2
-
-
-def cluster_threshold(differences: NDArray[np.float64], kappa: int | None) -> float:
+def cluster_threshold(differences: NDArray[np.float64], shrinkage: float) -> float:
     """The cut that splits this frame's differences into two Gaussian classes of least error.
 
     Kittler & Illingworth (1986) with equally likely bits and shrunk variances: the bits 1 scatter
     more than the bits 0, because the mapping amplifies them differently, so half-way is too high.
     It follows the offset that exposure drift adds to all blocks, and needs no kappa.
+
+    Args:
+        differences: of the blocks.
+        shrinkage: pseudo-observations that pull each class's variance to the common one.
     """
     s = np.sort(differences, axis=None)
     n = s.size
@@ -40,13 +34,10 @@ def cluster_threshold(differences: NDArray[np.float64], kappa: int | None) -> fl
     scatter_low = squares[low - 1] - low * mean_low**2
     scatter_high = squares[-1] - squares[low - 1] - high * mean_high**2
     common = (scatter_low + scatter_high) / n + 1e-12
-    variance_low = (scatter_low + SHRINKAGE * common) / (low + SHRINKAGE)
-    variance_high = (scatter_high + SHRINKAGE * common) / (high + SHRINKAGE)
+    variance_low = (scatter_low + shrinkage * common) / (low + shrinkage)
+    variance_high = (scatter_high + shrinkage * common) / (high + shrinkage)
     cut = low[np.argmin(low * np.log(variance_low) + high * np.log(variance_high))]
     return float(s[cut - 1 : cut + 1].mean())
-
-
-THRESHOLDS = {"clusters": cluster_threshold, "constant": constant_threshold}
 
 
 @dataclass(frozen=True)
@@ -58,11 +49,15 @@ class HiddenRatex:
 
     threshold: str = "clusters"
     """"clusters" (found in each frame) or "constant" (kappa / 2, the paper's)."""
+    shrinkage: float = 1.0
+    """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but lets two equal blocks be a class."""
     needs_ratex: ClassVar[bool] = False
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block, in equalised gray levels above the threshold."""
-        threshold = choose(THRESHOLDS, self.threshold, "threshold")
+        choose({"clusters": 0, "constant": 0}, self.threshold, "threshold")
+        if self.threshold == "constant" and pair.kappa is None:
+            raise InputError("hidden_ratex with threshold 'constant' needs kappa; use 'clusters'")
         mapping = uniform_mapping(pair.original)
         change = mapping[pair.embedded] - mapping[pair.original]
         if change.ndim == 3:
@@ -70,4 +65,6 @@ class HiddenRatex:
         layout = pair.layout
         grid = block_mean(change, layout.rows, layout.cols)
         blocks = np.asarray(grid[layout.message_mask], np.float64)
-        return SoftBits(blocks - threshold(blocks, pair.kappa))
+        if self.threshold == "constant" and pair.kappa is not None:
+            return SoftBits(blocks - pair.kappa / 2)
+        return SoftBits(blocks - cluster_threshold(blocks, self.shrinkage))

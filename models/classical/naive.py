@@ -16,7 +16,7 @@ def difference(i_o: Array, i_e: Array) -> Array:
 class Naive:
     """Threshold on the captured difference, learned on this pair's ratex patches."""
 
-    C: float = 1.0
+    C: float = 10.0
     """Weight of the SVM's loss."""
     pooling: str = "mean"
     """"mean" or "vote"."""

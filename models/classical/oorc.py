@@ -74,7 +74,7 @@ class OORC:
 
     degree: int = 4
     """Of the inverse response g."""
-    C: float = 10.0
+    C: float = 1.0
     """Weight of the SVM's loss."""
     pooling: str = "mean"
     """"mean" or "vote"."""

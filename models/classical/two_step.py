@@ -34,7 +34,7 @@ class TwoStep:
 
     degree: int = 4
     """Of the polynomial g."""
-    C: float = 1.0
+    C: float = 100.0
     """Weight of the SVM's loss."""
     pooling: str = "mean"
     """"mean" or "vote"."""

@@ -42,8 +42,8 @@ class PhiDecoder(nn.Module):
     """OORC in torch.
 
     As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``):
-    ridge 1, prior 0, C = 10, plain block means. Training (the method ``learned``) changes what is shared
-    across frames: ridge and prior of the head, C, pooling weights inside a block, and the
+    ridge 1, prior 0, C = 1, plain block means. Training (the method ``learned``) changes what is
+    shared across frames: ridge and prior of the head, C, pooling weights inside a block, and the
     temperature that turns scores into log-likelihood ratios. The head itself is always fitted to
     the ratex pixels of the frame pair at hand.
 
@@ -65,7 +65,7 @@ class PhiDecoder(nn.Module):
         n_weights = self.phi.n_features + 1
         self.log_ridge = nn.Parameter(torch.zeros(n_weights))
         self.prior = nn.Parameter(torch.zeros(n_weights))
-        self.log_C = nn.Parameter(torch.tensor(10.0).log())
+        self.log_C = nn.Parameter(torch.zeros(()))
         self.pool_y = nn.Parameter(torch.zeros(BINS))
         self.pool_x = nn.Parameter(torch.zeros(BINS))
         self.log_temperature = nn.Parameter(torch.zeros(()))

@@ -1,0 +1,299 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image, ImageOps
+from tolerances import IDENTITY_LEVELS
+
+from link.captures import MANIFEST, load_capture, read_manifest, save_captures
+from link.errors import InputError
+from link.frames import Captured
+from link.geometry import frame_corners
+from link.images import read_image, write_bytes, write_image
+from link.layout import make_layout
+
+LAYOUT = make_layout(4, 4, 64, 48, ratex=2)
+UNKNOWN = Captured(
+    original=np.random.default_rng(1).integers(0, 256, (60, 80, 3), np.uint8),
+    embedded=np.random.default_rng(2).integers(0, 256, (60, 80, 3), np.uint8),
+    layout=LAYOUT,
+    corners=frame_corners(64, 48) + 4.1234,
+    corners_embedded=frame_corners(64, 48) + 5.25,
+)
+KNOWN = replace(
+    UNKNOWN,
+    original=UNKNOWN.embedded[:, ::-1],
+    bits=np.array([0, 1, -1, 1, 0, 0, -1, 1, 1, 1, 0, 0, 1, 0]),
+    kappa=5,
+    meta={"pair": "canon-lg", "view_deg": 30.0, "picture": "photo/coffee/0", "seed": 7},
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    save_captures(tmp_path, iter([KNOWN, UNKNOWN]))
+    return tmp_path
+
+
+def load(folder: Path) -> list[Captured]:
+    return [load_capture(folder, entry) for entry in read_manifest(folder)]
+
+
+def rewrite(folder: Path, **changes: Any) -> None:
+    """Change keys of the first entry of the manifest; ``...`` drops a key."""
+    entry = {**read_manifest(folder)[0], **changes}
+    entry = {key: value for key, value in entry.items() if value is not ...}
+    (folder / MANIFEST).write_text(json.dumps(entry) + "\n")
+
+
+def test_captures_come_back_as_they_were_saved(tmp_path: Path) -> None:
+    assert save_captures(tmp_path, iter([KNOWN, UNKNOWN])) == 2
+    for saved, loaded in zip([KNOWN, UNKNOWN], load(tmp_path), strict=True):
+        assert loaded.original.tobytes() == saved.original.tobytes()
+        assert loaded.embedded.tobytes() == saved.embedded.tobytes()
+        np.testing.assert_allclose(loaded.corners, saved.corners, atol=0.0005)
+        np.testing.assert_allclose(loaded.corners_embedded, saved.corners_embedded, atol=0.0005)
+        assert loaded.layout == saved.layout
+        assert loaded.kappa == saved.kappa
+        assert loaded.meta == saved.meta
+
+
+def test_a_simulated_capture_comes_back_as_it_was_saved(captured: Captured, tmp_path: Path) -> None:
+    save_captures(tmp_path, iter([captured]))
+    (loaded,) = load(tmp_path)
+    np.testing.assert_array_equal(loaded.original, captured.original)
+    np.testing.assert_array_equal(loaded.embedded, captured.embedded)
+    np.testing.assert_array_equal(loaded.bits, captured.bits)
+    assert (loaded.kappa, loaded.meta) == (captured.kappa, captured.meta)
+
+
+def test_unknown_bits_are_null_in_the_file_and_minus_one_in_memory(folder: Path) -> None:
+    known, unknown = read_manifest(folder)
+    assert known["bits"] == [0, 1, None, 1, 0, 0, None, 1, 1, 1, 0, 0, 1, 0]
+    assert not {"bits", "kappa"} & set(unknown)
+    first, second = load(folder)
+    np.testing.assert_array_equal(first.bits, KNOWN.bits)
+    assert second.bits is None
+
+
+def test_a_gray_capture_comes_back_with_three_equal_channels(tmp_path: Path) -> None:
+    gray = replace(KNOWN, original=KNOWN.original[:, :, 0], embedded=KNOWN.embedded[:, :, 0])
+    save_captures(tmp_path, iter([gray]))
+    (loaded,) = load(tmp_path)
+    for channel in range(3):
+        np.testing.assert_array_equal(loaded.original[:, :, channel], gray.original)
+
+
+def test_corners_of_the_embedded_frame_default_to_those_of_the_original(folder: Path) -> None:
+    rewrite(folder, corners_embedded=...)
+    (loaded,) = load(folder)
+    np.testing.assert_array_equal(loaded.corners_embedded, loaded.corners)
+
+
+def test_frames_need_no_sha256(folder: Path) -> None:
+    write_image(folder / "00000_embedded.png", UNKNOWN.original)
+    rewrite(folder, sha256=...)
+    (loaded,) = load(folder)
+    np.testing.assert_array_equal(loaded.embedded, UNKNOWN.original)
+
+
+@pytest.mark.parametrize("kind", ["original", "embedded"])
+def test_a_frame_that_was_changed_is_refused(folder: Path, kind: str) -> None:
+    write_image(folder / f"00000_{kind}.png", UNKNOWN.embedded // 2)
+    with pytest.raises(InputError, match=rf"00000_{kind}\.png.*sha256"):
+        load(folder)
+
+
+def test_a_wrong_sha256_is_refused(folder: Path) -> None:
+    rewrite(folder, sha256="0" * 64)
+    with pytest.raises(InputError, match=r"00000_original\.png.*sha256"):
+        load(folder)
+
+
+def test_empty_lines_of_a_manifest_are_passed_over(folder: Path) -> None:
+    file = folder / MANIFEST
+    file.write_text("\n" + file.read_text().replace("\n", "\n  \n"))
+    assert len(load(folder)) == 2
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\n \n",
+        b"\xff\xfe\x00\x01",
+        b"original,embedded\n",
+        b'{"original": "a.png"',
+        b"{}\n",
+        b"5\n",
+        b"null\n",
+        b'"text"\n',
+        b"[]\n",
+        b'[{"original": 1}]\n',
+        b'["original", "embedded", "layout", "corners"]\n',
+    ],
+)
+def test_a_manifest_that_is_none_is_named(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / MANIFEST).write_bytes(content)
+    with pytest.raises(InputError, match=rf"{tmp_path.name}/manifest\.jsonl"):
+        read_manifest(tmp_path)
+
+
+def test_a_folder_without_a_manifest_is_named(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(InputError, match=rf"{folder.name}/manifest\.jsonl: not found"):
+            read_manifest(folder)
+
+
+def test_the_line_that_is_no_json_is_numbered(folder: Path) -> None:
+    file = folder / MANIFEST
+    file.write_text(file.read_text() + "{not json\n")
+    with pytest.raises(InputError, match=r"manifest\.jsonl, line 3: not JSON"):
+        read_manifest(folder)
+
+
+@pytest.mark.parametrize("key", ["original", "embedded", "layout", "corners"])
+def test_the_key_that_an_entry_lacks_is_named(folder: Path, key: str) -> None:
+    rewrite(folder, **{key: ...})
+    with pytest.raises(InputError, match=rf"manifest\.jsonl, line 1: lacks {key}"):
+        read_manifest(folder)
+
+
+BAD_FIELDS: list[tuple[dict[str, Any], str]] = [
+    ({"layout": None}, "layout"),
+    ({"layout": {"rows": 8}}, "layout"),
+    ({"layout": {**LAYOUT.to_dict(), "rows": "4"}}, "layout: rows"),
+    ({"layout": {**LAYOUT.to_dict(), "ratex": [[9, 9]]}}, "outside the grid"),
+    ({"corners": "none"}, "corners"),
+    ({"corners": [[0, 0], [1]]}, "corners"),
+    ({"corners": {"x": 1}}, "corners"),
+    ({"corners_embedded": [["a", "b"]]}, "corners"),
+    ({"bits": [0, 1]}, "layout carries 14, the manifest lists 2"),
+    ({"bits": [2] * 14}, "bits"),
+    ({"bits": "01010101010101"}, "bits"),
+    ({"bits": 7}, "bits"),
+    ({"kappa": 0}, "kappa"),
+    ({"kappa": -3}, "kappa"),
+    ({"kappa": 2.5}, "kappa"),
+    ({"kappa": "3"}, "kappa"),
+    ({"kappa": True}, "kappa"),
+]
+
+
+@pytest.mark.parametrize(("changes", "field"), BAD_FIELDS)
+def test_a_field_of_the_wrong_kind_is_named_with_its_manifest(
+    folder: Path, changes: dict[str, Any], field: str
+) -> None:
+    rewrite(folder, **changes)
+    with pytest.raises(InputError, match=rf"manifest\.jsonl.*{field}"):
+        load(folder)
+
+
+@pytest.mark.parametrize("corners", [[[0, 0], [1, 1]], [[0, 0], [99, 0], [99, 40], [0, 40]]])
+def test_corners_that_do_not_fit_the_frame_are_refused_in_the_end(
+    folder: Path, corners: list[list[int]]
+) -> None:
+    rewrite(folder, corners=corners)
+    with pytest.raises(InputError, match="corners"):
+        load(folder)[0].rectified()
+
+
+@pytest.mark.parametrize("name", ["nowhere.png", "", None, 5, "a/b.png"])
+def test_a_frame_that_is_missing_is_named(folder: Path, name: Any) -> None:
+    rewrite(folder, original=name)
+    with pytest.raises(InputError, match=rf"{name}: no such image file"):
+        load(folder)
+
+
+def test_a_missing_image_is_named(tmp_path: Path) -> None:
+    for path in (tmp_path / "nowhere.png", tmp_path):
+        with pytest.raises(InputError, match=f"{path.name}: no such image file"):
+            read_image(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"these are words, not pixels", b"\x89PNG\r\n\x1a\n"])
+def test_a_file_that_is_no_image_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "words.png"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"words\.png: not a readable image"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_half_an_image_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"half{suffix}"
+    write_image(path, UNKNOWN.original)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(InputError, match=rf"half{suffix}: not a readable image"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (15, 200), (200, 15)])
+def test_a_tiny_image_is_refused_with_its_size(tmp_path: Path, size: tuple[int, int]) -> None:
+    path = tmp_path / "tiny.png"
+    write_image(path, np.zeros(size[::-1], np.uint8))
+    with pytest.raises(InputError, match=rf"tiny\.png: image is {size[0]}x{size[1]}"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tiff", ".PNG"])
+def test_lossless_files_keep_every_pixel_and_the_order_of_channels(
+    tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"picture{suffix}"
+    write_image(path, UNKNOWN.original)
+    np.testing.assert_array_equal(read_image(path), UNKNOWN.original)
+    np.testing.assert_array_equal(np.asarray(Image.open(path)), UNKNOWN.original)
+
+
+def test_a_16_bit_png_is_reduced_to_8_bits(tmp_path: Path) -> None:
+    deep = np.random.default_rng(3).integers(0, 2**16, (20, 30, 3), np.uint16)
+    assert cv2.imwrite(str(tmp_path / "deep.png"), deep[:, :, ::-1])
+    read = read_image(tmp_path / "deep.png")
+    assert read.dtype == np.uint8
+    assert np.abs(read - deep / 257).max() <= IDENTITY_LEVELS
+
+
+@pytest.mark.parametrize("mode", ["L", "LA", "RGBA", "P", "1"])
+def test_other_kinds_of_png_become_rgb(tmp_path: Path, mode: str) -> None:
+    ramp = np.repeat(np.arange(0, 256, 8, dtype=np.uint8)[None], 20, axis=0)
+    image = Image.fromarray(ramp).convert(mode)
+    image.save(tmp_path / "picture.png")
+    np.testing.assert_array_equal(read_image(tmp_path / "picture.png"), image.convert("RGB"))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_jpeg_is_turned_as_its_exif_says(tmp_path: Path, orientation: int) -> None:
+    y, x = np.mgrid[:48, :64]
+    stored = Image.fromarray(np.stack([4 * x, 5 * y, 128 + x - y], axis=2).astype(np.uint8))
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    stored.save(tmp_path / "turned.jpg", exif=exif, quality=95, subsampling=0)
+    upright = np.asarray(ImageOps.exif_transpose(Image.open(tmp_path / "turned.jpg")))
+    read = read_image(tmp_path / "turned.jpg")
+    assert read.shape == upright.shape
+    assert np.abs(read.astype(int) - upright).max() <= 2  # decoders round differently
+
+
+@pytest.mark.parametrize("name", ["picture.xyz", "picture", "picture.txt"])
+def test_images_of_unknown_type_are_not_written(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match=rf"{name}: cannot write images of type"):
+        write_image(tmp_path / name, UNKNOWN.original)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_writing_makes_folders_replaces_and_leaves_no_other_file(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "down" / "file.bin"
+    for content in (b"first", b"second", b""):
+        write_bytes(path, content)
+        assert path.read_bytes() == content
+        assert [p for p in tmp_path.rglob("*") if p.is_file()] == [path]
+
+
+def test_saved_captures_leave_no_other_file(folder: Path) -> None:
+    names = {f"0000{n}_{kind}.png" for n in (0, 1) for kind in ("original", "embedded")}
+    assert {path.name for path in folder.iterdir()} == {*names, MANIFEST}

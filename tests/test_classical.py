@@ -1,0 +1,307 @@
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.polynomial import Polynomial
+from numpy.typing import NDArray
+from sklearn.svm import SVC
+from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
+
+from link.embed import embed
+from link.equalise import equalise
+from link.errors import InputError
+from link.frames import Rectified
+from link.layout import Layout, make_layout
+from models import DECODERS, make_decoder
+from models.classical.common import POOLINGS, fit_svm, intensity
+from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
+from models.classical.oorc import (
+    explicit_map,
+    inverse_response,
+    kernel,
+    legendre,
+    paper_coefficients,
+)
+
+KAPPA = 8
+SHRINKAGE = HiddenRatex().shrinkage
+WITH_RATEX = ["naive", "two_step", "oorc"]
+CLASSICAL = [*WITH_RATEX, "hidden_ratex"]
+Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+def bright(i: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A CDTF that raises dark tones, so that the same kappa is captured as 4 to 20 levels."""
+    return np.asarray(i**0.6)
+
+
+def make_pair(
+    cdtf: Curve = bright, gain: float = 1.0, *, hidden: bool = False, colour: bool = False
+) -> tuple[Rectified, NDArray[np.intp]]:
+    """A noise-free capture of a smooth picture, and the message in it.
+
+    Args:
+        cdtf: displayed to captured intensity, both in [0, 1].
+        gain: of the embedded frame against the original.
+        hidden: equalised, and without ratex patches.
+        colour: (H, W, 3) in place of (H, W).
+    """
+    layout = make_layout(ratex=0 if hidden else 5)
+    rng = np.random.default_rng(4)
+    coarse = rng.uniform(0, 255, (7, 9, 3) if colour else (7, 9)).astype(np.float32)
+    picture = cv2.resize(coarse, (layout.width, layout.height), interpolation=cv2.INTER_LINEAR)
+    picture = picture.round().astype(np.uint8)
+    bits = rng.integers(0, 2, layout.n_bits)
+    shown = embed(equalise(picture) if hidden else picture, bits, layout, KAPPA)
+    frames = [
+        np.asarray((255 * g * cdtf(frame / 255)).round().clip(0, 255), np.uint8)
+        for frame, g in ((shown.original, 1.0), (shown.embedded, gain))
+    ]
+    return Rectified(frames[0], frames[1], layout, KAPPA), bits
+
+
+def errors(name: str, pair: Rectified, bits: NDArray[np.intp], **options: Any) -> int:
+    return int((make_decoder(name, **options).decode(pair).bits != bits).sum())
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+@pytest.mark.parametrize("colour", [False, True], ids=["gray", "colour"])
+def test_every_method_reads_a_noise_free_pair_through_a_curved_cdtf(
+    name: str, colour: bool
+) -> None:
+    pair, bits = make_pair(hidden=name == "hidden_ratex", colour=colour)
+    assert errors(name, pair, bits) == 0
+
+
+@pytest.mark.parametrize("name", WITH_RATEX)
+@pytest.mark.parametrize("train_on", ["tile", "pixel"])
+@pytest.mark.parametrize("pooling", POOLINGS)
+def test_every_way_to_train_and_pool_reads_the_noise_free_pair(
+    name: str, train_on: str, pooling: str
+) -> None:
+    pair, bits = make_pair()
+    assert errors(name, pair, bits, train_on=train_on, pooling=pooling) == 0
+
+
+def test_the_paper_threshold_reads_hidden_ratex_through_a_linear_cdtf() -> None:
+    pair, bits = make_pair(lambda i: i, hidden=True)
+    assert errors("hidden_ratex", pair, bits, threshold="constant") == 0
+
+
+@pytest.mark.parametrize("name", ["naive", "two_step"])
+def test_gain_drift_breaks_the_thresholds_and_oorc_withstands_it(name: str) -> None:
+    pair, bits = make_pair(lambda i: 0.9 * bright(i), gain=0.93)
+    assert errors(name, pair, bits) > 5
+    assert errors("oorc", pair, bits) == 0
+
+
+def test_clusters_follow_the_offset_that_gain_drift_makes() -> None:
+    pair, bits = make_pair(lambda i: 0.9 * bright(i), gain=1.03, hidden=True)
+    assert errors("hidden_ratex", pair, bits, threshold="constant") > 5
+    assert errors("hidden_ratex", pair, bits, threshold="clusters") == 0
+
+
+@pytest.mark.parametrize("name", CLASSICAL)
+def test_gray_and_equal_colour_channels_give_the_same_scores(name: str) -> None:
+    gray, _ = make_pair(hidden=name == "hidden_ratex")
+    frames = [np.repeat(f[:, :, None], 3, axis=2) for f in (gray.original, gray.embedded)]
+    colour = replace(gray, original=frames[0], embedded=frames[1])
+    decoder = make_decoder(name)
+    expected = decoder.decode(gray).scores
+    np.testing.assert_allclose(decoder.decode(colour).scores, expected, rtol=0, atol=TWIN_SCORE)
+
+
+def test_intensity_of_a_colour_frame_is_its_luma() -> None:
+    colours = np.array([[[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 255]]], np.uint8)
+    np.testing.assert_allclose(intensity(colours), [[0.299, 0.587, 0.114, 1]], atol=FLOAT32)
+    np.testing.assert_array_equal(intensity(np.array([[0, 255]], np.uint8)), [[0, 1]])
+
+
+def random_pixels(count: int, seed: int) -> NDArray[np.float64]:
+    """(count, 2) columns i_o, i_e."""
+    i_o = np.random.default_rng(seed).uniform(0.1, 0.9, count)
+    return np.column_stack([i_o, i_o + np.random.default_rng(seed + 1).normal(0, 0.05, count)])
+
+
+@pytest.mark.parametrize("degree", [1, 4, 7])
+def test_legendre_agrees_with_numpy(degree: int) -> None:
+    i = np.linspace(0, 1, 101)
+    expected = np.polynomial.legendre.legvander(2 * i - 1, degree)[:, 1:]
+    np.testing.assert_allclose(legendre(i, degree), expected, rtol=0, atol=FLOAT64)
+
+
+@pytest.mark.parametrize("degree", [1, 4, 6])
+def test_kernel_is_the_product_of_explicit_maps(degree: int) -> None:
+    a, b = random_pixels(30, 0), random_pixels(20, 5)
+    expected = explicit_map(*a.T, degree) @ explicit_map(*b.T, degree).T
+    np.testing.assert_allclose(kernel(a, b, degree), expected, rtol=0, atol=FLOAT64)
+
+
+def test_svms_with_kernel_and_with_explicit_map_decide_alike() -> None:
+    pixels, unseen = random_pixels(200, 1), random_pixels(50, 9)
+    labels = (pixels[:, 1] > pixels[:, 0] + 0.02).astype(int)
+    with_kernel = SVC(kernel=kernel, C=10, tol=1e-9).fit(pixels, labels)
+    with_map = SVC(kernel="linear", C=10, tol=1e-9).fit(explicit_map(*pixels.T), labels)
+    decided = with_map.decision_function(explicit_map(*unseen.T))
+    assert np.ptp(decided) > 1
+    np.testing.assert_allclose(with_kernel.decision_function(unseen), decided, atol=FLOAT32)
+
+
+def test_explicit_map_spans_the_papers_differences_of_powers() -> None:
+    i_o, i_e = random_pixels(100, 2).T
+    powers = np.column_stack([i_o**k - i_e**k for k in (4, 3, 2, 1)])
+    solution, residual, rank, _ = np.linalg.lstsq(powers, explicit_map(i_o, i_e))
+    assert rank == 4
+    assert (residual < FLOAT64).all()
+    assert abs(np.linalg.det(solution)) > 1  # and so each basis expresses the other
+
+
+def test_paper_coefficients_turn_the_weights_into_sums_of_powers() -> None:
+    i_o, i_e = random_pixels(100, 3).T
+    weights = np.array([-3.0, 0.7, 1.1, -0.4])
+    a = paper_coefficients(weights)
+    assert a.shape == (5,)
+    powers = sum(a[k] * (i_o**k - i_e**k) for k in range(1, 5))
+    np.testing.assert_allclose(explicit_map(i_o, i_e) @ weights, -powers, rtol=0, atol=FLOAT64)
+
+
+def test_coefficients_and_inverse_response_are_one_polynomial() -> None:
+    weights, i = np.array([-3.0, 0.7, 1.1, -0.4]), np.linspace(0, 1, 50)
+    g = inverse_response(weights)
+    np.testing.assert_allclose(Polynomial(paper_coefficients(weights))(i), g(i), atol=FLOAT64)
+
+
+@pytest.mark.parametrize("gamma", [0.5, 1.0, 1.6])
+def test_oorc_finds_an_increasing_inverse_of_a_gamma_cdtf(gamma: float) -> None:
+    pair, _ = make_pair(lambda i: i**gamma)
+    soft = make_decoder("oorc").decode(pair)
+    assert soft.head is not None
+    displayed = np.linspace(0.05, 0.95, 100)
+    g = inverse_response(soft.head[:-1])(displayed**gamma)
+    assert (np.diff(g) > 0).all()
+    assert np.corrcoef(g, displayed)[0, 1] > 0.98
+
+
+def test_the_head_scores_as_the_decoder_does() -> None:
+    pair, _ = make_pair()
+    soft = make_decoder("oorc").decode(pair)
+    assert soft.head is not None
+    u = explicit_map(intensity(pair.original), intensity(pair.embedded))
+    pixels = u @ soft.head[:-1] + soft.head[-1]
+    of_blocks = pixels.reshape(8, 48, 8, 64).mean(axis=(1, 3))[pair.layout.message_mask]
+    np.testing.assert_allclose(soft.scores, of_blocks, rtol=0, atol=FLOAT32)
+
+
+def test_svm_of_two_points_has_the_exact_answer() -> None:
+    """w.x + b with x = -1, 1 and labels 0, 1: minimise w^2 / 2 + 2 C (1 - w)^2, hence 4C/(1+4C)."""
+    for C in (0.25, 1.0, 100.0):
+        head = fit_svm(np.array([[-1.0], [1.0]]), np.array([0, 1]), C)
+        assert head.weights[0] == pytest.approx(4 * C / (1 + 4 * C), abs=FLOAT32)
+        assert head.bias == pytest.approx(0, abs=FLOAT32)
+
+
+def test_svm_weights_are_for_features_as_they_are() -> None:
+    u, labels = random_pixels(80, 4), np.arange(80) % 2
+    plain, scaled = fit_svm(u, labels, 1.0), fit_svm(u * [1e-3, 1e3], labels, 1.0)
+    np.testing.assert_allclose(u @ plain.weights, u * [1e-3, 1e3] @ scaled.weights, atol=1e-4)
+
+
+def test_mean_pools_scores_and_vote_counts_pixels() -> None:
+    scores = np.array([[3.0, -1, 0, 0], [-1, -1, 5, 0], [-2, -2, 1, 1], [-2, 9, 1, 1]])
+    np.testing.assert_allclose(POOLINGS["mean"](scores, 2, 2), [[0, 1.25], [0.75, 1]])
+    np.testing.assert_allclose(POOLINGS["vote"](scores, 2, 2), [[-0.25, -0.25], [-0.25, 0.5]])
+
+
+def test_votes_lie_within_a_half_of_zero() -> None:
+    pair, _ = make_pair()
+    scores = make_decoder("oorc", pooling="vote").decode(pair).scores
+    assert np.abs(scores).max() <= 0.5
+
+
+@pytest.mark.parametrize("ones", [2, 10, 30, 50, 57])
+@pytest.mark.parametrize("spread", [(0.3, 0.3), (0.1, 1.0), (1.0, 0.1)])
+def test_the_cut_lies_between_two_clusters_however_uneven(
+    ones: int, spread: tuple[float, float]
+) -> None:
+    rng = np.random.default_rng(ones)
+    low = rng.uniform(-1, 1, 59 - ones) * spread[0]
+    high = 5 + rng.uniform(-1, 1, ones) * spread[1]
+    for offset in (0.0, -20.0, 7.0):
+        differences = offset + rng.permutation(np.concatenate([low, high]))
+        cut = cluster_threshold(differences, SHRINKAGE)
+        assert offset + low.max() < cut < offset + high.min()
+
+
+def test_the_cut_lies_nearer_to_the_narrow_cluster_where_they_touch() -> None:
+    rng = np.random.default_rng(8)
+    differences = np.concatenate([rng.normal(0, 0.3, 500), rng.normal(4, 1.5, 500)])
+    assert 0.6 < cluster_threshold(differences, SHRINKAGE) < 1.6
+
+
+def test_the_cut_scales_with_the_differences() -> None:
+    differences = np.random.default_rng(9).normal(0, 1, 59) + np.repeat([0, 6], [30, 29])
+    cut = cluster_threshold(differences, SHRINKAGE)
+    assert cluster_threshold(3 * differences, SHRINKAGE) == pytest.approx(3 * cut, abs=FLOAT64)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 59])
+def test_the_cut_of_equal_differences_is_their_value(count: int) -> None:
+    assert cluster_threshold(np.full(count, 2.5), SHRINKAGE) == pytest.approx(2.5, abs=FLOAT64)
+
+
+def test_unknown_names_list_the_valid_ones() -> None:
+    pair, _ = make_pair()
+    with pytest.raises(InputError) as error:
+        make_decoder("ooorc")
+    assert all(name in str(error.value) for name in ("'ooorc'", *DECODERS))
+    for option, valid in (("pooling", "mean, vote"), ("train_on", "tile, pixel")):
+        with pytest.raises(InputError, match=rf"unknown {option} 'median'.*{valid}"):
+            make_decoder("oorc", **{option: "median"}).decode(pair)
+    with pytest.raises(InputError, match=r"unknown threshold 'otsu'.*clusters, constant"):
+        make_decoder("hidden_ratex", threshold="otsu").decode(pair)
+
+
+@pytest.mark.parametrize("name", [*WITH_RATEX, "phi"])
+def test_methods_that_train_on_patches_refuse_a_layout_without(name: str) -> None:
+    pair, _ = make_pair(hidden=True)
+    assert make_decoder(name).needs_ratex
+    with pytest.raises(InputError, match=r"trains on ratex patches.*this layout has none"):
+        make_decoder(name).decode(pair)
+
+
+def test_hidden_ratex_wants_no_patches() -> None:
+    assert not make_decoder("hidden_ratex").needs_ratex
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [("two_step", {}), ("hidden_ratex", {"threshold": "constant"})]
+)
+def test_methods_that_need_kappa_say_so(name: str, options: dict[str, str]) -> None:
+    pair, _ = make_pair()
+    with pytest.raises(InputError, match=rf"{name}.* needs kappa"):
+        make_decoder(name, **options).decode(replace(pair, kappa=None))
+
+
+@pytest.mark.parametrize("name", ["naive", "oorc", "hidden_ratex"])
+def test_the_other_methods_do_not_use_kappa(name: str) -> None:
+    pair, _ = make_pair(hidden=name == "hidden_ratex")
+    decoder = make_decoder(name)
+    without = decoder.decode(replace(pair, kappa=None)).scores
+    np.testing.assert_array_equal(decoder.decode(pair).scores, without)
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [make_layout(16, 16, 512, 512), make_layout(5, 9, 333, 250, ratex=2), make_layout(ratex=1)],
+    ids=["16x16", "5x9", "one patch"],
+)
+def test_oorc_reads_other_grids(layout: Layout) -> None:
+    rng = np.random.default_rng(10)
+    picture = rng.integers(60, 200, (layout.height, layout.width), np.uint8)
+    bits = rng.integers(0, 2, layout.n_bits)
+    shown = embed(cv2.GaussianBlur(picture, (0, 0), 4), bits, layout, KAPPA)
+    pair = Rectified(shown.original, shown.embedded, layout)
+    np.testing.assert_array_equal(make_decoder("oorc").decode(pair).bits, bits)

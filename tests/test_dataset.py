@@ -1,0 +1,293 @@
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import torch
+from joblib import Parallel, delayed
+from tolerances import AUGMENT_LEVELS
+
+import data_gen.augment
+from data_gen.augment import augment
+from data_gen.dataset import Cell, Source, prepare, shuffled_pictures, simulate
+from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.pairs import PAIRS
+from link.errors import InputError
+from link.frames import Captured
+from link.layout import Layout, make_layout
+
+FRONTAL = Cell("canon-lg", 0.0, 5)
+OBLIQUE = Cell("sony-samsung", 45.0, 3)
+PLAN = EpisodePlan(count=3, kappas=(2, 5), max_view=30.0)
+SMALL = make_layout(4, 4, 256, 192, 2)
+SIGMAS = ("CORNER_PX", "SHIFT_PX", "TURN", "GAMMA", "DRIFT", "NOISE")
+
+
+def same(a: Captured, b: Captured) -> bool:
+    assert a.bits is not None
+    assert b.bits is not None
+    return (
+        np.array_equal(a.original, b.original)
+        and np.array_equal(a.embedded, b.embedded)
+        and np.array_equal(a.corners, b.corners)
+        and np.array_equal(a.bits, b.bits)
+        and a.meta == b.meta
+    )
+
+
+# Cells
+
+
+def test_cells_do_not_depend_on_the_order(layout: Layout) -> None:
+    source = Source(layout)
+    there = [simulate(source, cell, index) for cell in (FRONTAL, OBLIQUE) for index in (0, 1)]
+    back = [simulate(source, cell, index) for cell in (OBLIQUE, FRONTAL) for index in (1, 0)]
+    assert all(same(a, b) for a, b in zip(there, reversed(back), strict=True))
+
+
+def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
+    calls = [(Source(layout), cell, index) for cell in (FRONTAL, OBLIQUE) for index in (1, 0)]
+    here = [simulate(*call) for call in calls]
+    elsewhere = Parallel(n_jobs=2)(delayed(simulate)(*call) for call in calls)
+    assert all(same(a, b) for a, b in zip(here, elsewhere, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("source", "cell", "index"),
+    [
+        (Source(SMALL, seed=1), FRONTAL, 0),
+        (Source(SMALL, split="train"), FRONTAL, 0),
+        (Source(SMALL), replace(FRONTAL, pair="canon-imac"), 0),
+        (Source(SMALL), replace(FRONTAL, view_deg=1.0), 0),
+        (Source(SMALL), replace(FRONTAL, kappa=4), 0),
+        (Source(SMALL), FRONTAL, 1),
+    ],
+    ids=["seed", "split", "pair", "view", "kappa", "index"],
+)
+def test_everything_that_names_a_frame_pair_changes_its_draw(
+    source: Source, cell: Cell, index: int
+) -> None:
+    usual, other = prepare(Source(SMALL), FRONTAL, 0), prepare(source, cell, index)
+    assert not np.array_equal(usual.displayed.bits, other.displayed.bits)
+    assert usual.channel_rng.random() != other.channel_rng.random()
+
+
+def test_message_bits_are_balanced() -> None:
+    source = Source(SMALL)
+    bits = np.array([prepare(source, FRONTAL, index).displayed.bits for index in range(100)])
+    assert set(np.unique(bits)) == {0, 1}
+    assert abs(bits.mean() - 0.5) < 0.05  # 1400 bits: 3.7 standard errors
+
+
+def test_the_hidden_variant_shares_the_pose_and_the_picture(layout: Layout) -> None:
+    for index in range(3):
+        plain = simulate(Source(layout), OBLIQUE, index)
+        hidden = simulate(Source(layout), OBLIQUE, index, hidden=True)
+        assert np.array_equal(plain.corners, hidden.corners)
+        assert plain.meta == hidden.meta
+        assert (plain.layout.n_bits, hidden.layout.n_bits) == (59, 64)
+        assert hidden.layout.ratex == ()
+        assert not np.array_equal(plain.original, hidden.original)
+
+
+def test_captures_say_where_they_come_from(captured: Captured) -> None:
+    assert captured.kappa == 5
+    assert captured.meta == {
+        "pair": "canon-lg",
+        "view_deg": 45.0,
+        "picture": shuffled_pictures(Source(captured.layout))[0].name,
+        "seed": 0,
+        "simulated": True,
+    }
+
+
+@pytest.mark.parametrize(
+    ("source", "cell", "message"),
+    [
+        (Source(SMALL), Cell("canon-dell", 0.0, 5), "canon-lg.*sony-samsung"),
+        (Source(SMALL), Cell("canon-lg", 0.0, 0), "--kappa"),
+        (Source(SMALL), Cell("canon-lg", 89.0, 5), "--view"),
+        (Source(SMALL, split="dev"), FRONTAL, "train, test"),
+        (Source(SMALL, pictures=Path("nowhere")), FRONTAL, "nowhere: no such folder"),
+    ],
+)
+def test_wrong_cells_and_sources_are_refused(source: Source, cell: Cell, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        simulate(source, cell, 0)
+
+
+# Pictures of a source
+
+
+def test_train_and_test_share_no_picture() -> None:
+    train, test = (
+        {picture.name for picture in shuffled_pictures(Source(SMALL, split))}
+        for split in ("train", "test")
+    )
+    assert len(train) == 20
+    assert len(test) == 15
+    assert train.isdisjoint(test)
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_the_first_pictures_mix_photographs_and_drawings(split: str) -> None:
+    first = [picture.name for picture in shuffled_pictures(Source(SMALL, split))[:6]]
+    assert 2 <= sum(name.startswith("photo/") for name in first) <= 5
+
+
+def test_the_index_wraps_around_the_pictures_with_a_new_message() -> None:
+    source = Source(SMALL)
+    pictures = shuffled_pictures(source)
+    first, again = prepare(source, FRONTAL, 2), prepare(source, FRONTAL, 2 + len(pictures))
+    assert first.picture == again.picture == pictures[2].name
+    assert np.array_equal(first.displayed.original, again.displayed.original)
+    assert not np.array_equal(first.displayed.bits, again.displayed.bits)
+
+
+def test_the_users_pictures_replace_the_built_in_ones(tmp_path: Path) -> None:
+    for name in ("b.png", "a.png"):
+        assert cv2.imwrite(str(tmp_path / name), np.full((192, 256, 3), 90, np.uint8))
+    source = Source(SMALL, pictures=tmp_path)
+    names = [prepare(source, FRONTAL, index).picture for index in range(3)]
+    assert names == ["a.png", "b.png", "a.png"]
+
+
+# Episodes
+
+
+@pytest.fixture(scope="module")
+def episodes() -> EpisodeSet:
+    return simulate_episodes(Source(SMALL, "train"), ("canon-lg", "nikon-imac"), PLAN, 1)
+
+
+def equal(a: EpisodeSet, b: EpisodeSet) -> bool:
+    pairs = ((a.original, b.original), (a.embedded, b.embedded), (a.bits, b.bits))
+    return all(torch.equal(x, y) for x, y in pairs)
+
+
+def test_episodes_are_batches_of_rectified_frames(episodes: EpisodeSet) -> None:
+    assert episodes.original.shape == episodes.embedded.shape == (3, 3, 192, 256)
+    assert episodes.original.dtype == episodes.embedded.dtype == torch.uint8
+    assert episodes.bits.shape == (3, SMALL.n_bits)
+    assert episodes.bits.dtype == torch.int64
+    assert episodes.bits.unique().tolist() == [0, 1]
+    assert not torch.equal(episodes.original, episodes.embedded)
+
+
+def test_episodes_do_not_depend_on_the_number_of_jobs(episodes: EpisodeSet) -> None:
+    again = simulate_episodes(Source(SMALL, "train"), ("canon-lg", "nikon-imac"), PLAN, 2)
+    assert equal(episodes, again)
+
+
+def test_another_seed_gives_other_episodes(episodes: EpisodeSet) -> None:
+    other = simulate_episodes(Source(SMALL, "train", 1), ("canon-lg", "nikon-imac"), PLAN, 1)
+    assert not equal(episodes, other)
+    assert not torch.equal(episodes.bits, other.bits)
+
+
+def test_views_and_kappas_of_the_episodes_follow_the_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    cells: list[Cell] = []
+
+    def note(source: Source, cell: Cell, index: int) -> tuple[np.ndarray, ...]:
+        cells.append(cell)
+        return np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 3), np.uint8), np.zeros(1, int)
+
+    monkeypatch.setattr("data_gen.episodes._rectified", note)
+    simulate_episodes(Source(SMALL, "train"), list(PAIRS), EpisodePlan(180, (2, 5), 30.0), 1)
+    assert [cell.pair for cell in cells[:9]] == list(PAIRS)
+    assert {cell.kappa for cell in cells} == {2, 5}
+    views = np.array([cell.view_deg for cell in cells])
+    assert 0 <= views.min() < 3
+    assert 27 < views.max() <= 30
+
+
+# Augmentation
+
+
+@pytest.fixture(scope="module")
+def frames() -> tuple[torch.Tensor, torch.Tensor]:
+    """A picture with detail, and the same 4 levels brighter."""
+    picture = shuffled_pictures(Source(SMALL, "train"))[0].rgb
+    batch = torch.from_numpy(np.stack([picture, picture])).permute(0, 3, 1, 2).clamp(0, 250)
+    return batch, batch + 4
+
+
+def quiet(monkeypatch: pytest.MonkeyPatch, *but: str) -> None:
+    for name in SIGMAS:
+        if name not in but:
+            monkeypatch.setattr(data_gen.augment, name, 0.0)
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def test_these_are_all_the_sigmas_of_the_module() -> None:
+    names = re.findall(r"^([A-Z_]+) = ", Path(data_gen.augment.__file__).read_text(), re.MULTILINE)
+    assert tuple(names) == SIGMAS
+
+
+def test_augmented_frames_keep_shape_and_range(frames: tuple[torch.Tensor, torch.Tensor]) -> None:
+    for frame in augment(*frames, generator()):
+        assert frame.shape == frames[0].shape
+        assert frame.dtype == torch.float32
+        assert frame.min() >= 0
+        assert frame.max() <= 255
+
+
+def test_augmentation_is_reproduced_by_its_generator_alone(
+    frames: tuple[torch.Tensor, torch.Tensor],
+) -> None:
+    state = torch.get_rng_state()
+    first, again, other = (augment(*frames, generator(seed)) for seed in (1, 1, 2))
+    assert torch.equal(first[0], again[0])
+    assert torch.equal(first[1], again[1])
+    assert not torch.equal(first[0], other[0])
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_augmentation_without_randomness_is_the_identity(
+    frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quiet(monkeypatch)
+    for before, after in zip(frames, augment(*frames, generator()), strict=True):
+        torch.testing.assert_close(after, before.float(), atol=AUGMENT_LEVELS, rtol=0)
+
+
+def test_each_frame_of_a_batch_has_its_own_draw(
+    frames: tuple[torch.Tensor, torch.Tensor],
+) -> None:
+    original, _ = augment(*frames, generator())
+    assert torch.equal(frames[0][0], frames[0][1])
+    assert (original[0] - original[1]).abs().mean() > 1
+
+
+@pytest.mark.parametrize("name", ["CORNER_PX", "GAMMA"])
+def test_corners_and_gamma_are_common_to_both_frames(
+    name: str, frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quiet(monkeypatch, name)
+    original, embedded = augment(frames[0], frames[0], generator())
+    torch.testing.assert_close(original, embedded, atol=AUGMENT_LEVELS, rtol=0)
+    assert (original - frames[0]).abs().mean() > 0.5
+
+
+@pytest.mark.parametrize("name", ["SHIFT_PX", "DRIFT"])
+def test_motion_and_drift_touch_the_embedded_frame_alone(
+    name: str, frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quiet(monkeypatch, name)
+    original, embedded = augment(*frames, generator())
+    torch.testing.assert_close(original, frames[0].float(), atol=AUGMENT_LEVELS, rtol=0)
+    assert (embedded - frames[1]).abs().mean() > 0.1
+
+
+def test_noise_has_its_sigma(monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet(monkeypatch, "NOISE")
+    gray = torch.full((1, 3, 192, 256), 128, dtype=torch.uint8)
+    original, embedded = augment(gray, gray, generator())
+    for frame in (original, embedded):
+        assert abs(frame.std().item() - data_gen.augment.NOISE) < 0.02
+    assert (original - embedded).std() > 1.3  # independent between the frames

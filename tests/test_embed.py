@@ -1,0 +1,240 @@
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from tolerances import FLOAT32, FLOAT64
+
+from link.embed import (
+    BOTTOM,
+    MAX_KAPPA,
+    TOP,
+    check_kappa,
+    display_video,
+    embed,
+    message_mask,
+    psnr,
+    ssim,
+    with_head_room,
+)
+from link.errors import InputError
+from link.frames import Displayed
+from link.layout import Layout, block_index, block_mean, make_layout
+
+SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
+Picture = NDArray[np.uint8]
+
+
+def noise(layout: Layout, *channels: int, seed: int = 0) -> Picture:
+    rng = np.random.default_rng(seed)
+    return rng.integers(0, 256, (layout.height, layout.width, *channels), np.uint8)
+
+
+def random_bits(layout: Layout, seed: int = 1) -> NDArray[np.int64]:
+    return np.random.default_rng(seed).integers(0, 2, layout.n_bits)
+
+
+def message_pixels(layout: Layout) -> NDArray[np.bool_]:
+    """(height, width), true where a pixel belongs to a message block."""
+    of_y, of_x = (
+        block_index(layout.height, layout.rows),
+        block_index(layout.width, layout.cols),
+    )
+    return layout.message_mask[of_y[:, None], of_x]
+
+
+def read_difference(displayed: Displayed) -> NDArray[np.intp]:
+    """The bits of a noise-free pair: has a block gained more than half of kappa?"""
+    change = displayed.embedded.astype(np.float64) - displayed.original
+    gray = change if change.ndim == 2 else change.mean(axis=2)
+    layout = displayed.layout
+    blocks = block_mean(gray, layout.rows, layout.cols)[layout.message_mask]
+    return (blocks > displayed.kappa / 2).astype(np.intp)
+
+
+@pytest.mark.parametrize("level", range(4))
+@given(bits=arrays(np.intp, SMALL.n_bits, elements=st.integers(0, 1)), kappa=st.integers(1, 64))
+def test_bits_come_back_from_a_noise_free_pair(
+    level: int, bits: NDArray[np.intp], kappa: int
+) -> None:
+    displayed = embed(noise(SMALL, 3), bits, SMALL, kappa, level)
+    np.testing.assert_array_equal(read_difference(displayed), bits)
+    np.testing.assert_array_equal(displayed.bits, bits)
+
+
+@pytest.mark.parametrize("level", range(4))
+@pytest.mark.parametrize("size", [(512, 384), (517, 389)])
+def test_bits_come_back_from_a_gray_picture(
+    layout: Layout, level: int, size: tuple[int, int]
+) -> None:
+    layout = make_layout(8, 8, *size)
+    bits = random_bits(layout)
+    displayed = embed(noise(layout), bits, layout, 3, level)
+    assert displayed.original.ndim == displayed.embedded.ndim == 2
+    np.testing.assert_array_equal(read_difference(displayed), bits)
+
+
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
+@pytest.mark.parametrize("kappa", [1, 5, 64])
+def test_plain_blocks_of_bit_1_gain_exactly_kappa(
+    layout: Layout, kappa: int, channels: tuple[int, ...]
+) -> None:
+    bits = random_bits(layout)
+    displayed = embed(noise(layout, *channels), bits, layout, kappa)
+    change = displayed.embedded.astype(int) - displayed.original
+    inside = message_pixels(layout)
+    expected = kappa * message_mask(bits, layout)[inside]
+    for plane in change.reshape(layout.height, layout.width, -1).transpose(2, 0, 1):
+        np.testing.assert_array_equal(plane[inside], expected)
+
+
+@pytest.mark.parametrize("level", range(4))
+@pytest.mark.parametrize("kappa", [1, 10, 64])
+def test_no_message_pixel_leaves_the_displays_range(layout: Layout, level: int, kappa: int) -> None:
+    picture = noise(layout, 3)
+    assert (picture.min(), picture.max()) == (0, 255)
+    displayed = embed(picture, np.ones(layout.n_bits), layout, kappa, level)
+    inside = message_pixels(layout)
+    for frame in (displayed.original, displayed.embedded):
+        assert frame[inside].min() >= BOTTOM
+        assert frame[inside].max() <= TOP
+
+
+def test_head_room_maps_black_and_white_to_the_ends() -> None:
+    ramp = np.arange(256, dtype=np.uint8)
+    shown = with_head_room(ramp, 5).astype(int)
+    assert (shown[0], shown[-1]) == (BOTTOM, TOP - 5)
+    assert (np.diff(shown) >= 0).all()
+
+
+def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:
+    picture = noise(layout, 3)
+    before = picture.copy()
+    embed(picture, random_bits(layout), layout, 5)
+    np.testing.assert_array_equal(picture, before)
+
+
+def pyramid(picture: NDArray[np.float64], levels: int) -> list[NDArray[np.float64]]:
+    """Laplacian pyramid: ``levels`` bands, then the coarse picture that is left."""
+    bands = []
+    for _ in range(levels):
+        coarse = cv2.pyrDown(picture)
+        bands.append(picture - cv2.pyrUp(coarse, dstsize=picture.shape[::-1]))
+        picture = coarse
+    return [*bands, picture]
+
+
+def collapse(bands: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    picture = bands[-1]
+    for band in reversed(bands[:-1]):
+        picture = band + cv2.pyrUp(picture, dstsize=band.shape[::-1])
+    return picture
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+@pytest.mark.parametrize("size", [(160, 128), (163, 149)])
+def test_pyramid_mask_is_what_a_laplacian_pyramid_gives(level: int, size: tuple[int, int]) -> None:
+    layout = make_layout(4, 4, *size, ratex=2)
+    bits, kappa = random_bits(layout), 7
+    picture = noise(layout).astype(np.float64)
+    blocks = message_mask(bits, layout).astype(np.float64)
+    for _ in range(level):
+        blocks = cv2.pyrDown(blocks, borderType=cv2.BORDER_REPLICATE)
+
+    bands = pyramid(picture, level)
+    bands[level] = bands[level] + kappa * blocks
+    gained = collapse(bands) - picture
+
+    inside = message_pixels(layout)
+    mask = message_mask(bits, layout, level)
+    np.testing.assert_allclose(mask[inside], gained[inside] / kappa, rtol=0, atol=FLOAT32)
+    assert (mask[~inside] == 0).all()
+
+
+def test_block_edges_are_weaker_the_coarser_the_level() -> None:
+    layout = make_layout(4, 4, 160, 128, ratex=0)
+    bits = random_bits(layout)
+    edges = [np.abs(np.diff(message_mask(bits, layout, level))).max() for level in range(4)]
+    assert edges[0] == 1
+    assert edges[1] < 0.6
+    assert edges[2] < 0.6 * edges[1]
+    assert edges[3] < 0.6 * edges[2]
+
+
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
+def test_psnr_agrees_with_scikit_image(layout: Layout, channels: tuple[int, ...]) -> None:
+    pair = embed(noise(layout, *channels), random_bits(layout), layout, 5)
+    expected = peak_signal_noise_ratio(pair.original, pair.embedded, data_range=255)
+    assert psnr(pair.original, pair.embedded) == pytest.approx(expected, abs=FLOAT64)
+
+
+def test_psnr_of_a_known_difference() -> None:
+    black = np.zeros((16, 16), np.uint8)
+    assert psnr(black, black + np.uint8(255)) == 0
+    assert psnr(black, black + np.uint8(1)) == pytest.approx(48.1308, abs=1e-4)
+    assert psnr(black + np.uint8(1), black) == psnr(black, black + np.uint8(1))
+    assert psnr(black, black) == float("inf")
+
+
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
+def test_ssim_agrees_with_scikit_image(channels: tuple[int, ...]) -> None:
+    smooth = cv2.GaussianBlur(noise(SMALL, *channels), (0, 0), 3)
+    pair = embed(smooth, random_bits(SMALL), SMALL, 10)
+    expected = structural_similarity(
+        pair.original,
+        pair.embedded,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=255,
+        channel_axis=2 if channels else None,
+    )
+    assert expected < 0.99
+    assert ssim(pair.original, pair.embedded) == pytest.approx(expected, abs=FLOAT64)
+    assert ssim(pair.original, pair.original) == pytest.approx(1, abs=FLOAT64)
+
+
+def test_five_messages_make_ten_frames_in_turn(layout: Layout) -> None:
+    picture = noise(layout, 3)
+    messages = np.stack([random_bits(layout, seed) for seed in range(5)])
+    frames = display_video(picture, messages, layout, 4, pyramid_level=1)
+    assert len(frames) == 10
+    for number, bits in enumerate(messages):
+        expected = embed(picture, bits, layout, 4, pyramid_level=1)
+        np.testing.assert_array_equal(frames[2 * number], expected.original)
+        np.testing.assert_array_equal(frames[2 * number + 1], expected.embedded)
+
+
+@pytest.mark.parametrize("kappa", [0, -3, MAX_KAPPA + 1, 2.5, float("nan")])
+def test_kappa_must_be_a_whole_number_in_range(layout: Layout, kappa: Any) -> None:
+    with pytest.raises(InputError, match=f"--kappa: need 1 to 64 whole gray levels, got {kappa}"):
+        embed(noise(layout), random_bits(layout), layout, kappa)
+
+
+def test_a_whole_kappa_of_any_type_becomes_an_int() -> None:
+    assert [type(check_kappa(kappa)) for kappa in (3, 3.0, np.int64(3))] == [int, int, int]
+
+
+@pytest.mark.parametrize(
+    "bits",
+    [np.zeros(58), np.zeros((1, 59)), np.full(59, 2), np.full(59, 0.5), np.full(59, np.nan)],
+)
+def test_bits_must_fit_the_layout(layout: Layout, bits: NDArray[np.float64]) -> None:
+    with pytest.raises(InputError, match="need 59 bits of 0 or 1"):
+        embed(noise(layout), bits, layout, 3)
+
+
+def test_the_picture_must_have_the_layouts_size(layout: Layout) -> None:
+    with pytest.raises(InputError, match="picture is 384x512, the layout needs 512x384"):
+        embed(noise(layout).T, random_bits(layout), layout, 3)
+
+
+@pytest.mark.parametrize("level", [-1, 4, 100])
+def test_a_level_too_coarse_for_the_blocks_is_refused(level: int) -> None:
+    with pytest.raises(InputError, match=f"--pyramid-level: {level} does not fit blocks of 32"):
+        message_mask(random_bits(SMALL), SMALL, level)

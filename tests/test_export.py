@@ -1,0 +1,411 @@
+import json
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+from conftest import LEARNED
+from numpy.typing import NDArray
+from tolerances import ONNX_SCORE
+
+from data_gen.dataset import Cell, Source, simulate
+from data_gen.pairs import PAIRS
+from export import to_onnx
+from export.parity import Parity, compare
+from export.runtime import FORMAT, Decoder
+from link import __version__
+from link.errors import InputError
+from link.frames import Captured, Rectified
+from link.layout import Layout
+from models.neural.checkpoint import load_checkpoint
+from models.neural.decoder import PhiDecoder
+from models.neural.methods import run
+
+UNSEEN_SEED = 7
+SIZES = ((512, 384), (640, 480), (400, 331))
+"""The exported size, a larger one, and one at which no block has a whole number of pixels."""
+
+
+@pytest.fixture(scope="module")
+def module(run_folder: Path) -> PhiDecoder:
+    return load_checkpoint(run_folder).eval()
+
+
+@pytest.fixture(scope="module")
+def model(run_folder: Path) -> bytes:
+    return (run_folder / "decoder.onnx").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def unseen(layout: Layout) -> list[Rectified]:
+    """24 frame pairs of all nine pairs, a third at each size."""
+    source = Source(layout, seed=UNSEEN_SEED)
+    pairs = []
+    for index in range(24):
+        cell = Cell(list(PAIRS)[index % 9], 5.0 * (index % 12), 1 + index % 6)
+        width, height = SIZES[index // 8]
+        captured = simulate(source, cell, index)
+        pairs.append(replace(captured, layout=replace(layout, width=width, height=height)))
+    return [captured.rectified() for captured in pairs]
+
+
+def batch(frames: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(np.stack(frames).transpose(0, 3, 1, 2))
+
+
+# Parity
+
+
+def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
+    module: PhiDecoder, onnx_decoder: Decoder, unseen: list[Rectified]
+) -> None:
+    for pair in unseen:
+        ours, theirs = run(module, pair), onnx_decoder.decode(pair.original, pair.embedded)
+        np.testing.assert_allclose(theirs.scores, ours.scores, rtol=0, atol=ONNX_SCORE)
+        assert np.array_equal(theirs.bits, ours.bits)
+
+
+@pytest.mark.parametrize("start", [0, 8, 16])
+def test_torch_and_onnxruntime_agree_on_a_batch(
+    module: PhiDecoder, model: bytes, unseen: list[Rectified], start: int
+) -> None:
+    pairs = unseen[start : start + 5]
+    original, embedded = batch([p.original for p in pairs]), batch([p.embedded for p in pairs])
+    session = onnxruntime.InferenceSession(model, providers=["CPUExecutionProvider"])
+    scores, head = session.run(["scores", "head"], {"original": original, "embedded": embedded})
+    with torch.inference_mode():
+        expected, expected_head = module(torch.from_numpy(original), torch.from_numpy(embedded))
+    assert scores.shape == (5, module.layout.n_bits)
+    assert head.shape == expected_head.shape
+    np.testing.assert_allclose(scores, expected.numpy(), rtol=0, atol=ONNX_SCORE)
+    assert np.array_equal(scores > 0, expected.numpy() > 0)
+    alone = run(module, pairs[3]).scores
+    np.testing.assert_allclose(scores[3], alone, rtol=0, atol=ONNX_SCORE)
+
+
+@pytest.mark.parametrize("level", [0, 128, 255, None], ids=["black", "gray", "white", "picture"])
+def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
+    module: PhiDecoder, onnx_decoder: Decoder, rectified: Rectified, level: int | None
+) -> None:
+    frame = rectified.original if level is None else np.full((384, 512, 3), level, np.uint8)
+    ours = run(module, Rectified(frame, frame, module.layout))
+    theirs = onnx_decoder.decode(frame, frame)
+    np.testing.assert_allclose(theirs.scores, ours.scores, rtol=0, atol=ONNX_SCORE)
+
+
+def test_compare_reports_agreement(module: PhiDecoder, onnx_decoder: Decoder) -> None:
+    parity = compare(module, onnx_decoder, frames=3, seed=UNSEEN_SEED)
+    assert parity.holds
+    assert (parity.frames, parity.bits) == (3, 3 * module.layout.n_bits)
+    assert parity.different_bits == 0
+    assert 0 < parity.max_difference <= ONNX_SCORE < parity.largest_score
+
+
+def test_compare_reports_another_checkpoint(layout: Layout, onnx_decoder: Decoder) -> None:
+    parity = compare(PhiDecoder(layout, LEARNED), onnx_decoder, frames=2, seed=UNSEEN_SEED)
+    assert not parity.holds
+    assert parity.max_difference > ONNX_SCORE
+
+
+@pytest.mark.parametrize(
+    ("parity", "holds"),
+    [
+        (Parity(1, 59, 0, 1e-5, 10.0), True),
+        (Parity(1, 59, 1, 1e-5, 10.0), False),
+        (Parity(1, 59, 0, 1e-2, 10.0), False),
+        (Parity(1, 59, 0, float("nan"), 10.0), False),
+    ],
+)
+def test_parity_needs_equal_bits_and_close_scores(parity: Parity, holds: bool) -> None:
+    assert parity.holds is holds
+
+
+def test_an_export_without_parity_leaves_no_file(
+    layout: Layout, model: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(to_onnx, "to_onnx", lambda module, run_name: model)
+    untrained = PhiDecoder(layout, LEARNED)  # not what the model holds
+    with pytest.raises(InputError, match="torch and onnxruntime disagree"):
+        to_onnx.export(untrained, tmp_path / "decoder.onnx", "run", frames=1)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_export_with_parity_leaves_the_model_alone(
+    module: PhiDecoder, model: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(to_onnx, "to_onnx", lambda module, run_name: model)
+    parity = to_onnx.export(module, tmp_path / "decoder.onnx", "run", frames=1)
+    assert parity.holds
+    assert [file.name for file in tmp_path.iterdir()] == ["decoder.onnx"]
+    assert (tmp_path / "decoder.onnx").read_bytes() == model
+
+
+# What the file carries
+
+
+def test_the_metadata_configures_the_runtime(
+    onnx_decoder: Decoder, module: PhiDecoder, layout: Layout
+) -> None:
+    metadata = onnx_decoder.metadata
+    assert onnx_decoder.layout == layout
+    assert metadata["format"] == FORMAT
+    assert metadata["version"] == __version__
+    assert metadata["run"] == "canon-lg"
+    assert json.loads(metadata["layout"]) == layout.to_dict()
+    assert json.loads(metadata["decoder"]) == asdict(LEARNED)
+    assert json.loads(metadata["features"]) == module.phi.names
+
+
+def test_no_local_path_leaks_into_the_model(model: bytes) -> None:
+    for leak in (b"/work", b"/home", b"/tmp", b"site-packages", b".venv", b".py", b"Traceback"):
+        assert leak not in model
+    assert str(Path.cwd()).encode() not in model
+
+
+def test_the_model_passes_the_checker_and_leaves_three_axes_free(model: bytes) -> None:
+    proto = onnx.load_from_string(model)
+    onnx.checker.check_model(proto, full_check=True)
+    assert [value.name for value in proto.graph.input] == ["original", "embedded"]
+    for value in proto.graph.input:
+        assert value.type.tensor_type.elem_type == onnx.TensorProto.UINT8
+        fixed = [dim.dim_value for dim in value.type.tensor_type.shape.dim]
+        assert fixed == [0, 3, 0, 0]  # 0: free
+
+
+# Damaged and foreign files
+
+
+def text_file(model: bytes) -> bytes:
+    return b"this is not a model\n" * 50
+
+
+def foreign_model(model: bytes) -> bytes:
+    """A valid model that adds one to a number."""
+    x, y = (
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in ("x", "y")
+    )
+    one = onnx.helper.make_tensor("one", onnx.TensorProto.FLOAT, [1], [1.0])
+    add = onnx.helper.make_node("Add", ["x", "one"], ["y"])
+    graph = onnx.helper.make_graph([add], "increment", [x], [y], [one])
+    proto = onnx.helper.make_model(
+        graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=8
+    )
+    onnx.checker.check_model(proto)
+    return bytes(proto.SerializeToString())
+
+
+def with_metadata(model: bytes, **changes: str | None) -> bytes:
+    proto = onnx.load_from_string(model)
+    metadata = {entry.key: entry.value for entry in proto.metadata_props} | changes
+    del proto.metadata_props[:]
+    onnx.helper.set_model_props(proto, {k: v for k, v in metadata.items() if v is not None})
+    return bytes(proto.SerializeToString())
+
+
+def without_metadata(model: bytes) -> bytes:
+    proto = onnx.load_from_string(model)
+    del proto.metadata_props[:]
+    return bytes(proto.SerializeToString())
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda model: model[: len(model) // 2], "not a readable ONNX model"),
+        (lambda model: model[:-1], "not a readable ONNX model"),
+        (lambda model: b"", "not a "),
+        (text_file, "not a readable ONNX model"),
+        (foreign_model, "not a decoder of this version"),
+        (without_metadata, "not a decoder of this version"),
+        (lambda model: with_metadata(model, format="999"), "not a decoder of this version"),
+        (lambda model: with_metadata(model, layout=None), "carries no layout"),
+        (lambda model: with_metadata(model, layout="{"), "carries no layout"),
+        (lambda model: with_metadata(model, layout="[1, 2]"), "layout: need exactly the keys"),
+    ],
+    ids=[
+        "half",
+        "one-byte-short",
+        "empty",
+        "text",
+        "foreign",
+        "no-metadata",
+        "other-format",
+        "no-layout",
+        "broken-layout",
+        "strange-layout",
+    ],
+)
+def test_a_file_that_is_no_decoder_is_refused(
+    damage: Callable[[bytes], bytes], message: str, model: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "damaged.onnx"
+    path.write_bytes(damage(model))
+    with pytest.raises(InputError, match=message) as error:
+        Decoder(path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_missing_file_is_refused_with_the_way_to_get_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such model; export one with"):
+        Decoder(tmp_path / "none.onnx")
+
+
+def test_a_layout_that_the_graph_does_not_have_is_refused(
+    model: bytes, layout: Layout, rectified: Rectified, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.onnx"
+    other = json.dumps(replace(layout, ratex=()).to_dict())
+    path.write_bytes(with_metadata(model, layout=other))
+    with pytest.raises(InputError, match="no valid scores"):
+        Decoder(path).decode(rectified.original, rectified.embedded)
+
+
+def flipped(model: bytes, seed: int) -> bytes:
+    """One to four bits flipped anywhere in the file."""
+    rng = np.random.default_rng(seed)
+    damaged = bytearray(model)
+    for place in rng.integers(0, len(model), rng.integers(1, 5)):
+        damaged[place] ^= 1 << int(rng.integers(0, 8))
+    return bytes(damaged)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_flipped_bits_leave_a_working_decoder_or_an_input_error(
+    seed: int, model: bytes, rectified: Rectified, tmp_path: Path
+) -> None:
+    path = tmp_path / "flipped.onnx"
+    path.write_bytes(flipped(model, seed))
+    try:
+        soft = Decoder(path, threads=1).decode(rectified.original, rectified.embedded)
+    except InputError as error:
+        assert str(error)
+    else:
+        assert np.isfinite(soft.scores).all()
+
+
+def test_metadata_that_is_no_text_is_refused(model: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "latin.onnx"
+    assert b"P1(i_o)" in model
+    path.write_bytes(model.replace(b"P1(i_o)", b"\xf1\xff(i_o)"[:7].ljust(7, b" ")))
+    with pytest.raises(InputError):
+        Decoder(path)
+
+
+# decode
+
+
+def test_gray_frames_decode_as_their_rgb_twins(onnx_decoder: Decoder, rectified: Rectified) -> None:
+    gray = [
+        cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+        for frame in (rectified.original, rectified.embedded)
+    ]
+    rgb = [np.repeat(frame[:, :, None], 3, axis=2) for frame in gray]
+    plain, repeated = onnx_decoder.decode(*gray), onnx_decoder.decode(*rgb)
+    assert np.array_equal(plain.scores, repeated.scores)
+    assert plain.head is not None
+    assert repeated.head is not None
+    assert np.array_equal(plain.head, repeated.head)
+
+
+def test_decode_does_not_depend_on_the_memory_layout(
+    onnx_decoder: Decoder, rectified: Rectified
+) -> None:
+    strided = [np.asfortranarray(frame) for frame in (rectified.original, rectified.embedded)]
+    expected = onnx_decoder.decode(rectified.original, rectified.embedded)
+    assert np.array_equal(onnx_decoder.decode(*strided).scores, expected.scores)
+
+
+def test_decode_with_corners_is_rectifying_first(onnx_decoder: Decoder, captured: Captured) -> None:
+    pair = captured.rectified()
+    with_corners = onnx_decoder.decode(captured.original, captured.embedded, captured.corners)
+    assert np.array_equal(
+        with_corners.scores, onnx_decoder.decode(pair.original, pair.embedded).scores
+    )
+    assert captured.bits is not None
+    assert np.mean(with_corners.bits == captured.bits) > 0.8
+
+
+def test_the_embedded_frame_may_have_its_own_corners(
+    onnx_decoder: Decoder, captured: Captured
+) -> None:
+    moved = replace(
+        captured,
+        embedded=np.roll(captured.embedded, 7, axis=1),
+        corners_embedded=captured.corners + [7.0, 0.0],
+    )
+    expected = moved.rectified()
+    soft = onnx_decoder.decode(
+        moved.original, moved.embedded, moved.corners, moved.corners_embedded
+    )
+    again = onnx_decoder.decode(expected.original, expected.embedded)
+    assert np.array_equal(soft.scores, again.scores)
+    wrong = onnx_decoder.decode(moved.original, moved.embedded, moved.corners)
+    assert not np.array_equal(soft.scores, wrong.scores)
+
+
+FRAME = np.zeros((384, 512, 3), np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("original", "embedded", "message"),
+    [
+        (FRAME.astype(np.float32), FRAME, "must be uint8"),
+        (FRAME, FRAME.astype(np.int16), "must be uint8"),
+        (FRAME[None], FRAME[None], "must be uint8"),
+        (FRAME[0, :, 0], FRAME[0, :, 0], "must be uint8"),
+        (FRAME[..., :2], FRAME[..., :2], "must be uint8"),
+        (np.zeros((384, 512, 4), np.uint8), np.zeros((384, 512, 4), np.uint8), "must be uint8"),
+        (FRAME, FRAME[:, :-1], "512x384 and embedded is 511x384"),
+        (FRAME, FRAME[..., 0], "original is"),
+        (FRAME[:31], FRAME[:31], "512x31 frame is too small for 8x8 blocks"),
+        (FRAME[:, :31], FRAME[:, :31], "31x384 frame is too small for 8x8 blocks"),
+        (FRAME[:0], FRAME[:0], "too small"),
+    ],
+)
+def test_frames_of_wrong_type_shape_or_size_are_refused(
+    original: NDArray, embedded: NDArray, message: str, onnx_decoder: Decoder
+) -> None:
+    with pytest.raises(InputError, match=message):
+        onnx_decoder.decode(original, embedded)
+
+
+def test_the_smallest_frame_that_fits_is_decoded(
+    onnx_decoder: Decoder, module: PhiDecoder, captured: Captured
+) -> None:
+    pair = replace(captured, layout=replace(module.layout, width=32, height=32)).rectified()
+    soft = onnx_decoder.decode(pair.original, pair.embedded)
+    np.testing.assert_allclose(soft.scores, run(module, pair).scores, rtol=0, atol=ONNX_SCORE)
+
+
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([[10, 10], [500, 10], [500, 370], [10, np.nan]], "four finite points"),
+        ([[10, 10], [500, 10], [500, 370], [10, np.inf]], "four finite points"),
+        ([[-5, 10], [500, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
+        ([[10, 10], [512, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
+        ([[10, 10], [500, 10], [500, 370]], "four finite points"),
+        ([[10, 10], [10, 370], [500, 370], [500, 10]], "not a convex quadrilateral"),
+        ([[10, 10], [12, 10], [12, 12], [10, 12]], "covers only 4 square pixels"),
+        ([[10, 10], [500], [500, 370], [10, 370]], "four"),
+        ("top left", "four"),
+    ],
+    ids=["nan", "inf", "left", "right", "three", "mirrored", "tiny", "ragged", "text"],
+)
+def test_corners_that_do_not_fit_are_refused(
+    corners: object, message: str, onnx_decoder: Decoder
+) -> None:
+    with pytest.raises(InputError, match=message):
+        onnx_decoder.decode(FRAME, FRAME, corners)
+
+
+def test_captured_frames_of_two_sizes_are_refused(
+    onnx_decoder: Decoder, captured: Captured
+) -> None:
+    with pytest.raises(InputError, match="one camera at one size"):
+        onnx_decoder.decode(captured.original, captured.embedded[:-1], captured.corners)

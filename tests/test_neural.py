@@ -1,0 +1,530 @@
+import io
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from sklearn.svm import LinearSVC
+from tolerances import (
+    FLOAT32,
+    FLOAT64,
+    ONNX_SCORE,
+    SVM_OBJECTIVE_GAP,
+    TWIN_SCORE,
+)
+from torch import Tensor
+
+from data_gen.dataset import Cell, Source, simulate
+from data_gen.pairs import PAIRS
+from link.errors import InputError
+from link.frames import Captured, Rectified
+from link.layout import Layout, make_layout
+from models import make_decoder
+from models.classical.oorc import explicit_map
+from models.neural.checkpoint import load_checkpoint, save_checkpoint
+from models.neural.decoder import DecoderConfig, PhiDecoder, bin_mean
+from models.neural.methods import Phi, as_batch, run
+from models.neural.phi import MAX_DEGREE, PhiPolynomial
+from models.neural.register import register
+from models.neural.solver import fit_head, objective, solve_spd
+
+RESIDUAL_PX = 0.03  # pixels of motion that registration may leave (issue: "sub-pixel")
+EVERY_CONFIG = [
+    DecoderConfig(),
+    DecoderConfig(degree=6, drift_degree=4, channels="rgb", register=True),
+    DecoderConfig(train_on="pixel"),
+]
+
+
+@pytest.fixture(scope="module")
+def pairs(layout: Layout) -> list[Rectified]:
+    """Twenty simulated frame pairs, every camera and display among them."""
+    names = list(PAIRS)
+    return [
+        simulate(Source(layout), Cell(names[k % 9], 3.0 * k, 1 + k % 8), k).rectified()
+        for k in range(20)
+    ]
+
+
+def perturbed(module: PhiDecoder) -> PhiDecoder:
+    """The same module with parameters as training might leave them."""
+    generator = torch.Generator().manual_seed(1)
+    with torch.no_grad():
+        for parameter in module.parameters():
+            parameter += 0.3 * torch.randn(parameter.shape, generator=generator)
+    return module.eval()
+
+
+def batch(pairs: list[Rectified]) -> tuple[Tensor, Tensor]:
+    return (
+        torch.cat([as_batch(pair.original) for pair in pairs]),
+        torch.cat([as_batch(pair.embedded) for pair in pairs]),
+    )
+
+
+# --- Phi
+
+
+@pytest.mark.parametrize(("dtype", "atol"), [(torch.float64, FLOAT64), (torch.float32, FLOAT32)])
+@pytest.mark.parametrize(("degree", "drift"), [(1, 0), (4, 0), (4, 4), (7, 2)])
+def test_phi_agrees_with_numpy(dtype: torch.dtype, atol: float, degree: int, drift: int) -> None:
+    i_o, i_e = np.random.default_rng(0).uniform(0, 1, (2, 5, 6))
+    phi = PhiPolynomial(degree, drift)
+    features = torch.stack(
+        phi(torch.from_numpy(i_o).to(dtype), torch.from_numpy(i_e).to(dtype)), dim=-1
+    )
+    of_o = np.polynomial.legendre.legvander(2 * i_o - 1, degree)[..., 1:]
+    of_e = np.polynomial.legendre.legvander(2 * i_e - 1, degree)[..., 1:]
+    expected = np.concatenate([of_o - of_e, of_o[..., :drift]], axis=-1)
+    assert features.dtype == dtype
+    assert features.shape == (5, 6, phi.n_features)
+    assert len(phi.names) == phi.n_features
+    np.testing.assert_allclose(features.numpy(), expected, rtol=0, atol=atol)
+
+
+def test_phi_agrees_with_the_classical_map() -> None:
+    i_o, i_e = np.random.default_rng(1).uniform(0, 1, (2, 100))
+    features = PhiPolynomial(4)(torch.from_numpy(i_o), torch.from_numpy(i_e))
+    np.testing.assert_allclose(
+        torch.stack(features, dim=-1).numpy(), explicit_map(i_o, i_e), rtol=0, atol=FLOAT64
+    )
+
+
+@pytest.mark.parametrize(("degree", "drift"), [(0, 0), (MAX_DEGREE + 1, 0), (4, 5), (4, -1)])
+def test_degrees_out_of_range_are_refused(degree: int, drift: int) -> None:
+    for build in (
+        lambda: PhiPolynomial(degree, drift),
+        lambda: PhiDecoder(make_layout(), DecoderConfig(degree, drift)),
+    ):
+        with pytest.raises(InputError, match=f"--degree.*--drift-degree.*got {degree} and {drift}"):
+            build()
+
+
+def test_the_largest_degrees_are_accepted() -> None:
+    assert PhiPolynomial(MAX_DEGREE, MAX_DEGREE).n_features == 2 * MAX_DEGREE
+
+
+def test_unknown_options_list_the_valid_ones() -> None:
+    with pytest.raises(InputError, match=r"--channels 'hsv'.*luma, rgb"):
+        DecoderConfig(channels="hsv")
+    with pytest.raises(InputError, match=r"--train-on 'frame'.*tile, pixel"):
+        DecoderConfig(train_on="frame")
+
+
+# --- solver
+
+
+@pytest.mark.parametrize("size", [1, 5, 13])
+def test_solve_spd_agrees_with_torch(size: int) -> None:
+    generator = torch.Generator().manual_seed(size)
+    root = torch.randn((8, size, size + 3), generator=generator, dtype=torch.float64)
+    A = root @ root.transpose(1, 2) + 0.1 * torch.eye(size, dtype=torch.float64)
+    y = torch.randn((8, size), generator=generator, dtype=torch.float64)
+    torch.testing.assert_close(solve_spd(A, y), torch.linalg.solve(A, y), rtol=FLOAT64, atol=1e-8)
+
+
+def sklearn_head(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> NDArray[np.float64]:
+    """What scikit-learn makes of features whose last column is ones; that is the intercept's."""
+    svm = LinearSVC(C=C, loss="squared_hinge", dual=False, tol=1e-8, max_iter=100_000)
+    svm.fit(X[:, :-1], y)
+    return np.append(svm.coef_[0], svm.intercept_[0])
+
+
+def objective_gap(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> float:
+    """Objective of `fit_head` relative to scikit-learn's, minus 1."""
+
+    def J(w: NDArray[np.float64]) -> float:
+        return float(0.5 * w @ w + C * (np.maximum(0, 1 - y * (X @ w)) ** 2).sum())
+
+    zeros = torch.zeros(X.shape[1], dtype=torch.float64)
+    ours = fit_head(
+        torch.from_numpy(X)[None],
+        torch.from_numpy(y),
+        torch.tensor(C, dtype=torch.float64),
+        zeros + 1,
+        zeros,
+    )
+    return J(ours[0].numpy()) / J(sklearn_head(X, y, C)) - 1
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    N, D = int(rng.integers(8, 200)), int(rng.integers(1, 12))
+    features = rng.normal(0, 1, (N, D)) @ rng.normal(0, 1, (D, D))  # correlated
+    features /= np.sqrt((features**2).mean(axis=0))
+    X = np.column_stack([features, np.ones(N)])
+    y = np.where(X @ rng.normal(0, 1, D + 1) + rng.normal(0, rng.uniform(0, 2), N) > 0, 1.0, -1.0)
+    y[:2] = 1, -1
+    assert abs(objective_gap(X, y, 10 ** rng.uniform(-2, 3))) < SVM_OBJECTIVE_GAP
+
+
+@pytest.mark.parametrize("train_on", ["tile", "pixel"])
+def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
+    layout: Layout, pairs: list[Rectified], train_on: str
+) -> None:
+    module = PhiDecoder(layout, DecoderConfig(drift_degree=2, train_on=train_on))
+    original, embedded = batch(pairs)
+    ratex = module.ratex_features(module.intensity(original), module.intensity(embedded)).numpy()
+    assert ratex.shape == (20, 80 if train_on == "tile" else 2880, 6)
+    for k, u in enumerate(ratex):
+        X = np.column_stack([u / np.sqrt((u**2).mean(axis=0)), np.ones(len(u))])
+        gap = objective_gap(X, module.labels.numpy(), 10 ** (-2 + 5 * k / 19))
+        assert abs(gap) < SVM_OBJECTIVE_GAP
+
+
+def test_a_batch_is_fitted_frame_by_frame() -> None:
+    rng = np.random.default_rng(2)
+    X = torch.from_numpy(rng.normal(0, 1, (5, 40, 4)))
+    y = torch.from_numpy(np.where(rng.normal(0, 1, 40) > 0, 1.0, -1.0))
+    C, ridge = torch.tensor(3.0).double(), torch.tensor([1.0, 2, 0.5, 0.1]).double()
+    prior = torch.tensor([0.3, -1, 0, 2]).double()
+    together = fit_head(X, y, C, ridge, prior)
+    for k in range(5):
+        alone = fit_head(X[k : k + 1], y, C, ridge, prior)
+        torch.testing.assert_close(together[k : k + 1], alone, rtol=0, atol=FLOAT64)
+
+
+def test_ridge_and_prior_enter_the_minimum() -> None:
+    """The gradient of J vanishes at the head, whatever ridge and prior."""
+    rng = np.random.default_rng(3)
+    X = torch.from_numpy(rng.normal(0, 1, (4, 60, 5)))
+    y = torch.from_numpy(np.where(rng.normal(0, 1, 60) > 0, 1.0, -1.0))
+    C, ridge = torch.tensor(0.7).double(), torch.tensor([1.0, 20, 0.5, 0.1, 3]).double()
+    prior = torch.tensor([0.3, -1, 0, 2, 5]).double()
+    w = fit_head(X, y, C, ridge, prior).unsqueeze(1).requires_grad_()
+    (gradient,) = torch.autograd.grad(objective(w, X, y, C, ridge, prior).sum(), w)
+    assert gradient.abs().max() < 1e-6  # of an objective of about 60
+
+
+def test_without_violators_the_head_is_the_prior() -> None:
+    X = torch.tensor([[[2.0, 1.0], [-3.0, 1.0]]]).double()
+    y, one = torch.tensor([1.0, -1.0]).double(), torch.ones(2).double()
+    prior = torch.tensor([1.0, 0.0]).double()
+    torch.testing.assert_close(fit_head(X, y, one[0], one, prior), prior[None])
+
+
+def test_solve_spd_has_the_right_gradient() -> None:
+    generator = torch.Generator().manual_seed(4)
+    root = torch.randn((2, 4, 6), generator=generator, dtype=torch.float64)
+    A = (root @ root.transpose(1, 2) + torch.eye(4, dtype=torch.float64)).requires_grad_()
+    y = torch.randn((2, 4), generator=generator, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(solve_spd, (A, y))
+
+
+@pytest.mark.parametrize("C", [0.05, 1.0, 30.0])
+def test_fit_head_has_the_right_gradient(C: float) -> None:
+    generator = torch.Generator().manual_seed(5)
+    X = torch.randn((2, 25, 4), generator=generator, dtype=torch.float64)
+    y = torch.randn(25, generator=generator, dtype=torch.float64).sign()
+    ridge = torch.tensor([0.5, 1, 2, 1.5], dtype=torch.float64)
+    prior = torch.tensor([0.1, -0.2, 0.5, 0], dtype=torch.float64)
+    inputs = [X, torch.tensor(C, dtype=torch.float64), ridge, prior]
+    margins = y * (X @ fit_head(X, y, *inputs[1:]).unsqueeze(-1)).squeeze(-1)
+    assert (margins - 1).abs().min() > 1e-4  # the hinge has no second derivative at 1
+    assert 0 < (margins < 1).sum() < margins.numel() or C < 1
+
+    def fit(X: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+        return fit_head(X, y, C, ridge, prior)
+
+    assert torch.autograd.gradcheck(fit, [t.requires_grad_() for t in inputs])
+
+
+# --- registration
+
+
+def smooth_scene(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Encoded intensities in [0.1, 0.9]; its period of some 40 px leaves no aliasing."""
+    return (
+        0.5
+        + 0.2 * np.sin(x / 7) * np.cos(y / 6)
+        + 0.1 * np.sin(0.11 * x - 0.13 * y)
+        + 0.1 * np.cos(0.05 * x + 0.17 * y)
+    )
+
+
+def as_maps(image: NDArray[np.float64]) -> Tensor:
+    return torch.from_numpy(image.astype(np.float32))[None, None]
+
+
+def motion_left(moved: NDArray[np.float64], still: NDArray[np.float64]) -> float:
+    """Largest mean shift in x or y, in pixels, by least squares on the slopes of ``still``."""
+    inner = np.s_[8:-8, 8:-8]
+    slope_y, slope_x = np.gradient(still)
+    columns = np.stack([slope_x[inner].ravel(), slope_y[inner].ravel()], axis=1)
+    shift, *_ = np.linalg.lstsq(columns, (still - moved)[inner].ravel())
+    return float(np.abs(shift).max())
+
+
+Y, X = np.mgrid[:192, :256].astype(np.float64)
+PHOTOMETRY: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+    "none": lambda i: i,
+    "gain": lambda i: 0.9 * i,
+    "gain and offset": lambda i: 1.05 * i - 0.03,
+    "curve": lambda i: i + 0.1 * i * (1 - i),
+}
+
+
+@pytest.mark.parametrize("photometry", PHOTOMETRY)
+@pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3), (0.5, 0.4)])
+def test_registration_removes_a_shift_whatever_the_gain(
+    shift: tuple[float, float], photometry: str
+) -> None:
+    change = PHOTOMETRY[photometry]
+    still = change(smooth_scene(X, Y))
+    moved = change(smooth_scene(X - shift[0], Y - shift[1]))
+    registered = register(as_maps(smooth_scene(X, Y)), as_maps(moved))[0, 0].double().numpy()
+    assert motion_left(moved, still) > 0.25
+    assert motion_left(registered, still) < RESIDUAL_PX
+
+
+def test_registration_removes_a_zoom_and_a_turn() -> None:
+    u, v = X - 128, Y - 96
+    still = smooth_scene(X, Y)
+    moved = smooth_scene(X - 0.003 * u + 0.002 * v, Y - 0.003 * v - 0.002 * u)
+    registered = register(as_maps(still), as_maps(moved))[0, 0].double().numpy()
+    for part in (np.s_[:96, :128], np.s_[96:, :128], np.s_[:96, 128:], np.s_[96:, 128:]):
+        assert motion_left(moved[part], still[part]) > 0.1
+        assert motion_left(registered[part], still[part]) < RESIDUAL_PX
+
+
+@pytest.mark.parametrize("photometry", PHOTOMETRY)
+def test_registration_leaves_still_frames_as_they_are(photometry: str) -> None:
+    still = smooth_scene(X, Y)
+    changed = as_maps(PHOTOMETRY[photometry](still))
+    torch.testing.assert_close(register(as_maps(still), changed), changed, rtol=0, atol=1e-4)
+
+
+def test_registration_leaves_flat_frames_as_they_are() -> None:
+    flat = torch.full((1, 3, 32, 48), 0.5)
+    torch.testing.assert_close(register(flat, 0.9 * flat), 0.9 * flat, rtol=0, atol=FLOAT32)
+
+
+def test_a_message_is_not_taken_for_motion(captured: Captured) -> None:
+    """Frames whose corners are right: registration may change no bit."""
+    pair = captured.rectified()
+    plain, registered = (Phi(DecoderConfig(register=on)).decode(pair) for on in (False, True))
+    right = [(soft.bits == captured.bits).mean() for soft in (plain, registered)]
+    assert right[1] >= right[0] - 2 / 59
+
+
+def test_registration_saves_the_message_of_a_moved_frame(layout: Layout) -> None:
+    captured = simulate(Source(layout), Cell("nikon-imac", 0.0, 4), 3)
+    moved = replace(captured, corners_embedded=captured.corners_embedded + 0.6).rectified()
+    plain, registered = (Phi(DecoderConfig(register=on)).decode(moved) for on in (False, True))
+    wrong = [(soft.bits != captured.bits).sum() for soft in (plain, registered)]
+    assert wrong[1] < wrong[0]
+
+
+# --- the whole decoder
+
+
+def test_phi_is_the_twin_of_oorc(pairs: list[Rectified]) -> None:
+    for pair in pairs:
+        ours, theirs = make_decoder("phi").decode(pair), make_decoder("oorc").decode(pair)
+        np.testing.assert_array_equal(ours.bits, theirs.bits)
+        np.testing.assert_allclose(ours.scores, theirs.scores, rtol=0, atol=TWIN_SCORE)
+
+
+@pytest.mark.parametrize("config", EVERY_CONFIG)
+def test_three_pairs_at_once_score_as_one_by_one(
+    layout: Layout, pairs: list[Rectified], config: DecoderConfig
+) -> None:
+    module = perturbed(PhiDecoder(layout, config))
+    with torch.inference_mode():
+        scores, heads = module(*batch(pairs[:3]))
+        assert scores.shape == (3, layout.n_bits)
+        assert heads.shape == (3, module.phi.n_features + 1)
+        for k, pair in enumerate(pairs[:3]):
+            alone, _ = module(*batch([pair]))
+            torch.testing.assert_close(scores[k : k + 1], alone, rtol=0, atol=ONNX_SCORE)
+
+
+def test_float_frames_score_as_uint8_frames(layout: Layout, rectified: Rectified) -> None:
+    module = PhiDecoder(layout, DecoderConfig()).eval()
+    frames = batch([rectified])
+    with torch.inference_mode():
+        torch.testing.assert_close(module(*frames), module(*(f.float() for f in frames)))
+
+
+@pytest.mark.parametrize("config", EVERY_CONFIG)
+@pytest.mark.parametrize("size", [(400, 300), (733, 555)])
+def test_one_module_decodes_frames_of_any_size(
+    captured: Captured, config: DecoderConfig, size: tuple[int, int]
+) -> None:
+    resized = replace(captured.layout, width=size[0], height=size[1])
+    pair = replace(captured, layout=resized).rectified()
+    usual = run(PhiDecoder(captured.layout, config).eval(), pair)
+    made_for_it = run(PhiDecoder(resized, config).eval(), pair)
+    np.testing.assert_array_equal(usual.scores, made_for_it.scores)
+    full_size = run(PhiDecoder(captured.layout, config).eval(), captured.rectified())
+    assert (usual.bits == full_size.bits).mean() > 0.9
+
+
+def test_the_smallest_frame_still_decodes(layout: Layout) -> None:
+    frame = torch.zeros((1, 3, 32, 32), dtype=torch.uint8)
+    scores, _ = PhiDecoder(layout, DecoderConfig()).eval()(frame, frame)
+    assert torch.isfinite(scores).all()
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_flat_frames_give_finite_scores(layout: Layout, level: int) -> None:
+    frame = torch.full((1, 3, layout.height, layout.width), level, dtype=torch.uint8)
+    for config in EVERY_CONFIG:
+        scores, head = PhiDecoder(layout, config).eval()(frame, frame)
+        assert torch.isfinite(scores).all()
+        assert torch.isfinite(head).all()
+
+
+def test_every_learned_parameter_receives_a_gradient(layout: Layout, rectified: Rectified) -> None:
+    module = perturbed(PhiDecoder(layout, EVERY_CONFIG[1]))
+    scores, _ = module(*batch([rectified]))
+    scores.square().mean().backward()
+    for name, parameter in module.named_parameters():
+        assert parameter.grad is not None, name
+        assert torch.isfinite(parameter.grad).all(), name
+        assert parameter.grad.abs().sum() > 0, name
+
+
+@pytest.mark.parametrize(("length", "count"), [(32, 8), (33, 8), (61, 7)])
+def test_bin_mean_averages_the_pixels_of_each_bin(length: int, count: int) -> None:
+    values = np.random.default_rng(6).uniform(0, 1, length)
+    index = np.arange(length) * count // length
+    expected = [values[index == k].mean() for k in range(count)]
+    matrix = bin_mean(length, count, torch.zeros(0, dtype=torch.float64))
+    np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT64)
+
+
+def test_the_torch_decoder_refuses_a_layout_without_patches() -> None:
+    with pytest.raises(InputError, match="this layout has none"):
+        PhiDecoder(make_layout(ratex=0), DecoderConfig())
+
+
+# --- checkpoints
+
+
+@pytest.fixture
+def checkpoint(layout: Layout, tmp_path: Path) -> Path:
+    save_checkpoint(tmp_path, perturbed(PhiDecoder(layout, EVERY_CONFIG[1])), {"pair": "canon-lg"})
+    return tmp_path
+
+
+@pytest.mark.parametrize("config", EVERY_CONFIG)
+def test_a_checkpoint_restores_bit_identical_scores(
+    layout: Layout, rectified: Rectified, tmp_path: Path, config: DecoderConfig
+) -> None:
+    module = perturbed(PhiDecoder(layout, config))
+    save_checkpoint(tmp_path, module, {})
+    loaded = load_checkpoint(tmp_path).eval()
+    assert (loaded.layout, loaded.config) == (layout, config)
+    expected = run(module, rectified)
+    np.testing.assert_array_equal(run(loaded, rectified).scores, expected.scores)
+    learned = make_decoder("learned", checkpoint=tmp_path).decode(rectified)
+    np.testing.assert_array_equal(learned.scores, expected.scores)
+
+
+def test_a_checkpoint_may_be_loaded_for_another_layout(checkpoint: Path) -> None:
+    other = make_layout(6, 10, 500, 300, ratex=3)
+    loaded, usual = load_checkpoint(checkpoint, other), load_checkpoint(checkpoint)
+    assert loaded.layout == other
+    for name, parameter in usual.named_parameters():
+        assert torch.equal(loaded.get_parameter(name), parameter)
+
+
+def test_learned_without_a_checkpoint_says_what_to_do(rectified: Rectified) -> None:
+    with pytest.raises(InputError, match=r"--run.*train\.py"):
+        make_decoder("learned").decode(rectified)
+
+
+@pytest.mark.parametrize("name", ["decoder.pt", "config.json"])
+def test_a_missing_file_of_a_checkpoint_is_named(checkpoint: Path, name: str) -> None:
+    (checkpoint / name).unlink()
+    with pytest.raises(InputError, match=rf"{name}: not found; train first"):
+        load_checkpoint(checkpoint)
+
+
+def saved(state: Any) -> bytes:
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    return buffer.getvalue()
+
+
+def changed(state: dict[str, Tensor], **changes: Any) -> dict[str, Tensor]:
+    return {k: v for k, v in {**state, **changes}.items() if v is not None}
+
+
+BAD_WEIGHTS: dict[str, Callable[[dict[str, Tensor]], bytes]] = {
+    "empty": lambda state: b"",
+    "text": lambda state: b"these are words, not weights\n" * 100,
+    "zeros": lambda state: bytes(5000),
+    "half": lambda state: saved(state)[: len(saved(state)) // 2],
+    "no tail": lambda state: saved(state)[:-100],
+    "middle overwritten": lambda state: saved(state)[:600] + bytes(600) + saved(state)[1200:],
+    "a list": lambda state: saved([1, 2, 3]),
+    "a number": lambda state: saved(5),
+    "code": lambda state: saved({"prior": Path("run me")}),
+    "a key too many": lambda state: saved(changed(state, extra=torch.zeros(3))),
+    "a key too few": lambda state: saved(changed(state, prior=None)),
+    "another shape": lambda state: saved(changed(state, prior=torch.zeros(3))),
+    "not a tensor": lambda state: saved(changed(state, prior="none")),
+    "nan": lambda state: saved(changed(state, prior=state["prior"] * torch.nan)),
+    "infinite": lambda state: saved(changed(state, log_C=state["log_C"] + torch.inf)),
+}
+
+
+@pytest.mark.parametrize("damage", BAD_WEIGHTS)
+def test_damaged_weights_are_an_input_error_that_names_the_file(
+    checkpoint: Path, damage: str
+) -> None:
+    state = load_checkpoint(checkpoint).state_dict()
+    (checkpoint / "decoder.pt").write_bytes(BAD_WEIGHTS[damage](state))
+    with pytest.raises(InputError, match=r"decoder\.pt: "):
+        load_checkpoint(checkpoint)
+
+
+CONFIG: dict[str, Any] = PhiDecoder(make_layout(), EVERY_CONFIG[1]).to_config()
+
+
+def config_with(key: str, **changes: Any) -> bytes:
+    return json.dumps({**CONFIG, key: {**CONFIG[key], **changes}}).encode()
+
+
+BAD_CONFIGS = {
+    "empty": b"",
+    "half": json.dumps(CONFIG).encode()[:100],
+    "not text": b"\xff\xfe\x00",
+    "a list": b"[]",
+    "a number": b"5",
+    "no decoder": json.dumps({"layout": CONFIG["layout"]}).encode(),
+    "no layout": json.dumps({"decoder": CONFIG["decoder"]}).encode(),
+    "decoder is a list": json.dumps({**CONFIG, "decoder": [4]}).encode(),
+    "unknown key": config_with("decoder", depth=3),
+    "unknown channels": config_with("decoder", channels="hsv"),
+    "channels is a list": config_with("decoder", channels=["rgb"]),
+    "degree out of range": config_with("decoder", degree=40),
+    "degree is text": config_with("decoder", degree="6"),
+    "degree is a fraction": config_with("decoder", degree=6.0),
+    "register is text": config_with("decoder", register="no"),
+    "rows is text": config_with("layout", rows="8"),
+    "no patches": config_with("layout", ratex=[]),
+}
+
+
+@pytest.mark.parametrize("damage", BAD_CONFIGS)
+def test_a_damaged_config_is_an_input_error_that_names_the_file(
+    checkpoint: Path, damage: str
+) -> None:
+    (checkpoint / "config.json").write_bytes(BAD_CONFIGS[damage])
+    with pytest.raises(InputError, match=r"config\.json: "):
+        load_checkpoint(checkpoint)
+
+
+def test_weights_of_another_configuration_are_refused(checkpoint: Path) -> None:
+    (checkpoint / "config.json").write_bytes(config_with("decoder", degree=4))
+    with pytest.raises(InputError, match=r"decoder\.pt: .*another version"):
+        load_checkpoint(checkpoint)
