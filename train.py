@@ -29,7 +29,6 @@ from reports.compare import Method, decode_cells
 from reports.metrics import provenance, score, write_metrics
 from reports.tables import summary_table
 
-
 START_LOG_TEMPERATURE = 3.0
 """Margins are about 1 and log-likelihood ratios about 20, so training starts there."""
 

@@ -92,3 +92,9 @@ def write_metrics(path: Path, rows: list[Row], meta: dict[str, Any]) -> None:
     """Write metrics.json (strict JSON): {"meta": ..., "rows": [...]}."""
     content = {"meta": meta, "rows": [asdict(row) for row in rows]}
     write_bytes(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def read_metrics(path: Path) -> tuple[list[Row], dict[str, Any]]:
+    """Rows and meta of a metrics.json that `write_metrics` wrote."""
+    content = json.loads(path.read_text())
+    return [Row(**row) for row in content["rows"]], content["meta"]

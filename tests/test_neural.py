@@ -14,6 +14,8 @@ from tolerances import (
     FLOAT32,
     FLOAT64,
     ONNX_SCORE,
+    RESIDUAL_PX,
+    STILL,
     SVM_OBJECTIVE_GAP,
     TWIN_SCORE,
 )
@@ -33,7 +35,6 @@ from models.neural.phi import MAX_DEGREE, PhiPolynomial
 from models.neural.register import register
 from models.neural.solver import fit_head, objective, solve_spd
 
-RESIDUAL_PX = 0.03  # pixels of motion that registration may leave (issue: "sub-pixel")
 EVERY_CONFIG = [
     DecoderConfig(),
     DecoderConfig(degree=6, drift_degree=4, channels="rgb", register=True),
@@ -138,7 +139,7 @@ def sklearn_head(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> ND
 def objective_gap(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> float:
     """Objective of `fit_head` relative to scikit-learn's, minus 1."""
 
-    def J(w: NDArray[np.float64]) -> float:
+    def value(w: NDArray[np.float64]) -> float:
         return float(0.5 * w @ w + C * (np.maximum(0, 1 - y * (X @ w)) ** 2).sum())
 
     zeros = torch.zeros(X.shape[1], dtype=torch.float64)
@@ -149,17 +150,22 @@ def objective_gap(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> f
         zeros + 1,
         zeros,
     )
-    return J(ours[0].numpy()) / J(sklearn_head(X, y, C)) - 1
+    return value(ours[0].numpy()) / value(sklearn_head(X, y, C)) - 1
 
 
-@pytest.mark.parametrize("seed", range(100))
+SHORT_STEPS = [1525, 1438, 2828, 747, 2368, 1728]
+"""Frames, all but separable and with a large C, that need Newton steps shorter than 1/180."""
+
+
+@pytest.mark.parametrize("seed", [*range(100), *SHORT_STEPS])
 def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) -> None:
     rng = np.random.default_rng(seed)
     N, D = int(rng.integers(8, 200)), int(rng.integers(1, 12))
     features = rng.normal(0, 1, (N, D)) @ rng.normal(0, 1, (D, D))  # correlated
     features /= np.sqrt((features**2).mean(axis=0))
     X = np.column_stack([features, np.ones(N)])
-    y = np.where(X @ rng.normal(0, 1, D + 1) + rng.normal(0, rng.uniform(0, 2), N) > 0, 1.0, -1.0)
+    noise = rng.choice([0, 0.01, 1, 2])
+    y = np.where(X @ rng.normal(0, 1, D + 1) + rng.normal(0, noise, N) > 0, 1.0, -1.0)
     y[:2] = 1, -1
     assert abs(objective_gap(X, y, 10 ** rng.uniform(-2, 3))) < SVM_OBJECTIVE_GAP
 
@@ -222,12 +228,13 @@ def test_fit_head_has_the_right_gradient(C: float) -> None:
     generator = torch.Generator().manual_seed(5)
     X = torch.randn((2, 25, 4), generator=generator, dtype=torch.float64)
     y = torch.randn(25, generator=generator, dtype=torch.float64).sign()
+    X[:, :, 0] += 2 * y
     ridge = torch.tensor([0.5, 1, 2, 1.5], dtype=torch.float64)
     prior = torch.tensor([0.1, -0.2, 0.5, 0], dtype=torch.float64)
     inputs = [X, torch.tensor(C, dtype=torch.float64), ridge, prior]
     margins = y * (X @ fit_head(X, y, *inputs[1:]).unsqueeze(-1)).squeeze(-1)
     assert (margins - 1).abs().min() > 1e-4  # the hinge has no second derivative at 1
-    assert 0 < (margins < 1).sum() < margins.numel() or C < 1
+    assert 0 < (margins < 1).sum() < margins.numel()
 
     def fit(X: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
         return fit_head(X, y, C, ridge, prior)
@@ -297,7 +304,7 @@ def test_registration_removes_a_zoom_and_a_turn() -> None:
 def test_registration_leaves_still_frames_as_they_are(photometry: str) -> None:
     still = smooth_scene(X, Y)
     changed = as_maps(PHOTOMETRY[photometry](still))
-    torch.testing.assert_close(register(as_maps(still), changed), changed, rtol=0, atol=1e-4)
+    torch.testing.assert_close(register(as_maps(still), changed), changed, rtol=0, atol=STILL)
 
 
 def test_registration_leaves_flat_frames_as_they_are() -> None:

@@ -1,0 +1,190 @@
+"""The import arrow: link <- {data_gen, models} <- export <- reports <- {train.py, evaluate.py}."""
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from export.runtime import Decoder
+from link.frames import Rectified
+from models import DECODERS, make_decoder
+
+ROOT = Path(__file__).parents[1]
+MAY_IMPORT = {
+    "link": {"link"},
+    "data_gen": {"data_gen", "link"},
+    "models": {"models", "link"},
+    "export": {"export", "models", "link"},
+    "reports": {"reports", "export", "models", "data_gen", "link"},
+    "train": {"reports", "export", "models", "data_gen", "link"},
+    "evaluate": {"reports", "export", "models", "data_gen", "link"},
+}
+EXCEPTIONS = {"export/parity.py": {"data_gen"}}  # it decodes simulated captures
+MINIMAL = {"numpy", "cv2", "onnxruntime"}
+"""All that the runtime may need, beside the standard library."""
+LAB_ONLY = "torch kornia sklearn skimage scipy onnx onnxscript joblib tyro tqdm".split()
+
+
+def sources() -> list[Path]:
+    """Every Python file of the application, relative to the root; tests are not part of it."""
+    inside = [file for package in MAY_IMPORT for file in (ROOT / package).rglob("*.py")]
+    return sorted(file.relative_to(ROOT) for file in [*ROOT.glob("*.py"), *inside])
+
+
+def layer(file: Path) -> str:
+    return file.parts[0].removesuffix(".py")
+
+
+def imported(tree: ast.AST) -> Iterator[str]:
+    """Names of the modules that any statement of a file imports, wherever it stands."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            assert node.module is not None
+            yield node.module
+
+
+def packages_of(file: Path) -> set[str]:
+    tree = ast.parse((ROOT / file).read_text())
+    return {name.partition(".")[0] for name in imported(tree)}
+
+
+def tracked() -> list[str]:
+    listing = subprocess.run(
+        ["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return listing.stdout.splitlines()
+
+
+def test_every_tracked_file_belongs_to_a_layer() -> None:
+    outside = {name for name in tracked() if not name.startswith("tests/")}
+    assert outside <= {file.as_posix() for file in sources()}
+    assert {layer(file) for file in sources()} == set(MAY_IMPORT)
+
+
+@pytest.mark.parametrize("file", sources(), ids=str)
+def test_imports_point_one_way(file: Path) -> None:
+    ours = packages_of(file) & set(MAY_IMPORT)
+    allowed = MAY_IMPORT[layer(file)] | EXCEPTIONS.get(file.as_posix(), set())
+    assert ours <= allowed
+
+
+@pytest.mark.parametrize(
+    "file", [f for f in sources() if layer(f) == "link" or f.name == "runtime.py"], ids=str
+)
+def test_the_contract_and_the_runtime_import_next_to_nothing(file: Path) -> None:
+    foreign = packages_of(file) - set(sys.stdlib_module_names) - set(MAY_IMPORT)
+    assert foreign <= MINIMAL
+
+
+@pytest.mark.parametrize(
+    "file", [f for f in sources() if f.parts[:2] == ("models", "classical")], ids=str
+)
+def test_classical_methods_import_no_torch(file: Path) -> None:
+    assert not packages_of(file) & {"torch", "kornia"}
+
+
+def test_decoders_are_looked_up_among_the_models() -> None:
+    for target in DECODERS.values():
+        module = target.partition(":")[0]
+        assert (ROOT / module.replace(".", "/")).with_suffix(".py").is_file()
+        assert module.startswith("models.")
+
+
+BLOCK = """
+import sys
+class Blocked:
+    names = set({names!r})
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in self.names:
+            raise ModuleNotFoundError(f"{{name}} is blocked", name=name)
+sys.meta_path.insert(0, Blocked())
+"""
+LEFT_OUT = """
+assert not Blocked.names & {name.partition(".")[0] for name in sys.modules}
+"""
+
+
+def run_without(names: list[str], script: str, *args: Path | str) -> subprocess.CompletedProcess:
+    """Run a script in a Python that cannot import the named packages."""
+    return subprocess.run(
+        [sys.executable, "-c", BLOCK.format(names=names) + script + LEFT_OUT, *map(str, args)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture(scope="module")
+def frames(rectified: Rectified, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """The original and the embedded frame as .npy files."""
+    folder = tmp_path_factory.mktemp("frames")
+    paths = [folder / "original.npy", folder / "embedded.npy"]
+    for path, frame in zip(paths, (rectified.original, rectified.embedded), strict=True):
+        np.save(path, frame)
+    return paths
+
+
+@pytest.mark.parametrize("name", LAB_ONLY)
+def test_the_block_blocks(name: str) -> None:
+    result = run_without([name], f"import {name}")
+    assert f"{name} is blocked" in result.stderr
+    assert result.returncode != 0
+
+
+DECODE_WITH_RUNTIME = """
+import json
+import numpy as np
+from export.runtime import Decoder
+soft = Decoder(sys.argv[1]).decode(np.load(sys.argv[2]), np.load(sys.argv[3]))
+print(json.dumps([soft.bits.tolist(), soft.scores.tolist()]))
+"""
+
+
+def test_the_runtime_decodes_with_numpy_opencv_and_onnxruntime_alone(
+    run_folder: Path, onnx_decoder: Decoder, rectified: Rectified, frames: list[Path]
+) -> None:
+    result = run_without(LAB_ONLY, DECODE_WITH_RUNTIME, run_folder / "decoder.onnx", *frames)
+    assert result.returncode == 0, result.stderr
+    bits, scores = json.loads(result.stdout)
+    expected = onnx_decoder.decode(rectified.original, rectified.embedded)
+    assert bits == expected.bits.tolist()
+    assert scores == expected.scores.tolist()
+
+
+DECODE_WITH_METHODS = """
+import json
+import numpy as np
+from link.frames import Rectified
+from link.layout import make_layout
+from models import make_decoder
+pair = Rectified(np.load(sys.argv[1]), np.load(sys.argv[2]), make_layout(), 5)
+print(json.dumps({name: make_decoder(name).decode(pair).bits.tolist() for name in sys.argv[3:]}))
+"""
+
+
+def test_classical_methods_decode_without_torch(rectified: Rectified, frames: list[Path]) -> None:
+    names = [name for name, target in DECODERS.items() if "classical" in target]
+    result = run_without(["torch", "kornia"], DECODE_WITH_METHODS, *frames, *names)
+    assert result.returncode == 0, result.stderr
+    expected = {name: make_decoder(name).decode(rectified).bits.tolist() for name in names}
+    assert json.loads(result.stdout) == expected
+    assert len(names) == 4
+
+
+def test_every_module_that_should_imports_without_torch() -> None:
+    wanted = [f for f in sources() if layer(f) == "link" or f.parts[:2] == ("models", "classical")]
+    names = ["models", "export", *(".".join(f.with_suffix("").parts) for f in wanted)]
+    modules = [name.removesuffix(".__init__") for name in names]
+    result = run_without(["torch", "kornia"], "\n".join(f"import {name}" for name in modules))
+    assert result.returncode == 0, result.stderr
+    assert len(modules) > 15
