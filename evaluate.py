@@ -11,10 +11,11 @@ from pathlib import Path
 import tyro
 
 from data_gen.dataset import Cell, Source
+from data_gen.optics import check_view
 from data_gen.pairs import PAIRS, get_pair
 from link.captures import load_capture, read_manifest
 from link.embed import check_kappa
-from link.errors import InputError, choose, run_cli
+from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
 from link.images import write_bytes, write_image
 from link.layout import make_layout
 from models import DECODERS
@@ -23,6 +24,7 @@ from reports.figures import annotate
 from reports.metrics import provenance, score, write_metrics
 from reports.tables import paper_tables, summary_table
 
+CONFIG = "config.json"
 PRETRAINED = Path(__file__).parent / "models" / "neural" / "pretrained"
 
 
@@ -64,7 +66,8 @@ def main() -> None:
     checkpoint = config.run or PRETRAINED
     options = {"learned": (("checkpoint", checkpoint),)}
     methods = [Method(name, options.get(name, ())) for name in config.methods]
-    keep_config(config, {method.name: method.digest() for method in methods})
+    settings = describe(config, methods)
+    refuse_other_run(config.out, settings)
     if config.captures is not None:
         predictions, skipped = decode_captures(config.captures, methods, config.out)
         print("\n".join(skipped))
@@ -80,6 +83,7 @@ def main() -> None:
         source = Source(make_layout(ratex=config.ratex), "test", config.seed, 0, config.pictures)
         predictions = decode_cells(source, cells, config.frames, methods, config.out, config.jobs)
         simulated = True
+    write_bytes(config.out / CONFIG, settings)
     rows = score(predictions)
     write_metrics(config.out / "metrics.json", rows, provenance(config.seed, simulated))
     kind = "simulated captures, held-out pictures" if simulated else "real captures"
@@ -101,8 +105,10 @@ def check(config: EvaluateConfig) -> None:
         check_kappa(kappa)
     for name in config.methods:
         choose(DECODERS, name, "method")
-    if config.frames < 1 or config.jobs < 1:
-        raise InputError("--frames and --jobs: need at least 1")
+    for view in config.views:
+        check_view(view, "--views")
+    at_least(1, frames=config.frames, jobs=config.jobs)
+    at_least(0, seed=config.seed)
     for flag, values in (
         ("pairs", config.pairs),
         ("views", config.views),
@@ -113,15 +119,18 @@ def check(config: EvaluateConfig) -> None:
             raise InputError(f"--{flag}: name at least one, and none twice")
 
 
-def keep_config(config: EvaluateConfig, digests: dict[str, str]) -> None:
-    """Save the configuration in --out, and refuse a folder that holds another run."""
+def describe(config: EvaluateConfig, methods: list[Method]) -> bytes:
+    """What decides the result, as the text of config.json."""
     settings = {k: v for k, v in asdict(config).items() if k not in ("out", "jobs", "show")}
-    settings["digests"] = digests
-    text = json.dumps(settings, indent=2, default=str) + "\n"
-    file = config.out / "config.json"
-    if file.is_file() and file.read_text() != text:
-        raise InputError(f"--out: {config.out} holds a run with other settings; choose another")
-    write_bytes(file, text.encode())
+    settings["checkpoints"] = {method.name: method.digest() for method in methods}
+    return (json.dumps(settings, indent=2, default=str) + "\n").encode()
+
+
+def refuse_other_run(out: Path, settings: bytes) -> None:
+    """Refuse a folder that holds the results of other settings."""
+    file = out / CONFIG
+    if file.is_file() and file.read_bytes() != settings:
+        raise InputError(f"--out: {out} holds a run with other settings; choose another folder")
 
 
 def show(captures: Path, methods: list[Method], folder: Path) -> None:
@@ -130,10 +139,11 @@ def show(captures: Path, methods: list[Method], folder: Path) -> None:
         captured = load_capture(captures, entry)
         pair = captured.rectified()
         for method in methods:
-            decoder = method.build()
-            if decoder.needs_ratex and not pair.layout.ratex:
+            try:
+                soft = method.build().decode(pair)
+            except UnsuitedError:
                 continue
-            picture = annotate(pair, decoder.decode(pair), captured.bits)
+            picture = annotate(pair, soft, captured.bits)
             write_image(folder / f"{number:05d}_{method.name}.png", picture)
     print(f"annotated pictures: {folder}")
 

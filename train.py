@@ -17,9 +17,11 @@ from tqdm import tqdm, trange
 from data_gen.augment import augment
 from data_gen.dataset import Cell, Source
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.optics import check_view
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export
-from link.errors import InputError, run_cli
+from link.embed import check_kappa
+from link.errors import InputError, at_least, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS
@@ -70,13 +72,12 @@ def main() -> None:
     """Simulate, train, export, evaluate."""
     config = tyro.cli(TrainConfig)
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
-    if (
-        min(config.episodes, config.batch, config.rounds, config.steps, config.frames, config.jobs)
-        < 1
-    ):
-        raise InputError(
-            "--episodes, --rounds, --steps, --batch, --frames and --jobs: need at least 1"
-        )
+    at_least(1, episodes=config.episodes, rounds=config.rounds, steps=config.steps)
+    at_least(1, batch=config.batch, frames=config.frames, jobs=config.jobs)
+    at_least(0, seed=config.seed)
+    check_view(config.max_view, "--max-view")
+    for kappa in config.kappas:
+        check_kappa(kappa)
     folder = config.out or Path("runs") / config.pair
     layout = make_layout()
     module = PhiDecoder(layout, config.decoder).to(config.device)

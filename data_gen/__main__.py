@@ -10,10 +10,11 @@ import tyro
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.optics import check_view
 from data_gen.pairs import get_pair
 from link.captures import MANIFEST, save_captures
-from link.embed import psnr, ssim
-from link.errors import InputError, run_cli
+from link.embed import check_kappa, psnr, ssim
+from link.errors import InputError, at_least, run_cli
 from link.frames import Captured
 from link.layout import make_layout
 
@@ -45,7 +46,7 @@ class DataGenConfig:
     """Of the displayed picture, pixels."""
     height: int = 384
     ratex: int = 5
-    """Ratex patches: 1, 2, 3 or 5."""
+    """Ratex patches: 0, 1, 2, 3 or 5."""
     pyramid_level: int = 0
     """Add the message at this coarser pyramid level; 0 for plain blocks."""
 
@@ -54,8 +55,10 @@ def main() -> None:
     """Simulate, save, and report how visible the message is."""
     config = tyro.cli(DataGenConfig)
     get_pair(config.pair)
-    if config.frames < 1:
-        raise InputError(f"--frames: need at least 1, got {config.frames}")
+    check_view(config.view)
+    check_kappa(config.kappa)
+    at_least(1, frames=config.frames)
+    at_least(0, seed=config.seed)
     if (config.out / MANIFEST).exists():
         raise InputError(f"--out: {config.out} already holds captures; choose another folder")
     layout = make_layout(config.rows, config.cols, config.width, config.height, config.ratex)

@@ -5,15 +5,7 @@ from numpy.typing import NDArray
 
 from data_gen.camera import expose
 from data_gen.display import emitted_light
-from data_gen.optics import (
-    CAPTURE_HEIGHT,
-    CAPTURE_WIDTH,
-    draw_pose,
-    image_of,
-    jitter,
-    project,
-    view_angles,
-)
+from data_gen.optics import check_view, draw_pose, image_of, jitter, project, view_angles
 from data_gen.pairs import Pair
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners, transform
@@ -45,6 +37,7 @@ def capture(
     Raises:
         InputError: ``view_deg`` is out of range.
     """
+    check_view(view_deg)
     layout = displayed.layout
     pose = draw_pose(view_deg, rng)
     theta = view_angles(pose, layout.width, layout.height)
@@ -62,9 +55,6 @@ def capture(
         image = image_of(light, H, pair.camera.blur_px)
         frames.append(expose(image, pair.camera, pair.crosstalk, exposure, rng))
     corners = transform(H_captured_from_display, frame_corners(layout.width, layout.height))
-    high = np.array([CAPTURE_WIDTH - 0.5, CAPTURE_HEIGHT - 0.5])
-    if (corners < -0.5).any() or (corners > high).any():
-        raise AssertionError(f"the picture leaves the image at {pose}")
     return Captured(
         original=frames[0],
         embedded=frames[1],

@@ -12,10 +12,21 @@ from link.errors import InputError
 CAPTURE_WIDTH, CAPTURE_HEIGHT = 768, 576
 """Simulated capture in pixels: the sensor's 3:2 or 4:3 image reduced to this."""
 FILL = 0.70
-"""Share of the capture's width that the frontal picture covers."""
+"""Share of the capture that the frontal picture covers, along the axis that it fills more."""
 ROOM_LIGHT = 0.01
 """Linear light of what surrounds the picture, relative to frontal white: a dark room."""
 MAX_VIEW_DEG = 75.0
+DISTANCES = (2.0, 3.0)
+"""Nearest and farthest camera, in longer sides of the picture."""
+
+
+def check_view(view_deg: float, flag: str = "--view") -> float:
+    """Return the angle, or raise an `InputError` naming ``flag``: not within ±75 degrees."""
+    if not abs(view_deg) <= MAX_VIEW_DEG:
+        raise InputError(
+            f"{flag}: need an angle within ±{MAX_VIEW_DEG:g} degrees, got {view_deg:g}"
+        )
+    return view_deg
 
 
 @dataclass(frozen=True)
@@ -29,38 +40,31 @@ class Pose:
     roll_deg: float
     """Rotation about the optical axis, degrees."""
     distance: float
-    """To the picture's centre, in picture widths."""
-
-    def __post_init__(self) -> None:
-        if not abs(self.view_deg) <= MAX_VIEW_DEG:
-            raise InputError(
-                f"--view: need an angle within ±{MAX_VIEW_DEG:g} degrees, got {self.view_deg:g}"
-            )
-        if not self.distance > 1.0:
-            raise InputError(f"distance: need more than 1 picture width, got {self.distance:g}")
+    """To the picture's centre, in longer sides of the picture."""
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """(3,) camera centre; picture at z = 0, width 1, x right, y down, z towards the camera."""
+        """(3,) camera centre; picture at z = 0, longer side 1, x right, y down, z to the camera."""
         yaw, pitch = np.radians([self.view_deg, self.pitch_deg])
         towards = [np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)]
         return np.asarray(self.distance * np.array(towards))
 
 
 def draw_pose(view_deg: float, rng: np.random.Generator) -> Pose:
-    """A hand-placed camera: within 1 degree of the nominal view, 2 of level, at 2 to 3 widths."""
+    """A hand-placed camera: within 1 degree of the nominal view, 2 of level, 2 to 3 sides away."""
     return Pose(
         view_deg=view_deg + rng.uniform(-1, 1),
         pitch_deg=rng.uniform(-2, 2),
         roll_deg=rng.uniform(-2, 2),
-        distance=rng.uniform(2.0, 3.0),
+        distance=rng.uniform(*DISTANCES),
     )
 
 
 def view_angles(pose: Pose, width: int, height: int) -> Light:
     """(height, width) float32 angle in radians between the normal and the ray to the camera."""
-    x = ((np.arange(width) - (width - 1) / 2) / width).astype(np.float32)
-    y = ((np.arange(height) - (height - 1) / 2) / width).astype(np.float32)
+    side = max(width, height)
+    x = ((np.arange(width) - (width - 1) / 2) / side).astype(np.float32)
+    y = ((np.arange(height) - (height - 1) / 2) / side).astype(np.float32)
     camera_x, camera_y, camera_z = pose.position
     squared = (camera_x - x) ** 2 + ((camera_y - y) ** 2)[:, None] + camera_z**2
     return np.asarray(np.arccos(camera_z / np.sqrt(squared)), np.float32)
@@ -81,14 +85,15 @@ def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
             forward,
         ]
     )
-    focal = FILL * CAPTURE_WIDTH * pose.distance
+    side = max(width, height)
+    focal = FILL * pose.distance * min(CAPTURE_WIDTH * side / width, CAPTURE_HEIGHT * side / height)
     K = np.array(
         [[focal, 0, (CAPTURE_WIDTH - 1) / 2], [0, focal, (CAPTURE_HEIGHT - 1) / 2], [0, 0, 1]]
     )
     plane_from_display = np.array(
         [
-            [1 / width, 0, -(width - 1) / 2 / width],
-            [0, 1 / width, -(height - 1) / 2 / width],
+            [1 / side, 0, -(width - 1) / 2 / side],
+            [0, 1 / side, -(height - 1) / 2 / side],
             [0, 0, 1],
         ]
     )

@@ -14,7 +14,7 @@ from tqdm import tqdm
 from data_gen.dataset import Cell, Source, simulate
 from data_gen.pairs import PAIRS
 from export.runtime import Decoder
-from link.errors import InputError, run_cli
+from link.errors import InputError, at_least, run_cli
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
 from models.neural.methods import run
@@ -76,8 +76,8 @@ class ParityConfig:
 def main() -> None:
     """Print the comparison as JSON; exit status 2 where parity fails."""
     config = tyro.cli(ParityConfig)
-    if config.frames < 1:
-        raise InputError(f"--frames: need at least 1, got {config.frames}")
+    at_least(1, frames=config.frames)
+    at_least(0, seed=config.seed)
     module, decoder = load_checkpoint(config.run), Decoder(config.run / "decoder.onnx")
     parity = compare(module, decoder, config.frames, config.seed)
     print(json.dumps(asdict(parity)))

@@ -5,6 +5,8 @@ python -m export.runtime MODEL ORIGINAL EMBEDDED [--corners x,y x,y x,y x,y]
 
 import argparse
 import json
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from link.errors import InputError, run_cli
-from link.frames import Captured, SoftBits
+from link.frames import Captured, SoftBits, check_same_size
+from link.geometry import as_corners
 from link.images import read_image
 from link.layout import MIN_BLOCK_PX, Layout
 
@@ -53,12 +56,12 @@ class Decoder:
             self._session = onnxruntime.InferenceSession(
                 path.read_bytes(), options, providers=["CPUExecutionProvider"]
             )
-        except ORT_ERRORS as error:
+            self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        except (*ORT_ERRORS, UnicodeDecodeError) as error:
             reason = str(error).splitlines()[0][:160]
             raise InputError(
                 f"{path}: not a readable ONNX model; export it again ({reason})"
             ) from None
-        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         names = [
             [node.name for node in nodes]
             for nodes in (self._session.get_inputs(), self._session.get_outputs())
@@ -107,17 +110,15 @@ class Decoder:
                     f"frames must be uint8 (H, W) or (H, W, 3), got {frame.dtype} {frame.shape}"
                 )
         layout = self.layout
+        if corners is None and corners_embedded is not None:
+            raise InputError("corners of the embedded frame are given without the original's")
         if corners is not None:
-            found = np.asarray(corners, np.float64)
-            other = found if corners_embedded is None else np.asarray(corners_embedded, np.float64)
+            found = as_corners(corners)
+            other = found if corners_embedded is None else as_corners(corners_embedded)
             pair = Captured(frames[0], frames[1], layout, found, other).rectified()
             frames = [pair.original, pair.embedded]
-        (height, width), second = frames[0].shape[:2], frames[1].shape[:2]
-        if frames[0].shape != frames[1].shape:
-            raise InputError(
-                f"original is {width}x{height} and embedded is {second[1]}x{second[0]}; "
-                "give two frames of one camera at one size"
-            )
+        check_same_size(frames[0], frames[1])
+        height, width = frames[0].shape[:2]
         if height < layout.rows * MIN_BLOCK_PX or width < layout.cols * MIN_BLOCK_PX:
             raise InputError(
                 f"a {width}x{height} frame is too small for {layout.cols}x{layout.rows} blocks"
@@ -168,7 +169,8 @@ def main() -> None:
         ("--corners-embedded", "the same in the embedded frame; --corners where absent"),
     ):
         parser.add_argument(flag, nargs=4, metavar="x,y", help=text)
-    args = parser.parse_args()
+    # a leading blank keeps argparse from taking -0.5,-0.5 for a flag
+    args = parser.parse_args([re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]])
     corners = parse_corners(args.corners, "--corners")
     corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)

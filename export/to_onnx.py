@@ -13,7 +13,7 @@ import tyro
 from export.parity import Parity, compare
 from export.runtime import FORMAT, Decoder
 from link import __version__
-from link.errors import InputError, run_cli
+from link.errors import InputError, at_least, run_cli
 from link.images import write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint
@@ -112,8 +112,7 @@ class ExportConfig:
 def main() -> None:
     """Export, check parity, and say so."""
     config = tyro.cli(ExportConfig)
-    if config.parity_frames < 1:
-        raise InputError(f"--parity-frames: need at least 1, got {config.parity_frames}")
+    at_least(1, parity_frames=config.parity_frames)
     path = config.out or config.run / "decoder.onnx"
     module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
     parity = export(module, path, config.run.name, config.parity_frames)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from link.errors import InputError
 from link.frames import Captured
+from link.geometry import as_corners
 from link.images import read_image, write_bytes, write_image
 from link.layout import Layout
 
@@ -64,8 +65,10 @@ def read_manifest(folder: Path) -> list[dict[str, Any]]:
             entry = json.loads(line)
         except json.JSONDecodeError as error:
             raise InputError(f"{file}, line {number}: not JSON ({error})") from None
+        if not isinstance(entry, dict):
+            raise InputError(f"{file}, line {number}: need a JSON object, got {line!r:.60}")
         missing = {"original", "embedded", "layout", "corners"} - set(entry)
-        if not isinstance(entry, dict) or missing:
+        if missing:
             raise InputError(f"{file}, line {number}: lacks {', '.join(sorted(missing))}")
         entries.append(entry)
     if not entries:
@@ -95,19 +98,12 @@ def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
         original=frames[0],
         embedded=frames[1],
         layout=layout,
-        corners=_points(entry["corners"]),
-        corners_embedded=_points(entry.get("corners_embedded", entry["corners"])),
+        corners=as_corners(entry["corners"]),
+        corners_embedded=as_corners(entry.get("corners_embedded", entry["corners"])),
         bits=_bits(entry.get("bits"), layout),
         kappa=kappa,
         meta={key: value for key, value in entry.items() if key not in KNOWN},
     )
-
-
-def _points(value: Any) -> NDArray[np.float64]:
-    try:
-        return np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"corners: need four points [x, y], got {value!r:.200}") from None
 
 
 def _bits(value: Any, layout: Layout) -> NDArray[np.intp] | None:

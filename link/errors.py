@@ -11,6 +11,10 @@ class InputError(ValueError):
     """Input from outside is wrong; the message says what, and what to do, in one line."""
 
 
+class UnsuitedError(InputError):
+    """A frame pair lacks what a method needs, such as ratex patches; other methods may do."""
+
+
 def run_cli(main: Callable[[], None]) -> None:
     """Run a command's ``main``; an `InputError` becomes one line on stderr and exit status 2."""
     try:
@@ -28,3 +32,10 @@ def choose(choices: Mapping[str, T], name: str, what: str) -> T:
     if name not in choices:
         raise InputError(f"unknown {what} {name!r}; choose one of: {', '.join(choices)}")
     return choices[name]
+
+
+def at_least(low: int, **flags: int) -> None:
+    """Raise an `InputError` that names the first flag whose value is below ``low``."""
+    for name, value in flags.items():
+        if not value >= low:
+            raise InputError(f"--{name.replace('_', '-')}: need at least {low}, got {value}")

@@ -10,6 +10,19 @@ from link.geometry import check_corners, homography_from_corners, rectify
 from link.layout import Layout
 
 
+def check_same_size(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> None:
+    """Raise an `InputError` unless both frames have one shape."""
+    if original.shape != embedded.shape:
+        raise InputError(
+            f"original is {_size(original)} and embedded is {_size(embedded)}; "
+            "give two frames of one camera at one size, both gray or both colour"
+        )
+
+
+def _size(frame: NDArray[np.uint8]) -> str:
+    return f"{frame.shape[1]}x{frame.shape[0]} {'gray' if frame.ndim == 2 else 'colour'}"
+
+
 @dataclass(frozen=True)
 class Displayed:
     """One frame pair as the display shows it."""
@@ -50,12 +63,7 @@ class Captured:
         Raises:
             InputError: the frames differ in size, or the corners do not lie in them.
         """
-        if self.original.shape != self.embedded.shape:
-            sizes = [f"{a.shape[1]}x{a.shape[0]}" for a in (self.original, self.embedded)]
-            raise InputError(
-                f"original is {sizes[0]} and embedded is {sizes[1]}; "
-                "give two frames of one camera at one size"
-            )
+        check_same_size(self.original, self.embedded)
         width, height = self.layout.width, self.layout.height
         frames = []
         for image, corners in (

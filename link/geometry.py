@@ -21,6 +21,17 @@ def frame_corners(width: int, height: int) -> NDArray[np.float64]:
     return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
 
+def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
+    """Four finite points as (4, 2) float64, or an `InputError`."""
+    try:
+        points = np.asarray(corners, np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.shape != (4, 2) or not np.isfinite(points).all():
+        raise InputError(f"corners: need four finite points [x, y], got {corners!r:.200}")
+    return points
+
+
 def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Corners of the display in an image, refused unless they span a convex quadrilateral in it.
 
@@ -34,12 +45,7 @@ def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[n
     Raises:
         InputError: wrong shape, not finite, outside the image, mirrored, not convex, or tiny.
     """
-    try:
-        points = np.asarray(corners, np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"corners: need four points x,y, got {corners!r:.200}") from None
-    if points.shape != (4, 2) or not np.isfinite(points).all():
-        raise InputError(f"corners: need four finite points x,y, got {points.tolist()!r:.200}")
+    points = as_corners(corners)
     height, width = image_shape[:2]
     low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
     outside = ((points < low) | (points > high)).any(axis=1)

@@ -57,9 +57,16 @@ def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:
 
 
 def write_bytes(path: Path | str, data: bytes) -> None:
-    """Write a file under a temporary name and rename it, so that a reader never sees half."""
+    """Write a file under a temporary name and rename it, so that a reader never sees half.
+
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_bytes(data)
-    temporary.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(data)
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None

@@ -96,7 +96,7 @@ class Layout:
                 raise InputError(f"layout: {key} must be a whole number, got {data[key]!r}")
         try:
             cells = tuple((int(row), int(col)) for row, col in data["ratex"])
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(
                 f"layout: ratex must be a list of [row, col], got {data['ratex']!r:.100}"
             ) from None

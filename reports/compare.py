@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, simulate
 from link.captures import load_capture, read_manifest
-from link.errors import InputError
+from link.errors import InputError, UnsuitedError
 from link.frames import Captured, Rectified
 from link.images import write_bytes
 from models import Decoder, make_decoder
@@ -133,10 +133,10 @@ def decode_captures(
         captured = load_capture(captures, entry)
         pair = captured.rectified()
         for name, decoder in decoders:
-            if decoder.needs_ratex and not pair.layout.ratex:
-                skipped[name] = f"{name}: left out, these captures show no ratex patches"
-                continue
-            lines.append({**decode(decoder, name, pair, captured), "index": index})
+            try:
+                lines.append({**decode(decoder, name, pair, captured), "index": index})
+            except UnsuitedError as error:
+                skipped[name] = f"{name}: left out, {error}"
     if not lines:
         raise InputError(f"{captures}: no method fits; {'; '.join(skipped.values())}")
     write_bytes(folder / PREDICTIONS, _to_lines(lines))

@@ -147,6 +147,13 @@ def test_tile_orders_hold_every_intensity_and_label_once() -> None:
     assert (np.sort(TILE_ORDERS, axis=1) == np.arange(TILES**2)).all()
 
 
+def test_the_first_patch_is_what_every_receiver_expects() -> None:
+    """Golden: a display and a receiver of different versions must agree on it."""
+    layout = make_layout(ratex=1)
+    assert tile_labels(layout)[0, :2].tolist() == [[0, 0, 1, 1], [0, 1, 0, 1]]
+    assert tile_levels(layout, 3)[0, :2].tolist() == [[36, 216, 0, 216], [72, 108, 108, 180]]
+
+
 @pytest.mark.parametrize("patch", range(len(TILE_ORDERS)))
 def test_labels_are_balanced_over_rows_and_columns(patch: int) -> None:
     labels = (TILE_ORDERS[patch] % 2).reshape(TILES, TILES)

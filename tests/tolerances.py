@@ -21,6 +21,4 @@ QUIET_TWIN_LEVELS = 2
 AUGMENT_LEVELS = 0.01
 """Gray levels, kornia's float32 warp and gamma at the identity (measured: 0.0013)."""
 RESIDUAL_PX = 0.03
-"""Pixels of motion that one step of registration may leave; a tenth costs more than all noise."""
-STILL = 1e-4
-"""Intensity in [0, 1], still frames through registration, whose ridge biases the photometric fit."""
+"""Pixels of motion that registration may leave; a tenth would cost more than all noise."""

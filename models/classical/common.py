@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
-from link.errors import InputError, choose
+from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import block_mean
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
@@ -35,10 +35,10 @@ def tile_mean(samples: Array) -> Array:
     return np.asarray(samples.reshape(-1, SAMPLES * SAMPLES, *samples.shape[1:]).mean(axis=1))
 
 
-def require_ratex(pair: Rectified, method: str) -> TrainingPixels:
-    """Training pixels of the pair, or an `InputError` that says the method needs ratex patches."""
+def require_ratex(pair: Rectified) -> TrainingPixels:
+    """Training pixels of the pair, or an `UnsuitedError` where it shows no ratex patches."""
     if not pair.layout.ratex:
-        raise InputError(f"{method} trains on ratex patches, and this layout has none")
+        raise UnsuitedError("it trains on ratex patches and the layout has none")
     return training_pixels(pair.layout, pair.kappa or 0)
 
 

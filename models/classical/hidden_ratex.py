@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.equalise import uniform_mapping
-from link.errors import InputError, choose
+from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import block_mean
 
@@ -50,14 +50,14 @@ class HiddenRatex:
     threshold: str = "clusters"
     """"clusters" (found in each frame) or "constant" (kappa / 2, the paper's)."""
     shrinkage: float = 1.0
-    """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but lets two equal blocks be a class."""
+    """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but two equal blocks make a class."""
     needs_ratex: ClassVar[bool] = False
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block, in equalised gray levels above the threshold."""
         choose({"clusters": 0, "constant": 0}, self.threshold, "threshold")
         if self.threshold == "constant" and pair.kappa is None:
-            raise InputError("hidden_ratex with threshold 'constant' needs kappa; use 'clusters'")
+            raise UnsuitedError("threshold 'constant' needs kappa, which is not known")
         mapping = uniform_mapping(pair.original)
         change = mapping[pair.embedded] - mapping[pair.original]
         if change.ndim == 3:

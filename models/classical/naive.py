@@ -25,6 +25,6 @@ class Naive:
     needs_ratex: ClassVar[bool] = True
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `InputError` without ratex patches."""
-        pixels = require_ratex(pair, "naive")
+        """Score every message block; raises `UnsuitedError` without ratex patches."""
+        pixels = require_ratex(pair)
         return decode_with_svm(pair, pixels, difference, self.C, self.pooling, self.train_on)

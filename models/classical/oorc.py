@@ -83,8 +83,8 @@ class OORC:
     needs_ratex: ClassVar[bool] = True
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `InputError` without ratex patches."""
-        pixels = require_ratex(pair, "oorc")
+        """Score every message block; raises `UnsuitedError` without ratex patches."""
+        pixels = require_ratex(pair)
 
         def phi(i_o: Array, i_e: Array) -> Array:
             return explicit_map(i_o, i_e, self.degree)

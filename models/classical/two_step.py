@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial import Legendre
 
-from link.errors import InputError
+from link.errors import UnsuitedError
 from link.frames import Rectified, SoftBits
 from link.ratex import TrainingPixels
 from models.classical.common import Array, decode_with_svm, intensity, require_ratex
@@ -19,10 +19,10 @@ def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -
         g: captured intensity in [0, 1] -> displayed intensity in gray levels of [0, 255].
 
     Raises:
-        InputError: kappa is unknown, so the displayed intensities are.
+        UnsuitedError: kappa is unknown, so the displayed intensities are.
     """
     if pair.kappa is None:
-        raise InputError("two_step needs kappa, to know what the ratex patches displayed")
+        raise UnsuitedError("it needs kappa, to know what the ratex patches displayed")
     captured = [intensity(frame)[pixels.y, pixels.x] for frame in (pair.original, pair.embedded)]
     displayed = [pixels.rho, pixels.rho + pair.kappa * pixels.label]
     return Legendre.fit(np.concatenate(captured), np.concatenate(displayed), degree, domain=[0, 1])
@@ -43,8 +43,8 @@ class TwoStep:
     needs_ratex: ClassVar[bool] = True
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `InputError` without ratex patches or kappa."""
-        pixels = require_ratex(pair, "two_step")
+        """Score every message block; raises `UnsuitedError` without ratex patches or kappa."""
+        pixels = require_ratex(pair)
         g = fit_inverse_response(pair, pixels, self.degree)
 
         def calibrated_difference(i_o: Array, i_e: Array) -> Array:

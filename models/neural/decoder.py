@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
-from link.errors import InputError, choose
+from link.errors import UnsuitedError, choose
 from link.layout import MIN_BLOCK_PX, Layout
 from link.ratex import SAMPLES, tile_labels, training_fractions
 from models.neural.phi import PhiPolynomial
@@ -48,7 +48,7 @@ class PhiDecoder(nn.Module):
     the ratex pixels of the frame pair at hand.
 
     Raises:
-        InputError: the layout has no ratex patch.
+        UnsuitedError: the layout has no ratex patch.
     """
 
     labels: Tensor
@@ -59,7 +59,7 @@ class PhiDecoder(nn.Module):
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
         super().__init__()
         if not layout.ratex:
-            raise InputError("the torch decoder trains on ratex patches; this layout has none")
+            raise UnsuitedError("it trains on ratex patches and the layout has none")
         self.layout, self.config = layout, config
         self.phi = PhiPolynomial(config.degree, config.drift_degree)
         n_weights = self.phi.n_features + 1
@@ -108,7 +108,7 @@ class PhiDecoder(nn.Module):
 
     def solve_and_score(self, ratex: Tensor, bins: Tensor) -> tuple[Tensor, Tensor]:
         """Fit each pair's head to its ratex samples and score its blocks; arguments as above."""
-        scale = (ratex**2).mean(1).sqrt() + 1e-9
+        scale = (ratex**2).mean(1).sqrt().clamp_min(1e-6)
         ones = torch.ones_like(ratex[:, :, :1])
         X = torch.cat([ratex / scale.unsqueeze(1), ones], dim=-1)  # (B, N, n_features + 1)
         ridge, prior = self.log_ridge.double().exp(), self.prior.double()

@@ -49,7 +49,7 @@ class Phi:
     needs_ratex: ClassVar[bool] = True
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `InputError` without ratex patches."""
+        """Score every message block; raises `UnsuitedError` without ratex patches."""
         return run(_untrained(pair.layout, self.config), pair)
 
 

@@ -1,0 +1,364 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Command
+from scipy.stats import binomtest
+from tolerances import FLOAT64
+
+import evaluate
+from data_gen.pairs import PAIRS
+from link.frames import Rectified, SoftBits
+from link.layout import Layout, make_layout
+from reports.figures import RIGHT, UNKNOWN, WRONG, annotate
+from reports.metrics import Row, make_row, score, wilson, write_metrics
+from reports.paper import METHODS, paper_accuracy
+from reports.tables import paper_tables, summary_table
+
+ONE_PAIR = ["--pairs", "canon-lg", "--kappas", "5"]
+TINY = [*ONE_PAIR, "--views", "0", "--frames", "2", "--methods"]
+TINY += ["naive", "oorc", "phi", "hidden_ratex"]
+TWO_CELLS = [*ONE_PAIR, "--views", "0", "45", "--frames", "1", "--methods", "naive", "oorc"]
+
+
+def no_constants(name: str) -> None:
+    raise AssertionError(f"metrics.json holds {name}, which is not JSON")
+
+
+def read_strictly(file: Path) -> dict[str, Any]:
+    return json.loads(file.read_text(), parse_constant=no_constants)
+
+
+# The protocol, end to end
+
+
+@pytest.fixture(scope="module")
+def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiny protocol, by one process."""
+    out = tmp_path_factory.mktemp("evaluation")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["evaluate.py", *TINY, "--jobs", "1", "--out", str(out)])
+        evaluate.main()
+    return out
+
+
+def test_metrics_hold_the_fields_of_the_format(evaluated: Path) -> None:
+    metrics = read_strictly(evaluated / "metrics.json")
+    assert set(metrics) == {"meta", "rows"}
+    meta = metrics["meta"]
+    assert meta["simulated"] is True
+    assert meta["seed"] == 0
+    assert meta["command"].startswith("python evaluate.py --pairs canon-lg")
+    assert {"python", "torch", "numpy", "onnxruntime", "scikit-learn"} <= set(meta)
+    needed = {
+        "method",
+        "pair",
+        "view_deg",
+        "kappa",
+        "bits",
+        "correct",
+        "accuracy",
+        "ci_low",
+        "ci_high",
+    }
+    assert all(needed <= set(row) for row in metrics["rows"])
+
+
+def test_rows_are_consistent(evaluated: Path) -> None:
+    rows = read_strictly(evaluated / "metrics.json")["rows"]
+    bits = {row["method"]: row["bits"] for row in rows}
+    assert bits == {"naive": 118, "oorc": 118, "phi": 118, "hidden_ratex": 128}  # 2 x 59, 2 x 64
+    for row in rows:
+        assert row["accuracy"] == row["correct"] / row["bits"]
+        assert 0 <= row["ci_low"] <= row["accuracy"] <= row["ci_high"] <= 1
+        assert (row["pair"], row["view_deg"], row["kappa"]) == ("canon-lg", 0.0, 5)
+        assert row["frames"] == 2
+
+
+def test_every_method_does_better_than_chance(evaluated: Path) -> None:
+    rows = read_strictly(evaluated / "metrics.json")["rows"]
+    low = {row["method"]: row["ci_low"] for row in rows}
+    assert min(low.values()) > 0.5, low
+
+
+def test_metrics_score_the_written_predictions(evaluated: Path) -> None:
+    lines = [
+        json.loads(line) for line in (evaluated / "predictions.jsonl").read_text().splitlines()
+    ]
+    assert len(lines) == 2 * 4
+    for line in lines:
+        assert len(line["scores"]) == len(line["bits"])
+    rows = read_strictly(evaluated / "metrics.json")["rows"]
+    for row in rows:
+        mine = [line for line in lines if line["method"] == row["method"]]
+        right = sum(
+            int((np.array(line["scores"]) > 0) @ np.array(line["bits"]))
+            + int((np.array(line["scores"]) <= 0) @ (1 - np.array(line["bits"])))
+            for line in mine
+        )
+        assert right == row["correct"]
+
+
+def test_the_report_is_printed_and_kept(evaluated: Path) -> None:
+    tables = (evaluated / "tables.md").read_text()
+    assert "| canon-lg |" in tables
+    assert "/ 97.1" in tables  # naive, canon-lg, 0 degrees, kappa 5 in the paper
+    assert "simulated" in tables
+
+
+def test_two_jobs_predict_what_one_does(evaluated: Path, tmp_path: Path, command: Command) -> None:
+    assert command(evaluate.main, *TINY, "--jobs", 2, "--out", tmp_path).status == 0
+    one, two = (folder / "predictions.jsonl" for folder in (evaluated, tmp_path))
+    assert one.read_bytes() == two.read_bytes()
+
+
+def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, command: Command) -> None:
+    run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
+    assert command(evaluate.main, *run).status == 0
+    predictions = tmp_path / "predictions.jsonl"
+    before = predictions.read_bytes()
+    first, second = sorted((tmp_path / "cells").glob("*.jsonl"))
+    kept = first.stat().st_mtime_ns
+    second.unlink()
+    predictions.unlink()
+    assert command(evaluate.main, *run).status == 0
+    assert predictions.read_bytes() == before
+    assert first.stat().st_mtime_ns == kept  # not decoded again
+
+
+def test_another_seed_gives_other_predictions(
+    evaluated: Path, tmp_path: Path, command: Command
+) -> None:
+    run = (*TINY, "--jobs", 1, "--seed", 1, "--out", tmp_path)
+    assert command(evaluate.main, *run).status == 0
+    one, two = (folder / "predictions.jsonl" for folder in (evaluated, tmp_path))
+    assert one.read_bytes() != two.read_bytes()
+
+
+# Metrics
+
+
+@pytest.mark.parametrize(
+    ("correct", "bits"), [(0, 1), (1, 1), (0, 59), (59, 59), (50, 59), (1, 1800), (1764, 1800)]
+)
+def test_wilson_is_scipys(correct: int, bits: int) -> None:
+    expected = binomtest(correct, bits).proportion_ci(0.95, method="wilson")
+    np.testing.assert_allclose(
+        wilson(correct, bits), (expected.low, expected.high), rtol=0, atol=FLOAT64
+    )
+
+
+def test_wilson_knows_nothing_without_a_trial() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def prediction(scores: list[float], bits: list[int], **changes: Any) -> dict[str, Any]:
+    cell = {"method": "oorc", "pair": "canon-lg", "view_deg": 0.0, "kappa": 5}
+    return {**cell, "scores": scores, "bits": bits, **changes}
+
+
+def test_score_counts_bits_by_the_sign_of_the_score() -> None:
+    rows = score(
+        [
+            prediction([1.0, -1.0, 0.5, -0.5], [1, 0, 0, 1]),
+            prediction([2.0, 2.0, 2.0, 2.0], [1, 1, 1, 0]),
+            prediction([1.0], [1], method="naive"),
+        ]
+    )
+    assert [(row.method, row.frames, row.bits, row.correct) for row in rows] == [
+        ("oorc", 2, 8, 5),
+        ("naive", 1, 1, 1),
+    ]
+    assert rows[0].accuracy == 5 / 8
+
+
+def test_unknown_bits_do_not_count(tmp_path: Path) -> None:
+    rows = score(
+        [
+            prediction([1.0, 1.0, 1.0], [1, -1, -1]),
+            prediction([1.0, 1.0], [-1, -1], pair="captures", view_deg=None, kappa=None),
+        ]
+    )
+    assert [(row.bits, row.correct, row.accuracy) for row in rows] == [(1, 1, 1.0), (0, 0, None)]
+    write_metrics(tmp_path / "metrics.json", rows, {})
+    written = read_strictly(tmp_path / "metrics.json")["rows"][1]
+    assert written["accuracy"] is None
+    assert (written["ci_low"], written["ci_high"]) == (0.0, 1.0)
+
+
+def test_a_score_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
+    row = Row("oorc", "canon-lg", 0.0, 5, 1, 1, 1, float("nan"), 0.0, 1.0)
+    with pytest.raises(ValueError, match="JSON"):
+        write_metrics(tmp_path / "metrics.json", [row], {})
+    assert not (tmp_path / "metrics.json").exists()
+
+
+# The paper's numbers and the tables
+
+
+@pytest.mark.parametrize(
+    ("pair", "view", "kappa", "method", "percent"),
+    [
+        ("canon-lg", 45, 3, "oorc", 98.44),
+        ("canon-imac", 45, 3, "naive", 72.94),
+        ("sony-samsung", 45, 3, "two_step", 79.11),
+        ("nikon-lg", 0, 3, "oorc", 99.94),
+        ("sony-imac", 0, 3, "hidden_ratex", 70.0),
+        ("nikon-samsung", 45, 5, "naive", 58.78),
+        ("canon-samsung", 45, 5, "oorc", 100.0),
+        ("canon-lg", 0, 5, "naive", 97.11),
+        ("sony-samsung", 0, 5, "hidden_ratex", 90.28),
+    ],
+)
+def test_cells_of_the_papers_tables(
+    pair: str, view: int, kappa: int, method: str, percent: float
+) -> None:
+    printed = paper_accuracy(pair, view, kappa, method)
+    assert printed is not None
+    assert abs(printed - percent / 100) < FLOAT64
+
+
+@pytest.mark.parametrize(
+    ("view", "kappa", "method", "percent"),
+    [
+        (45, 3, "naive", 56.16),  # the cells give 56.164
+        (45, 3, "oorc", 98.11),
+        (45, 5, "hidden_ratex", 92.86),  # the paper prints 93.71
+        (0, 3, "naive", 83.65),  # the paper prints 83.56
+    ],
+)
+def test_column_means_of_the_papers_tables(
+    view: int, kappa: int, method: str, percent: float
+) -> None:
+    cells = [paper_accuracy(pair, view, kappa, method) for pair in PAIRS]
+    assert None not in cells
+    assert round(100 * float(np.mean(cells)), 2) == percent
+
+
+@pytest.mark.parametrize(
+    ("pair", "view", "kappa", "method"),
+    [
+        ("canon-lg", 30, 3, "oorc"),
+        ("canon-lg", 45.5, 3, "oorc"),
+        ("canon-lg", 45, 4, "oorc"),
+        ("canon-lg", 45, None, "oorc"),
+        ("captures", 45, 3, "oorc"),
+        ("canon-lg", 45, 3, "learned"),
+    ],
+)
+def test_the_paper_has_no_other_cells(
+    pair: str, view: float, kappa: int | None, method: str
+) -> None:
+    assert paper_accuracy(pair, view, kappa, method) is None
+
+
+def all_cells(method: str) -> list[Row]:
+    return [make_row(method, pair, 45.0, 3, 1, 59, 58) for pair in PAIRS]
+
+
+def test_tables_print_the_papers_number_beside_ours() -> None:
+    rows = [
+        make_row("oorc", "canon-lg", 45.0, 3, 1, 59, 58),
+        make_row("learned", "canon-lg", 45.0, 3, 1, 59, 59),
+        make_row("naive", "canon-imac", 45.0, 3, 1, 59, 30),
+    ]
+    lines = paper_tables(rows).splitlines()
+    assert lines[0].startswith("κ = 3, 45°")
+    assert "| pair | oorc | learned | naive |" in lines
+    half = 50 * (rows[0].ci_high - rows[0].ci_low)
+    assert lines[4] == f"| canon-lg | 98.3 ±{half:.1f} / 98.4 | 100.0 ±3.1 | – |"
+    assert lines[5].startswith("| canon-imac | – | – | 50.8 ±")
+    assert lines[5].endswith(" / 72.9 |")
+
+
+def test_each_view_and_kappa_has_its_own_table() -> None:
+    rows = [
+        make_row("oorc", "canon-lg", view, kappa, 1, 59, 58)
+        for kappa in (5, 3)
+        for view in (0.0, 45.0)
+    ]
+    heads = [line for line in paper_tables(rows).splitlines() if line.startswith("κ")]
+    assert [head.split(":")[0] for head in heads] == [
+        "κ = 5, 0°",
+        "κ = 5, 45°",
+        "κ = 3, 0°",
+        "κ = 3, 45°",
+    ]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_summary_prints_the_papers_mean(method: str) -> None:
+    mean = np.mean([paper_accuracy(pair, 45, 3, method) or 0 for pair in PAIRS])
+    line = summary_table(all_cells(method), "title").splitlines()[-1]
+    assert line.startswith(f"| {method} | 98.31 | ")
+    assert line.endswith(f"| 531 | {100 * mean:.2f} |")
+
+
+def test_the_summary_prints_no_mean_where_the_paper_lacks_a_cell() -> None:
+    rows = [*all_cells("oorc"), make_row("oorc", "canon-lg", 30.0, 3, 1, 59, 58)]
+    assert summary_table(rows, "title").endswith("| 590 | – |")
+    unknown = [make_row("oorc", "captures", None, None, 1, 0, 0)]
+    assert summary_table(unknown, "title").endswith("| oorc | – | – | 0 | – |")
+
+
+# Annotated pictures
+
+
+def decided(layout: Layout, *ones: int) -> SoftBits:
+    scores = np.full(layout.n_bits, -1.0)
+    scores[list(ones)] = 1.0
+    return SoftBits(scores)
+
+
+def test_annotated_frames_are_green_where_right_red_where_wrong_blue_where_unknown(
+    rectified: Rectified,
+) -> None:
+    layout = rectified.layout
+    truth = np.zeros(layout.n_bits, np.intp)
+    truth[2] = -1
+    picture = annotate(rectified, decided(layout, 1), truth)  # bit 1 is wrong
+    assert picture.shape == (384, 3 * 512, 3)
+    assert picture.dtype == np.uint8
+    panel = picture[:, 2 * 512 :]
+    cells = np.argwhere(layout.message_mask)
+    for bit, colour in ((0, RIGHT), (1, WRONG), (2, UNKNOWN), (3, RIGHT)):
+        top, _, left, _ = layout.cell_box(*cells[bit])
+        assert tuple(panel[top + 2, left + 2]) == colour
+
+
+def test_everything_is_unknown_without_the_truth(rectified: Rectified) -> None:
+    panel = annotate(rectified, decided(rectified.layout))[:, 2 * 512 :]
+    for row, col in np.argwhere(rectified.layout.message_mask):
+        top, bottom, left, right = rectified.layout.cell_box(row, col)
+        assert tuple(panel[top + 2, left + 2]) == tuple(panel[bottom - 3, right - 3]) == UNKNOWN
+
+
+def test_panels_show_the_original_the_change_and_the_bits(rectified: Rectified) -> None:
+    layout = rectified.layout
+    picture = annotate(rectified, decided(layout, 1))
+    assert np.array_equal(picture[:, :512], rectified.original)
+    change, panel = picture[:, 512:1024], picture[:, 1024:]
+    assert abs(np.median(change.astype(int)) - 128) <= 8
+    same = annotate(Rectified(rectified.original, rectified.original, layout), decided(layout))
+    assert np.all(same[:, 512:1024] == 128)
+    for row, col in layout.ratex:  # left as they are
+        top, bottom, left, right = layout.cell_box(row, col)
+        assert np.array_equal(
+            panel[top:bottom, left:right], rectified.original[top:bottom, left:right]
+        )
+    cells = np.argwhere(layout.message_mask)
+    levels = []
+    for bit in (0, 1):
+        top, bottom, left, right = layout.cell_box(*cells[bit])
+        levels.append(panel[top + 8 : bottom - 8, left + 8 : right - 8].mean())
+    assert levels[0] < 0.45 * 255 < 0.55 * 255 <= levels[1]
+
+
+def test_small_and_gray_frames_are_annotated_large_and_in_colour() -> None:
+    layout = make_layout(4, 4, 128, 96, 2)
+    frame = np.full((96, 128), 100, np.uint8)
+    picture = annotate(Rectified(frame, frame, layout), decided(layout))
+    assert picture.shape == (384, 3 * 512, 3)
+    assert np.all(picture[:, :512] == 100)

@@ -1,0 +1,197 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from conftest import LEARNED, Command
+
+import train
+from data_gen.dataset import Source
+from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from export.parity import Parity
+from export.runtime import Decoder
+from link.errors import InputError
+from link.frames import Captured
+from link.layout import make_layout
+from models import DECODERS
+from models.neural.checkpoint import load_checkpoint
+from models.neural.decoder import PhiDecoder
+from train import TrainConfig
+
+LAYOUT = make_layout(4, 4, 192, 144, 2)
+CONFIG = TrainConfig(episodes=6, rounds=3, steps=3, batch=4, jobs=1, device="cpu")
+TINY = ["--pair", "canon-lg", "--episodes", "6", "--rounds", "2", "--steps", "3"]
+TINY += ["--frames", "1", "--jobs", "1"]
+
+
+@pytest.fixture(scope="module")
+def episodes() -> EpisodeSet:
+    plan = EpisodePlan(CONFIG.episodes, CONFIG.kappas, CONFIG.max_view)
+    return simulate_episodes(Source(LAYOUT, "train"), ("canon-lg",), plan, 1)
+
+
+def trained(episodes: EpisodeSet, folder: Path, config: TrainConfig = CONFIG) -> PhiDecoder:
+    module = PhiDecoder(LAYOUT, LEARNED)
+    train.train(module, episodes, config, folder)
+    return module
+
+
+def parameters(module: PhiDecoder) -> dict[str, list[float]]:
+    return {name: value.flatten().tolist() for name, value in module.state_dict().items()}
+
+
+def read_log(folder: Path) -> list[dict[str, float]]:
+    return [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+
+
+# The command
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("train") / "canon-lg"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
+        train.main()
+    return folder
+
+
+def test_train_writes_a_run(run: Path) -> None:
+    names = {file.name for file in run.iterdir() if file.is_file()}
+    assert names >= {"decoder.pt", "config.json", "decoder.onnx", "metrics.json", "log.jsonl"}
+    config = json.loads((run / "config.json").read_text())
+    assert config["train"]["episodes"] == 6
+    assert config["train"]["pair"] == "canon-lg"
+    module = load_checkpoint(run)
+    assert module.layout == make_layout()
+
+
+def test_the_loss_is_finite_in_every_step(run: Path) -> None:
+    log = read_log(run)
+    assert [entry["step"] for entry in log] == list(range(6))
+    assert np.isfinite([entry["loss"] for entry in log]).all()
+    assert all(0 <= entry["bit_error"] <= 0.5 for entry in log)
+
+
+def test_training_changed_the_checkpoint(run: Path) -> None:
+    module = load_checkpoint(run)
+    untrained = PhiDecoder(module.layout, module.config)
+    assert parameters(module) != parameters(untrained)
+
+
+def test_metrics_compare_every_method_on_held_out_captures(run: Path) -> None:
+    metrics = json.loads((run / "metrics.json").read_text())
+    rows = metrics["rows"]
+    cells = {(row["kappa"], row["view_deg"]) for row in rows}
+    assert cells == {(5, 0.0), (5, 45.0), (3, 0.0), (3, 45.0)}
+    assert {row["method"] for row in rows} == set(DECODERS)
+    assert len(rows) == 4 * len(DECODERS)
+    assert all(row["frames"] == 1 and row["pair"] == "canon-lg" for row in rows)
+    assert metrics["meta"]["simulated"] is True
+
+
+def test_the_exported_decoder_decodes_as_the_checkpoint(run: Path, captured: Captured) -> None:
+    decoder = Decoder(run / "decoder.onnx")
+    assert decoder.metadata["run"] == "canon-lg"
+    soft = decoder.decode(captured.original, captured.embedded, captured.corners)
+    assert captured.bits is not None
+    assert np.mean(soft.bits == captured.bits) > 0.8
+
+
+def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(train, "export", lambda *_, **__: Parity(1, 59, 0, 0.0, 1.0))
+    small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
+    for frames in (1, 2):
+        done = command(train.main, "--out", tmp_path, *small, "--frames", frames)
+        assert done.status == 0, done.stderr
+    rows = json.loads((tmp_path / "metrics.json").read_text())["rows"]
+    assert {row["frames"] for row in rows} == {2}
+
+
+# The loop
+
+
+def test_every_learned_parameter_changes_and_stays_finite(
+    episodes: EpisodeSet, tmp_path: Path
+) -> None:
+    before, after = PhiDecoder(LAYOUT, LEARNED), trained(episodes, tmp_path)
+    start = dict(before.named_parameters())
+    for name, value in after.named_parameters():
+        assert torch.isfinite(value).all(), name
+        assert not torch.equal(value, start[name]), name
+
+
+def test_the_same_seed_trains_the_same_parameters(episodes: EpisodeSet, tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    one = trained(episodes, tmp_path / "one")
+    torch.manual_seed(2)  # must not matter
+    two = trained(episodes, tmp_path / "two")
+    other = trained(episodes, tmp_path / "other", replace(CONFIG, seed=1))
+    assert parameters(one) == parameters(two)
+    assert parameters(one) != parameters(other)
+    assert read_log(tmp_path / "one") == read_log(tmp_path / "two")
+
+
+def test_a_killed_run_goes_on_to_the_same_parameters(
+    episodes: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = trained(episodes, tmp_path / "whole")
+    save = train.save_state
+
+    def save_and_die(*arguments: object) -> None:
+        save(*arguments)  # type: ignore[arg-type]
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(train, "save_state", save_and_die)
+        with pytest.raises(KeyboardInterrupt):
+            trained(episodes, tmp_path / "cut")
+    assert (tmp_path / "cut" / "state.pt").is_file()
+
+    rounds: list[int] = []
+    augment_all = train.summarise
+
+    def count(*arguments: object) -> tuple[torch.Tensor, torch.Tensor]:
+        rounds.append(1)
+        return augment_all(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(train, "summarise", count)
+    resumed = trained(episodes, tmp_path / "cut")
+    assert len(rounds) == CONFIG.rounds - 1  # the first round was not repeated
+    assert parameters(resumed) == parameters(whole)
+    assert read_log(tmp_path / "cut") == read_log(tmp_path / "whole")
+
+
+def test_a_state_of_other_settings_is_not_continued(episodes: EpisodeSet, tmp_path: Path) -> None:
+    other = replace(CONFIG, lr=0.01)
+    trained(episodes, tmp_path / "used", other)
+    anew = trained(episodes, tmp_path / "used")
+    assert parameters(anew) == parameters(trained(episodes, tmp_path / "fresh"))
+
+
+def test_a_finished_run_is_not_trained_further(episodes: EpisodeSet, tmp_path: Path) -> None:
+    once = trained(episodes, tmp_path)
+    log = read_log(tmp_path)
+    assert parameters(trained(episodes, tmp_path)) == parameters(once)
+    assert read_log(tmp_path) == log
+
+
+def test_a_loss_that_is_not_finite_stops_training(episodes: EpisodeSet, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the loss is not finite; lower --lr"):
+        trained(episodes, tmp_path, replace(CONFIG, lr=1e30))
+    assert not (tmp_path / "decoder.pt").exists()
+
+
+def test_summarise_augments_anew_in_every_round(episodes: EpisodeSet) -> None:
+    module = PhiDecoder(LAYOUT, LEARNED)
+    generator = torch.Generator().manual_seed(0)
+    first, second = (train.summarise(module, episodes, "cpu", generator) for _ in range(2))
+    count, features = CONFIG.episodes, module.phi.n_features
+    assert first[0].shape[::2] == (count, features)
+    assert first[1].shape == (count, features, 16, 16)
+    assert not torch.equal(first[0], second[0])
+    assert not first[0].requires_grad
