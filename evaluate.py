@@ -16,7 +16,7 @@ from data_gen.pairs import PAIRS, get_pair
 from link.captures import load_capture, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
-from link.images import write_bytes, write_image
+from link.images import make_folder, write_bytes, write_image
 from link.layout import make_layout
 from models import DECODERS
 from reports.compare import Method, decode_captures, decode_cells
@@ -128,6 +128,7 @@ def describe(config: EvaluateConfig, methods: list[Method]) -> bytes:
 
 def refuse_other_run(out: Path, settings: bytes) -> None:
     """Refuse a folder that holds the results of other settings."""
+    make_folder(out)
     file = out / CONFIG
     if file.is_file() and file.read_bytes() != settings:
         raise InputError(f"--out: {out} holds a run with other settings; choose another folder")

@@ -22,7 +22,7 @@ from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export
 from link.embed import check_kappa
 from link.errors import InputError, at_least, run_cli
-from link.images import write_bytes
+from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state
@@ -79,6 +79,7 @@ def main() -> None:
     for kappa in config.kappas:
         check_kappa(kappa)
     folder = config.out or Path("runs") / config.pair
+    make_folder(folder)
     layout = make_layout()
     module = PhiDecoder(layout, config.decoder).to(config.device)
     torch.nn.init.constant_(module.log_temperature, START_LOG_TEMPERATURE)

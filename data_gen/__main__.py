@@ -16,6 +16,7 @@ from link.captures import MANIFEST, save_captures
 from link.embed import check_kappa, psnr, ssim
 from link.errors import InputError, at_least, run_cli
 from link.frames import Captured
+from link.images import make_folder
 from link.layout import make_layout
 
 
@@ -59,6 +60,7 @@ def main() -> None:
     check_kappa(config.kappa)
     at_least(1, frames=config.frames)
     at_least(0, seed=config.seed)
+    make_folder(config.out)
     if (config.out / MANIFEST).exists():
         raise InputError(f"--out: {config.out} already holds captures; choose another folder")
     layout = make_layout(config.rows, config.cols, config.width, config.height, config.ratex)

@@ -111,7 +111,7 @@ class Decoder:
                 )
         layout = self.layout
         if corners is None and corners_embedded is not None:
-            raise InputError("corners of the embedded frame are given without the original's")
+            raise InputError("--corners-embedded (corners_embedded) is given without --corners")
         if corners is not None:
             found = as_corners(corners)
             other = found if corners_embedded is None else as_corners(corners_embedded)

@@ -82,28 +82,32 @@ def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
     Raises:
         InputError: a file is missing or unreadable, differs from its sha256, or a field is wrong.
     """
-    layout = Layout.from_dict(entry["layout"])
     paths = [folder / str(entry[key]) for key in ("original", "embedded")]
     frames = [read_image(path) for path in paths]
     if "sha256" in entry:
         digest = hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
         if digest != entry["sha256"]:
             raise InputError(f"{paths[0]} or {paths[1].name}: differs from the manifest's sha256")
-    kappa = entry.get("kappa")
-    if kappa is not None and (type(kappa) is not int or kappa < 1):
-        raise InputError(
-            f"{folder / MANIFEST}: kappa must be a positive whole number, got {kappa!r}"
+    try:
+        layout = Layout.from_dict(entry["layout"])
+        return Captured(
+            original=frames[0],
+            embedded=frames[1],
+            layout=layout,
+            corners=as_corners(entry["corners"]),
+            corners_embedded=as_corners(entry.get("corners_embedded", entry["corners"])),
+            bits=_bits(entry.get("bits"), layout),
+            kappa=_kappa(entry.get("kappa")),
+            meta={key: value for key, value in entry.items() if key not in KNOWN},
         )
-    return Captured(
-        original=frames[0],
-        embedded=frames[1],
-        layout=layout,
-        corners=as_corners(entry["corners"]),
-        corners_embedded=as_corners(entry.get("corners_embedded", entry["corners"])),
-        bits=_bits(entry.get("bits"), layout),
-        kappa=kappa,
-        meta={key: value for key, value in entry.items() if key not in KNOWN},
-    )
+    except InputError as error:
+        raise InputError(f"{folder / MANIFEST}, {entry['original']}: {error}") from None
+
+
+def _kappa(value: Any) -> int | None:
+    if value is not None and (type(value) is not int or value < 1):
+        raise InputError(f"kappa must be a positive whole number, got {value!r:.60}")
+    return value
 
 
 def _bits(value: Any, layout: Layout) -> NDArray[np.intp] | None:

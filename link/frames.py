@@ -12,15 +12,14 @@ from link.layout import Layout
 
 def check_same_size(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> None:
     """Raise an `InputError` unless both frames have one shape."""
-    if original.shape != embedded.shape:
+    if original.shape[:2] != embedded.shape[:2]:
+        sizes = [f"{frame.shape[1]}x{frame.shape[0]}" for frame in (original, embedded)]
         raise InputError(
-            f"original is {_size(original)} and embedded is {_size(embedded)}; "
-            "give two frames of one camera at one size, both gray or both colour"
+            f"original is {sizes[0]} and embedded is {sizes[1]}; "
+            "give two frames of one camera at one size"
         )
-
-
-def _size(frame: NDArray[np.uint8]) -> str:
-    return f"{frame.shape[1]}x{frame.shape[0]} {'gray' if frame.ndim == 2 else 'colour'}"
+    if original.ndim != embedded.ndim:
+        raise InputError("original is gray and embedded colour, or the other way; give both alike")
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         points = np.empty(0)
     if points.shape != (4, 2) or not np.isfinite(points).all():
-        raise InputError(f"corners: need four finite points [x, y], got {corners!r:.200}")
+        raise InputError(f"corners: need four finite points x,y, got {corners!r:.200}")
     return points
 
 

@@ -95,11 +95,13 @@ class Layout:
             if type(data[key]) is not int:
                 raise InputError(f"layout: {key} must be a whole number, got {data[key]!r}")
         try:
-            cells = tuple((int(row), int(col)) for row, col in data["ratex"])
-        except (TypeError, ValueError, OverflowError):
+            cells = tuple((row, col) for row, col in data["ratex"])
+        except (TypeError, ValueError):
+            cells = ((None, None),)
+        if not all(type(number) is int for cell in cells for number in cell):
             raise InputError(
-                f"layout: ratex must be a list of [row, col], got {data['ratex']!r:.100}"
-            ) from None
+                f"layout: ratex must be a list of whole [row, col], got {data['ratex']!r:.100}"
+            )
         return cls(data["rows"], data["cols"], data["width"], data["height"], cells)
 
 

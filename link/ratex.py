@@ -10,15 +10,18 @@ between the frames favours neither class.
 """
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from link.layout import Layout
 
+T = TypeVar("T", bound=Any)
 TILES = 4
 LEVELS = TILES * TILES // 2
 SAMPLES = 6  # training samples per tile and axis, all in the inner half of the tile
+STEPS = 4 * SAMPLES  # their positions are odd multiples of a 24th of the tile
 
 # tile order of each patch, row-major: q // 2 is the intensity's rank in the patch, q % 2 the label
 TILE_ORDERS = np.array(
@@ -79,25 +82,39 @@ def draw(frame: NDArray[np.uint8], layout: Layout, kappa: int, *, embedded: bool
         frame[top:bottom, left:right] = patch if frame.ndim == 2 else patch[:, :, None]
 
 
-def training_fractions(layout: Layout) -> tuple[NDArray[np.intp], NDArray[np.intp], int, int]:
-    """Training samples as fractions of the frame, so that they exist at every frame size.
+@dataclass(frozen=True)
+class SampleGrid:
+    """Training samples independent of the frame's size: tiles, and steps inside each tile."""
 
-    Returns:
-        numerators (N,) of y and of x, and their two denominators: the pixel row at height H is
-        ``numerator_y * H // denominator_y``, whole numbers throughout.
-    """
-    steps = 2 * SAMPLES
-    inner = np.arange(SAMPLES) + SAMPLES // 2
-    # sub-step s of tile t of cell r has its centre at (r * TILES + t) * steps + s + 1/2 sub-steps
-    offsets = 2 * (np.arange(TILES)[:, None] * steps + inner) + 1  # (TILES, SAMPLES)
+    tile_y: NDArray[np.intp]
+    """(N,) tile row, counted over the whole frame."""
+    tile_x: NDArray[np.intp]
+    """(N,) tile column."""
+    step_y: NDArray[np.intp]
+    """(N,) position in the tile, of `STEPS`."""
+    step_x: NDArray[np.intp]
+
+
+def sample_grid(layout: Layout) -> SampleGrid:
+    """The samples of all patches, tile by tile, in the inner half of each tile."""
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
-    numerator = (
-        2 * TILES * steps * cells[:, :, None, None] + offsets
-    )  # (patches, 2, TILES, SAMPLES)
+    tiles, steps = np.arange(TILES), 2 * np.arange(SAMPLES) + SAMPLES + 1
     shape = (len(cells), TILES, TILES, SAMPLES, SAMPLES)
-    y = np.broadcast_to(numerator[:, 0, :, None, :, None], shape).reshape(-1)  # -> (N,)
-    x = np.broadcast_to(numerator[:, 1, None, :, None, :], shape).reshape(-1)  # -> (N,)
-    return y, x, 2 * layout.rows * TILES * steps, 2 * layout.cols * TILES * steps
+    tile_y = TILES * cells[:, 0, None, None, None, None] + tiles[:, None, None, None]
+    tile_x = TILES * cells[:, 1, None, None, None, None] + tiles[:, None, None]
+    parts = (tile_y, tile_x, steps[:, None], steps)
+    return SampleGrid(*(np.broadcast_to(part, shape).reshape(-1) for part in parts))  # -> (N,)
+
+
+def sample_position(tile: T, step: T, tiles: int, length: int) -> T:
+    """Pixel of each sample along an axis of ``length`` pixels and ``tiles`` tiles.
+
+    Whole numbers throughout, for numpy arrays and torch tensors alike.
+    """
+    start = (tile * length + tiles - 1) // tiles
+    stop = ((tile + 1) * length + tiles - 1) // tiles
+    position: T = start + step * (stop - start) // STEPS
+    return position
 
 
 def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
@@ -107,11 +124,11 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
         layout: with at least one patch, or the arrays are empty.
         kappa: of the ratex patches; enters the displayed intensities.
     """
-    y, x, denominator_y, denominator_x = training_fractions(layout)
+    grid = sample_grid(layout)
     per_tile = SAMPLES * SAMPLES
     return TrainingPixels(
-        y=y * layout.height // denominator_y,
-        x=x * layout.width // denominator_x,
+        y=sample_position(grid.tile_y, grid.step_y, layout.rows * TILES, layout.height),
+        x=sample_position(grid.tile_x, grid.step_x, layout.cols * TILES, layout.width),
         rho=np.repeat(tile_levels(layout, kappa).reshape(-1), per_tile).astype(np.float64),
         label=np.repeat(tile_labels(layout).reshape(-1), per_tile),
     )

@@ -24,6 +24,11 @@ settings.load_profile("suite")
 LEARNED = DecoderConfig(drift_degree=4, channels="rgb", register=True)
 
 
+torch.set_num_threads(
+    1
+)  # the suite's tensors are small, and threads on 2 cores wait for each other
+
+
 @pytest.fixture(scope="session")
 def layout() -> Layout:
     return make_layout()

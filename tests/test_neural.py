@@ -277,7 +277,7 @@ PHOTOMETRY: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 
 
 @pytest.mark.parametrize("photometry", PHOTOMETRY)
-@pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3), (0.5, 0.4)])
+@pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3), (1.0, 0.8)])
 def test_registration_removes_a_shift_whatever_the_gain(
     shift: tuple[float, float], photometry: str
 ) -> None:
@@ -407,7 +407,7 @@ def test_bin_mean_averages_the_pixels_of_each_bin(length: int, count: int) -> No
 
 
 def test_the_torch_decoder_refuses_a_layout_without_patches() -> None:
-    with pytest.raises(InputError, match="this layout has none"):
+    with pytest.raises(InputError, match="layout has none"):
         PhiDecoder(make_layout(ratex=0), DecoderConfig())
 
 

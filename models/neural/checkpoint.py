@@ -1,5 +1,6 @@
 """Checkpoints: decoder.pt (a state_dict) and config.json, loaded strictly."""
 
+import hashlib
 import io
 import json
 import pickle
@@ -8,7 +9,7 @@ from typing import Any
 
 import torch
 
-from link.errors import InputError
+from link.errors import InputError, UnsuitedError
 from link.images import write_bytes
 from link.layout import Layout
 from models.neural.decoder import DecoderConfig, PhiDecoder
@@ -19,7 +20,8 @@ def save_checkpoint(folder: Path, module: PhiDecoder, extra: dict[str, Any]) -> 
     buffer = io.BytesIO()
     torch.save(module.state_dict(), buffer)
     write_bytes(folder / "decoder.pt", buffer.getvalue())
-    config = {**module.to_config(), **extra}
+    digest = hashlib.sha256(buffer.getvalue()).hexdigest()
+    config = {**module.to_config(), **extra, "sha256": digest}
     write_bytes(folder / "config.json", (json.dumps(config, indent=2) + "\n").encode())
 
 
@@ -41,16 +43,23 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
             raise InputError(f"{file}: not found; train first: python train.py --pair NAME")
     try:
         config = json.loads(config_file.read_text())
-        decoder_config = DecoderConfig(**config["decoder"])
         saved_layout = Layout.from_dict(config["layout"])
+        module = PhiDecoder(layout or saved_layout, DecoderConfig(**config["decoder"]))
+        digest = str(config["sha256"])
+    except UnsuitedError:
+        if layout is not None:
+            raise
+        raise InputError(f"{config_file}: its layout has no ratex patch") from None
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{config_file}: not a decoder configuration ({error})") from None
-    module = PhiDecoder(layout or saved_layout, decoder_config)
+    data = weights_file.read_bytes()
+    if hashlib.sha256(data).hexdigest() != digest:
+        raise InputError(f"{weights_file}: differs from the sha256 in config.json; train again")
     try:
-        module.load_state_dict(torch.load(weights_file, weights_only=True), strict=True)
-    except (RuntimeError, pickle.UnpicklingError, EOFError, TypeError, AttributeError) as error:
+        module.load_state_dict(torch.load(io.BytesIO(data), weights_only=True), strict=True)
+    except (RuntimeError, pickle.UnpicklingError, ValueError, TypeError, LookupError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"{weights_file}: damaged or from another version ({reason})") from None
+        raise InputError(f"{weights_file}: does not fit config.json ({reason})") from None
     if not all(torch.isfinite(p).all() for p in module.parameters()):
         raise InputError(f"{weights_file}: contains values that are not finite; train again")
     return module

@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import Tensor, nn
 
-from link.errors import UnsuitedError, choose
+from link.errors import InputError, UnsuitedError, choose
 from link.layout import MIN_BLOCK_PX, Layout
-from link.ratex import SAMPLES, tile_labels, training_fractions
+from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.neural.phi import PhiPolynomial
 from models.neural.register import register
 from models.neural.solver import fit_head
@@ -34,26 +34,31 @@ class DecoderConfig:
     """Per-frame training samples: "tile" means (as quiet as a block), or single "pixel"."""
 
     def __post_init__(self) -> None:
-        choose(CHANNELS, self.channels, "--channels")
-        choose({"tile": 0, "pixel": 0}, self.train_on, "--train-on")
+        choose(CHANNELS, self.channels, "--decoder.channels")
+        choose({"tile": 0, "pixel": 0}, self.train_on, "--decoder.train-on")
+        for name, kind in (("degree", int), ("drift_degree", int), ("register", bool)):
+            if type(getattr(self, name)) is not kind:
+                raise InputError(f"{name} must be of type {kind.__name__}")
 
 
 class PhiDecoder(nn.Module):
     """OORC in torch.
 
     As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``):
-    ridge 1, prior 0, C = 1, plain block means. Training (the method ``learned``) changes what is
-    shared across frames: ridge and prior of the head, C, pooling weights inside a block, and the
-    temperature that turns scores into log-likelihood ratios. The head itself is always fitted to
-    the ratex pixels of the frame pair at hand.
+    ridge 1, prior 0, C = 1, all parts of a block alike. Training (the method ``learned``) changes
+    what is shared across frames: ridge and prior of the head, C, pooling weights inside a block,
+    and the temperature that turns scores into log-likelihood ratios. The head itself is always
+    fitted to the ratex pixels of the frame pair at hand.
 
     Raises:
         UnsuitedError: the layout has no ratex patch.
     """
 
     labels: Tensor
-    ratex_y: Tensor
-    ratex_x: Tensor
+    tile_y: Tensor
+    tile_x: Tensor
+    step_y: Tensor
+    step_x: Tensor
     message_index: Tensor
 
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
@@ -69,13 +74,15 @@ class PhiDecoder(nn.Module):
         self.pool_y = nn.Parameter(torch.zeros(BINS))
         self.pool_x = nn.Parameter(torch.zeros(BINS))
         self.log_temperature = nn.Parameter(torch.zeros(()))
-        y, x, self._denominator_y, self._denominator_x = training_fractions(layout)
+        grid = sample_grid(layout)
         signs = torch.from_numpy(2.0 * tile_labels(layout).reshape(-1) - 1)
         repeats = 1 if config.train_on == "tile" else SAMPLES * SAMPLES
         for name, value in (
             ("labels", signs.repeat_interleave(repeats)),
-            ("ratex_y", torch.from_numpy(y)),
-            ("ratex_x", torch.from_numpy(x)),
+            ("tile_y", torch.from_numpy(grid.tile_y)),
+            ("tile_x", torch.from_numpy(grid.tile_x)),
+            ("step_y", torch.from_numpy(grid.step_y)),
+            ("step_x", torch.from_numpy(grid.step_x)),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -132,9 +139,9 @@ class PhiDecoder(nn.Module):
         Float64: the fit is small, and torch and onnxruntime then agree on the active set.
         """
         height, width = i_o.shape[-2:]
-        index = (self.ratex_y * height // self._denominator_y) * width + (
-            self.ratex_x * width // self._denominator_x
-        )
+        y = sample_position(self.tile_y, self.step_y, self.layout.rows * TILES, height)
+        x = sample_position(self.tile_x, self.step_x, self.layout.cols * TILES, width)
+        index = y * width + x
         features = self.phi(
             i_o.flatten(2)[:, :, index].double(), i_e.flatten(2)[:, :, index].double()
         )

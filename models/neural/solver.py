@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 MAX_STEPS = 50
-STEP_SIZES = tuple(2.0 ** (-k / 2) for k in range(16))
+STEP_SIZES = tuple(2.0 ** (-k / 2) for k in range(24))
 TOLERANCE = 1e-10
 """Relative decrease of the objective below which a frame has converged."""
 
