@@ -10,7 +10,7 @@ from pathlib import Path
 
 import tyro
 
-from data_gen.dataset import Cell, Source
+from data_gen.dataset import Source
 from data_gen.optics import check_view
 from data_gen.pairs import PAIRS, get_pair
 from link.captures import load_capture, read_manifest
@@ -19,7 +19,13 @@ from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
 from link.images import make_folder, write_bytes, write_image
 from link.layout import make_layout
 from models import DECODERS
-from reports.compare import Method, decode_captures, decode_cells
+from reports.compare import (
+    Method,
+    decode_captures,
+    decode_cells,
+    methods_for,
+    paper_cells,
+)
 from reports.figures import annotate
 from reports.metrics import provenance, score, write_metrics
 from reports.tables import paper_tables, summary_table
@@ -41,7 +47,7 @@ class EvaluateConfig:
     methods: tuple[str, ...] = tuple(DECODERS)
     """Decoders to compare."""
     frames: int = 15
-    """Frame pairs a cell; 75 is the paper's number."""
+    """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
     seed: int = 0
     out: Path = Path("runs/evaluation")
     """Folder for predictions.jsonl, metrics.json and tables.md."""
@@ -63,30 +69,26 @@ def main() -> None:
     """Decode, score, print."""
     config = tyro.cli(EvaluateConfig)
     check(config)
-    checkpoint = config.run or PRETRAINED
-    options = {"learned": (("checkpoint", checkpoint),)}
-    methods = [Method(name, options.get(name, ())) for name in config.methods]
+    methods = methods_for(config.methods, config.run or PRETRAINED)
     settings = describe(config, methods)
     refuse_other_run(config.out, settings)
     if config.captures is not None:
-        predictions, skipped = decode_captures(config.captures, methods, config.out)
-        print("\n".join(skipped))
+        predictions, notes = decode_captures(config.captures, methods, config.out)
+        for note in notes:
+            print(note)
         entries = read_manifest(config.captures)
         simulated = all(bool(entry.get("simulated")) for entry in entries)
     else:
-        cells = [
-            Cell(pair, view, kappa)
-            for kappa in config.kappas
-            for view in config.views
-            for pair in config.pairs
-        ]
+        cells = paper_cells(config.pairs, config.views, config.kappas)
         source = Source(make_layout(ratex=config.ratex), "test", config.seed, 0, config.pictures)
         predictions = decode_cells(source, cells, config.frames, methods, config.out, config.jobs)
         simulated = True
     write_bytes(config.out / CONFIG, settings)
     rows = score(predictions)
     write_metrics(config.out / "metrics.json", rows, provenance(config.seed, simulated))
-    kind = "simulated captures, held-out pictures" if simulated else "real captures"
+    kind = "simulated captures" if simulated else "real captures"
+    if config.captures is None:
+        kind += ", held-out pictures" if config.pictures is None else ", your own pictures"
     tables = summary_table(rows, f"All cells ({kind})")
     if config.captures is None:
         tables = f"{paper_tables(rows)}\n\n{tables}"
@@ -109,6 +111,8 @@ def check(config: EvaluateConfig) -> None:
         check_view(view, "--views")
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    if config.show is not None and config.captures is None:
+        raise InputError("--show: draws captures, so it needs --captures")
     for flag, values in (
         ("pairs", config.pairs),
         ("views", config.views),

@@ -15,7 +15,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import tqdm, trange
 
 from data_gen.augment import augment
-from data_gen.dataset import Cell, Source
+from data_gen.dataset import Source
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
 from data_gen.optics import check_view
 from data_gen.pairs import PAIRS, get_pair
@@ -27,10 +27,12 @@ from link.layout import make_layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state
 from models.neural.decoder import DecoderConfig, PhiDecoder
-from reports.compare import Method, decode_cells
+from reports.compare import code_digest, decode_cells, methods_for, paper_cells
 from reports.metrics import provenance, score, write_metrics
 from reports.tables import summary_table
 
+STATE = "state.pt"
+DEVICES = {"cpu": lambda: True, "cuda": torch.cuda.is_available}
 START_LOG_TEMPERATURE = 3.0
 """Margins are about 1 and log-likelihood ratios about 20, so training starts there."""
 
@@ -78,6 +80,10 @@ def main() -> None:
     check_view(config.max_view, "--max-view")
     for kappa in config.kappas:
         check_kappa(kappa)
+    if not config.kappas or config.max_view < 0 or not 0 < config.lr < 10:
+        raise InputError("--kappas: name one; --max-view: 0 or more; --lr: between 0 and 10")
+    if config.device not in DEVICES or not DEVICES[config.device]():
+        raise InputError(f"--device: {config.device!r} is not here; choose cpu, or cuda with a GPU")
     folder = config.out or Path("runs") / config.pair
     make_folder(folder)
     layout = make_layout()
@@ -91,16 +97,15 @@ def main() -> None:
     )
     train(module, episodes, config, folder)
     module.cpu()
-    save_checkpoint(folder, module, {"train": json.loads(json.dumps(asdict(config), default=str))})
-    parity = export(module, folder / "decoder.onnx", folder.name, frames=30)
-    cells = [Cell(pair, view, kappa) for kappa in (5, 3) for view in (0.0, 45.0) for pair in pairs]
-    options = {"learned": (("checkpoint", folder),)}
-    methods = [Method(name, options.get(name, ())) for name in DECODERS]
+    settings = json.loads(json.dumps(asdict(config), default=str))
+    save_checkpoint(folder, module, {"train": settings})
+    parity = export(module, folder / "decoder.onnx", folder.name, frames=30, training=settings)
+    (folder / STATE).unlink(missing_ok=True)
     predictions = decode_cells(
         Source(layout, "test", config.seed),
-        cells,
+        paper_cells(pairs),
         config.frames,
-        methods,
+        methods_for(tuple(DECODERS), folder),
         folder / "evaluation",
         config.jobs,
     )
@@ -121,8 +126,10 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, total)
     generator = torch.Generator().manual_seed(config.seed)
     parts = {"module": module, "optimiser": optimiser, "schedule": schedule}
-    key = json.dumps(asdict(config), default=str)
-    first, log = resume_state(folder / "state.pt", parts, generator, key)
+    ignored = ("out", "frames", "jobs", "device")
+    settings = {k: v for k, v in asdict(config).items() if k not in ignored}
+    key = json.dumps(settings, default=str) + code_digest()
+    first, log = resume_state(folder / STATE, parts, generator, key)
     progress = tqdm(total=total, initial=first * config.steps, desc="train", unit="step")
     for number in range(first, config.rounds):
         ratex, bins = summarise(module, episodes, config.device, generator)
@@ -141,7 +148,7 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
             log.append({"step": step, "loss": loss.item(), "bit_error": errors})
             progress.update()
             progress.set_postfix(loss=f"{loss.item():.4f}", errors=f"{100 * errors:.2f} %")
-        save_state(folder / "state.pt", parts, generator, key, number + 1, log)
+        save_state(folder / STATE, parts, generator, key, number + 1, log)
         lines = "".join(json.dumps(entry) + "\n" for entry in log)
         write_bytes(folder / "log.jsonl", lines.encode())
 

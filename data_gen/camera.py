@@ -38,7 +38,9 @@ def expose(
 
     exposure = white_level gain vignette (M light); electrons = Normal(N, N + read_noise^2) with
     N = exposure full_well / gain; then the response f, rounding to 8 bits, and JPEG. Gain is the
-    camera's ISO: it amplifies without collecting more electrons.
+    camera's ISO: it amplifies without collecting more electrons. Noise and JPEG are those of single
+    sensor pixels: the capture stands for a crop or a skipped-pixel video mode, not for a big still
+    that is averaged down, which would be quieter.
 
     Args:
         irradiance: (H, W, 3) float32 linear, display primaries; frontal white is 1.

@@ -103,5 +103,11 @@ def simulate(source: Source, cell: Cell, index: int, hidden: bool = False) -> Ca
     pair = get_pair(cell.pair)
     take = prepare(source, cell, index, hidden)
     captured = capture(take.displayed, pair, cell.view_deg, take.channel_rng)
-    meta = {"picture": take.picture, "seed": source.seed, "simulated": True}
+    meta = {
+        "picture": take.picture,
+        "seed": source.seed,
+        "simulated": True,
+        "split": source.split if source.pictures is None else "own",
+        "equalised": hidden,
+    }
     return replace(captured, meta={**captured.meta, **meta})

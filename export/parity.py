@@ -15,6 +15,7 @@ from data_gen.dataset import Cell, Source, simulate
 from data_gen.pairs import PAIRS
 from export.runtime import Decoder
 from link.errors import InputError, at_least, run_cli
+from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
 from models.neural.methods import run
@@ -51,9 +52,7 @@ def compare(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Par
         cell = Cell(pairs[index % len(pairs)], float(rng.integers(0, 61)), int(rng.integers(1, 11)))
         captured = simulate(Source(module.layout, seed=seed), cell, index)
         if index % 3 == 2:
-            scale = rng.uniform(0.5, 1.5)
-            size = {k: round(scale * getattr(module.layout, k)) for k in ("width", "height")}
-            captured = replace(captured, layout=replace(module.layout, **size))
+            captured = replace(captured, layout=resized(module.layout, rng.uniform(0.5, 1.5)))
         pair = captured.rectified()
         ours, theirs = run(module, pair), decoder.decode(pair.original, pair.embedded)
         bits += ours.scores.size
@@ -61,6 +60,16 @@ def compare(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Par
         worst = max(worst, float(np.abs(ours.scores - theirs.scores).max()))
         largest = max(largest, float(np.abs(ours.scores).max()))
     return Parity(frames, bits, different, worst, largest)
+
+
+def resized(layout: Layout, scale: float) -> Layout:
+    """The layout over a frame of about ``scale`` times its size, within what layouts allow."""
+    smallest = {"width": layout.cols * MIN_BLOCK_PX, "height": layout.rows * MIN_BLOCK_PX}
+    size = {
+        side: min(MAX_SIDE_PX, max(low, round(scale * getattr(layout, side))))
+        for side, low in smallest.items()
+    }
+    return replace(layout, **size)
 
 
 @dataclass(frozen=True)

@@ -179,6 +179,8 @@ def main() -> None:
     result: dict[str, Any] = {
         "bits": soft.bits.tolist(),
         "scores": [round(float(score), 4) for score in soft.scores],
+        "head": [] if soft.head is None else [round(float(weight), 6) for weight in soft.head],
+        "features": json.loads(decoder.metadata["features"]),
         "layout": decoder.layout.to_dict(),
     }
     print(json.dumps(result))

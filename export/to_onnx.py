@@ -3,8 +3,10 @@
 import json
 import logging
 import warnings
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import onnx
 import torch
@@ -20,8 +22,14 @@ from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
 
 
-def to_onnx(module: PhiDecoder, run_name: str) -> bytes:
-    """The decoder as an ONNX model: batch, height and width free, the head fitted inside."""
+def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | None = None) -> bytes:
+    """The decoder as an ONNX model: batch, height and width free, the head fitted inside.
+
+    Args:
+        module: of any layout.
+        run_name: kept in the metadata, as is ``training``: the settings it was trained with.
+        training: see there.
+    """
     layout = module.layout
     example = torch.zeros((2, 3, layout.height, layout.width), dtype=torch.uint8)
     free = {
@@ -51,6 +59,7 @@ def to_onnx(module: PhiDecoder, run_name: str) -> bytes:
         "decoder": json.dumps(asdict(module.config)),
         "features": json.dumps(module.phi.names),
         "run": run_name,
+        "training": json.dumps(dict(training or {})),
         "version": __version__,
     }
     onnx.helper.set_model_props(model, metadata)
@@ -69,14 +78,21 @@ def _strip_traces(graph: onnx.GraphProto) -> None:
                 _strip_traces(attribute.g)
 
 
-def export(module: PhiDecoder, path: Path, run_name: str, frames: int, seed: int = 1) -> Parity:
+def export(
+    module: PhiDecoder,
+    path: Path,
+    run_name: str,
+    frames: int,
+    training: Mapping[str, Any] | None = None,
+    seed: int = 1,
+) -> Parity:
     """Write ``path`` once parity with torch is shown on ``frames`` unseen frame pairs.
 
     Raises:
         InputError: parity fails; nothing is left under that name.
     """
     candidate = path.with_suffix(".unchecked.onnx")
-    write_bytes(candidate, to_onnx(module, run_name))
+    write_bytes(candidate, to_onnx(module, run_name, training))
     try:
         parity = compare(module, Decoder(candidate), frames, seed)
         if not parity.holds:
@@ -115,7 +131,8 @@ def main() -> None:
     at_least(1, parity_frames=config.parity_frames)
     path = config.out or config.run / "decoder.onnx"
     module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
-    parity = export(module, path, config.run.name, config.parity_frames)
+    training = json.loads((config.run / "config.json").read_text()).get("train")
+    parity = export(module, path, config.run.name, config.parity_frames, training)
     print(json.dumps({"model": str(path), **asdict(parity)}))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from link.embed import MAX_KAPPA
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import as_corners
@@ -98,16 +99,28 @@ def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
             corners_embedded=as_corners(entry.get("corners_embedded", entry["corners"])),
             bits=_bits(entry.get("bits"), layout),
             kappa=_kappa(entry.get("kappa")),
-            meta={key: value for key, value in entry.items() if key not in KNOWN},
+            meta=_meta(entry),
         )
     except InputError as error:
         raise InputError(f"{folder / MANIFEST}, {entry['original']}: {error}") from None
 
 
 def _kappa(value: Any) -> int | None:
-    if value is not None and (type(value) is not int or value < 1):
-        raise InputError(f"kappa must be a positive whole number, got {value!r:.60}")
+    if value is not None and (type(value) is not int or not 1 <= value <= MAX_KAPPA):
+        raise InputError(f"kappa must be a whole number from 1 to {MAX_KAPPA}, got {value!r:.60}")
     return value
+
+
+def _meta(entry: dict[str, Any]) -> dict[str, Any]:
+    """The further keys, those that tables are grouped by checked."""
+    meta = {key: value for key, value in entry.items() if key not in KNOWN}
+    for key in ("pair", "picture"):
+        if not isinstance(meta.get(key, ""), str):
+            raise InputError(f"{key} must be text, got {meta[key]!r:.60}")
+    view = meta.get("view_deg")
+    if view is not None and (type(view) not in (int, float) or not np.isfinite(view)):
+        raise InputError(f"view_deg must be a finite number, got {view!r:.60}")
+    return meta
 
 
 def _bits(value: Any, layout: Layout) -> NDArray[np.intp] | None:

@@ -24,7 +24,8 @@ def frame_corners(width: int, height: int) -> NDArray[np.float64]:
 def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
     """Four finite points as (4, 2) float64, or an `InputError`."""
     try:
-        points = np.asarray(corners, np.float64)
+        given = np.asarray(corners)
+        points = given.astype(np.float64) if given.dtype.kind in "iuf" else np.empty(0)
     except (TypeError, ValueError):
         points = np.empty(0)
     if points.shape != (4, 2) or not np.isfinite(points).all():

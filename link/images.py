@@ -28,7 +28,10 @@ def read_image(path: Path | str) -> NDArray[np.uint8]:
     if not path.is_file():
         raise InputError(f"{path}: no such image file; check the path")
     data = np.frombuffer(path.read_bytes(), np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    try:
+        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+    except cv2.error:
+        image = None
     if image is None:
         raise InputError(f"{path}: not a readable image; give a PNG, JPEG, TIFF or BMP file")
     height, width = image.shape[:2]

@@ -119,6 +119,8 @@ def make_layout(
     cells = ((0, 0), (bottom, right), (0, right), (bottom, 0), (rows // 2, cols // 2))
     if ratex not in (0, 1, 2, 3, 5):
         raise InputError(f"--ratex: choose 0, 1, 2, 3 or 5 patches, got {ratex}")
+    if len(set(cells[:ratex])) < ratex:
+        raise InputError(f"--ratex: a {cols}x{rows} grid has no room for {ratex} patches")
     return Layout(rows, cols, width, height, cells[:ratex])
 
 

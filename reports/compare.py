@@ -31,14 +31,36 @@ class Method:
     """In tables, in place of the name."""
 
     def digest(self) -> str:
-        """Of the checkpoint's weights, where the method has a checkpoint; else empty."""
+        """Of the checkpoint's files, where the method has a checkpoint; else empty."""
         folder = dict(self.options).get("checkpoint")
-        file = Path(folder) / "decoder.pt" if folder else None
-        return hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else ""
+        if folder is None:
+            return ""
+        return digest_files([Path(folder) / name for name in ("config.json", "decoder.pt")])
 
     def build(self) -> Decoder:
         """The decoder itself."""
         return make_decoder(self.name, **dict(self.options))
+
+
+def digest_files(files: Iterable[Path]) -> str:
+    """SHA-256 over the files that exist, in the order given."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes() if file.is_file() else b"missing")
+    return digest.hexdigest()
+
+
+def methods_for(names: Sequence[str], checkpoint: Path) -> list[Method]:
+    """The named methods; ``learned`` gets the checkpoint."""
+    options = {"learned": (("checkpoint", checkpoint),)}
+    return [Method(name, options.get(name, ())) for name in names]
+
+
+def paper_cells(
+    pairs: Sequence[str], views: Sequence[float] = (0.0, 45.0), kappas: Sequence[int] = (5, 3)
+) -> list[Cell]:
+    """The paper's protocol: every pair at every view and kappa, ordered as its tables are."""
+    return [Cell(pair, view, kappa) for kappa in kappas for view in views for pair in pairs]
 
 
 def decode(decoder: Decoder, name: str, pair: Rectified, captured: Captured) -> dict[str, Any]:
@@ -73,7 +95,11 @@ def decode_cell(
                 continue
             captured = simulate(source, cell, index, hidden)
             pair = captured.rectified()
-            lines += [{**decode(d, name, pair, captured), "index": index} for name, d in chosen]
+            for name, decoder in chosen:
+                try:
+                    lines.append({**decode(decoder, name, pair, captured), "index": index})
+                except UnsuitedError as error:
+                    raise InputError(f"method {name}: {error}") from None
     return lines
 
 
@@ -87,22 +113,22 @@ def decode_cells(
 ) -> list[dict[str, Any]]:
     """Decode every cell, in parallel; a run that was cut off goes on where it stopped.
 
-    Each finished cell is one file under ``folder``/cells, used again only with the same source,
-    frames, methods and checkpoints; at the end predictions.jsonl holds them all, in the order of
-    ``cells`` whatever the number of jobs.
+    Each finished cell is one file in a subfolder of ``folder``/cells that is named after all that
+    decides the result: source and pictures, frames, methods, checkpoints and code. At the end
+    predictions.jsonl holds them all, in the order of ``cells`` whatever the number of jobs.
     """
-    settings = repr((source, frames, [(method, method.digest()) for method in methods])).encode()
-    settings_file = folder / "cells" / "settings.txt"
-    if not settings_file.is_file() or settings_file.read_bytes() != settings:
-        for stale in (folder / "cells").glob("*.jsonl"):
-            stale.unlink()
-        write_bytes(settings_file, settings)
-    files = [folder / "cells" / f"{c.pair}_{c.view_deg:g}_{c.kappa}.jsonl" for c in cells]
+    key = repr((source, frames, [(method, method.digest()) for method in methods]))
+    key += code_digest() + digest_files(
+        sorted(source.pictures.glob("*")) if source.pictures else []
+    )
+    cache = folder / "cells" / hashlib.sha256(key.encode()).hexdigest()[:16]
+    files = [cache / f"{c.pair}_{c.view_deg:g}_{c.kappa}.jsonl" for c in cells]
 
     def work(cell: Cell, file: Path) -> None:
         write_bytes(file, _to_lines(decode_cell(source, cell, frames, methods)))
 
-    todo = [(cell, file) for cell, file in zip(cells, files, strict=True) if not file.is_file()]
+    expected = frames * len(methods)
+    todo = [pair for pair in zip(cells, files, strict=True) if not _is_whole(pair[1], expected)]
     with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
         results = Parallel(return_as="generator_unordered")(
             delayed(work)(cell, file) for cell, file in todo
@@ -114,33 +140,53 @@ def decode_cells(
     return list(read_predictions(folder))
 
 
+def code_digest() -> str:
+    """Of the code that makes and decodes captures."""
+    root = Path(__file__).parent.parent
+    packages = ("link", "data_gen", "models", "reports")
+    return digest_files(sorted(file for p in packages for file in (root / p).rglob("*.py")))
+
+
+def _is_whole(file: Path, lines: int) -> bool:
+    """Whether a cell's file is there and readable to the end."""
+    try:
+        return len([json.loads(line) for line in file.read_text().splitlines()]) == lines
+    except (OSError, ValueError):
+        return False
+
+
 def decode_captures(
     captures: Path, methods: Sequence[Method], folder: Path
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Decode a folder of captures.
 
     Returns:
-        the predictions, and a line for each method that was left out.
+        the predictions, and a line for each method that was left out or does not suit.
 
     Raises:
         InputError: the folder or a frame pair is no good, or no method suits it.
     """
     entries = read_manifest(captures)
     lines: list[dict[str, Any]] = []
-    skipped: dict[str, str] = {}
+    notes: dict[str, str] = {}
+    left_out: dict[str, int] = {}
     decoders = [(method.label or method.name, method.build()) for method in methods]
     for index, entry in enumerate(tqdm(entries, unit="pair", desc="decode")):
         captured = load_capture(captures, entry)
         pair = captured.rectified()
+        if pair.layout.ratex and not captured.meta.get("equalised"):
+            notes["hidden_ratex"] = "hidden_ratex: these pictures were not equalised for it"
         for name, decoder in decoders:
             try:
                 lines.append({**decode(decoder, name, pair, captured), "index": index})
             except UnsuitedError as error:
-                skipped[name] = f"{name}: left out, {error}"
+                left_out[name] = left_out.get(name, 0) + 1
+                notes[name] = f"{name}: left out of {left_out[name]} of {len(entries)}, {error}"
     if not lines:
-        raise InputError(f"{captures}: no method fits; {'; '.join(skipped.values())}")
+        raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
     write_bytes(folder / PREDICTIONS, _to_lines(lines))
-    return lines, list(skipped.values())
+    used = {method.name for method in methods}
+    return lines, [note for name, note in notes.items() if name in used]
 
 
 def read_predictions(folder: Path) -> Iterator[dict[str, Any]]:

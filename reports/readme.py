@@ -2,23 +2,30 @@
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
 
 from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.pairs import PAIRS
-from link.errors import InputError, run_cli
+from link.errors import InputError, at_least, run_cli
 from link.images import write_bytes, write_image
 from link.layout import make_layout
 from models import DECODERS, make_decoder
-from reports.compare import Method, decode_cells
+from models.neural.decoder import DecoderConfig
+from reports.compare import Method, decode_cells, methods_for, paper_cells
 from reports.figures import overview, plot_inverse_responses
 from reports.metrics import provenance, read_metrics, score, write_metrics
 from reports.tables import summary_table
 
 METRICS = Path("docs/metrics.json")
+DRIFT = DecoderConfig(drift_degree=4, channels="rgb")
+ABLATIONS = [
+    Method("phi", (("config", DRIFT),), "phi + drift"),
+    Method("phi", (("config", replace(DRIFT, register=True)),), "phi + drift + registration"),
+]
+"""What of ``learned`` needs no training."""
 BLOCK = re.compile(r"(<!-- table -->\n).*?(<!-- /table -->)", re.DOTALL)
 
 
@@ -52,10 +59,10 @@ def main() -> None:
     if not readme.is_file() or not BLOCK.search(readme.read_text()):
         raise InputError("README.md: not here, or without its table markers; run from the checkout")
     source = Source(make_layout(), "test", config.seed)
-    options = {"learned": (("checkpoint", config.checkpoint),)}
-    methods = [Method(name, options.get(name, ())) for name in DECODERS]
-    cells = [Cell(p, view, kappa) for kappa in (5, 3) for view in (0.0, 45.0) for p in PAIRS]
-    folder = Path("runs/readme")
+    at_least(1, frames=config.frames, jobs=config.jobs)
+    methods = methods_for(tuple(DECODERS), config.checkpoint)
+    methods[-1:-1] = ABLATIONS
+    cells, folder = paper_cells(tuple(PAIRS)), Path("runs/readme")
     rows = score(decode_cells(source, cells, config.frames, methods, folder, config.jobs))
     write_metrics(METRICS, rows, provenance(config.seed, simulated=True))
     draw_pictures(source, config.checkpoint)
@@ -82,7 +89,7 @@ def draw_pictures(source: Source, checkpoint: Path) -> None:
         for method, decoder in (("oorc", make_decoder("oorc")), ("learned", learned)):
             head = decoder.decode(pair).head
             assert head is not None
-            heads[method] = head[:4]
+            heads[method] = head[: DRIFT.degree]
         cases[f"{name}, {view:g}°"] = (pair, heads)
     plot_inverse_responses(Path("docs/inverse_response.png"), cases)
 

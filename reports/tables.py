@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 
-from reports.metrics import Row, wilson
+from reports.metrics import Row, clustered_interval
 from reports.paper import paper_accuracy
 
 
 def summary_table(rows: Sequence[Row], title: str) -> str:
-    """Methods x accuracy over all cells, with 95 % interval and the paper's mean over the cells."""
+    """Methods x accuracy over all cells, with the interval that knows clusters, and the paper's."""
     lines = [
         title,
         "",
@@ -17,7 +17,7 @@ def summary_table(rows: Sequence[Row], title: str) -> str:
     for method in dict.fromkeys(row.method for row in rows):
         mine = [row for row in rows if row.method == method]
         bits, correct = sum(row.bits for row in mine), sum(row.correct for row in mine)
-        low, high = wilson(correct, bits)
+        low, high = clustered_interval(mine)
         printed = [p for row in mine if (p := _paper(row)) is not None]
         paper = f"{100 * sum(printed) / len(printed):.2f}" if len(printed) == len(mine) else "–"
         accuracy = f"{100 * correct / bits:.2f}" if bits else "–"
@@ -54,6 +54,7 @@ def _paper(row: Row) -> float | None:
 def _cell(row: Row) -> str:
     if row.accuracy is None:
         return "–"
-    text = f"{100 * row.accuracy:.1f} ±{50 * (row.ci_high - row.ci_low):.1f}"
+    low, high = clustered_interval([row])
+    text = f"{100 * row.accuracy:.1f} ±{50 * (high - low):.1f}"
     paper = _paper(row)
     return text if paper is None else f"{text} / {100 * paper:.1f}"

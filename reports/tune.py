@@ -12,11 +12,11 @@ from typing import Any
 
 import tyro
 
-from data_gen.dataset import Cell, Source
-from link.errors import run_cli
+from data_gen.dataset import Source
+from link.errors import at_least, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
-from reports.compare import Method, decode_cells
+from reports.compare import Method, decode_cells, paper_cells
 from reports.metrics import score
 from reports.tables import summary_table
 
@@ -49,6 +49,7 @@ class TuneConfig:
 def main() -> None:
     """Decode, rank, write."""
     config = tyro.cli(TuneConfig)
+    at_least(1, frames=config.frames, jobs=config.jobs)
     methods = []
     for name, grids in GRIDS.items():
         for grid in grids:
@@ -56,7 +57,7 @@ def main() -> None:
                 options = tuple(zip(grid, values, strict=True))
                 label = f"{name} {' '.join(f'{key}={value}' for key, value in options)}"
                 methods.append(Method(name, options, label))
-    cells = [Cell(p, view, kappa) for kappa in (5, 3) for view in (0.0, 45.0) for p in config.pairs]
+    cells = paper_cells(config.pairs)
     source = Source(make_layout(), "train", config.seed)
     rows = score(decode_cells(source, cells, config.frames, methods, config.work, config.jobs))
     tables = []

@@ -242,7 +242,7 @@ def test_evaluate_says_which_methods_hidden_captures_leave_out(
     methods = ("--methods", "oorc", "hidden_ratex")
     done = command(evaluate.main, "--captures", folder, "--out", out, *methods)
     assert done.status == 0, done.stderr
-    assert "oorc: left out, it trains on ratex patches" in done.stdout
+    assert "oorc: left out of 1 of 1, it trains on ratex patches" in done.stdout
     rows = json.loads((out / "metrics.json").read_text())["rows"]
     assert [row["method"] for row in rows] == ["hidden_ratex"]
     alone = ("--captures", folder, "--out", tmp_path / "none", "--methods", "oorc")
@@ -427,7 +427,7 @@ LAYOUT = {"rows": 8, "cols": 8, "width": 512, "height": 384}
         ({"corners": "here"}, "corners: need four"),
         ({"bits": [2] * 59}, "bits: need a list of 0, 1 or null"),
         ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
-        ({"kappa": 0}, "kappa must be a positive whole number"),
+        ({"kappa": 0}, "kappa must be a whole number from 1 to 64"),
         ({"layout": {"rows": 8}}, "layout: need exactly the keys"),
         ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "layout: ratex"),
     ],

@@ -86,7 +86,7 @@ def test_the_hidden_variant_shares_the_pose_and_the_picture(layout: Layout) -> N
         plain = simulate(Source(layout), OBLIQUE, index)
         hidden = simulate(Source(layout), OBLIQUE, index, hidden=True)
         assert np.array_equal(plain.corners, hidden.corners)
-        assert plain.meta == hidden.meta
+        assert {**plain.meta, "equalised": True} == hidden.meta
         assert (plain.layout.n_bits, hidden.layout.n_bits) == (59, 64)
         assert hidden.layout.ratex == ()
         assert not np.array_equal(plain.original, hidden.original)
@@ -100,6 +100,8 @@ def test_captures_say_where_they_come_from(captured: Captured) -> None:
         "picture": shuffled_pictures(Source(captured.layout))[0].name,
         "seed": 0,
         "simulated": True,
+        "split": "test",
+        "equalised": False,
     }
 
 

@@ -13,7 +13,7 @@ from data_gen.pairs import PAIRS
 from link.frames import Rectified, SoftBits
 from link.layout import Layout, make_layout
 from reports.figures import RIGHT, UNKNOWN, WRONG, annotate
-from reports.metrics import Row, make_row, score, wilson, write_metrics
+from reports.metrics import Row, clustered_interval, make_row, score, wilson, write_metrics
 from reports.paper import METHODS, paper_accuracy
 from reports.tables import paper_tables, summary_table
 
@@ -119,7 +119,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, comman
     assert command(evaluate.main, *run).status == 0
     predictions = tmp_path / "predictions.jsonl"
     before = predictions.read_bytes()
-    first, second = sorted((tmp_path / "cells").glob("*.jsonl"))
+    first, second = sorted((tmp_path / "cells").glob("*/*.jsonl"))
     kept = first.stat().st_mtime_ns
     second.unlink()
     predictions.unlink()
@@ -189,10 +189,40 @@ def test_unknown_bits_do_not_count(tmp_path: Path) -> None:
 
 
 def test_a_score_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
-    row = Row("oorc", "canon-lg", 0.0, 5, 1, 1, 1, float("nan"), 0.0, 1.0)
+    row = Row("oorc", "canon-lg", 0.0, 5, 1, 1, 1, float("nan"), 0.0, 1.0, 1)
     with pytest.raises(ValueError, match="JSON"):
         write_metrics(tmp_path / "metrics.json", [row], {})
     assert not (tmp_path / "metrics.json").exists()
+
+
+def test_a_damaged_cell_file_is_decoded_again(tmp_path: Path, command: Command) -> None:
+    run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
+    assert command(evaluate.main, *run).status == 0
+    before = (tmp_path / "predictions.jsonl").read_bytes()
+    first, second = sorted((tmp_path / "cells").glob("*/*.jsonl"))
+    first.write_bytes(b"")
+    second.write_bytes(second.read_bytes()[:-20])
+    assert command(evaluate.main, *run).status == 0
+    assert (tmp_path / "predictions.jsonl").read_bytes() == before
+
+
+def test_the_interval_widens_where_errors_cluster() -> None:
+    spread = make_row("oorc", "canon-lg", 0.0, 5, 10, 590, 580, 10 * 58**2)
+    clustered = make_row("oorc", "canon-lg", 0.0, 5, 10, 590, 580, 9 * 59**2 + 49**2)
+    width = {row.correct_squared: np.diff(clustered_interval([row])) for row in (spread, clustered)}
+    assert clustered_interval([spread]) == wilson(580, 590)
+    assert width[clustered.correct_squared] > 2 * width[spread.correct_squared]
+
+
+def test_the_clustered_interval_covers_the_mean_of_clustered_frames() -> None:
+    rng = np.random.default_rng(0)
+    covered = 0
+    for _ in range(200):
+        right = rng.binomial(59, rng.beta(18, 2, size=60))  # mean 0.9, strongly clustered
+        tally = (60, 60 * 59, int(right.sum()), int((right**2).sum()))
+        low, high = clustered_interval([make_row("oorc", "canon-lg", 0.0, 5, *tally)])
+        covered += low <= 0.9 <= high
+    assert covered >= 180  # nominal 190
 
 
 # The paper's numbers and the tables
@@ -255,14 +285,14 @@ def test_the_paper_has_no_other_cells(
 
 
 def all_cells(method: str) -> list[Row]:
-    return [make_row(method, pair, 45.0, 3, 1, 59, 58) for pair in PAIRS]
+    return [make_row(method, pair, 45.0, 3, 1, 59, 58, 58**2) for pair in PAIRS]
 
 
 def test_tables_print_the_papers_number_beside_ours() -> None:
     rows = [
-        make_row("oorc", "canon-lg", 45.0, 3, 1, 59, 58),
-        make_row("learned", "canon-lg", 45.0, 3, 1, 59, 59),
-        make_row("naive", "canon-imac", 45.0, 3, 1, 59, 30),
+        make_row("oorc", "canon-lg", 45.0, 3, 1, 59, 58, 58**2),
+        make_row("learned", "canon-lg", 45.0, 3, 1, 59, 59, 59**2),
+        make_row("naive", "canon-imac", 45.0, 3, 1, 59, 30, 30**2),
     ]
     lines = paper_tables(rows).splitlines()
     assert lines[0].startswith("κ = 3, 45°")
@@ -275,7 +305,7 @@ def test_tables_print_the_papers_number_beside_ours() -> None:
 
 def test_each_view_and_kappa_has_its_own_table() -> None:
     rows = [
-        make_row("oorc", "canon-lg", view, kappa, 1, 59, 58)
+        make_row("oorc", "canon-lg", view, kappa, 1, 59, 58, 58**2)
         for kappa in (5, 3)
         for view in (0.0, 45.0)
     ]
@@ -297,9 +327,9 @@ def test_the_summary_prints_the_papers_mean(method: str) -> None:
 
 
 def test_the_summary_prints_no_mean_where_the_paper_lacks_a_cell() -> None:
-    rows = [*all_cells("oorc"), make_row("oorc", "canon-lg", 30.0, 3, 1, 59, 58)]
+    rows = [*all_cells("oorc"), make_row("oorc", "canon-lg", 30.0, 3, 1, 59, 58, 58**2)]
     assert summary_table(rows, "title").endswith("| 590 | – |")
-    unknown = [make_row("oorc", "captures", None, None, 1, 0, 0)]
+    unknown = [make_row("oorc", "captures", None, None, 1, 0, 0, 0)]
     assert summary_table(unknown, "title").endswith("| oorc | – | – | 0 | – |")
 
 

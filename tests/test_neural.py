@@ -110,9 +110,9 @@ def test_the_largest_degrees_are_accepted() -> None:
 
 
 def test_unknown_options_list_the_valid_ones() -> None:
-    with pytest.raises(InputError, match=r"--channels 'hsv'.*luma, rgb"):
+    with pytest.raises(InputError, match=r"--decoder.channels 'hsv'.*luma, rgb"):
         DecoderConfig(channels="hsv")
-    with pytest.raises(InputError, match=r"--train-on 'frame'.*tile, pixel"):
+    with pytest.raises(InputError, match=r"--decoder.train-on 'frame'.*tile, pixel"):
         DecoderConfig(train_on="frame")
 
 
@@ -530,7 +530,17 @@ def test_a_damaged_config_is_an_input_error_that_names_the_file(
         load_checkpoint(checkpoint)
 
 
+def test_one_flipped_bit_in_the_weights_is_noticed(checkpoint: Path) -> None:
+    data = bytearray((checkpoint / "decoder.pt").read_bytes())
+    data[len(data) // 2] ^= 1
+    (checkpoint / "decoder.pt").write_bytes(data)
+    with pytest.raises(InputError, match=r"decoder\.pt: differs from the sha256"):
+        load_checkpoint(checkpoint)
+
+
 def test_weights_of_another_configuration_are_refused(checkpoint: Path) -> None:
-    (checkpoint / "config.json").write_bytes(config_with("decoder", degree=4))
-    with pytest.raises(InputError, match=r"decoder\.pt: .*another version"):
+    saved = json.loads((checkpoint / "config.json").read_text())
+    saved["decoder"]["degree"] += 1
+    (checkpoint / "config.json").write_text(json.dumps(saved))
+    with pytest.raises(InputError, match=r"decoder\.pt: does not fit config\.json"):
         load_checkpoint(checkpoint)

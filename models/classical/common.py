@@ -44,7 +44,7 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
 
 @dataclass(frozen=True)
 class LinearHead:
-    """A linear SVM over standardised features: score = (w / scale) . u + b."""
+    """A linear SVM: score = weights . u + bias."""
 
     weights: NDArray[np.float64]
     """(D,) for features as they are (not standardised)."""
@@ -89,8 +89,8 @@ def decode_with_svm(
         features: u(i_o, i_e).
         C: see `fit_svm`.
         pooling: a key of `POOLINGS`: average the pixels' scores, or let pixels vote.
-        train_on: "tile" trains on the mean features of each ratex tile, whose noise is as low as a
-            block's; "pixel" on single pixels.
+        train_on: "tile" trains on the mean features of each ratex tile, 36 samples with a 36th of
+            a pixel's noise variance; "pixel" on single pixels.
     """
     pool = choose(POOLINGS, pooling, "pooling")
     i_o, i_e = intensity(pair.original), intensity(pair.embedded)

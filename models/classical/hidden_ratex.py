@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from link.embed import BOTTOM, TOP
 from link.equalise import uniform_mapping
 from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
@@ -48,7 +49,7 @@ class HiddenRatex:
     """
 
     threshold: str = "clusters"
-    """"clusters" (found in each frame) or "constant" (kappa / 2, the paper's)."""
+    """"clusters" (found in each frame) or "constant" (half of kappa, the paper's)."""
     shrinkage: float = 1.0
     """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but two equal blocks make a class."""
     needs_ratex: ClassVar[bool] = False
@@ -66,5 +67,7 @@ class HiddenRatex:
         grid = block_mean(change, layout.rows, layout.cols)
         blocks = np.asarray(grid[layout.message_mask], np.float64)
         if self.threshold == "constant" and pair.kappa is not None:
-            return SoftBits(blocks - pair.kappa / 2)
+            # equalising stretched the picture's range, and kappa with it, to [0, 255]
+            stretch = 255 / (TOP - BOTTOM - pair.kappa)
+            return SoftBits(blocks - stretch * pair.kappa / 2)
         return SoftBits(blocks - cluster_threshold(blocks, self.shrinkage))

@@ -14,6 +14,9 @@ from link.images import write_bytes
 from link.layout import Layout
 from models.neural.decoder import DecoderConfig, PhiDecoder
 
+DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError, LookupError)
+"""What torch.load and load_state_dict raise on damaged files."""
+
 
 def save_checkpoint(folder: Path, module: PhiDecoder, extra: dict[str, Any]) -> None:
     """Write decoder.pt and config.json into ``folder``; ``extra`` says how it was trained."""
@@ -57,7 +60,7 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
         raise InputError(f"{weights_file}: differs from the sha256 in config.json; train again")
     try:
         module.load_state_dict(torch.load(io.BytesIO(data), weights_only=True), strict=True)
-    except (RuntimeError, pickle.UnpicklingError, ValueError, TypeError, LookupError) as error:
+    except DAMAGE as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputError(f"{weights_file}: does not fit config.json ({reason})") from None
     if not all(torch.isfinite(p).all() for p in module.parameters()):
@@ -70,12 +73,12 @@ def save_state(
     parts: dict[str, Any],
     generator: torch.Generator,
     key: str,
-    step: int,
+    done: int,
     log: list[dict[str, Any]],
 ) -> None:
-    """Write all that training needs to go on after ``step`` steps; ``key`` names its settings."""
+    """Write all that training needs to go on after ``done`` rounds; ``key`` names its settings."""
     state = {name: part.state_dict() for name, part in parts.items()}
-    state |= {"generator": generator.get_state(), "key": key, "step": step, "log": log}
+    state |= {"generator": generator.get_state(), "key": key, "done": done, "log": log}
     buffer = io.BytesIO()
     torch.save(state, buffer)
     write_bytes(file, buffer.getvalue())
@@ -87,14 +90,20 @@ def resume_state(
     """Restore what `save_state` wrote, where it has the same ``key``; else start anew.
 
     Returns:
-        the number of steps already made, and their log.
+        the number of rounds already made, and their log.
+
+    Raises:
+        InputError: the file is damaged.
     """
     if not file.is_file():
         return 0, []
-    state = torch.load(file, weights_only=True)
-    if state["key"] != key:
-        return 0, []
-    for name, part in parts.items():
-        part.load_state_dict(state[name])
-    generator.set_state(state["generator"])
-    return state["step"], state["log"]
+    try:
+        state = torch.load(file, weights_only=True)
+        if state["key"] != key:
+            return 0, []
+        for name, part in parts.items():
+            part.load_state_dict(state[name])
+        generator.set_state(state["generator"])
+        return state["done"], state["log"]
+    except DAMAGE:
+        raise InputError(f"{file}: damaged; delete it to start anew") from None

@@ -2,12 +2,16 @@
 
 from dataclasses import asdict, dataclass
 
+import numpy as np
 import torch
+from numpy.polynomial import Legendre
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from link.errors import InputError, UnsuitedError, choose
 from link.layout import MIN_BLOCK_PX, Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
+from models.classical.oorc import inverse_response
 from models.neural.phi import PhiPolynomial
 from models.neural.register import register
 from models.neural.solver import fit_head
@@ -46,9 +50,9 @@ class PhiDecoder(nn.Module):
 
     As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``):
     ridge 1, prior 0, C = 1, all parts of a block alike. Training (the method ``learned``) changes
-    what is shared across frames: ridge and prior of the head, C, pooling weights inside a block,
-    and the temperature that turns scores into log-likelihood ratios. The head itself is always
-    fitted to the ratex pixels of the frame pair at hand.
+    what is shared across frames: ridge (which scales each feature) and prior of the head, C,
+    pooling weights inside a block, and the temperature that turns scores into log-likelihood
+    ratios. The head itself is always fitted to the ratex pixels of the frame pair at hand.
 
     Raises:
         UnsuitedError: the layout has no ratex patch.
@@ -167,6 +171,13 @@ class PhiDecoder(nn.Module):
         weights = self.pool_y.double().softmax(0).unsqueeze(1) * self.pool_x.double().softmax(0)
         blocks = (parts * weights.unsqueeze(1)).sum((3, 5))  # (B, F, rows, cols)
         return blocks.flatten(2)[:, :, self.message_index].transpose(1, 2)
+
+    def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
+        """g of a frame pair from the (n_features + 1,) head: captured [0, 1] -> displayed.
+
+        Up to scale and offset, which the SVM leaves free.
+        """
+        return inverse_response(head[: self.config.degree])
 
     def to_config(self) -> dict[str, object]:
         """Layout and configuration, enough to rebuild the module for `load_state_dict`."""

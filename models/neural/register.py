@@ -1,7 +1,7 @@
 """Registration of a frame pair to a few hundredths of a pixel, inside the graph.
 
-One Gauss-Newton step of affine image alignment (Lucas & Kanade 1981) in which the photometric
-change is an unknown of the same least squares, so that neither drift nor CDTF looks like motion:
+One Gauss-Newton step of affine image alignment (Lucas & Kanade 1981), good to about a pixel, with
+the photometric change as an unknown of the same least squares, so that drift is no motion:
     i_e - i_o = s_x d/dx i + s_y d/dy i + c_0 + c_1 i_o + c_2 i_o^2,   s = affine in (x, y).
 A tenth of a pixel of motion left between the frames costs more than all noise.
 """
