@@ -27,9 +27,11 @@ def read_image(path: Path | str) -> NDArray[np.uint8]:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: no such image file; check the path")
-    data = np.frombuffer(path.read_bytes(), np.uint8)
+    data = path.read_bytes()
+    if _is_cut_off(data):
+        raise InputError(f"{path}: not a readable image: it is cut off; copy it again")
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     except cv2.error:
         image = None
     if image is None:
@@ -40,6 +42,15 @@ def read_image(path: Path | str) -> NDArray[np.uint8]:
             f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
         )
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def _is_cut_off(data: bytes) -> bool:
+    """Whether a PNG or JPEG lacks its end, which OpenCV would fill with gray."""
+    if data.startswith(b"\x89PNG"):
+        return b"IEND" not in data[-64:]
+    if data.startswith(b"\xff\xd8"):  # an end marker in the first half is that of a thumbnail
+        return data.rfind(b"\xff\xd9") < len(data) // 2
+    return False
 
 
 def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:

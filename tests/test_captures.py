@@ -297,3 +297,14 @@ def test_writing_makes_folders_replaces_and_leaves_no_other_file(tmp_path: Path)
 def test_saved_captures_leave_no_other_file(folder: Path) -> None:
     names = {f"0000{n}_{kind}.png" for n in (0, 1) for kind in ("original", "embedded")}
     assert {path.name for path in folder.iterdir()} == {*names, MANIFEST}
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_an_image_file_that_is_cut_off_is_refused(tmp_path: Path, suffix: str) -> None:
+    rng = np.random.default_rng(0)
+    file = tmp_path / f"cut{suffix}"
+    write_image(file, rng.integers(0, 256, (64, 64, 3), dtype=np.uint8))
+    assert read_image(file).shape == (64, 64, 3)
+    file.write_bytes(file.read_bytes()[:-200])
+    with pytest.raises(InputError, match=f"cut{suffix}: not a readable image: it is cut off"):
+        read_image(file)

@@ -1,0 +1,53 @@
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from reports.metrics import read_metrics
+from reports.readme import METRICS, readme_table
+from reports.tables import paper_tables
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+
+
+def shell_blocks() -> list[str]:
+    return re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_table_is_that_of_the_stored_metrics() -> None:
+    table = README.split("<!-- table -->\n")[1].split("<!-- /table -->")[0]
+    assert table == readme_table(ROOT / METRICS) + "\n"
+
+
+def test_the_stored_metrics_are_the_papers_36_cells() -> None:
+    rows, meta = read_metrics(ROOT / METRICS)
+    assert meta["simulated"] is True
+    assert meta["command"] == "python -m reports.readme"
+    assert paper_tables(rows).count("| canon-lg |") == 4
+    assert len({(row.pair, row.view_deg, row.kappa) for row in rows}) == 36
+
+
+def test_the_first_screen_has_the_two_commands() -> None:
+    first, second = shell_blocks()[0].strip().splitlines()
+    assert first.endswith("pip install -e . && .venv/bin/python train.py --pair canon-lg")
+    assert second.endswith("pip install -e '.[test]' && .venv/bin/pytest")
+
+
+def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
+    script = shell_blocks()[1].replace(".venv/bin/python", sys.executable)
+    script = script.replace("runs/", f"{tmp_path}/").replace("--frames 10", "--frames 1")
+    done = subprocess.run(
+        ["bash", "-ec", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert '"bits": [' in done.stdout
+    assert (tmp_path / "mine.onnx").is_file()
+    assert list((tmp_path / "mine" / "pictures").glob("*_learned.png"))
+
+
+@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(([^)]+)\)", README))))
+def test_every_link_of_the_readme_leads_somewhere(link: str) -> None:
+    assert (ROOT / link).is_file()
