@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from link.errors import InputError, run_cli
-from link.frames import Captured, SoftBits, check_same_size
+from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
 from link.images import read_image
 from link.layout import MIN_BLOCK_PX, Layout
+from link.ratex import visibility
 
 ORT_ERRORS = (
     ort_errors.EPFail,
@@ -30,6 +31,8 @@ ORT_ERRORS = (
     ort_errors.NotImplemented,
     ort_errors.RuntimeException,
 )
+MIN_VISIBILITY = 0.8
+"""Of `link.ratex.visibility`; simulated captures up to 70 degrees have 0.97 and more."""
 FORMAT = "1"
 """Version of the metadata and of the graph's inputs and outputs."""
 
@@ -99,6 +102,26 @@ class Decoder:
         Raises:
             InputError: frames of wrong type, size or shape, or corners that do not fit.
         """
+        pair = self.rectify(original, embedded, corners, corners_embedded)
+        feeds = {"original": _as_batch(pair.original), "embedded": _as_batch(pair.embedded)}
+        try:
+            scores, head = self._session.run(["scores", "head"], feeds)
+        except ORT_ERRORS as error:
+            raise InputError(
+                f"the model failed to run: {str(error).splitlines()[0][:160]}"
+            ) from None
+        if scores.shape != (1, self.layout.n_bits) or not np.isfinite(scores).all():
+            raise InputError("the model returned no valid scores; export it again")
+        return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
+
+    def rectify(
+        self,
+        original: NDArray[np.uint8],
+        embedded: NDArray[np.uint8],
+        corners: ArrayLike | None = None,
+        corners_embedded: ArrayLike | None = None,
+    ) -> Rectified:
+        """The frames as the graph takes them; arguments and errors as of `decode`."""
         frames = [np.asarray(frame) for frame in (original, embedded)]
         for frame in frames:
             if (
@@ -115,24 +138,14 @@ class Decoder:
         if corners is not None:
             found = as_corners(corners)
             other = found if corners_embedded is None else as_corners(corners_embedded)
-            pair = Captured(frames[0], frames[1], layout, found, other).rectified()
-            frames = [pair.original, pair.embedded]
+            return Captured(frames[0], frames[1], layout, found, other).rectified()
         check_same_size(frames[0], frames[1])
         height, width = frames[0].shape[:2]
         if height < layout.rows * MIN_BLOCK_PX or width < layout.cols * MIN_BLOCK_PX:
             raise InputError(
                 f"a {width}x{height} frame is too small for {layout.cols}x{layout.rows} blocks"
             )
-        feeds = {"original": _as_batch(frames[0]), "embedded": _as_batch(frames[1])}
-        try:
-            scores, head = self._session.run(["scores", "head"], feeds)
-        except ORT_ERRORS as error:
-            raise InputError(
-                f"the model failed to run: {str(error).splitlines()[0][:160]}"
-            ) from None
-        if scores.shape != (1, layout.n_bits) or not np.isfinite(scores).all():
-            raise InputError("the model returned no valid scores; export it again")
-        return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
+        return Rectified(frames[0], frames[1], layout)
 
 
 def _as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -175,7 +188,14 @@ def main() -> None:
     corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)
     frames = read_image(args.original), read_image(args.embedded)
-    soft = decoder.decode(*frames, corners=corners, corners_embedded=corners_embedded)
+    pair = decoder.rectify(*frames, corners, corners_embedded)
+    seen = visibility(pair.original, decoder.layout)
+    if seen < MIN_VISIBILITY:
+        raise InputError(
+            f"no ratex patches where the corners and the model's layout put them (correlation "
+            f"{seen:.2f}); check the corners, their order, and that the display is in view"
+        )
+    soft = decoder.decode(pair.original, pair.embedded)
     result: dict[str, Any] = {
         "bits": soft.bits.tolist(),
         "scores": [round(float(score), 4) for score in soft.scores],

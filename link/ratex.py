@@ -9,7 +9,7 @@ which way up the display is; labels are balanced over rows and columns, so that 
 between the frames favours neither class.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -132,3 +132,28 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
         rho=np.repeat(tile_levels(layout, kappa).reshape(-1), per_tile).astype(np.float64),
         label=np.repeat(tile_labels(layout).reshape(-1), per_tile),
     )
+
+
+def visibility(frame: NDArray[np.uint8], layout: Layout) -> float:
+    """How well a rectified frame shows the ratex patches where the layout has them.
+
+    Args:
+        frame: (H, W) or (H, W, 3) uint8, of any size.
+        layout: with at least one patch.
+
+    Returns:
+        mean over the patches of the correlation between displayed and captured tile intensities,
+        in [-1, 1]: near 1 with right corners, near 0 without a display, a few tenths at most with
+        the display turned.
+    """
+    height, width = frame.shape[:2]
+    pixels = training_pixels(replace(layout, height=height, width=width))
+    samples = frame[pixels.y, pixels.x].astype(np.float64)
+    gray = samples if samples.ndim == 1 else samples.mean(axis=1)
+    shape = (len(layout.ratex), TILES * TILES, SAMPLES * SAMPLES)
+    captured = gray.reshape(shape).mean(axis=2)  # (N,) -> (patches, tiles)
+    shown = pixels.rho.reshape(shape)[:, :, 0]
+    captured = captured - captured.mean(axis=1, keepdims=True)
+    shown = shown - shown.mean(axis=1, keepdims=True)
+    scale = np.sqrt((captured**2).sum(axis=1) * (shown**2).sum(axis=1)) + 1e-9
+    return float(((captured * shown).sum(axis=1) / scale).mean())

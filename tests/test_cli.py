@@ -133,10 +133,19 @@ def test_the_corners_of_the_embedded_image_count(
 def test_corners_at_the_edge_of_the_image_can_be_given(
     images: Path, run_folder: Path, command: Command
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
-    whole = ("-0.5,-0.5", "767.5,-0.5", "767.5,575.5", "-0.5,575.5")
+    files = run_folder / "decoder.onnx", images / "ro.png", images / "re.png"
+    whole = ("-0.5,-0.5", "511.5,-0.5", "511.5,383.5", "-0.5,383.5")
     done = command(runtime_cli.main, *files, "--corners", *whole)
     assert (done.status, done.stderr) == (0, "")
+
+
+def test_corners_that_show_no_ratex_are_refused(
+    images: Path, run_folder: Path, command: Command, captured: Captured
+) -> None:
+    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
+    refused(command(runtime_cli.main, *files), "no ratex patches")
+    turned = points(np.roll(captured.corners, 2, axis=0))
+    refused(command(runtime_cli.main, *files, "--corners", *turned), "no ratex patches")
 
 
 def test_corners_of_the_embedded_image_alone_are_refused(

@@ -16,6 +16,7 @@ from link.ratex import (
     tile_labels,
     tile_levels,
     training_pixels,
+    visibility,
 )
 
 LAYOUTS = {
@@ -187,3 +188,18 @@ def test_the_corner_patches_tell_which_way_up_the_display_is(turns: int) -> None
     assert len(corners) == 4
     assert np.argmax(matches) == turns
     assert sorted(matches)[-2] < 0.5 < 0.9 < matches[turns]
+
+
+def test_patches_are_visible_through_a_curve_and_nowhere_else() -> None:
+    rng = np.random.default_rng(0)
+    layout = make_layout()
+    frame = np.full((layout.height, layout.width), 90, np.uint8)
+    assert abs(visibility(frame, layout)) < 0.1
+    draw(frame, layout, 5, embedded=False)
+    curved = (255 * (frame / 255.0) ** 0.6 * 0.7 + 20 + rng.normal(0, 3, frame.shape)).astype(
+        np.uint8
+    )
+    assert visibility(curved, layout) > 0.95
+    assert visibility(np.repeat(curved[::2, ::2, None], 3, axis=2), layout) > 0.95
+    for turned in (curved[::-1, ::-1], curved[:, ::-1]):
+        assert visibility(turned, layout) < 0.5
