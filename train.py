@@ -115,7 +115,7 @@ def main() -> None:
     print(summary_table(rows, title))
     print(
         f"\n{folder}/decoder.onnx: torch and onnxruntime agree on all {parity.bits} bits of "
-        f"{parity.frames} unseen frame pairs, scores within {parity.max_difference:.1e}"
+        f"{parity.frames} synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
 
 

@@ -86,7 +86,7 @@ def export(
     training: Mapping[str, Any] | None = None,
     seed: int = 1,
 ) -> Parity:
-    """Write ``path`` once parity with torch is shown on ``frames`` unseen frame pairs.
+    """Write ``path`` once parity with torch is shown on ``frames`` synthetic frame pairs.
 
     Raises:
         InputError: parity fails; nothing is left under that name.
@@ -118,7 +118,7 @@ class ExportConfig:
     run: tyro.conf.Positional[Path]
     """Folder with decoder.pt and config.json, such as runs/canon-lg."""
     parity_frames: int = 30
-    """Unseen frame pairs on which torch and onnxruntime must agree."""
+    """Synthetic frame pairs on which torch and onnxruntime must agree."""
     layout: Path | None = None
     """JSON file with rows, cols, width, height, ratex; the run's own layout where absent."""
     out: Path | None = None

@@ -25,7 +25,6 @@ MAY_IMPORT = {
     "train": {"reports", "export", "models", "data_gen", "link"},
     "evaluate": {"reports", "export", "models", "data_gen", "link"},
 }
-EXCEPTIONS = {"export/parity.py": {"data_gen"}}  # it decodes simulated captures
 MINIMAL = {"numpy", "cv2", "onnxruntime"}
 """All that the runtime may need, beside the standard library."""
 LAB_ONLY = ["torch", "kornia", "sklearn", "skimage", "scipy", "onnx", "joblib", "tyro", "tqdm"]
@@ -73,7 +72,7 @@ def test_every_tracked_file_belongs_to_a_layer() -> None:
 @pytest.mark.parametrize("file", sources(), ids=str)
 def test_imports_point_one_way(file: Path) -> None:
     ours = packages_of(file) & set(MAY_IMPORT)
-    allowed = MAY_IMPORT[layer(file)] | EXCEPTIONS.get(file.as_posix(), set())
+    allowed = MAY_IMPORT[layer(file)]
     assert ours <= allowed
 
 
