@@ -244,7 +244,8 @@ _CROSSTALK: dict[str, tuple[RGB, ...]] = {
 
 # Assumed, mid-range: a few per cent of drift gives the paper's pattern of accuracies; flicker of
 # the backlight and of the mains, repeatability of shutter and diaphragm [0.01 to 0.08]. The value
-# was chosen with an eye on how far apart it sets the paper's methods: at 0.05 two-step and naive tie.
+# was chosen with an eye on how far apart it sets the paper's methods; two-step and naive tie at
+# 0.05.
 DRIFT = 0.04
 # Assumed: Canon and Nikon record no video, so each frame has a mirror stroke [0.05 to 0.3].
 JITTER_PX = {"canon": 0.15, "nikon": 0.15, "sony": 0.10}
