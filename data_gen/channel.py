@@ -1,7 +1,6 @@
 """The channel: what the display shows -> what the camera stores, for one frame pair."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.camera import expose
 from data_gen.display import emitted_light
@@ -9,6 +8,7 @@ from data_gen.optics import check_view, draw_pose, image_of, jitter, project, vi
 from data_gen.pairs import Pair
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners, transform
+from link.images import as_rgb
 
 METERING = 0.5
 """Share (in log light) of the fall-off by angle that the camera's exposure makes up for: 0 keeps
@@ -51,7 +51,7 @@ def capture(
         (displayed.original, gain, H_captured_from_display),
         (displayed.embedded, gain * drift, motion @ H_captured_from_display),
     ):
-        light = emitted_light(_as_rgb(frame), pair.display, theta)
+        light = emitted_light(as_rgb(frame), pair.display, theta)
         image = image_of(light, H, pair.camera.blur_px)
         frames.append(expose(image, pair.camera, pair.crosstalk, exposure, rng))
     corners = transform(H_captured_from_display, frame_corners(layout.width, layout.height))
@@ -65,7 +65,3 @@ def capture(
         kappa=displayed.kappa,
         meta={"pair": pair.name, "view_deg": view_deg},
     )
-
-
-def _as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return frame if frame.ndim == 3 else np.repeat(frame[:, :, None], 3, axis=2)

@@ -18,7 +18,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 from link.errors import InputError, run_cli
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
-from link.images import read_image
+from link.images import as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.ratex import visibility
 
@@ -103,7 +103,7 @@ class Decoder:
             InputError: frames of wrong type, size or shape, or corners that do not fit.
         """
         pair = self.rectify(original, embedded, corners, corners_embedded)
-        feeds = {"original": _as_batch(pair.original), "embedded": _as_batch(pair.embedded)}
+        feeds = {"original": as_batch(pair.original), "embedded": as_batch(pair.embedded)}
         try:
             scores, head = self._session.run(["scores", "head"], feeds)
         except ORT_ERRORS as error:
@@ -146,12 +146,6 @@ class Decoder:
                 f"a {width}x{height} frame is too small for {layout.cols}x{layout.rows} blocks"
             )
         return Rectified(frames[0], frames[1], layout)
-
-
-def _as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) -> (1, 3, H, W), contiguous."""
-    planes = np.repeat(frame[None], 3, axis=0) if frame.ndim == 2 else frame.transpose(2, 0, 1)
-    return np.ascontiguousarray(planes)[None]
 
 
 def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | None:

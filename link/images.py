@@ -53,6 +53,16 @@ def _is_cut_off(data: bytes) -> bool:
     return False
 
 
+def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W) or (H, W, 3) -> (H, W, 3): a gray frame repeated over three channels."""
+    return frame if frame.ndim == 3 else np.repeat(frame[:, :, None], 3, axis=2)
+
+
+def as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W) or (H, W, 3) -> (1, 3, H, W), contiguous: what the decoder's graph takes."""
+    return np.ascontiguousarray(as_rgb(frame).transpose(2, 0, 1))[None]
+
+
 def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:
     """Write an encoded RGB (H, W, 3) or gray (H, W) uint8 image; the suffix names the format.
 

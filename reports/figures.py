@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from link.frames import Captured, Rectified, SoftBits
-from link.images import write_bytes
+from link.images import as_rgb, write_bytes
 from link.layout import block_index
 from link.ratex import training_pixels
 from models.classical.common import intensity, tile_mean
@@ -29,7 +29,7 @@ def annotate(
     Returns:
         (H, 3 W, 3) uint8 RGB, at least 384 pixels high.
     """
-    original, embedded = (_rgb(frame) for frame in (pair.original, pair.embedded))
+    original, embedded = (as_rgb(frame) for frame in (pair.original, pair.embedded))
     change = embedded.astype(np.float64) - original
     change = 128 + GAIN * (change - np.median(change))
     difference = np.clip(change, 0, 255).astype(np.uint8)
@@ -49,7 +49,7 @@ def bits_panel(
         (H, W, 3) uint8 RGB, at least 384 pixels high.
     """
     layout = pair.layout
-    panel = _enlarge(_rgb(pair.original), layout.height)
+    panel = _enlarge(as_rgb(pair.original), layout.height)
     factor = panel.shape[0] // layout.height
     bits = np.full((layout.rows, layout.cols), -1)
     known = bits.copy()
@@ -78,7 +78,7 @@ def overview(
     photo = captured.original.copy()
     outline = captured.corners.round().astype(np.int32)
     cv2.polylines(photo, [outline], True, RIGHT, 2, cv2.LINE_AA)
-    panels = [_rgb(displayed), photo, bits_panel(pair, soft, captured.bits)]
+    panels = [as_rgb(displayed), photo, bits_panel(pair, soft, captured.bits)]
     height = min(panel.shape[0] for panel in panels)
     gap = np.full((height, 12, 3), 255, np.uint8)
     scaled = [
@@ -129,7 +129,3 @@ def _enlarge(panel: NDArray[np.uint8], height: int) -> NDArray[np.uint8]:
     factor = max(1, -(-MIN_HEIGHT_PX // height))
     enlarged = cv2.resize(panel, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
     return np.asarray(enlarged, np.uint8)
-
-
-def _rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return frame if frame.ndim == 3 else np.repeat(frame[:, :, None], 3, axis=2)

@@ -24,12 +24,13 @@ from data_gen.dataset import Cell, Source, simulate
 from data_gen.pairs import PAIRS
 from link.errors import InputError
 from link.frames import Captured, Rectified
+from link.images import as_batch
 from link.layout import Layout, make_layout
 from models import make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
 from models.neural.decoder import DecoderConfig, PhiDecoder, bin_mean
-from models.neural.methods import Phi, as_batch, run
+from models.neural.methods import Phi, run
 from models.neural.phi import MAX_DEGREE, PhiPolynomial
 from models.neural.register import register
 from models.neural.solver import fit_head, objective, solve_spd
@@ -62,8 +63,8 @@ def perturbed(module: PhiDecoder) -> PhiDecoder:
 
 def batch(pairs: list[Rectified]) -> tuple[Tensor, Tensor]:
     return (
-        torch.cat([as_batch(pair.original) for pair in pairs]),
-        torch.cat([as_batch(pair.embedded) for pair in pairs]),
+        torch.from_numpy(np.concatenate([as_batch(pair.original) for pair in pairs])),
+        torch.from_numpy(np.concatenate([as_batch(pair.embedded) for pair in pairs])),
     )
 
 

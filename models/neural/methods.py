@@ -5,27 +5,21 @@ from functools import lru_cache
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from link.errors import InputError
 from link.frames import Rectified, SoftBits
+from link.images import as_batch
 from link.layout import Layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import DecoderConfig, PhiDecoder
 
 
-def as_batch(frame: NDArray[np.uint8]) -> torch.Tensor:
-    """(H, W) or (H, W, 3) uint8 -> (1, 3, H, W)."""
-    planes = np.repeat(frame[None], 3, axis=0) if frame.ndim == 2 else frame.transpose(2, 0, 1)
-    return torch.from_numpy(np.ascontiguousarray(planes)).unsqueeze(0)
-
-
 def run(module: PhiDecoder, pair: Rectified) -> SoftBits:
     """Decode one frame pair with a module of the same layout."""
     with torch.inference_mode():
-        scores, head = module(as_batch(pair.original), as_batch(pair.embedded))
+        frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
+        scores, head = module(*frames)
     return SoftBits(scores[0].double().numpy(), head[0].double().numpy())
 
 
