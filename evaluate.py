@@ -11,8 +11,9 @@ from pathlib import Path
 import tyro
 
 from data_gen.dataset import Source
+from data_gen.effects import parse_settings
 from data_gen.optics import check_view
-from data_gen.pairs import PAIRS, get_pair
+from data_gen.pairs import PAIRS
 from link.captures import load_capture, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
@@ -28,6 +29,7 @@ from reports.compare import (
 )
 from reports.figures import annotate
 from reports.metrics import provenance, score, write_metrics
+from reports.protocols import PROTOCOLS, apply
 from reports.tables import paper_tables, summary_table
 
 CONFIG = "config.json"
@@ -49,6 +51,13 @@ class EvaluateConfig:
     frames: int = 15
     """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
     seed: int = 0
+    protocol: str = "fair"
+    """How thresholds are set: "fair" (in each frame pair), "paper", or another of
+    reports/protocols.py."""
+    without: tuple[str, ...] = ()
+    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
+    set: tuple[str, ...] = ()
+    """Parameters of the channel, such as drift=0.1 jpeg_quality=70 (data_gen/parameters.py)."""
     out: Path = Path("runs/evaluation")
     """Folder for predictions.jsonl, metrics.json and tables.md."""
     captures: Path | None = None
@@ -69,7 +78,7 @@ def main() -> None:
     """Decode, score, print."""
     config = tyro.cli(EvaluateConfig)
     check(config)
-    methods = methods_for(config.methods, config.run or PRETRAINED)
+    methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     settings = describe(config, methods)
     refuse_other_run(config.out, settings)
     if config.captures is not None:
@@ -80,7 +89,7 @@ def main() -> None:
         simulated = all(bool(entry.get("simulated")) for entry in entries)
     else:
         cells = paper_cells(config.pairs, config.views, config.kappas)
-        source = Source(make_layout(ratex=config.ratex), "test", config.seed, 0, config.pictures)
+        source = source_of(config)
         predictions = decode_cells(source, cells, config.frames, methods, config.out, config.jobs)
         simulated = True
     write_bytes(config.out / CONFIG, settings)
@@ -102,7 +111,7 @@ def main() -> None:
 def check(config: EvaluateConfig) -> None:
     """Refuse wrong flags before any work."""
     for pair in config.pairs:
-        get_pair(pair)
+        source_of(config).pair(pair)
     for kappa in config.kappas:
         check_kappa(kappa)
     for name in config.methods:
@@ -121,6 +130,19 @@ def check(config: EvaluateConfig) -> None:
     ):
         if not values or len(set(values)) != len(values):
             raise InputError(f"--{flag}: name at least one, and none twice")
+
+
+def source_of(config: EvaluateConfig) -> Source:
+    """Test pictures, and the channel as the flags set it."""
+    return Source(
+        make_layout(ratex=config.ratex),
+        "test",
+        config.seed,
+        pictures=config.pictures,
+        ratex_kappa=choose(PROTOCOLS, config.protocol, "protocol").ratex_kappa,
+        without=config.without,
+        parameters=parse_settings(config.set),
+    )
 
 
 def describe(config: EvaluateConfig, methods: list[Method]) -> bytes:

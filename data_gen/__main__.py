@@ -10,8 +10,8 @@ import tyro
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.effects import parse_settings
 from data_gen.optics import check_view
-from data_gen.pairs import get_pair
 from link.captures import MANIFEST, save_captures
 from link.embed import check_kappa, psnr, ssim
 from link.errors import InputError, at_least, run_cli
@@ -48,6 +48,10 @@ class DataGenConfig:
     height: int = 384
     ratex: int = 5
     """Ratex patches: 0, 1, 2, 3 or 5."""
+    without: tuple[str, ...] = ()
+    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
+    set: tuple[str, ...] = ()
+    """Parameters of the channel, such as drift=0.1 jpeg_quality=70 (data_gen/parameters.py)."""
     pyramid_level: int = 0
     """Add the message at this coarser pyramid level; 0 for plain blocks."""
 
@@ -55,16 +59,24 @@ class DataGenConfig:
 def main() -> None:
     """Simulate, save, and report how visible the message is."""
     config = tyro.cli(DataGenConfig)
-    get_pair(config.pair)
     check_view(config.view)
     check_kappa(config.kappa)
     at_least(1, frames=config.frames)
     at_least(0, seed=config.seed)
+    layout = make_layout(config.rows, config.cols, config.width, config.height, config.ratex)
+    source = Source(
+        layout,
+        config.split,
+        config.seed,
+        config.pyramid_level,
+        config.pictures,
+        without=config.without,
+        parameters=parse_settings(config.set),
+    )
+    source.pair(config.pair)
     make_folder(config.out)
     if (config.out / MANIFEST).exists():
         raise InputError(f"--out: {config.out} already holds captures; choose another folder")
-    layout = make_layout(config.rows, config.cols, config.width, config.height, config.ratex)
-    source = Source(layout, config.split, config.seed, config.pyramid_level, config.pictures)
     cell = Cell(config.pair, config.view, config.kappa)
 
     visibility = []

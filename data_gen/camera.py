@@ -8,61 +8,111 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from data_gen.display import Light
-from data_gen.optics import vignette
-from data_gen.pairs import Camera, Curve
+from data_gen.parameters import IDENTITY, Camera, Curve, Matrix
 
-RESPONSE_STEPS = 4096
+RESPONSE_STEPS = 65535
+PEDESTAL = 1 / 16
+"""Raw level of no light, so that noise below it is not cut off; relative to saturation."""
 
 
 @lru_cache(maxsize=16)
-def response_curve(tone_curve: Curve) -> NDArray[np.float32]:
+def response_curve(tone_curve: Curve, encoding: str = "srgb") -> NDArray[np.float32]:
     """The response f as a table: (RESPONSE_STEPS + 1,) float32 in [0, 255] over exposure [0, 1].
 
-    The camera's tone curve (linear to linear), then the sRGB transfer function (IEC 61966-2-1).
+    The camera's tone curve (linear to linear), then the transfer function: sRGB (IEC 61966-2-1) or
+    none.
     """
     nodes = np.array(tone_curve)
     exposure = np.linspace(0, 1, RESPONSE_STEPS + 1)
-    linear = np.clip(PchipInterpolator(nodes[:, 0], nodes[:, 1])(exposure), 0, 1)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.asarray(255 * encoded, np.float32)
+    if len(nodes) > 2:
+        linear = np.clip(PchipInterpolator(nodes[:, 0], nodes[:, 1])(exposure), 0, 1)
+    else:
+        linear = exposure
+    if encoding == "srgb":
+        linear = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.asarray(255 * linear, np.float32)
 
 
 def expose(
-    irradiance: Light,
-    camera: Camera,
-    crosstalk: tuple[tuple[float, ...], ...],
-    gain: float,
-    rng: np.random.Generator,
-) -> NDArray[np.uint8]:
-    """One captured frame.
-
-    exposure = white_level gain vignette (M light); electrons = Normal(N, N + read_noise^2) with
-    N = exposure full_well / gain; then the response f, rounding to 8 bits, and JPEG. Gain is the
-    camera's ISO: it amplifies without collecting more electrons. Noise and JPEG are those of single
-    sensor pixels: the capture stands for a crop or a skipped-pixel video mode, not for a big still
-    that is averaged down, which would be quieter.
+    irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
+) -> Light:
+    """What the sensor's channels collect: white_level gain M light, clipped at saturation.
 
     Args:
         irradiance: (H, W, 3) float32 linear, display primaries; frontal white is 1.
         camera: parameters.
-        crosstalk: (3, 3) M of Eq. redpixel, rows camera R, G, B.
-        gain: exposure relative to the camera's ``white_level`` setting.
+        crosstalk: M of Eq. redpixel, rows camera R, G, B.
+        gain: broadcastable to (H, W, 3): exposure, vignetting, banding, moire.
+
+    Returns:
+        (H, W, 3) float32 in [0, 1], linear, without noise; 1 is saturation.
+    """
+    light = _transform(irradiance, crosstalk) * (np.float32(camera.white_level) * gain)
+    return np.asarray(np.minimum(light, 1.0), np.float32)
+
+
+def develop(
+    exposure: Light, camera: Camera, rng: np.random.Generator, noise_scale: float, iso: float = 1.0
+) -> NDArray[np.uint8]:
+    """Sensor and image processor: from exposure to the file's pixels.
+
+    Mosaic; electrons = Normal(N, s^2 (N + read_noise^2)) with N = exposure full_well / iso and
+    s = noise_scale; demosaicing (edge-aware); colour matrix; response f; unsharp mask; rounding;
+    JPEG. Noise and mosaic are those of the reduced capture: its pixels pool native pixels of one
+    colour.
+
+    Args:
+        exposure: (H, W, 3) float32 in [0, 1], linear.
+        camera: parameters.
         rng: source of the noise.
+        noise_scale: standard deviation relative to a native pixel's; 0 for no noise.
+        iso: amplification relative to the ISO of ``full_well_e``, at least 1.
 
     Returns:
         (H, W, 3) uint8, encoded RGB.
     """
-    M = np.array(crosstalk, np.float32)
-    exposure = cv2.transform(irradiance, M) * (
-        np.float32(camera.white_level * gain) * vignette(camera.vignetting)[:, :, None]
+    raw = _mosaic(exposure) if camera.bayer else exposure
+    if noise_scale > 0:
+        well = camera.full_well_e / iso
+        read = (camera.read_noise_e * iso / camera.full_well_e) ** 2
+        sigma = np.sqrt(raw * np.float32(1 / well) + np.float32(read))
+        raw = raw + np.float32(noise_scale) * sigma * rng.standard_normal(raw.shape, np.float32)
+    linear = np.clip(_demosaic(raw) if camera.bayer else raw, 0, 1)
+    linear = np.clip(_transform(linear, camera.color_matrix), 0, 1)
+    table = response_curve(camera.tone_curve, camera.encoding)
+    index = (linear * np.float32(RESPONSE_STEPS) + np.float32(0.5)).astype(np.uint16)
+    if camera.sharpening > 0:
+        encoded = table[index]
+        soft = cv2.GaussianBlur(encoded, (0, 0), 1.0)
+        encoded = cv2.addWeighted(encoded, 1 + camera.sharpening, soft, -camera.sharpening, 0.5)
+        pixels = np.clip(encoded, 0, 255).astype(np.uint8)
+    else:
+        pixels = (table + np.float32(0.5)).astype(np.uint8)[index]
+    return jpeg(pixels, camera.jpeg_quality) if camera.jpeg_quality else pixels
+
+
+def _transform(image: Light, matrix: Matrix) -> Light:
+    if matrix == IDENTITY:
+        return image
+    return np.asarray(cv2.transform(image, np.array(matrix, np.float32)))
+
+
+def _mosaic(exposure: Light) -> Light:
+    """One colour a pixel, rows RGRG, GBGB: (H, W, 3) -> (H, W)."""
+    raw = exposure[:, :, 1].copy()
+    raw[0::2, 0::2] = exposure[0::2, 0::2, 0]
+    raw[1::2, 1::2] = exposure[1::2, 1::2, 2]
+    return raw
+
+
+def _demosaic(raw: Light) -> Light:
+    """(H, W) float32 -> (H, W, 3) float32; through 16-bit integers, as OpenCV wants."""
+    full = np.float32(65535 / (1 + 2 * PEDESTAL))
+    counts = (np.clip(raw + PEDESTAL, 0, 1 + 2 * PEDESTAL) * full + np.float32(0.5)).astype(
+        np.uint16
     )
-    well = camera.full_well_e / max(gain, 1.0)
-    variance = exposure / np.float32(well) + np.float32((camera.read_noise_e / well) ** 2)
-    exposure += np.sqrt(variance) * rng.standard_normal(exposure.shape, np.float32)
-    table = response_curve(camera.tone_curve)
-    index = np.clip(exposure * RESPONSE_STEPS, 0, RESPONSE_STEPS) + np.float32(0.5)
-    pixels = (table + np.float32(0.5)).astype(np.uint8)[index.astype(np.intp)]
-    return jpeg(pixels, camera.jpeg_quality)
+    colour = cv2.demosaicing(counts, cv2.COLOR_BayerRGGB2RGB_EA)
+    return np.asarray(colour / full - np.float32(PEDESTAL), np.float32)
 
 
 def jpeg(pixels: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:

@@ -9,11 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from data_gen.channel import capture
+from data_gen.effects import switch_off, with_parameter
 from data_gen.pairs import get_pair
+from data_gen.parameters import Pair
 from data_gen.pictures import Picture, load_folder, load_pictures
 from link.embed import embed
 from link.equalise import equalise
@@ -42,16 +45,32 @@ class Source:
     """Coarser pyramid level at which the message is added; 0 for plain blocks."""
     pictures: Path | None = None
     """The user's own folder, in place of the built-in pictures of the split."""
+    ratex_kappa: int | None = None
+    """Gray levels by which ratex patches toggle; None for the message's kappa."""
+    without: tuple[str, ...] = ()
+    """Effects of the channel switched off, of `effects.EFFECTS`."""
+    parameters: tuple[tuple[str, Any], ...] = ()
+    """Parameters of the channel set to other values, by name."""
+
+    def pair(self, name: str) -> Pair:
+        """The pair as this source films it; raises an `InputError` for a name or value."""
+        pair = switch_off(get_pair(name), self.without)
+        for parameter, value in self.parameters:
+            pair = with_parameter(pair, parameter, value)
+        return pair
+
+
+def shuffled_pictures(source: Source) -> Sequence[Picture]:
+    """The source's pictures, in an order in which every prefix mixes photographs and drawings."""
+    return _shuffled(source.split, source.pictures, source.layout.width, source.layout.height)
 
 
 @lru_cache(maxsize=4)
-def shuffled_pictures(source: Source) -> Sequence[Picture]:
-    """The source's pictures, in an order in which every prefix mixes photographs and drawings."""
-    width, height = source.layout.width, source.layout.height
-    if source.pictures is not None:
-        return load_folder(source.pictures, width, height)
-    pictures = load_pictures(source.split, width, height)
-    order = np.random.default_rng(zlib.crc32(source.split.encode())).permutation(len(pictures))
+def _shuffled(split: str, folder: Path | None, width: int, height: int) -> Sequence[Picture]:
+    if folder is not None:
+        return load_folder(folder, width, height)
+    pictures = load_pictures(split, width, height)
+    order = np.random.default_rng(zlib.crc32(split.encode())).permutation(len(pictures))
     return [pictures[i] for i in order]
 
 
@@ -80,6 +99,7 @@ def prepare(source: Source, cell: Cell, index: int, hidden: bool = False) -> Tak
         layout,
         cell.kappa,
         source.pyramid_level,
+        source.ratex_kappa,
     )
     return Take(displayed, picture.name, channel_rng)
 
@@ -100,7 +120,7 @@ def simulate(source: Source, cell: Cell, index: int, hidden: bool = False) -> Ca
     Raises:
         InputError: the pair or the picture folder is unknown, or kappa or the view out of range.
     """
-    pair = get_pair(cell.pair)
+    pair = source.pair(cell.pair)
     take = prepare(source, cell, index, hidden)
     captured = capture(take.displayed, pair, cell.view_deg, take.channel_rng)
     meta = {
@@ -109,5 +129,7 @@ def simulate(source: Source, cell: Cell, index: int, hidden: bool = False) -> Ca
         "simulated": True,
         "split": source.split if source.pictures is None else "own",
         "equalised": hidden,
+        **({"without": list(source.without)} if source.without else {}),
+        **({"parameters": dict(source.parameters)} if source.parameters else {}),
     }
     return replace(captured, meta={**captured.meta, **meta})

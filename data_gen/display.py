@@ -2,40 +2,68 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.pairs import Display
+from data_gen.parameters import Display
 
 Light = NDArray[np.floating[Any]]
 
 
-def emitted_light(frame: NDArray[np.uint8], display: Display, theta: Light) -> Light:
-    """Light that leaves each display pixel towards the camera.
+def emitted_light(frames: NDArray[np.uint8], display: Display, theta: Light) -> Light:
+    """Light that leaves each display pixel towards the camera, room light left aside.
 
     Per channel c, with x = min(1, rho / (255 clip)) and s = sin(theta)^2,
-        light_c = e_c(theta) ((1 - b) ((1 - w) x^gamma_c + w x^gamma_w) + b) + leak s,
-        e_c(theta) = cos(theta)^falloff_c,  w = washout s,  b = black.
+        light_c = u (e_c(theta) ((1 - b) ((1 - w) x^gamma_c + w x^gamma_w) + b) + leak s),
+        e_c(theta) = cos(theta)^falloff_c,  w = washout s,  b = black,
+    and u falls from 1 in the centre by ``edge_loss`` to the corners.
 
     Args:
-        frame: (H, W, 3) uint8, encoded RGB.
+        frames: (..., H, W, 3) uint8, encoded RGB.
         display: parameters.
         theta: (H, W) viewing angle at each pixel, radians from the normal.
 
     Returns:
-        (H, W, 3) float32, linear; frontal white is 1 in every channel.
+        (..., H, W, 3) float32, linear; frontal white at the centre is 1 in every channel.
     """
-    x = np.minimum(1.0, np.arange(256) / (255 * display.clip))
-    sine2 = (np.sin(theta) ** 2).astype(np.float32)
-    cosine = np.cos(theta).astype(np.float32)
-    washed_curve = ((1 - display.black) * x**display.washout_gamma).astype(np.float32)
-    light = np.empty(frame.shape, np.float32)
-    for c in range(3):
-        curve = ((1 - display.black) * x ** display.gamma[c]).astype(np.float32)
-        rho = frame[:, :, c]
-        transmitted = curve[rho]
-        transmitted += display.washout * sine2 * (washed_curve - curve)[rho]
-        transmitted += np.float32(display.black)
-        light[:, :, c] = cosine ** display.falloff[c] * transmitted
-    light += (display.leak * sine2)[:, :, None]
+    x = np.minimum(1.0, np.arange(256) / (255 * display.clip))[:, None]
+    curves = ((1 - display.black) * x ** np.array(display.gamma)).astype(np.float32)
+    washed = ((1 - display.black) * x**display.washout_gamma - curves).astype(np.float32)
+    sine2 = np.square(np.sin(theta, dtype=np.float32))[:, :, None]
+    uniformity = fall_to_corners(display.edge_loss, *theta.shape)[:, :, None]
+    log_cosine = np.log(np.cos(theta, dtype=np.float32))[:, :, None]
+    gain = uniformity * np.exp(log_cosine * np.array(display.falloff, np.float32))
+    light = _look_up(frames, curves)
+    if display.washout > 0 and sine2.max() > 0:
+        light += np.float32(display.washout) * sine2 * _look_up(frames, washed)
+    light += np.float32(display.black)
+    light *= gain
+    light += np.float32(display.leak) * uniformity * sine2
     return light
+
+
+def _look_up(frames: NDArray[np.uint8], table: Light) -> Light:
+    flat = cv2.LUT(np.ascontiguousarray(frames).reshape(1, -1, 3), table[None])
+    return np.asarray(flat, np.float32).reshape(frames.shape)  # (1, N, 3) -> frames
+
+
+def fall_to_corners(loss: float, height: int, width: int) -> Light:
+    """Smooth gain 1 - loss r^2, r = 1 at the corner pixels: (height, width) float32."""
+    x = np.arange(width, dtype=np.float32) - (width - 1) / 2
+    y = np.arange(height, dtype=np.float32) - (height - 1) / 2
+    r2 = (x**2 + (y**2)[:, None]) / max(1.0, x[0] ** 2 + y[0] ** 2)
+    return np.asarray(1 - loss * r2, np.float32)
+
+
+GLARE_SIZE = 0.25
+"""Standard deviation of the mirrored spot, in widths of the picture."""
+
+
+def room_light(display: Display, height: int, width: int, rng: np.random.Generator) -> Light:
+    """Room light that the surface sends to the camera: (height, width) float32, white is 1."""
+    spot_x, spot_y = rng.uniform(0, 1, 2)
+    x = (np.arange(width) / width - spot_x) / GLARE_SIZE
+    y = (np.arange(height) / height - spot_y) * height / width / GLARE_SIZE
+    spot = np.exp(-0.5 * x**2) * np.exp(-0.5 * y**2)[:, None]
+    return np.asarray(display.haze + display.glare * spot, np.float32)

@@ -1,7 +1,7 @@
 """Training episodes: simulated, rectified frame pairs as tensors."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,6 +12,8 @@ from torch import Tensor
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, simulate
+from data_gen.effects import EFFECTS
+from link.errors import choose
 
 
 @dataclass(frozen=True)
@@ -36,10 +38,23 @@ class EpisodeSet:
     """(N, n_bits) int64, 0 or 1."""
 
 
+VARIED = {
+    "drift": (0.005, 0.08),
+    "jitter_px": (0.05, 0.4),
+    "noise_scale": (0.2, 1.2),
+    "metering": (0.0, 1.0),
+    "pwm_duty": (0.7, 1.0),
+}
+"""Each episode draws these anew, wider than the fitted values: other cameras differ."""
+
+
 def simulate_episodes(
     source: Source, pairs: Sequence[str], plan: EpisodePlan, jobs: int
 ) -> EpisodeSet:
-    """Simulate episodes in parallel; the draw depends on the source's seed and the plan alone."""
+    """Simulate episodes in parallel; the draw depends on the source's seed and the plan alone.
+
+    What the source sets or switches off is kept; the rest of `VARIED` is drawn uniformly.
+    """
     rng = np.random.default_rng([source.seed, plan.count])
     cells = [
         Cell(
@@ -50,9 +65,18 @@ def simulate_episodes(
         for index in range(plan.count)
     ]
     order = rng.permutation(plan.count)
+    absent = {name for effect in source.without for name in choose(EFFECTS, effect, "effect")}
+    if "pwm_depth" in absent:
+        absent.add("pwm_duty")
+    sources = []
+    for _ in cells:
+        drawn = {name: float(rng.uniform(*bounds)) for name, bounds in VARIED.items()}
+        kept = {name: value for name, value in drawn.items() if name not in absent}
+        kept |= dict(source.parameters)
+        sources.append(replace(source, parameters=tuple(kept.items())))
     results = Parallel(n_jobs=jobs, return_as="generator")(
-        delayed(_rectified)(source, cell, int(index))
-        for cell, index in zip(cells, order, strict=True)
+        delayed(_rectified)(varied, cell, int(index))
+        for varied, cell, index in zip(sources, cells, order, strict=True)
     )
     done = list(tqdm(results, total=len(cells), desc="simulate", unit="pair"))
     original, embedded, bits = (

@@ -1,4 +1,4 @@
-"""Optics: the camera's pose, perspective, blur and vignetting."""
+"""Optics: the camera's pose, perspective, motion and blur."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ CAPTURE_WIDTH, CAPTURE_HEIGHT = 768, 576
 """Simulated capture in pixels: the sensor's 3:2 or 4:3 image reduced to this."""
 FILL = 0.70
 """Share of the capture that the frontal picture covers, along the axis that it fills more."""
-ROOM_LIGHT = 0.01
+SURROUNDINGS = 0.01
 """Linear light of what surrounds the picture, relative to frontal white: a dark room."""
 MAX_VIEW_DEG = 75.0
 DISTANCES = (2.0, 3.0)
@@ -102,20 +102,34 @@ def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
     return np.asarray(H / H[2, 2])
 
 
-def jitter(sigma_px: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def motion(
+    jitter_px: float, breathing: float, size: tuple[int, int], rng: np.random.Generator
+) -> NDArray[np.float64]:
     """Residual motion between two frames: (3, 3), captured pixels to captured pixels.
 
-    A shift of standard deviation ``sigma_px`` per axis, and a rotation and a change of scale that
-    move the corner of the image by the same order.
+    A shift of standard deviation ``jitter_px`` per axis, a rotation and a change of distance that
+    move the corner of the image by the same order, and a change of scale by focusing.
+
+    Args:
+        jitter_px: see `parameters.Nuisance`.
+        breathing: see `parameters.Camera`.
+        size: (width, height) of the capture.
+        rng: source of the draw.
     """
-    dx, dy, turn, zoom = sigma_px * rng.standard_normal(4)
-    radius = np.hypot(CAPTURE_WIDTH, CAPTURE_HEIGHT) / 2
-    a, b = 1 + zoom / radius, turn / radius
-    x, y = (CAPTURE_WIDTH - 1) / 2, (CAPTURE_HEIGHT - 1) / 2
+    dx, dy, turn, zoom = jitter_px * rng.standard_normal(4)
+    width, height = size
+    radius = np.hypot(width, height) / 2
+    a, b = 1 + zoom / radius + breathing * rng.standard_normal(), turn / radius
+    x, y = (width - 1) / 2, (height - 1) / 2
     return np.array([[a, -b, x - a * x + b * y + dx], [b, a, y - b * x - a * y + dy], [0, 0, 1.0]])
 
 
-def image_of(light: Light, H_captured_from_display: NDArray[np.float64], blur_px: float) -> Light:
+def image_of(
+    light: Light,
+    H_captured_from_display: NDArray[np.float64],
+    blur_px: float,
+    size: tuple[int, int],
+) -> Light:
     """Project emitted light into the captured image and blur it.
 
     Where the camera sees the display smaller than it is, the light is low-passed first, as pixels
@@ -124,10 +138,11 @@ def image_of(light: Light, H_captured_from_display: NDArray[np.float64], blur_px
     Args:
         light: (H, W, 3) float32, linear, display pixels.
         H_captured_from_display: (3, 3).
-        blur_px: Gaussian sigma of lens and demosaicking, captured pixels.
+        blur_px: Gaussian sigma of lens and anti-alias filter, captured pixels.
+        size: (width, height) of the capture.
 
     Returns:
-        (CAPTURE_HEIGHT, CAPTURE_WIDTH, 3) float32, linear.
+        (height, width, 3) float32, linear.
     """
     height, width = light.shape[:2]
     H = H_captured_from_display
@@ -146,19 +161,11 @@ def image_of(light: Light, H_captured_from_display: NDArray[np.float64], blur_px
     image = cv2.warpPerspective(
         light,
         H,
-        (CAPTURE_WIDTH, CAPTURE_HEIGHT),
+        size,
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(ROOM_LIGHT,) * 3,
+        borderValue=(SURROUNDINGS,) * 3,
     )
     return np.asarray(
         cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px > 0.1 else image, np.float32
     )
-
-
-def vignette(loss_at_corner: float) -> Light:
-    """Relative illumination 1 - loss r^2, r = 1 at corners: (CAPTURE_HEIGHT, CAPTURE_WIDTH)."""
-    x = np.linspace(-1, 1, CAPTURE_WIDTH, dtype=np.float32) * CAPTURE_WIDTH
-    y = np.linspace(-1, 1, CAPTURE_HEIGHT, dtype=np.float32) * CAPTURE_HEIGHT
-    r2 = (x**2 + (y**2)[:, None]) / (CAPTURE_WIDTH**2 + CAPTURE_HEIGHT**2)
-    return np.asarray(1 - loss_at_corner * r2, np.float32)

@@ -1,6 +1,7 @@
 """The paper's nine pairs: three cameras x three displays, every number with its source.
 
-Each number is *measured* (citation), *datasheet*, or *assumed* (bounds in brackets). Sources:
+Each number is *measured* (citation), *datasheet*, *assumed* (bounds in brackets) or *fitted*
+(`data_gen.calibrate`, in nuisances.json). Sources:
 SPECTRA: `data_gen.spectra` on rawtoaces-data sensitivities (Apache-2.0) and isetbio (MIT) and
 vistadisp display spectra. DARKTABLE: base curves and noise profiles of darktable. LENSFUN: lens
 database (CC BY-SA 3.0). PRAD: prad.de's reviews of the Samsung 2493HM and 2494HM, sisters of the
@@ -8,156 +9,52 @@ database (CC BY-SA 3.0). PRAD: prad.de's reviews of the Samsung 2493HM and 2494H
 
 No table of luminance against angle was found for these panels: ``falloff``, ``washout`` and
 ``leak`` are assumptions, ordered TN > 32-inch S-IPS > IPS, and kept below what phone and tablet
-LCDs of the time lost, over half of their luminance at 30 degrees (``falloff`` 4.8). ``drift`` and
-``jitter_px`` are assumptions still to be calibrated on the paper's tables.
+LCDs of the time lost, over half of their luminance at 30 degrees (``falloff`` 4.8).
 
-Left out: banding by pulse-width modulation (only its mean effect, in ``drift``), moire, the Bayer
-mosaic, azimuth (a TN panel differs left, right, up and down), non-uniform backlight, reflections.
+Left out: azimuth (a TN panel differs left, right, up and down), lens distortion, the row grid's
+moire, metering that changes within a pair other than as drift.
 
 Exposure assumed: f/5.6, 1/60 s, ISO 400, or the equal f/4, ISO 200 for Sony. A white of about
 330 cd/m^2 then saturates (metering constant 12.5, gray 18 %); the 2494HM gives 285 (PRAD).
 """
 
-from dataclasses import dataclass
-from itertools import pairwise
+import json
+from dataclasses import replace
+from pathlib import Path
 
-from link.errors import InputError, choose
-
-RGB = tuple[float, float, float]
-Curve = tuple[tuple[float, float], ...]
-
-
-def _check(owner: str, field: str, value: float | RGB, low: float, high: float) -> None:
-    values: tuple[float, ...] = value if isinstance(value, tuple) else (value,) * 3
-    if len(values) != 3 or not all(low <= v <= high for v in values):
-        raise InputError(f"{owner}: {field} must lie in [{low:g}, {high:g}], got {value!r}")
-
-
-@dataclass(frozen=True)
-class Display:
-    """What turns a displayed value rho into light, by angle theta from the normal (Eq. emitted)."""
-
-    name: str
-    """Maker's name of the display."""
-    panel: str
-    """Liquid-crystal type: "TN", "VA" or "IPS"."""
-    gamma: RGB
-    """Exponents of R, G, B: light is (rho / 255) ** gamma, frontal."""
-    black: float
-    """Luminance of black / white, frontal: 1 / contrast."""
-    clip: float
-    """Fraction of 255 from which light no longer rises; 1 for none."""
-    falloff: RGB
-    """Exponents of R, G, B in e_c(theta) = cos(theta) ** falloff, white / frontal white."""
-    washout: float
-    """Share w(theta) = washout * sin(theta) ** 2 of the light follows ``washout_gamma``."""
-    washout_gamma: float
-    """Exponent of the washed-out share of the light, in place of ``gamma``."""
-    leak: float
-    """Black luminance / frontal white added by angle: leak * sin(theta) ** 2."""
-    width_m: float
-    """Width of the active area in metres."""
-
-    def __post_init__(self) -> None:
-        if self.panel not in ("TN", "VA", "IPS"):
-            raise InputError(f"{self.name}: panel must be TN, VA or IPS, got {self.panel!r}")
-        for field, low, high in (
-            ("gamma", 1.0, 4.0),
-            ("black", 0.0, 0.1),
-            ("clip", 0.5, 1.0),
-            ("falloff", 0.0, 8.0),
-            ("washout", 0.0, 1.0),
-            ("washout_gamma", 0.5, 4.0),
-            ("leak", 0.0, 0.1),
-            ("width_m", 0.02, 5.0),
-        ):
-            _check(self.name, field, getattr(self, field), low, high)
-
-
-@dataclass(frozen=True)
-class Camera:
-    """What turns light into the pixels of a file (Eq. camerapixel and the response f)."""
-
-    name: str
-    """Maker's name of the camera."""
-    full_well_e: float
-    """Electrons at saturation at the ISO used."""
-    read_noise_e: float
-    """Standard deviation of the read noise at that ISO, electrons."""
-    white_level: float
-    """Exposure of frontal display white as a fraction of saturation (metering)."""
-    tone_curve: Curve
-    """Nodes (linear in, out) of f before the sRGB transfer function; for monotone cubic splines."""
-    blur_px: float
-    """Standard deviation of lens and demosaicking blur, in pixels of the simulated capture."""
-    vignetting: float
-    """Fraction of light lost at the corner of the image."""
-    jpeg_quality: int
-    """Quality of the stored frame on libjpeg's scale, 1 to 100."""
-
-    def __post_init__(self) -> None:
-        for field, low, high in (
-            ("full_well_e", 100.0, 1e6),
-            ("read_noise_e", 0.0, 1e3),
-            ("white_level", 0.05, 1.0),
-            ("blur_px", 0.0, 10.0),
-            ("vignetting", 0.0, 0.9),
-            ("jpeg_quality", 1, 100),
-        ):
-            _check(self.name, field, getattr(self, field), low, high)
-        curve = self.tone_curve
-        if len(curve) < 2 or curve[0] != (0.0, 0.0) or curve[-1] != (1.0, 1.0):
-            raise InputError(f"{self.name}: tone_curve must run from (0, 0) to (1, 1)")
-        if not all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(curve)):
-            raise InputError(f"{self.name}: tone_curve must increase strictly in both coordinates")
-
-
-@dataclass(frozen=True)
-class Pair:
-    """One camera that films one display."""
-
-    name: str
-    """Camera and display, such as "canon-lg"."""
-    camera: Camera
-    """The receiver."""
-    display: Display
-    """The transmitter."""
-    crosstalk: tuple[RGB, ...]
-    """M (3 x 3) of Eq. redpixel: rows camera R, G, B; columns display R, G, B; rows sum to 1."""
-    drift: float
-    """Standard deviation of the change in log exposure between the two frames."""
-    jitter_px: float
-    """Standard deviation per axis of the shift left after registration, captured pixels."""
-
-    def __post_init__(self) -> None:
-        if len(self.crosstalk) != 3:
-            raise InputError(f"{self.name}: crosstalk must be 3 x 3")
-        for row in self.crosstalk:
-            _check(self.name, "crosstalk", row, 0.0, 1.0)
-            _check(self.name, "sum of a row of crosstalk", sum(row), 0.998, 1.002)
-        _check(self.name, "drift", self.drift, 0.0, 0.5)
-        _check(self.name, "jitter_px", self.jitter_px, 0.0, 5.0)
+from data_gen.parameters import Camera, Curve, Display, Matrix, Nuisance, Pair, Setup
+from link.errors import choose
 
 
 def _curve(x: tuple[float, ...], y: tuple[float, ...]) -> Curve:
     return ((0.0, 0.0), *zip(x, y, strict=True), (1.0, 1.0))
 
 
-# Metering: white_level puts frontal white at 245 of 255 in the file, just below clipping, through
-# each tone curve [0.8 to 1.2 times]. Blur, JPEG: assumed [0.5 to 1.2 px; 85 to 97]; the more pixels
-# on the sensor (Nikon 6, Canon 12, Sony 20 million), the less blur in the reduced capture.
+# white_level puts frontal white at 245 of 255 in the file, just below clipping, through each tone
+# curve [0.8 to 1.2 times]. color_matrix: printed by data_gen.spectra (SPECTRA). Assumed: blur_px
+# [0.3 to 1; the more native pixels, the less], native_blur_px [0.5 to 1], sharpening [0 to 0.6],
+# breathing [0 to 5e-4], jpeg_quality [85 to 97], shutter 1/60 s on the dial (1/64 by whole stops).
 CAMERAS = {
     "canon": Camera(
         name="Canon EOS Rebel XSi",
         full_well_e=8750.0,  # 35 ke at ISO 100, inferred from the 40D (PTC) [29 to 41 ke]; / 4
         read_noise_e=6.8,  # measured on the 40D at ISO 400 (PTC)
         white_level=0.51,
+        color_matrix=((1.541, -0.615, 0.075), (-0.059, 1.51, -0.451), (0.018, -0.442, 1.424)),
         tone_curve=_curve(  # measured, EOS 5D Mark II, of the same year (DARKTABLE)
             (0.0066, 0.0273, 0.0459, 0.2066, 0.4423, 0.6733),
             (0.0035, 0.0298, 0.0702, 0.5399, 0.8724, 0.9717),
         ),
-        blur_px=0.7,
+        encoding="srgb",
+        bayer=True,
+        blur_px=0.5,
+        native_blur_px=0.7,
+        native_width=4272,  # maker
+        sharpening=0.4,
         vignetting=0.20,  # measured, EF-S 18-55 IS at 35 mm, f/5.6 (LENSFUN)
+        breathing=1e-4,
+        shutter_s=1 / 64,
+        readout_s=0.004,  # focal plane; flash sync at 1/200 s (maker), so the curtains take less
         jpeg_quality=95,
     ),
     "nikon": Camera(
@@ -165,12 +62,21 @@ CAMERAS = {
         full_well_e=12500.0,  # 25 ke at ISO 200, inferred from the D50 (PTC) [20 to 30 ke]; / 2
         read_noise_e=11.0,  # D50, D40 profiles at ISO 400 (DARKTABLE), scaled to the D50 full well
         white_level=0.71,
+        color_matrix=((1.51, -0.535, 0.025), (-0.063, 1.41, -0.346), (-0.015, -0.347, 1.362)),
         tone_curve=_curve(  # measured, D90, the nearest Nikon measured (DARKTABLE)
             (0.0117, 0.1229, 0.1536, 0.2469, 0.4490, 0.6668),
             (0.0127, 0.2900, 0.3427, 0.5101, 0.7338, 0.8943),
         ),
-        blur_px=0.8,
+        encoding="srgb",
+        bayer=True,
+        blur_px=0.6,
+        native_blur_px=0.7,
+        native_width=3008,  # maker
+        sharpening=0.3,
         vignetting=0.25,  # measured, AF-S DX 18-70 at 35 mm, f/5.6 (LENSFUN)
+        breathing=1e-4,
+        shutter_s=1 / 64,
+        readout_s=0.0,  # the interline CCD starts and stops all rows at once
         jpeg_quality=92,
     ),
     "sony": Camera(
@@ -178,17 +84,29 @@ CAMERAS = {
         full_well_e=4400.0,  # 7 ke at the base ISO 125, inferred from pixel size [6 to 8 ke]; / 1.6
         read_noise_e=4.3,  # RX100M2 profile at ISO 125 (DARKTABLE), scaled to a 7 ke full well
         white_level=0.71,
+        color_matrix=((1.67, -0.588, -0.082), (-0.195, 1.584, -0.389), (0.092, -0.715, 1.623)),
         tone_curve=_curve(  # measured, RX100M2 (DARKTABLE)
             (0.0151, 0.0701, 0.1075, 0.1915, 0.2580, 0.3054, 0.3264, 0.4481, 0.5096, 0.6768),
             (0.0081, 0.0937, 0.1707, 0.3411, 0.4585, 0.5373, 0.5693, 0.7237, 0.7780, 0.8988),
         ),
-        blur_px=0.6,
+        encoding="srgb",
+        bayer=True,
+        blur_px=0.4,
+        native_blur_px=0.7,
+        native_width=5472,  # maker
+        sharpening=0.5,
         vignetting=0.32,  # measured, 18.7 mm, f/4 (LENSFUN); camera may correct it [0.1 to 0.35]
+        breathing=5e-5,
+        shutter_s=1 / 64,
+        readout_s=0.015,  # assumed: video by a rolling CMOS readout [0.008 to 0.03]
         jpeg_quality=90,
     ),
 }
 
-# gamma: SPECTRA, log-log fit over the upper 80 % of levels of the stand-in display [+-0.15].
+# gamma: SPECTRA, log-log fit over the upper 80 % of levels of the stand-in [+-0.15]. Assumed:
+# edge_loss [0.05 to 0.2]; haze: 150 lux on a surface that scatters 1 to 3 % of it back, 0.5 to 1.5
+# cd/m^2 beside a white of 250 [0.002 to 0.01]; pwm_duty: near full brightness, as sold [0.5 to 1].
+# grid_contrast: RGB stripes of a third of a pixel, 2 sinc(1/3). falloff is replaced by the fitted.
 DISPLAYS = {
     "imac": Display(
         name="iMac 21.5-inch 2009",
@@ -200,7 +118,14 @@ DISPLAYS = {
         washout=0.12,  # assumed: IPS keeps its gamma best [0 to 0.25]
         washout_gamma=1.4,  # assumed [1.2 to 1.8]
         leak=0.003,  # assumed: glow of black, contrast about 240 at 45 degrees [0.001 to 0.01]
-        width_m=0.476,  # maker: 21.5 inches, 16:9
+        edge_loss=0.08,
+        haze=0.004,
+        glare=0.02,  # assumed: glass front [0 to 0.06]
+        pwm_hz=400.0,  # assumed [200 to 1000]
+        pwm_duty=0.95,
+        pwm_depth=1.0,  # white LED (everymac.com)
+        grid_contrast=1.65,
+        native_height=1080,  # maker
     ),
     "lg": Display(
         name="LG M3204CCBA",
@@ -212,7 +137,14 @@ DISPLAYS = {
         washout=0.25,  # assumed: between the two [0.1 to 0.5]
         washout_gamma=1.3,  # assumed [1.1 to 1.8]
         leak=0.004,  # assumed [0.001 to 0.01]
-        width_m=0.698,  # datasheet of LG Display's LC320WXN: 31.51 inches, 16:9
+        edge_loss=0.10,
+        haze=0.006,
+        glare=0.004,  # assumed: matt front [0 to 0.01]
+        pwm_hz=150.0,  # assumed [100 to 250]
+        pwm_duty=0.95,
+        pwm_depth=0.3,  # assumed: fluorescent lamps glow on [0.1 to 0.6]
+        grid_contrast=1.65,
+        native_height=768,  # datasheet of LG Display's LC320WXN
     ),
     "samsung": Display(
         name="Samsung SyncMaster 2494SW",
@@ -224,13 +156,23 @@ DISPLAYS = {
         washout=0.6,  # assumed: gamma 1.8 at mid-gray and 45 degrees [0.3 to 0.9]
         washout_gamma=1.2,  # assumed [1.0 to 1.6]
         leak=0.006,  # assumed: contrast about 80 at 45 degrees [0.002 to 0.02]
-        width_m=0.531,  # 24 inches as sold, 16:9
+        edge_loss=0.12,  # 6 % on average, 22 % at worst on a 24-inch Samsung TN (PROVENANCE)
+        haze=0.006,
+        glare=0.004,  # assumed: matt front [0 to 0.01]
+        pwm_hz=180.0,  # measured on a 24-inch Samsung TN (PROVENANCE)
+        pwm_duty=0.95,
+        pwm_depth=0.3,  # assumed: fluorescent lamps glow on [0.1 to 0.6]
+        grid_contrast=1.65,
+        native_height=1080,  # maker: 1920 x 1080
     ),
 }
 
+FALLOFF_BOUNDS = {"imac": (1.5, 3.0), "lg": (2.0, 3.6), "samsung": (2.8, 4.8)}
+"""Of the green exponent of ``falloff``."""
+
 # Printed by data_gen.spectra (SPECTRA): stand-in cameras and displays as listed there. Two
 # laboratories differ by up to 0.11 in the red row of Canon (400D 0.63, 600D 0.52 with LCD-Apple).
-_CROSSTALK: dict[str, tuple[RGB, ...]] = {
+CROSSTALK: dict[str, Matrix] = {
     "canon-imac": ((0.632, 0.336, 0.032), (0.052, 0.762, 0.186), (0.016, 0.197, 0.788)),
     "canon-lg": ((0.697, 0.268, 0.035), (0.057, 0.712, 0.231), (0.02, 0.233, 0.747)),
     "canon-samsung": ((0.705, 0.262, 0.032), (0.05, 0.718, 0.232), (0.013, 0.223, 0.764)),
@@ -242,19 +184,29 @@ _CROSSTALK: dict[str, tuple[RGB, ...]] = {
     "sony-samsung": ((0.637, 0.286, 0.076), (0.091, 0.715, 0.194), (0.029, 0.297, 0.675)),
 }
 
-# Assumed, mid-range: a few per cent of drift gives the paper's pattern of accuracies; flicker of
-# the backlight and of the mains, repeatability of shutter and diaphragm [0.01 to 0.08]. The value
-# was chosen with an eye on how far apart it sets the paper's methods; two-step and naive tie at
-# 0.05.
-DRIFT = 0.04
-# Assumed: Canon and Nikon record no video, so each frame has a mirror stroke [0.05 to 0.3].
-JITTER_PX = {"canon": 0.15, "nikon": 0.15, "sony": 0.10}
+# The paper holds the exposure while the angle changes (Figure "Influence of observation angles").
+# corner_px: assumed; a good detector on a lit display [0.2 to 1].
+SETUP = Setup(name="setup", perspective=True, metering=0.0, corner_px=0.5)
 
-PAIRS: dict[str, Pair] = {
-    f"{c}-{d}": Pair(f"{c}-{d}", camera, display, _CROSSTALK[f"{c}-{d}"], DRIFT, JITTER_PX[c])
-    for c, camera in CAMERAS.items()
-    for d, display in DISPLAYS.items()
-}
+FITTED_FILE = Path(__file__).with_name("nuisances.json")
+FITTED = json.loads(FITTED_FILE.read_text())
+"""Written by `data_gen.calibrate`: values of `Nuisance` by camera and view, and ``falloff``."""
+
+
+def _pair(camera: str, display: str) -> Pair:
+    fitted = FITTED["fitted"][camera]
+    return Pair(
+        name=f"{camera}-{display}",
+        camera=CAMERAS[camera],
+        display=replace(DISPLAYS[display], falloff=tuple(FITTED["falloff"][display])),
+        setup=SETUP,
+        frontal=Nuisance(name=f"{camera} at 0 degrees", **fitted["0"]),
+        oblique=Nuisance(name=f"{camera} at 45 degrees", **fitted["45"]),
+        crosstalk=CROSSTALK[f"{camera}-{display}"],
+    )
+
+
+PAIRS = {f"{c}-{d}": _pair(c, d) for c in CAMERAS for d in DISPLAYS}
 
 
 def get_pair(name: str) -> Pair:

@@ -1,4 +1,4 @@
-"""Crosstalk and gamma of the nine pairs, from measured spectra: ``python -m data_gen.spectra``.
+"""Crosstalk, colour matrices and gamma from measured spectra: ``python -m data_gen.spectra``.
 
 I_c = M rho_lin (Eq. redpixel, camerapixel): M[c, d] is the integral over wavelength of
 s_c(lambda) e_d(lambda), rows camera channels, columns display primaries, each row divided by its
@@ -105,6 +105,34 @@ def crosstalk(s_wavelength: Array, s: Array, e_wavelength: Array, e: Array) -> A
     return np.asarray(M / white, dtype=np.float64)
 
 
+XYZ_TO_SRGB = np.array(  # IEC 61966-2-1, linear
+    [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
+)
+
+
+def color_matrix(s_wavelength: Array, s: Array, x_wavelength: Array, xyz: Array) -> Array:
+    """C (3, 3) from white-balanced raw to linear sRGB, rows sum to 1.
+
+    Maximum ignorance: min || S C^T - X ||^2 over all spectra alike, subject to C 1 = 1, where the
+    columns of S (sensitivities) and X (sRGB from the colour-matching functions) are scaled so that
+    a flat spectrum gives equal R, G and B (Finlayson & Drew 1997, white-point preserving).
+
+    Args:
+        s_wavelength: (L,) nm.
+        s: (L, 3) sensitivities of R, G, B.
+        x_wavelength: (K,) nm, covering the others.
+        xyz: (K, 3) CIE 1931 colour-matching functions.
+    """
+    X = np.stack([np.interp(s_wavelength, x_wavelength, column) for column in xyz.T], axis=1)
+    X = X @ XYZ_TO_SRGB.T
+    S, X = s / s.sum(axis=0), X / X.sum(axis=0)
+    inverse = np.linalg.inv(S.T @ S)
+    free = (inverse @ S.T @ X).T
+    ones = np.ones(3)
+    step = inverse @ ones / (ones @ inverse @ ones)
+    return np.asarray(free + np.outer(1 - free.sum(axis=1), step), np.float64)
+
+
 def fit_gamma(level: Array, light: Array) -> Array:
     """Exponents (3,): least squares of log light = gamma log level, through white, unweighted."""
     kept = (level >= GAMMA_FROM) & (level < 1.0)
@@ -116,14 +144,19 @@ def fit_gamma(level: Array, light: Array) -> Array:
 def main(config: SpectraConfig) -> None:
     """Print the tables that `data_gen.pairs` holds, as Python source."""
     displays = {k: load_display(config.data / "display" / f) for k, f in DISPLAY_FILES.items()}
-    print("_CROSSTALK = {")
+    print("CROSSTALK = {")
     for camera, file in SSF_FILES.items():
         wavelength, s = load_ssf(config.data / "camera_ssf" / file)
         for name, e in displays.items():
             rows = crosstalk(wavelength, s, e.wavelength, e.spd).round(3).tolist()
             print(f'    "{camera}-{name}": ({", ".join(str(tuple(row)) for row in rows)}),')
+    x_wavelength, xyz = load_ssf(config.data / "camera_ssf" / "cmf_1931.json")
+    print("}")
+    for camera, file in SSF_FILES.items():
+        C = color_matrix(*load_ssf(config.data / "camera_ssf" / file), x_wavelength, xyz)
+        print(f"{camera}: color_matrix={tuple(tuple(row) for row in C.round(3).tolist())}")
     gammas = {k: fit_gamma(e.level, e.light).round(2).tolist() for k, e in displays.items()}
-    print("}", *(f"{name}: gamma={tuple(gamma)}" for name, gamma in gammas.items()), sep="\n")
+    print(*(f"{name}: gamma={tuple(gamma)}" for name, gamma in gammas.items()), sep="\n")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,17 @@ from link.images import read_image, write_bytes, write_image
 from link.layout import Layout
 
 MANIFEST = "manifest.jsonl"
-KNOWN = {"original", "embedded", "layout", "corners", "corners_embedded", "bits", "kappa", "sha256"}
+KNOWN = {
+    "original",
+    "embedded",
+    "layout",
+    "corners",
+    "corners_embedded",
+    "bits",
+    "kappa",
+    "ratex_kappa",
+    "sha256",
+}
 
 
 def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
@@ -40,6 +50,8 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
             entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
         if captured.kappa is not None:
             entry["kappa"] = captured.kappa
+        if captured.ratex_kappa is not None:
+            entry["ratex_kappa"] = captured.ratex_kappa
         lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
     write_bytes(folder / MANIFEST, ("\n".join(lines) + "\n").encode())
     return len(lines)
@@ -99,15 +111,16 @@ def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
             corners_embedded=as_corners(entry.get("corners_embedded", entry["corners"])),
             bits=_bits(entry.get("bits"), layout),
             kappa=_kappa(entry.get("kappa")),
+            ratex_kappa=_kappa(entry.get("ratex_kappa"), "ratex_kappa"),
             meta=_meta(entry),
         )
     except InputError as error:
         raise InputError(f"{folder / MANIFEST}, {entry['original']}: {error}") from None
 
 
-def _kappa(value: Any) -> int | None:
+def _kappa(value: Any, key: str = "kappa") -> int | None:
     if value is not None and (type(value) is not int or not 1 <= value <= MAX_KAPPA):
-        raise InputError(f"kappa must be a whole number from 1 to {MAX_KAPPA}, got {value!r:.60}")
+        raise InputError(f"{key} must be a whole number from 1 to {MAX_KAPPA}, got {value!r:.60}")
     return value
 
 

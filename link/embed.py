@@ -78,6 +78,7 @@ def embed(
     layout: Layout,
     kappa: int,
     pyramid_level: int = 0,
+    ratex_kappa: int | None = None,
 ) -> Displayed:
     """Hide one frame's bits in a picture.
 
@@ -85,9 +86,9 @@ def embed(
         picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
-        kappa: gray levels added where the bit is 1, in every colour channel, and in ratex tiles
-            of label 1.
+        kappa: gray levels added where the bit is 1, in every colour channel.
         pyramid_level: see `message_mask`.
+        ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
 
     Raises:
         InputError: kappa, the bits or the picture's size do not fit.
@@ -101,9 +102,10 @@ def embed(
     original = with_head_room(picture, kappa)
     added = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.uint8)
     embedded = original + (added if picture.ndim == 2 else added[:, :, None])
-    ratex.draw(original, layout, kappa, embedded=False)
-    ratex.draw(embedded, layout, kappa, embedded=True)
-    return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa)
+    toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa)
+    ratex.draw(original, layout, toggle, embedded=False)
+    ratex.draw(embedded, layout, toggle, embedded=True)
+    return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa, ratex_kappa)
 
 
 def display_video(

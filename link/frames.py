@@ -35,6 +35,8 @@ class Displayed:
     layout: Layout
     kappa: int
     """Gray levels of [0, 255] added where the bit is 1."""
+    ratex_kappa: int | None = None
+    """The same for the ratex patches, where it is not ``kappa``."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class Captured:
     bits: NDArray[np.intp] | None = None
     """(n_bits,) the truth, -1 where unknown; None where nothing is known."""
     kappa: int | None = None
+    ratex_kappa: int | None = None
     meta: dict[str, object] = field(default_factory=dict)
     """Further keys of the manifest: pair, view_deg, picture, seed."""
 
@@ -71,7 +74,7 @@ class Captured:
         ):
             H = homography_from_corners(check_corners(corners, image.shape), width, height)
             frames.append(rectify(image, H, width, height))
-        return Rectified(frames[0], frames[1], self.layout, self.kappa)
+        return Rectified(frames[0], frames[1], self.layout, self.kappa, self.ratex_kappa)
 
 
 @dataclass(frozen=True)
@@ -83,7 +86,14 @@ class Rectified:
     embedded: NDArray[np.uint8]
     layout: Layout
     kappa: int | None = None
-    """Of the message and the ratex patches, where the receiver knows it."""
+    """Of the message, where the receiver knows it."""
+    ratex_kappa: int | None = None
+    """Of the ratex patches, where it is not ``kappa``."""
+
+    @property
+    def ratex_toggle(self) -> int | None:
+        """Gray levels by which ratex tiles of label 1 toggle, where the receiver knows it."""
+        return self.kappa if self.ratex_kappa is None else self.ratex_kappa
 
 
 @dataclass(frozen=True)

@@ -141,10 +141,11 @@ def decode_cells(
 
 
 def code_digest() -> str:
-    """Of the code that makes and decodes captures."""
+    """Of the code that makes and decodes captures, and of the fitted parameters."""
     root = Path(__file__).parent.parent
     packages = ("link", "data_gen", "models", "reports")
-    return digest_files(sorted(file for p in packages for file in (root / p).rglob("*.py")))
+    files = sorted(file for p in packages for file in (root / p).rglob("*.py"))
+    return digest_files([*files, root / "data_gen" / "nuisances.json"])
 
 
 def _is_whole(file: Path, lines: int) -> bool:

@@ -1,7 +1,6 @@
 """Regenerate the README's numbers and pictures: python -m reports.readme (about three minutes)."""
 
 import os
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,15 +8,15 @@ import tyro
 
 from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, run_cli
-from link.images import write_bytes, write_image
+from link.errors import at_least, run_cli
+from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, make_decoder
 from models.neural.decoder import DecoderConfig
 from reports.compare import Method, decode_cells, methods_for, paper_cells
 from reports.figures import overview, plot_inverse_responses
 from reports.metrics import provenance, read_metrics, score, write_metrics
-from reports.tables import summary_table
+from reports.tables import replace_block, summary_table
 
 METRICS = Path("docs/metrics.json")
 DRIFT = DecoderConfig(drift_degree=4, channels="rgb")
@@ -26,7 +25,6 @@ ABLATIONS = [
     Method("phi", (("config", replace(DRIFT, register=True)),), "phi + drift + registration"),
 ]
 """What of ``learned`` needs no training."""
-BLOCK = re.compile(r"(<!-- table -->\n).*?(<!-- /table -->)", re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -55,9 +53,6 @@ def readme_table(metrics: Path) -> str:
 def main() -> None:
     """Decode, score, draw, and rewrite the table in README.md."""
     config = tyro.cli(ReadmeConfig)
-    readme = Path("README.md")
-    if not readme.is_file() or not BLOCK.search(readme.read_text()):
-        raise InputError("README.md: not here, or without its table markers; run from the checkout")
     source = Source(make_layout(), "test", config.seed)
     at_least(1, frames=config.frames, jobs=config.jobs)
     methods = methods_for(tuple(DECODERS), config.checkpoint)
@@ -67,8 +62,7 @@ def main() -> None:
     write_metrics(METRICS, rows, provenance(config.seed, simulated=True))
     draw_pictures(source, config.checkpoint)
     table = readme_table(METRICS)
-    text = BLOCK.sub(lambda match: f"{match[1]}{table}\n{match[2]}", readme.read_text())
-    write_bytes(readme, text.encode())
+    replace_block(Path("README.md"), "table", table)
     print(table)
 
 

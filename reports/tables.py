@@ -1,7 +1,11 @@
 """Metrics -> Markdown tables, beside the paper's numbers."""
 
+import re
 from collections.abc import Sequence
+from pathlib import Path
 
+from link.errors import InputError
+from link.images import write_bytes
 from reports.metrics import Row, clustered_interval
 from reports.paper import paper_accuracy
 
@@ -43,6 +47,19 @@ def paper_tables(rows: Sequence[Row]) -> str:
             lines.append(f"| {pair} | {' | '.join(entries.get(m, '–') for m in methods)} |")
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
+
+
+def replace_block(page: Path, name: str, content: str) -> None:
+    """Put ``content`` between ``<!-- name -->`` and ``<!-- /name -->`` of a page.
+
+    Raises:
+        InputError: the page is not here, or has no such markers.
+    """
+    block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
+    if not page.is_file() or not block.search(page.read_text()):
+        raise InputError(f"{page}: not here, or without {name!r} markers; run from the checkout")
+    text = block.sub(lambda match: f"{match[1]}{content}\n{match[2]}", page.read_text())
+    write_bytes(page, text.encode())
 
 
 def _paper(row: Row) -> float | None:

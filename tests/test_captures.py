@@ -62,6 +62,17 @@ def test_captures_come_back_as_they_were_saved(tmp_path: Path) -> None:
         assert loaded.meta == saved.meta
 
 
+def test_kappa_of_the_ratex_patches_comes_back_and_stays_out_of_the_further_keys(
+    tmp_path: Path,
+) -> None:
+    save_captures(tmp_path, iter([replace(KNOWN, ratex_kappa=10), KNOWN]))
+    first, second = load(tmp_path)
+    assert (first.kappa, first.ratex_kappa, first.meta) == (5, 10, KNOWN.meta)
+    assert second.ratex_kappa is None
+    assert "ratex_kappa" not in read_manifest(tmp_path)[1]
+    assert (first.rectified().ratex_toggle, second.rectified().ratex_toggle) == (10, 5)
+
+
 def test_a_simulated_capture_comes_back_as_it_was_saved(captured: Captured, tmp_path: Path) -> None:
     save_captures(tmp_path, iter([captured]))
     (loaded,) = load(tmp_path)
@@ -181,6 +192,9 @@ BAD_FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"kappa": 2.5}, "kappa"),
     ({"kappa": "3"}, "kappa"),
     ({"kappa": True}, "kappa"),
+    ({"ratex_kappa": 0}, "ratex_kappa"),
+    ({"ratex_kappa": 65}, "ratex_kappa"),
+    ({"ratex_kappa": "10"}, "ratex_kappa"),
 ]
 
 

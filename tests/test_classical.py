@@ -88,6 +88,80 @@ def test_every_way_to_train_and_pool_reads_the_noise_free_pair(
     assert errors(name, pair, bits, train_on=train_on, pooling=pooling) == 0
 
 
+def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Rectified:
+    """Linear capture of gray 100 whose message blocks change by these gray levels, noise-free."""
+    layout = make_layout()
+    picture = np.full((layout.height, layout.width), 100, np.uint8)
+    shown = embed(picture, np.zeros(layout.n_bits), layout, KAPPA, 0, ratex_kappa)
+    grid = np.zeros((layout.rows, layout.cols), int)
+    grid[layout.message_mask] = changes
+    of_pixel = np.kron(grid, np.ones((48, 64), int))
+    embedded = (shown.embedded + of_pixel).astype(np.uint8)
+    return Rectified(shown.original, embedded, layout, KAPPA, ratex_kappa)
+
+
+CHANGES = np.arange(59) % 10 - 1  # -1 to 8 gray levels
+
+
+@pytest.mark.parametrize("threshold", [0.5, 2.0, 2.5, -0.5])
+def test_naive_with_a_fixed_threshold_scores_the_distance_from_it(threshold: float) -> None:
+    soft = make_decoder("naive", threshold=threshold).decode(step_pair(CHANGES))
+    np.testing.assert_allclose(255 * soft.scores, CHANGES - threshold, atol=255 * FLOAT32)
+
+
+@pytest.mark.parametrize("ratex_kappa", [None, 20])
+@pytest.mark.parametrize(
+    ("options", "levels"),
+    [
+        ({"threshold": 2.5}, 2.5),
+        ({"threshold": -0.5}, -0.5),
+        ({"threshold_kappa": 0.1}, 0.1 * KAPPA),
+        ({"threshold_kappa": 0.5}, 0.5 * KAPPA),
+    ],
+)
+def test_two_step_counts_a_fixed_threshold_in_displayed_levels_or_shares_of_kappa(
+    options: dict[str, float], levels: float, ratex_kappa: int | None
+) -> None:
+    soft = make_decoder("two_step", **options).decode(step_pair(CHANGES, ratex_kappa))
+    np.testing.assert_allclose(soft.scores, CHANGES - levels, atol=255 * FLOAT32)
+
+
+def test_two_step_undoes_the_cdtf_before_its_fixed_threshold() -> None:
+    pair = step_pair(CHANGES)
+    dimmed = replace(pair, original=pair.original // 2, embedded=pair.embedded // 2)
+    soft = make_decoder("two_step", threshold=2.5).decode(dimmed)
+    assert np.abs(soft.scores - (CHANGES - 2.5)).max() < 1.1  # halves are rounded down
+
+
+@pytest.mark.parametrize("name", ["naive", "two_step"])
+def test_fixed_thresholds_vote_by_pixel_too(name: str) -> None:
+    decoder = make_decoder(name, threshold=2.5, pooling="vote")
+    expected = np.where(CHANGES > 2.5, 0.5, -0.5)
+    np.testing.assert_array_equal(decoder.decode(step_pair(CHANGES)).scores, expected)
+
+
+def test_a_share_of_an_unknown_kappa_is_refused() -> None:
+    pair = replace(step_pair(CHANGES, 20), kappa=None)
+    with pytest.raises(InputError, match="needs kappa"):
+        make_decoder("two_step", threshold_kappa=0.5).decode(pair)
+
+
+@pytest.mark.parametrize("options", [("naive", 5.0), ("two_step", 4.0)])
+def test_a_fixed_threshold_reads_a_curved_pair_and_fails_where_it_does_not_fit(
+    options: tuple[str, float],
+) -> None:
+    (name, threshold), (pair, bits) = options, make_pair()
+    assert errors(name, pair, bits, threshold=threshold) <= 2
+    assert errors(name, pair, bits, threshold=50 * threshold) == bits.sum()
+
+
+def test_ratex_toggles_of_their_own_kappa_calibrate_two_step() -> None:
+    pair = step_pair(CHANGES, 20)
+    g = fit_inverse_response(pair, training_pixels(pair.layout, 20), degree=4)
+    i = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(g(i), 255 * i, rtol=0, atol=255 * FLOAT32)
+
+
 def test_the_paper_threshold_reads_hidden_ratex_through_a_linear_cdtf() -> None:
     pair, bits = make_pair(lambda i: i, hidden=True)
     assert errors("hidden_ratex", pair, bits, threshold="constant") == 0
@@ -138,7 +212,7 @@ def test_legendre_agrees_with_numpy(degree: int) -> None:
 @pytest.mark.parametrize("degree", [1, 4, 6])
 def test_kernel_is_the_product_of_explicit_maps(degree: int) -> None:
     a, b = random_pixels(30, 0), random_pixels(20, 5)
-    expected = explicit_map(*a.T, degree) @ explicit_map(*b.T, degree).T
+    expected = explicit_map(a[:, 0], a[:, 1], degree) @ explicit_map(b[:, 0], b[:, 1], degree).T
     np.testing.assert_allclose(kernel(a, b, degree), expected, rtol=0, atol=FLOAT64)
 
 

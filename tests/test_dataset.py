@@ -1,4 +1,3 @@
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,13 +6,13 @@ import numpy as np
 import pytest
 import torch
 from joblib import Parallel, delayed
-from tolerances import AUGMENT_LEVELS
+from numpy.typing import NDArray
 
-import data_gen.augment
-from data_gen.augment import augment
 from data_gen.dataset import Cell, Source, prepare, shuffled_pictures, simulate
+from data_gen.effects import EFFECTS, switch_off, with_parameter
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
 from data_gen.pairs import PAIRS
+from data_gen.parameters import Pair
 from link.errors import InputError
 from link.frames import Captured
 from link.layout import Layout, make_layout
@@ -22,7 +21,6 @@ FRONTAL = Cell("canon-lg", 0.0, 5)
 OBLIQUE = Cell("sony-samsung", 45.0, 3)
 PLAN = EpisodePlan(count=3, kappas=(2, 5), max_view=30.0)
 SMALL = make_layout(4, 4, 256, 192, 2)
-SIGMAS = ("CORNER_PX", "SHIFT_PX", "TURN", "GAMMA", "DRIFT", "NOISE")
 
 
 def same(a: Captured, b: Captured) -> bool:
@@ -120,6 +118,74 @@ def test_wrong_cells_and_sources_are_refused(source: Source, cell: Cell, message
         simulate(source, cell, 0)
 
 
+# The channel of a source
+
+
+def test_effects_switched_off_and_parameters_set_are_those_of_the_pair() -> None:
+    source = Source(SMALL, without=("noise", "moire"), parameters=(("drift", 0.3),))
+    expected = with_parameter(switch_off(PAIRS["canon-lg"], ["noise", "moire"]), "drift", 0.3)
+    assert source.pair("canon-lg") == expected
+    assert Source(SMALL).pair("canon-lg") == PAIRS["canon-lg"]
+
+
+def test_parameters_are_set_after_effects_are_switched_off() -> None:
+    source = Source(SMALL, without=("noise",), parameters=(("noise_scale", 2.0),))
+    assert source.pair("canon-lg").frontal.noise_scale == 2.0
+
+
+def test_a_source_without_any_effect_films_what_it_displays() -> None:
+    source = Source(SMALL, without=tuple(EFFECTS))
+    shown, captured = prepare(source, OBLIQUE, 1).displayed, simulate(source, OBLIQUE, 1)
+    assert np.array_equal(captured.original, shown.original)
+    assert np.array_equal(captured.embedded, shown.embedded)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        Source(SMALL, without=("noise",)),
+        Source(SMALL, parameters=(("jpeg_quality", 60),)),
+        Source(SMALL, ratex_kappa=12),
+    ],
+    ids=["without", "parameters", "ratex_kappa"],
+)
+def test_a_changed_channel_keeps_the_draws_and_changes_the_frames(other: Source) -> None:
+    usual, changed = simulate(Source(SMALL), FRONTAL, 0), simulate(other, FRONTAL, 0)
+    assert not np.array_equal(usual.embedded, changed.embedded)
+    assert usual.bits is not None
+    assert changed.bits is not None
+    assert np.array_equal(usual.bits, changed.bits)
+    assert np.array_equal(usual.corners, changed.corners)
+
+
+def test_kappa_of_the_ratex_patches_reaches_the_receiver() -> None:
+    captured = simulate(Source(SMALL, ratex_kappa=12), FRONTAL, 0)
+    assert (captured.kappa, captured.ratex_kappa) == (5, 12)
+    assert captured.rectified().ratex_toggle == 12
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
+    first, again, other = (simulate(Source(SMALL, seed=seed), OBLIQUE, 0) for seed in (1, 1, 2))
+    assert same(first, again)
+    for frames in ((first.original, other.original), (first.embedded, other.embedded)):
+        assert frames[0].tobytes() != frames[1].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        (Source(SMALL, without=("fog",)), "unknown effect 'fog'.*drift.*moire"),
+        (Source(SMALL, parameters=(("fog", 1),)), "unknown parameter 'fog'.*drift.*gamma"),
+        (Source(SMALL, parameters=(("drift", 9.0),)), "drift must lie in"),
+        (Source(SMALL, ratex_kappa=99), "need 1 to 64 whole gray levels, got 99"),
+    ],
+)
+def test_a_wrong_channel_is_refused_in_one_clear_line(source: Source, message: str) -> None:
+    with pytest.raises(InputError, match=message) as error:
+        simulate(source, FRONTAL, 0)
+    assert "\n" not in str(error.value)
+
+
 # Pictures of a source
 
 
@@ -174,7 +240,7 @@ def test_episodes_are_batches_of_rectified_frames(episodes: EpisodeSet) -> None:
     assert episodes.original.dtype == episodes.embedded.dtype == torch.uint8
     assert episodes.bits.shape == (3, SMALL.n_bits)
     assert episodes.bits.dtype == torch.int64
-    assert episodes.bits.unique().tolist() == [0, 1]
+    assert sorted(set(episodes.bits.flatten().tolist())) == [0, 1]
     assert not torch.equal(episodes.original, episodes.embedded)
 
 
@@ -205,91 +271,18 @@ def test_views_and_kappas_of_the_episodes_follow_the_plan(monkeypatch: pytest.Mo
     assert 27 < views.max() <= 30
 
 
-# Augmentation
-
-
-@pytest.fixture(scope="module")
-def frames() -> tuple[torch.Tensor, torch.Tensor]:
-    """A picture with detail, and the same 4 levels brighter."""
-    picture = shuffled_pictures(Source(SMALL, "train"))[0].rgb
-    batch = torch.from_numpy(np.stack([picture, picture])).permute(0, 3, 1, 2).clamp(0, 250)
-    return batch, batch + 4
-
-
-def quiet(monkeypatch: pytest.MonkeyPatch, *but: str) -> None:
-    for name in SIGMAS:
-        if name not in but:
-            monkeypatch.setattr(data_gen.augment, name, 0.0)
-
-
-def generator(seed: int = 0) -> torch.Generator:
-    return torch.Generator().manual_seed(seed)
-
-
-def test_these_are_all_the_sigmas_of_the_module() -> None:
-    names = re.findall(r"^([A-Z_]+) = ", Path(data_gen.augment.__file__).read_text(), re.MULTILINE)
-    assert tuple(names) == SIGMAS
-
-
-def test_augmented_frames_keep_shape_and_range(frames: tuple[torch.Tensor, torch.Tensor]) -> None:
-    for frame in augment(*frames, generator()):
-        assert frame.shape == frames[0].shape
-        assert frame.dtype == torch.float32
-        assert frame.min() >= 0
-        assert frame.max() <= 255
-
-
-def test_augmentation_is_reproduced_by_its_generator_alone(
-    frames: tuple[torch.Tensor, torch.Tensor],
+def test_episodes_vary_the_channel_except_what_the_source_sets(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    state = torch.get_rng_state()
-    first, again, other = (augment(*frames, generator(seed)) for seed in (1, 1, 2))
-    assert torch.equal(first[0], again[0])
-    assert torch.equal(first[1], again[1])
-    assert not torch.equal(first[0], other[0])
-    assert torch.equal(torch.get_rng_state(), state)
+    channels: list[Pair] = []
 
+    def note(source: Source, cell: Cell, index: int) -> tuple[NDArray[np.uint8], ...]:
+        channels.append(source.pair(cell.pair))
+        return np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 3), np.uint8), np.zeros(1, np.uint8)
 
-def test_augmentation_without_randomness_is_the_identity(
-    frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quiet(monkeypatch)
-    for before, after in zip(frames, augment(*frames, generator()), strict=True):
-        torch.testing.assert_close(after, before.float(), atol=AUGMENT_LEVELS, rtol=0)
-
-
-def test_each_frame_of_a_batch_has_its_own_draw(
-    frames: tuple[torch.Tensor, torch.Tensor],
-) -> None:
-    original, _ = augment(*frames, generator())
-    assert torch.equal(frames[0][0], frames[0][1])
-    assert (original[0] - original[1]).abs().mean() > 1
-
-
-@pytest.mark.parametrize("name", ["CORNER_PX", "GAMMA"])
-def test_corners_and_gamma_are_common_to_both_frames(
-    name: str, frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quiet(monkeypatch, name)
-    original, embedded = augment(frames[0], frames[0], generator())
-    torch.testing.assert_close(original, embedded, atol=AUGMENT_LEVELS, rtol=0)
-    assert (original - frames[0]).abs().mean() > 0.5
-
-
-@pytest.mark.parametrize("name", ["SHIFT_PX", "DRIFT"])
-def test_motion_and_drift_touch_the_embedded_frame_alone(
-    name: str, frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    quiet(monkeypatch, name)
-    original, embedded = augment(*frames, generator())
-    torch.testing.assert_close(original, frames[0].float(), atol=AUGMENT_LEVELS, rtol=0)
-    assert (embedded - frames[1]).abs().mean() > 0.1
-
-
-def test_noise_has_its_sigma(monkeypatch: pytest.MonkeyPatch) -> None:
-    quiet(monkeypatch, "NOISE")
-    gray = torch.full((1, 3, 192, 256), 128, dtype=torch.uint8)
-    original, embedded = augment(gray, gray, generator())
-    for frame in (original, embedded):
-        assert abs(frame.std().item() - data_gen.augment.NOISE) < 0.02
-    assert (original - embedded).std() > 1.3  # independent between the frames
+    monkeypatch.setattr("data_gen.episodes._rectified", note)
+    source = Source(SMALL, "train", without=("jitter",), parameters=(("drift", 0.5),))
+    simulate_episodes(source, ["canon-lg"], EpisodePlan(20, (2, 5), 30.0), 1)
+    assert len({pair.setup.metering for pair in channels}) == 20
+    assert {pair.frontal.drift for pair in channels} == {0.5}
+    assert {pair.frontal.jitter_px for pair in channels} == {0.0}

@@ -93,6 +93,33 @@ def test_plain_blocks_of_bit_1_gain_exactly_kappa(
         np.testing.assert_array_equal(plane[inside], expected)
 
 
+@pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
+def test_ratex_tiles_toggle_by_their_own_kappa_and_blocks_by_the_messages(
+    layout: Layout, channels: tuple[int, ...]
+) -> None:
+    displayed = embed(noise(layout, *channels), random_bits(layout), layout, 3, ratex_kappa=10)
+    change = displayed.embedded.astype(int) - displayed.original
+    inside = message_pixels(layout)
+    assert set(change[inside].ravel().tolist()) == {0, 3}
+    assert set(change[~inside].ravel().tolist()) == {0, 10}
+    assert np.mean(change[~inside] == 10) == 0.5
+    assert (displayed.kappa, displayed.ratex_kappa) == (3, 10)
+
+
+def test_kappa_of_the_ratex_patches_leaves_the_message_blocks_as_they_are(layout: Layout) -> None:
+    picture, bits, inside = noise(layout, 3), random_bits(layout), message_pixels(layout)
+    usual, strong = (embed(picture, bits, layout, 3, ratex_kappa=kappa) for kappa in (None, 10))
+    np.testing.assert_array_equal(usual.original[inside], strong.original[inside])
+    np.testing.assert_array_equal(usual.embedded[inside], strong.embedded[inside])
+    assert set((usual.embedded.astype(int) - usual.original)[~inside].ravel().tolist()) == {0, 3}
+
+
+def test_ratex_patches_reach_from_black_to_white_at_their_own_kappa(layout: Layout) -> None:
+    displayed = embed(noise(layout), random_bits(layout), layout, 3, ratex_kappa=30)
+    patches = displayed.embedded[~message_pixels(layout)]
+    assert (patches.min(), patches.max()) == (0, 255)
+
+
 @pytest.mark.parametrize("level", range(4))
 @pytest.mark.parametrize("kappa", [1, 10, 64])
 def test_no_message_pixel_leaves_the_displays_range(layout: Layout, level: int, kappa: int) -> None:
@@ -216,8 +243,15 @@ def test_kappa_must_be_a_whole_number_in_range(layout: Layout, kappa: Any) -> No
         embed(noise(layout), random_bits(layout), layout, kappa)
 
 
+@pytest.mark.parametrize("kappa", [0, -3, MAX_KAPPA + 1, 2.5])
+def test_kappa_of_the_ratex_patches_must_be_in_range_too(layout: Layout, kappa: Any) -> None:
+    with pytest.raises(InputError, match=f"need 1 to 64 whole gray levels, got {kappa}"):
+        embed(noise(layout), random_bits(layout), layout, 5, ratex_kappa=kappa)
+
+
 def test_a_whole_kappa_of_any_type_becomes_an_int() -> None:
-    assert [type(check_kappa(kappa)) for kappa in (3, 3.0, np.int64(3))] == [int, int, int]
+    kappas: list[Any] = [3, 3.0, np.int64(3)]
+    assert [type(check_kappa(kappa)) for kappa in kappas] == [int, int, int]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from reports.metrics import read_metrics
+from reports.prediction import readme_block
 from reports.readme import METRICS, readme_table
 from reports.tables import paper_tables
 
@@ -20,6 +21,11 @@ def shell_blocks() -> list[str]:
 def test_the_table_is_that_of_the_stored_metrics() -> None:
     table = README.split("<!-- table -->\n")[1].split("<!-- /table -->")[0]
     assert table == readme_table(ROOT / METRICS) + "\n"
+
+
+def test_the_prediction_is_that_of_the_stored_metrics() -> None:
+    block = README.split("<!-- prediction -->\n")[1].split("<!-- /prediction -->")[0]
+    assert block == readme_block(ROOT / "docs" / "prediction.json") + "\n"
 
 
 def test_the_stored_metrics_are_the_papers_36_cells() -> None:

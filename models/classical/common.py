@@ -39,7 +39,7 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
     """Training pixels of the pair, or an `UnsuitedError` where it shows no ratex patches."""
     if not pair.layout.ratex:
         raise UnsuitedError("it trains on ratex patches and the layout has none")
-    return training_pixels(pair.layout, pair.kappa or 0)
+    return training_pixels(pair.layout, pair.ratex_toggle or 0)
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,22 @@ def pixel_vote(scores: Array, rows: int, cols: int) -> Array:
 
 
 POOLINGS = {"mean": block_mean, "vote": pixel_vote}
+
+
+def decode_with_threshold(
+    pair: Rectified, difference: Array, threshold: float, pooling: str
+) -> SoftBits:
+    """Score every message block by its difference above a threshold that was fixed beforehand.
+
+    Args:
+        pair: rectified frames, for their layout.
+        difference: (H, W).
+        threshold: in units of the difference.
+        pooling: a key of `POOLINGS`.
+    """
+    layout = pair.layout
+    blocks = choose(POOLINGS, pooling, "pooling")(difference - threshold, layout.rows, layout.cols)
+    return SoftBits(np.asarray(blocks[layout.message_mask], np.float64))
 
 
 def decode_with_svm(

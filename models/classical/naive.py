@@ -4,7 +4,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from link.frames import Rectified, SoftBits
-from models.classical.common import Array, decode_with_svm, require_ratex
+from models.classical.common import (
+    Array,
+    decode_with_svm,
+    decode_with_threshold,
+    intensity,
+    require_ratex,
+)
 
 
 def difference(i_o: Array, i_e: Array) -> Array:
@@ -22,9 +28,14 @@ class Naive:
     """"mean" or "vote"."""
     train_on: str = "tile"
     """"tile" or "pixel"."""
+    threshold: float | None = None
+    """Fixed, in captured gray levels; None learns it on each pair's ratex patches."""
     needs_ratex: ClassVar[bool] = True
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches."""
         pixels = require_ratex(pair)
+        if self.threshold is not None:
+            change = intensity(pair.embedded) - intensity(pair.original)
+            return decode_with_threshold(pair, change, self.threshold / 255, self.pooling)
         return decode_with_svm(pair, pixels, difference, self.C, self.pooling, self.train_on)

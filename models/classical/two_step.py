@@ -9,7 +9,13 @@ from numpy.polynomial import Legendre
 from link.errors import UnsuitedError
 from link.frames import Rectified, SoftBits
 from link.ratex import TrainingPixels
-from models.classical.common import Array, decode_with_svm, intensity, require_ratex
+from models.classical.common import (
+    Array,
+    decode_with_svm,
+    decode_with_threshold,
+    intensity,
+    require_ratex,
+)
 
 
 def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -> Legendre:
@@ -21,10 +27,10 @@ def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -
     Raises:
         UnsuitedError: kappa is unknown, so the displayed intensities are.
     """
-    if pair.kappa is None:
+    if pair.ratex_toggle is None:
         raise UnsuitedError("it needs kappa, to know what the ratex patches displayed")
     captured = [intensity(frame)[pixels.y, pixels.x] for frame in (pair.original, pair.embedded)]
-    displayed = [pixels.rho, pixels.rho + pair.kappa * pixels.label]
+    displayed = [pixels.rho, pixels.rho + pair.ratex_toggle * pixels.label]
     return Legendre.fit(np.concatenate(captured), np.concatenate(displayed), degree, domain=[0, 1])
 
 
@@ -40,12 +46,24 @@ class TwoStep:
     """"mean" or "vote"."""
     train_on: str = "tile"
     """"tile" or "pixel"."""
+    threshold: float | None = None
+    """Fixed, in displayed gray levels; None learns it on each pair's ratex patches."""
+    threshold_kappa: float | None = None
+    """Fixed, in shares of kappa."""
     needs_ratex: ClassVar[bool] = True
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches or kappa."""
         pixels = require_ratex(pair)
         g = fit_inverse_response(pair, pixels, self.degree)
+        threshold = self.threshold
+        if self.threshold_kappa is not None:
+            if pair.kappa is None:
+                raise UnsuitedError("its threshold is a share of kappa: it needs kappa")
+            threshold = self.threshold_kappa * pair.kappa
+        if threshold is not None:
+            change = g(intensity(pair.embedded)) - g(intensity(pair.original))
+            return decode_with_threshold(pair, change, threshold, self.pooling)
 
         def calibrated_difference(i_o: Array, i_e: Array) -> Array:
             return np.asarray(g(i_e) - g(i_o))[..., None]

@@ -1,0 +1,115 @@
+"""Switch each effect of the channel off, or set any parameter, by name."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+from data_gen.parameters import IDENTITY, LINEAR, Pair
+from link.errors import InputError, choose
+
+T = TypeVar("T")
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "perspective": {"perspective": False},
+    "corners": {"corner_px": 0.0},
+    "angle": {"falloff": (0.0, 0.0, 0.0), "washout": 0.0, "leak": 0.0},
+    "uniformity": {"edge_loss": 0.0},
+    "ambient": {"haze": 0.0, "glare": 0.0},
+    "transfer": {
+        "gamma": (1.0, 1.0, 1.0),
+        "black": 0.0,
+        "clip": 1.0,
+        "white_level": 1.0,
+        "tone_curve": LINEAR,
+        "encoding": "linear",
+    },
+    "crosstalk": {"crosstalk": IDENTITY, "color_matrix": IDENTITY},
+    "drift": {"drift": 0.0},
+    "flicker": {"pwm_depth": 0.0},
+    "jitter": {"jitter_px": 0.0},
+    "breathing": {"breathing": 0.0},
+    "moire": {"grid_contrast": 0.0},
+    "vignetting": {"vignetting": 0.0},
+    "blur": {"blur_px": 0.0},
+    "mosaic": {"bayer": False},
+    "noise": {"noise_scale": 0.0},
+    "sharpening": {"sharpening": 0.0},
+    "jpeg": {"jpeg_quality": 0},
+}
+"""Effect -> the values with which it is absent. With all absent the channel is the identity."""
+
+
+def switch_off(pair: Pair, effects: Iterable[str]) -> Pair:
+    """The pair without these effects.
+
+    Raises:
+        InputError: an effect is unknown; the message lists those of `EFFECTS`.
+    """
+    for effect in effects:
+        for name, value in choose(EFFECTS, effect, "effect").items():
+            pair = with_parameter(pair, name, value)
+    return pair
+
+
+def with_parameter(pair: Pair, name: str, value: Any) -> Pair:
+    """The pair with one parameter changed, in every part that has a field of that name.
+
+    Raises:
+        InputError: no part has such a field, or the value is out of its range.
+    """
+    names = sorted(parameter_names(pair))
+    if name not in names:
+        raise InputError(f"unknown parameter {name!r}; choose from {', '.join(names)}")
+    return _replaced(pair, name, value)
+
+
+def parameter_names(part: Any) -> set[str]:
+    """Names of all fields of a pair and of its parts."""
+    found = set()
+    for entry in fields(part):
+        value = getattr(part, entry.name)
+        found |= parameter_names(value) if is_dataclass(value) else {entry.name}
+    return found - {"name"}
+
+
+def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str, Any], ...]:
+    """``name=value`` texts as pairs, the value in JSON: ``drift=0.1``, ``falloff=[3, 3, 3]``.
+
+    Raises:
+        InputError: a text has no ``=``, or its value is not JSON.
+    """
+    settings = []
+    for text in texts:
+        name, _, value = text.partition("=")
+        try:
+            parsed = json.loads(value)
+        except ValueError:
+            raise InputError(f"{flag}: need name=value, such as drift=0.1, got {text!r}") from None
+        settings.append((name, _as_tuple(parsed)))
+    return tuple(settings)
+
+
+def _as_tuple(value: Any) -> Any:
+    return tuple(_as_tuple(part) for part in value) if isinstance(value, list) else value
+
+
+def _kind(value: Any) -> str:
+    if isinstance(value, int | float):
+        return "a number"
+    if isinstance(value, list | tuple):
+        return "a list"
+    return "a text" if isinstance(value, str) else "something else"
+
+
+def _replaced(part: T, name: str, value: Any) -> T:
+    changes = {}
+    for entry in fields(part):  # type: ignore[arg-type]
+        old = getattr(part, entry.name)
+        if is_dataclass(old):
+            changes[entry.name] = _replaced(old, name, value)
+        elif entry.name == name:
+            if _kind(value) != _kind(old):
+                raise InputError(f"{name}: need {_kind(old)}, such as {old!r}, got {value!r}")
+            changes[name] = value
+    return replace(part, **changes)  # type: ignore[type-var]

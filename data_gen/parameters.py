@@ -1,0 +1,225 @@
+"""What describes a camera, a display and how they meet; every value has a range, held by name."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from link.errors import InputError, choose
+
+RGB = tuple[float, float, float]
+Curve = tuple[tuple[float, float], ...]
+Matrix = tuple[RGB, RGB, RGB]
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+LINEAR: Curve = ((0.0, 0.0), (1.0, 1.0))
+ENCODINGS = {"srgb": "IEC 61966-2-1", "linear": "none"}
+
+
+class Limits(NamedTuple):
+    """The range of a field, or of each number in it; both ends belong to it."""
+
+    low: float
+    high: float
+
+
+class Limited:
+    """Checks the fields annotated with `Limits`; raises an `InputError` that names the field."""
+
+    name: str
+
+    def __post_init__(self) -> None:
+        for field, hint in get_type_hints(type(self), include_extras=True).items():
+            if get_origin(hint) is not Annotated:
+                continue
+            kind, limits = get_args(hint)
+            value = getattr(self, field)
+            shape = (3, 3) if kind == Matrix else (3,) if kind == RGB else ()
+            if _shape(value) != shape:
+                wanted = " x ".join(map(str, shape)) + " numbers" if shape else "a number"
+                raise InputError(f"{self.name}: {field} must be {wanted}, got {value!r}")
+            if not all(limits.low <= v <= limits.high for v in _flat(value)):
+                raise InputError(
+                    f"{self.name}: {field} must lie in [{limits.low:g}, {limits.high:g}], "
+                    f"got {value!r}"
+                )
+            if kind is int and value != int(value):
+                raise InputError(f"{self.name}: {field} must be a whole number, got {value!r}")
+
+
+def _shape(value: Any) -> tuple[int, ...] | None:
+    """Of a number (), or of nested lists of numbers; None for anything else."""
+    if isinstance(value, int | float):
+        return ()
+    if not isinstance(value, list | tuple) or not value:
+        return None
+    inner = _shape(value[0])
+    if inner is None or any(_shape(part) != inner for part in value):
+        return None
+    return (len(value), *inner)
+
+
+def _flat(value: Any) -> list[float]:
+    return [v for part in value for v in _flat(part)] if isinstance(value, Sequence) else [value]
+
+
+@dataclass(frozen=True)
+class Display(Limited):
+    """What turns a displayed value rho into light, by angle theta from the normal (Eq. emitted)."""
+
+    name: str
+    """Maker's name of the display."""
+    panel: str
+    """Liquid-crystal type: "TN", "VA" or "IPS"."""
+    gamma: Annotated[RGB, Limits(1.0, 4.0)]
+    """Exponents of R, G, B: light is (rho / 255) ** gamma, frontal."""
+    black: Annotated[float, Limits(0.0, 0.1)]
+    """Luminance of black / white, frontal: 1 / contrast."""
+    clip: Annotated[float, Limits(0.5, 1.0)]
+    """Fraction of 255 from which light no longer rises; 1 for none."""
+    falloff: Annotated[RGB, Limits(0.0, 8.0)]
+    """Exponents of R, G, B in e_c(theta) = cos(theta) ** falloff, white / frontal white."""
+    washout: Annotated[float, Limits(0.0, 1.0)]
+    """Share w(theta) = washout * sin(theta) ** 2 of the light follows ``washout_gamma``."""
+    washout_gamma: Annotated[float, Limits(0.5, 4.0)]
+    """Exponent of the washed-out share of the light, in place of ``gamma``."""
+    leak: Annotated[float, Limits(0.0, 0.1)]
+    """Black luminance / frontal white added by angle: leak * sin(theta) ** 2."""
+    edge_loss: Annotated[float, Limits(0.0, 0.9)]
+    """Fraction of light that the backlight lacks at the corners of the picture."""
+    haze: Annotated[float, Limits(0.0, 0.5)]
+    """Room light that the surface scatters back evenly, relative to frontal white."""
+    glare: Annotated[float, Limits(0.0, 0.5)]
+    """Brightest spot of a mirrored lamp or window, relative to frontal white."""
+    pwm_hz: Annotated[float, Limits(30.0, 1e5)]
+    """Rate at which the backlight is dimmed by pulse-width modulation."""
+    pwm_duty: Annotated[float, Limits(0.01, 1.0)]
+    """Share of each period that the backlight is on."""
+    pwm_depth: Annotated[float, Limits(0.0, 1.0)]
+    """Modulation of the light: 1 for an LED that goes dark, less for a lamp that glows on."""
+    grid_contrast: Annotated[float, Limits(0.0, 2.0)]
+    """Amplitude / mean of the stripes' fundamental: 2 sinc(1/3) = 1.65 for RGB stripes."""
+    native_height: Annotated[int, Limits(100, 10_000)]
+    """Rows of the panel; the picture is shown over all of them."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choose(dict.fromkeys(("TN", "VA", "IPS")), self.panel, f"panel of {self.name}")
+
+
+@dataclass(frozen=True)
+class Camera(Limited):
+    """What turns light into the pixels of a file (Eq. camerapixel and the response f)."""
+
+    name: str
+    """Maker's name of the camera."""
+    full_well_e: Annotated[float, Limits(100.0, 1e9)]
+    """Electrons of one native pixel at saturation at the ISO used."""
+    read_noise_e: Annotated[float, Limits(0.0, 1e3)]
+    """Standard deviation of the read noise at that ISO, electrons."""
+    white_level: Annotated[float, Limits(0.05, 1.0)]
+    """Exposure of frontal display white as a fraction of saturation."""
+    color_matrix: Annotated[Matrix, Limits(-3.0, 4.0)]
+    """White-balanced raw to linear sRGB, rows sum to 1."""
+    tone_curve: Curve
+    """Nodes (linear in, out) of f before the transfer function; for monotone cubic splines."""
+    encoding: str
+    """Transfer function after the tone curve: "srgb" or "linear"."""
+    bayer: bool
+    """Whether a mosaic (RGGB) samples one colour a pixel."""
+    blur_px: Annotated[float, Limits(0.0, 10.0)]
+    """Standard deviation of lens and anti-alias blur, in captured pixels."""
+    native_blur_px: Annotated[float, Limits(0.0, 10.0)]
+    """The same in native pixels of the sensor, where moire arises."""
+    native_width: Annotated[int, Limits(100, 100_000)]
+    """Columns of the sensor; the simulated capture is that image reduced."""
+    sharpening: Annotated[float, Limits(0.0, 3.0)]
+    """Amount of the camera's unsharp mask, of 1 captured pixel."""
+    vignetting: Annotated[float, Limits(0.0, 0.9)]
+    """Fraction of light lost at the corner of the image."""
+    breathing: Annotated[float, Limits(0.0, 0.01)]
+    """Standard deviation of the relative change of scale between frames, by focusing anew."""
+    shutter_s: Annotated[float, Limits(1e-5, 1.0)]
+    """Exposure time, seconds."""
+    readout_s: Annotated[float, Limits(0.0, 0.1)]
+    """Delay from the first row to the last: 0 for a global shutter."""
+    jpeg_quality: Annotated[int, Limits(0, 100)]
+    """Quality of the stored frame on libjpeg's scale, 1 to 100; 0 stores it without loss."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        choose(ENCODINGS, str(self.encoding), f"encoding of {self.name}")
+        if not all(0.998 <= sum(row) <= 1.002 for row in self.color_matrix):
+            raise InputError(f"{self.name}: rows of color_matrix must sum to 1")
+        curve = self.tone_curve
+        if _shape(curve) is None or _shape(curve) != (len(curve), 2):
+            raise InputError(f"{self.name}: tone_curve must be a list of pairs of numbers")
+        if len(curve) < 2 or curve[0] != (0.0, 0.0) or curve[-1] != (1.0, 1.0):
+            raise InputError(f"{self.name}: tone_curve must run from (0, 0) to (1, 1)")
+        if not all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(curve)):
+            raise InputError(f"{self.name}: tone_curve must increase strictly in both coordinates")
+
+
+@dataclass(frozen=True)
+class Setup(Limited):
+    """How the camera is placed and set."""
+
+    name: str
+    perspective: bool
+    """False copies display pixels to captured pixels one to one, whatever the view."""
+    metering: Annotated[float, Limits(0.0, 1.0)]
+    """Share (in log light) of the fall-off by angle that the exposure makes up for: 0 keeps the
+    frontal settings, 1 keeps white equally bright."""
+    corner_px: Annotated[float, Limits(0.0, 20.0)]
+    """Standard deviation per coordinate of the reported corners, captured pixels."""
+
+
+@dataclass(frozen=True)
+class Nuisance(Limited):
+    """What no data sheet tells; `data_gen.calibrate` fits it within bounds."""
+
+    name: str
+    drift: Annotated[float, Limits(0.0, 0.5)]
+    """Standard deviation of the change in log exposure between the two frames."""
+    jitter_px: Annotated[float, Limits(0.0, 5.0)]
+    """Standard deviation per axis of the shift left after registration, captured pixels."""
+    noise_scale: Annotated[float, Limits(0.0, 10.0)]
+    """Noise relative to that of a single native pixel: below 1 where native pixels are pooled."""
+
+
+@dataclass(frozen=True)
+class Pair(Limited):
+    """One camera that films one display."""
+
+    name: str
+    """Camera and display, such as "canon-lg"."""
+    camera: Camera
+    """The receiver."""
+    display: Display
+    """The transmitter."""
+    setup: Setup
+    """Placement and exposure."""
+    frontal: Nuisance
+    """At 0 degrees."""
+    oblique: Nuisance
+    """At `OBLIQUE_DEG` and beyond; in between, linear in the angle."""
+    crosstalk: Annotated[Matrix, Limits(0.0, 1.0)]
+    """M (3 x 3) of Eq. redpixel: rows camera R, G, B; columns display R, G, B; rows sum to 1."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not all(0.998 <= sum(row) <= 1.002 for row in self.crosstalk):
+            raise InputError(f"{self.name}: rows of crosstalk must sum to 1")
+
+    def nuisance(self, view_deg: float) -> Nuisance:
+        """The nuisances at a view, degrees."""
+        share = min(1.0, abs(view_deg) / OBLIQUE_DEG)
+        mixed = {
+            entry.name: getattr(self.frontal, entry.name)
+            + share * (getattr(self.oblique, entry.name) - getattr(self.frontal, entry.name))
+            for entry in fields(Nuisance)
+            if entry.name != "name"
+        }
+        return Nuisance(name=self.name, **mixed)
+
+
+OBLIQUE_DEG = 45.0

@@ -1,0 +1,37 @@
+"""Backlight dimming against shutter: flicker of frames and bands across rows."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.parameters import Camera, Display
+
+
+def pwm_gain(
+    display: Display, camera: Camera, rows: int, phase: float = 0.0
+) -> NDArray[np.float32]:
+    """Light that each row of the sensor collects, relative to the mean over time.
+
+    The backlight is on during the first ``pwm_duty`` of each period. Row r collects from
+    t_r = phase / f + r readout / rows during shutter_s; G is the integral of the square wave:
+        gain_r = 1 - depth + depth (G(t_r + shutter) - G(t_r)) / (duty shutter).
+
+    Args:
+        display: backlight.
+        camera: shutter.
+        rows: of the sensor's image.
+        phase: of the backlight when the first row opens, in periods.
+
+    Returns:
+        (rows,) float32; 1 where the shutter spans whole periods.
+    """
+    start = phase + display.pwm_hz * camera.readout_s * np.arange(rows) / rows
+    span = display.pwm_hz * camera.shutter_s
+    collected = _on_time(start + span, display.pwm_duty) - _on_time(start, display.pwm_duty)
+    gain = 1 + display.pwm_depth * (collected / (display.pwm_duty * span) - 1)
+    return np.asarray(gain, np.float32)
+
+
+def _on_time(t: NDArray[np.float64], duty: float) -> NDArray[np.float64]:
+    """Integral from 0 to t, in periods, of a wave that is 1 during the first ``duty`` of each."""
+    whole = np.floor(t)
+    return np.asarray(whole * duty + np.minimum(t - whole, duty))

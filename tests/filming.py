@@ -1,0 +1,71 @@
+"""What the tests of the channel share: a small scene, a plain camera, pairs with few effects."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel import capture
+from data_gen.effects import EFFECTS, switch_off
+from data_gen.pairs import CAMERAS, get_pair
+from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
+from link.embed import embed
+from link.frames import Captured, Displayed
+from link.layout import Layout, make_layout
+
+SMALL = make_layout(4, 4, 128, 96, 2)
+PLAIN = replace(
+    CAMERAS["canon"],
+    name="plain",
+    full_well_e=500.0,
+    read_noise_e=0.0,
+    white_level=1.0,
+    color_matrix=IDENTITY,
+    tone_curve=LINEAR,
+    encoding="linear",
+    bayer=False,
+    sharpening=0.0,
+    jpeg_quality=0,
+)
+"""A camera whose file holds 255 x exposure, rounded."""
+
+
+def smooth_picture(layout: Layout, seed: int = 4) -> NDArray[np.uint8]:
+    coarse = np.random.default_rng(seed).uniform(0, 255, (7, 9, 3)).astype(np.float32)
+    return np.asarray(cv2.resize(coarse, (layout.width, layout.height)).round(), np.uint8)
+
+
+def scene(layout: Layout = SMALL) -> Displayed:
+    """A smooth colour picture with a message and ratex patches."""
+    bits = np.arange(layout.n_bits) % 2
+    return embed(smooth_picture(layout), bits, layout, 5)
+
+
+def even_scene(level: int, layout: Layout = SMALL) -> Displayed:
+    """Two equal frames of one gray level."""
+    frame = np.full((layout.height, layout.width, 3), level, np.uint8)
+    return Displayed(frame, frame, np.zeros(layout.n_bits, np.intp), layout, 5)
+
+
+def only(name: str, *effects: str) -> Pair:
+    """The pair with all effects off but these."""
+    return switch_off(get_pair(name), [effect for effect in EFFECTS if effect not in effects])
+
+
+def film(pair: Pair, displayed: Displayed, view_deg: float = 0.0, seed: int = 0) -> Captured:
+    return capture(displayed, pair, view_deg, np.random.default_rng(seed))
+
+
+def even_light(*rgb: float) -> NDArray[np.float32]:
+    """(96, 128, 3): one colour, or one gray."""
+    return np.full((96, 128, 3), rgb if len(rgb) == 3 else rgb[0], np.float32)
+
+
+def levels(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+    return frame.astype(np.float64)
+
+
+def develop_plainly(camera: Camera) -> Camera:
+    """The camera without what mixes pixels: mosaic, sharpening, JPEG."""
+    return replace(camera, bayer=False, sharpening=0.0, jpeg_quality=0)

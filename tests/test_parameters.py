@@ -1,0 +1,212 @@
+"""Every number of a camera-display pair has a range, and what lies outside is refused by name."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from itertools import pairwise
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from data_gen.effects import with_parameter
+from data_gen.pairs import PAIRS
+from data_gen.parameters import IDENTITY, LINEAR, RGB, Limits, Matrix, Nuisance, Pair
+from link.errors import InputError
+
+PAIR = PAIRS["canon-samsung"]
+
+
+class Ranged(NamedTuple):
+    part: Any
+    field: str
+    kind: Any
+    limits: Limits
+
+
+def parts(part: Any) -> Iterator[Any]:
+    """A pair and the dataclasses in it."""
+    yield part
+    for entry in fields(part):
+        if is_dataclass(value := getattr(part, entry.name)):
+            yield from parts(value)
+
+
+def annotations(part: Any) -> Iterator[tuple[str, Any, Limits | None]]:
+    """Each field's name, kind and range: the one place that knows how ranges are declared."""
+    for field, hint in get_type_hints(type(part), include_extras=True).items():
+        if get_origin(hint) is Annotated:
+            kind, limits = get_args(hint)
+            yield field, kind, limits
+        else:
+            yield field, hint, None
+
+
+RANGED = [
+    Ranged(part, field, kind, limits)
+    for part in parts(PAIR)
+    for field, kind, limits in annotations(part)
+    if limits is not None
+]
+each_range = pytest.mark.parametrize(
+    "ranged", RANGED, ids=[f"{type(r.part).__name__}.{r.field}" for r in RANGED]
+)
+
+
+def with_number(value: Any, number: float) -> Any:
+    """The value with its last number replaced, however deep it lies."""
+    if not isinstance(value, tuple):
+        return number
+    return (*value[:-1], with_number(value[-1], number))
+
+
+def changed(ranged: Ranged, value: Any) -> Any:
+    return replace(ranged.part, **{ranged.field: value})
+
+
+def refused(ranged: Ranged, value: Any) -> bool:
+    """Whether the value is refused by the names of the part and of the field."""
+    with pytest.raises(InputError) as error:
+        changed(ranged, value)
+    return str(error.value).startswith(f"{ranged.part.name}: {ranged.field} must ")
+
+
+def test_every_number_has_a_range() -> None:
+    without = {
+        field
+        for part in parts(PAIR)
+        for field, kind, limits in annotations(part)
+        if limits is None and kind in (int, float, RGB, Matrix)
+    }
+    assert without == set()
+    assert len(RANGED) > 30
+    assert all(math.isfinite(r.limits.low) and r.limits.low < r.limits.high for r in RANGED)
+
+
+@each_range
+def test_a_value_just_below_the_range_is_refused_by_name(ranged: Ranged) -> None:
+    low = ranged.limits.low
+    below = low - 1 if ranged.kind is int else math.nextafter(low, -math.inf)
+    assert refused(ranged, with_number(getattr(ranged.part, ranged.field), below))
+
+
+@each_range
+def test_a_value_just_above_the_range_is_refused_by_name(ranged: Ranged) -> None:
+    high = ranged.limits.high
+    above = high + 1 if ranged.kind is int else math.nextafter(high, math.inf)
+    assert refused(ranged, with_number(getattr(ranged.part, ranged.field), above))
+
+
+@each_range
+@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
+def test_what_is_no_finite_number_is_refused_by_name(ranged: Ranged, number: float) -> None:
+    assert refused(ranged, with_number(getattr(ranged.part, ranged.field), number))
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+@each_range
+def test_both_ends_of_a_range_belong_to_it(ranged: Ranged, end: str) -> None:
+    if ranged.kind == Matrix:  # rows must sum to 1 as well
+        assert changed(ranged, IDENTITY)
+        return
+    value = with_number(getattr(ranged.part, ranged.field), getattr(ranged.limits, end))
+    assert getattr(changed(ranged, value), ranged.field) == value
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 4])
+@pytest.mark.parametrize("field", [r.field for r in RANGED if r.kind == RGB])
+def test_a_colour_of_other_than_three_numbers_is_refused(field: str, length: int) -> None:
+    ranged = next(r for r in RANGED if r.field == field)
+    assert refused(ranged, (2.0,) * length)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        (),
+        ((1.0, 0.0, 0.0),),
+        IDENTITY[:2],
+        (*IDENTITY, (0.0, 0.0, 1.0)),
+        ((1.0, 0.0), (0.0, 1.0), (0.0, 1.0)),
+        ((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),),
+        (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+    ],
+    ids=["empty", "1x3", "2x3", "4x3", "3x2", "1x9", "9"],
+)
+@pytest.mark.parametrize("field", ["crosstalk", "color_matrix"])
+def test_a_matrix_of_other_than_three_rows_of_three_is_refused(field: str, rows: Any) -> None:
+    with pytest.raises(InputError, match=field):
+        with_parameter(PAIR, field, rows)
+
+
+@pytest.mark.parametrize("row", range(3))
+@pytest.mark.parametrize("total", [0.9, 0.997, 1.003])
+@pytest.mark.parametrize("field", ["crosstalk", "color_matrix"])
+def test_rows_that_do_not_sum_to_one_are_refused(field: str, row: int, total: float) -> None:
+    rows = [(1 - 0.2, 0.1, 0.1)] * 3
+    rows[row] = (total - 0.2, 0.1, 0.1)
+    with pytest.raises(InputError, match=f"rows of {field} must sum to 1"):
+        with_parameter(PAIR, field, tuple(rows))
+
+
+@pytest.mark.parametrize(
+    "curve",
+    [
+        (),
+        ((0.0, 0.0),),
+        ((0.0, 0.1), (1.0, 1.0)),
+        ((0.0, 0.0), (1.0, 0.9)),
+        ((0.1, 0.0), (1.0, 1.0)),
+        ((0.0, 0.0), (0.5, 0.6), (0.7, 0.5), (1.0, 1.0)),
+        ((0.0, 0.0), (0.5, 0.4), (0.5, 0.5), (1.0, 1.0)),
+        ((0.0, 0.0), (0.5, math.nan), (1.0, 1.0)),
+        ((0.0, 0.0), (2.0, 0.5), (1.0, 1.0)),
+    ],
+)
+def test_a_tone_curve_that_does_not_rise_from_black_to_white_is_refused(curve: Any) -> None:
+    with pytest.raises(InputError, match=f"{PAIR.camera.name}: tone_curve must"):
+        replace(PAIR.camera, tone_curve=curve)
+
+
+def test_the_straight_tone_curve_is_allowed() -> None:
+    assert replace(PAIR.camera, tone_curve=LINEAR).tone_curve == LINEAR
+
+
+def test_unknown_panels_and_encodings_list_the_valid_ones() -> None:
+    with pytest.raises(InputError, match=rf"panel of {PAIR.display.name} 'CRT'.*TN, VA, IPS"):
+        replace(PAIR.display, panel="CRT")
+    with pytest.raises(InputError, match=rf"encoding of {PAIR.camera.name} 'raw'.*srgb, linear"):
+        replace(PAIR.camera, encoding="raw")
+
+
+# Nuisances by view
+
+
+def two_views(frontal: float, oblique: float) -> Pair:
+    ends = [Nuisance("any", drift, 0.1, 0.5) for drift in (frontal, oblique)]
+    return replace(PAIR, frontal=ends[0], oblique=ends[1])
+
+
+@given(st.floats(0, 0.5), st.floats(0, 0.5), st.floats(-75, 75))
+def test_nuisances_are_linear_up_to_45_degrees_and_held_beyond(
+    frontal: float, oblique: float, view: float
+) -> None:
+    share = min(1.0, abs(view) / 45)
+    drift = two_views(frontal, oblique).nuisance(view).drift
+    assert drift == pytest.approx(frontal + share * (oblique - frontal), abs=1e-12)
+    assert min(frontal, oblique) - 1e-12 <= drift <= max(frontal, oblique) + 1e-12
+
+
+def test_the_nuisances_at_the_ends_are_the_given_ones() -> None:
+    pair = two_views(0.1, 0.3)
+    found = [pair.nuisance(view).drift for view in (0.0, 22.5, 45.0, -45.0, 75.0)]
+    assert found == pytest.approx([0.1, 0.2, 0.3, 0.3, 0.3])
+    assert all(a <= b for a, b in pairwise(found[:3]))
+
+
+@given(st.floats(0, 45))
+def test_nuisances_at_the_end_of_their_range_hold_at_every_view(view: float) -> None:
+    highest = Nuisance("any", 0.5, 5.0, 10.0)
+    found = replace(PAIR, frontal=highest, oblique=highest).nuisance(view)
+    assert (found.drift, found.jitter_px, found.noise_scale) == pytest.approx((0.5, 5.0, 10.0))
