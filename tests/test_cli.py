@@ -303,6 +303,8 @@ def test_a_refusal_in_a_process_of_its_own(arguments: tuple[str, ...]) -> None:
         ("--view -89", "--view: need an angle within ±75 degrees"),
         ("--ratex 4", "--ratex: choose"),
         ("--rows 0", "rows and cols must be positive"),
+        ("--without rain", "effect 'rain'; choose one of: perspective"),
+        ("--set jpeg_quality=200", "jpeg_quality must lie in [0, 100]"),
         ("--width 20", "need a frame of at least"),
     ],
 )
@@ -342,6 +344,11 @@ def test_data_gen_refuses_what_it_finds_on_the_way(
         ("--views 45 45", "--views: name at least one, and none twice"),
         ("--ratex 4", "--ratex"),
         ("--captures nowhere", "manifest.jsonl"),
+        ("--protocol papr", "protocol 'papr'; choose one of: fair, paper"),
+        ("--without rain", "effect 'rain'; choose one of: perspective"),
+        ("--set drift", "--set: need name=value"),
+        ("--set wind=1", "unknown parameter 'wind'"),
+        ("--set drift=2", "drift must lie in [0, 0.5]"),
     ],
 )
 def test_evaluate_refuses_bad_flags(
