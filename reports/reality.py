@@ -261,7 +261,7 @@ def main() -> None:
         "\n".join(lines),
         "## What a cubic leaves\n\nBoth sides blurred by 3 px, so that the residual is colour, "
         "shading and haze rather than misaligned texture. Ripple: what the camera adds to the "
-        "flattest tenth of the picture's lit 64 × 64 tiles, in levels: moiré (mostly colour), banding, "
+        "flattest tenth of the lit 64 × 64 tiles, in levels: moiré (mostly colour), banding, "
         "noise.",
         "\n".join(fit_lines),
         "## Noise from frame to frame\n\nOne estimator for all: the frames' difference at captured "
