@@ -33,6 +33,13 @@ import matplotlib.pyplot as plt
 
 FITTED = ("naive", "two_step")
 PAGE = Path("docs/prediction.md")
+CANDOUR = (
+    "Three choices were made after a first look at all four columns, and so are not blind: the "
+    "backlights run near full brightness (`pwm_duty` 0.95; at 0.8 bands cost OORC several points), "
+    "drift is at least 0.01 (0.005 had been allowed), and where the two columns do not tell, the "
+    "nominal value is kept. The threshold of 2.5 was found by scanning the fitted columns. Jitter "
+    "and noise are hardly told by these columns at all."
+)
 
 
 @dataclass(frozen=True)
@@ -177,10 +184,18 @@ def variants(config: PredictionConfig) -> str:
         f"| protocol | {' | '.join(METHODS)} | what it does |",
         f"|---|{'---:|' * len(METHODS)}---|",
     ]
+    fitted = {}
     for name, protocol in PROTOCOLS.items():
         rows = run(config, name, config.variant_frames, config.work / name)
-        errors = [f"{error(mine):.1f}" for mine in by_method(rows).values()]
-        lines.append(f"| {name} | {' | '.join(errors)} | {protocol.description} |")
+        errors = {method: error(mine) for method, mine in by_method(rows).items()}
+        fitted[name] = float(np.mean([errors[method] for method in FITTED]))
+        parts = [f"{value:.1f}" for value in errors.values()]
+        lines.append(f"| {name} | {' | '.join(parts)} | {protocol.description} |")
+    best = min(fitted, key=lambda name: fitted[name])
+    lines += [
+        "",
+        f"The naive and two-step columns support `{best}` most: {fitted[best]:.1f} points.",
+    ]
     return "\n".join(lines)
 
 
@@ -281,6 +296,7 @@ def main() -> None:
         by_condition(rows),
         "## What was fitted",
         fitted_table(),
+        CANDOUR,
         "## The cells that disagree most",
         worst(rows, 16),
     ]

@@ -1,7 +1,7 @@
 """Tune the baselines fairly, on training pictures and channel draws: python -m reports.tune.
 
-Every method gets the same captures and a grid over its own choices; the best row of each is what
-the method's defaults are. The order of g stays the paper's, four. Writes docs/tuning.md.
+Every method gets the same captures and a grid over its own choices; its defaults are the best row,
+or within 0.05 points of it. The order of g stays the paper's, four. Writes docs/tuning.md.
 """
 
 import os
