@@ -325,8 +325,8 @@ def test_registration_saves_the_messages_of_moved_frames(layout: Layout) -> None
     for index in range(4):
         captured = simulate(Source(layout), Cell("nikon-imac", 0.0, 2), index)
         moved = replace(captured, corners_embedded=captured.corners_embedded + 0.8).rectified()
-        for i, register in enumerate((False, True)):
-            bits = Phi(DecoderConfig(register=register)).decode(moved).bits
+        for i, on in enumerate((False, True)):
+            bits = Phi(DecoderConfig(register=on)).decode(moved).bits
             wrong[i] += (bits != captured.bits).sum()
     assert wrong[1] < 0.5 * wrong[0]
 
