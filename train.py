@@ -46,7 +46,7 @@ class TrainConfig:
     out: Path | None = None
     """Run folder; runs/PAIR where absent."""
     decoder: DecoderConfig = field(
-        default_factory=lambda: DecoderConfig(drift_degree=4, channels="rgb", register=True)
+        default_factory=lambda: DecoderConfig(drift_degree=2, register=True)
     )
     episodes: int = 240
     """Simulated frame pairs of training pictures."""

@@ -19,7 +19,7 @@ from reports.metrics import provenance, read_metrics, score, write_metrics
 from reports.tables import replace_block, summary_table
 
 METRICS = Path("docs/metrics.json")
-DRIFT = DecoderConfig(drift_degree=4, channels="rgb")
+DRIFT = DecoderConfig(drift_degree=2)
 ABLATIONS = [
     Method("phi", (("config", DRIFT),), "phi + drift"),
     Method("phi", (("config", replace(DRIFT, register=True)),), "phi + drift + registration"),
