@@ -1,0 +1,153 @@
+"""Registration of a rectified frame pair: a whole-pixel start, then a homography to sub-pixels.
+
+Corners that are off by a few pixels, or a camera that moved, leave the embedded frame shifted and
+slightly distorted against the original. Both searches look at edges alone, so that neither the
+message's blocks nor a change of exposure counts as motion.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+REACH_PX = 8
+"""Largest whole-pixel shift that `whole_pixel_shift` considers."""
+EDGE_SIGMA_PX = 3.0
+"""Scale of the high-pass: below any block's side, so that blocks leave only thin seams."""
+MIN_CORRELATION = 0.3
+"""Of the edges at the best shift; unrelated frames of 100 x 100 pixels reach about 0.1."""
+LEVELS = 3
+"""Of the pyramid: at a quarter of the size a step undoes the 6 px that corners may distort."""
+STEPS = 4
+"""Gauss-Newton steps a level."""
+MIN_SIDE_PX = 48
+"""Smallest image of the pyramid: 16 times `EDGE_SIGMA_PX`."""
+RIDGE = 1e-7
+"""Of the least squares, per pixel, in squared intensity: flat pictures stay where they are."""
+ROBUST = 1.4826 * 2
+"""Residual beyond which a pixel counts less, in median absolute ones: 2 standard deviations."""
+
+
+def gray(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(H, W) float32 in [0, 1], encoded: BT.601 luma of an RGB frame, or a gray frame."""
+    scaled = frame.astype(np.float32) / np.float32(255)
+    if frame.ndim == 2:
+        return scaled
+    return np.asarray(cv2.cvtColor(scaled, cv2.COLOR_RGB2GRAY), np.float32)
+
+
+def edges(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The image without what is smoother than `EDGE_SIGMA_PX`; (H, W) float32."""
+    smooth = cv2.GaussianBlur(image, (0, 0), EDGE_SIGMA_PX, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(image - smooth, np.float32)
+
+
+def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> tuple[int, int]:
+    """How far the embedded frame lies from the original, in whole pixels.
+
+    The shift of largest normalised correlation of the frames' edges.
+
+    Args:
+        original: (H, W) or (H, W, 3) uint8, encoded.
+        embedded: the same size.
+
+    Returns:
+        (dy, dx), each within `REACH_PX`, such that embedded[y + dy, x + dx] shows what
+        original[y, x] shows. (0, 0) where it is unsure: the frames are small or flat, or correlate
+        weakly, or best at the end of the reach.
+    """
+    height, width = original.shape[:2]
+    if min(height, width) < 6 * REACH_PX:
+        return 0, 0
+    fixed, moving = edges(gray(original)), edges(gray(embedded))
+    inner = fixed[REACH_PX : height - REACH_PX, REACH_PX : width - REACH_PX]
+    if min(float(inner.std()), float(moving.std())) < 1e-3:  # a quarter of a gray level
+        return 0, 0
+    scores = cv2.matchTemplate(moving, inner, cv2.TM_CCOEFF_NORMED)
+    y, x = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    at_end = {int(y), int(x)} & {0, 2 * REACH_PX}
+    if at_end or scores[y, x] < MIN_CORRELATION:
+        return 0, 0
+    return int(y) - REACH_PX, int(x) - REACH_PX
+
+
+def _step(
+    fixed: NDArray[np.float32], moved: NDArray[np.float32], inside: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """One robust Gauss-Newton step (Lucas & Kanade 1981).
+
+    The change is taken as motion times gradient, plus a change of contrast that is no motion.
+
+    Returns:
+        (3, 3) homography on coordinates in [-1, 1], from the original to where ``moved`` shows it.
+    """
+    height, width = fixed.shape
+    mean = (fixed + moved) / 2
+    gx = cv2.Sobel(mean, cv2.CV_32F, 1, 0, scale=width / 16)  # per unit of u
+    gy = cv2.Sobel(mean, cv2.CV_32F, 0, 1, scale=height / 16)
+    v, u = np.meshgrid(_centred(height), _centred(width), indexing="ij")
+    x, y, u, v, i, change = (
+        map_[inside].astype(np.float64) for map_ in (gx, gy, u, v, mean, moved - fixed)
+    )
+    radial = -(x * u + y * v)
+    A = np.stack([x, x * u, x * v, y, y * u, y * v, radial * u, radial * v, i])
+    ridge = RIDGE * change.size * np.eye(len(A))
+    weights, solution = np.ones_like(change), np.zeros(len(A))
+    for _ in range(2):
+        solution = np.linalg.solve((A * weights) @ A.T + ridge, A @ (weights * change))
+        residual = np.abs(change - solution @ A)
+        weights = 1 / (1 + (residual / (ROBUST * np.median(residual) + 1e-6)) ** 2)
+    a = solution
+    return np.array([[1 + a[1], a[2], a[0]], [a[4], 1 + a[5], a[3]], [a[6], a[7], 1.0]])
+
+
+def _centred(length: int) -> NDArray[np.float64]:
+    """Pixel centres along one axis on which the frame spans [-1, 1]."""
+    return (2 * np.arange(length) + 1) / length - 1
+
+
+def _to_centred(width: int, height: int) -> NDArray[np.float64]:
+    """(3, 3), pixels to coordinates in [-1, 1]."""
+    return np.array([[2 / width, 0, 1 / width - 1], [0, 2 / height, 1 / height - 1], [0, 0, 1.0]])
+
+
+def _warp(
+    image: NDArray[np.float32], H: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """(image sampled at H x, where that lies inside); ``H`` on coordinates in [-1, 1]."""
+    height, width = image.shape[:2]
+    centred = _to_centred(width, height)
+    pixels = np.linalg.inv(centred) @ H @ centred
+    flags, size = cv2.WARP_INVERSE_MAP, (width, height)
+    warped = cv2.warpPerspective(
+        image, pixels, size, flags=flags | cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+    inside = cv2.warpPerspective(np.ones((height, width), np.uint8), pixels, size, flags=flags)
+    return np.asarray(warped, np.float32), np.asarray(inside > 0)
+
+
+def align(
+    original: NDArray[np.uint8], embedded: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Move the embedded frame onto the original, by a homography found on a pyramid.
+
+    Args:
+        original: (H, W) or (H, W, 3) uint8, encoded.
+        embedded: the same size.
+
+    Returns:
+        (luma, inside): the embedded frame's luma where the original shows the same, (H, W)
+        float32 in [0, 1], encoded; and (H, W) bool, false where the embedded frame ends.
+    """
+    fixed, moving = gray(original), gray(embedded)
+    height, width = fixed.shape
+    dy, dx = whole_pixel_shift(original, embedded)
+    H = np.array([[1, 0, 2 * dx / width], [0, 1, 2 * dy / height], [0, 0, 1.0]])
+    for level in reversed(range(LEVELS)):
+        size = (width >> level, height >> level)
+        if min(size) < MIN_SIDE_PX:
+            continue
+        small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (fixed, moving)]
+        for _ in range(STEPS):
+            moved, inside = _warp(small[1], H)
+            H = H @ np.linalg.inv(_step(edges(small[0]), edges(moved), inside))
+    return _warp(moving, H)
