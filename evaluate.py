@@ -21,6 +21,7 @@ from link.images import make_folder, write_bytes, write_image
 from link.layout import make_layout
 from models import DECODERS
 from reports.compare import (
+    METHODS,
     Method,
     decode_captures,
     decode_cells,
@@ -47,7 +48,7 @@ class EvaluateConfig:
     kappas: tuple[int, ...] = (5, 3)
     """Gray levels added for a bit 1."""
     methods: tuple[str, ...] = tuple(DECODERS)
-    """Decoders to compare."""
+    """Decoders to compare; "ideal" is the floor under them, slow and for the simulation alone."""
     frames: int = 15
     """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
     seed: int = 0
@@ -115,7 +116,7 @@ def check(config: EvaluateConfig) -> None:
     for kappa in config.kappas:
         check_kappa(kappa)
     for name in config.methods:
-        choose(DECODERS, name, "method")
+        choose(METHODS, name, "method")
     for view in config.views:
         check_view(view, "--views")
     at_least(1, frames=config.frames, jobs=config.jobs)

@@ -1,10 +1,12 @@
 """The channel: what the display shows -> what the camera stores, for one frame pair."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.camera import develop, expose, response_curve
-from data_gen.display import emitted_light, fall_to_corners, room_light
+from data_gen.display import Light, emitted_light, fall_to_corners, room_light
 from data_gen.moire import moire_gain
 from data_gen.optics import (
     CAPTURE_HEIGHT,
@@ -21,6 +23,89 @@ from data_gen.shutter import pwm_gain
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners, transform
 from link.images import as_rgb
+from link.layout import Layout
+
+
+@dataclass(frozen=True)
+class Shot:
+    """The channel of one frame, drawn: from what the display shows to what the file holds."""
+
+    pair: Pair
+    theta: Light
+    """(height, width) viewing angle at each display pixel, radians from the normal."""
+    room: Light
+    """(height, width, 1) float32 room light from each display pixel; frontal white is 1."""
+    H_captured_from_display: NDArray[np.float64]
+    """(3, 3)."""
+    gain: Light
+    """(H, W, 1) or (H, W, 3) of the capture: amplification, drift, vignetting, banding, moire."""
+    iso: float
+    """Amplification relative to the ISO of `Camera.full_well_e`, at least 1."""
+    noise_scale: float
+    """As in `develop`."""
+    noise_rng: np.random.Generator
+    """Draws the noise of the capture."""
+
+    def expose(self, frame: NDArray[np.uint8]) -> Light:
+        """What the sensor collects of a displayed frame, before noise.
+
+        Args:
+            frame: (height, width) or (height, width, 3) uint8, encoded, of the layout's size.
+
+        Returns:
+            (H, W, 3) float32 in [0, 1] of the capture, linear; 1 is saturation.
+        """
+        camera, size = self.pair.camera, self.gain.shape[1::-1]
+        light = emitted_light(as_rgb(frame), self.pair.display, self.theta)
+        light += self.room
+        image = image_of(light, self.H_captured_from_display, camera.blur_px, size)
+        return expose(image, camera, self.pair.crosstalk, self.gain)
+
+    def develop(self, exposure: Light, rng: np.random.Generator) -> NDArray[np.uint8]:
+        """The file's pixels (H, W, 3) uint8 of an exposure, or of a part of one."""
+        return develop(exposure, self.pair.camera, rng, self.noise_scale, self.iso)
+
+
+def draw(
+    layout: Layout, pair: Pair, view_deg: float, rng: np.random.Generator
+) -> tuple[Shot, Shot]:
+    """Draw the channel of the original and of the embedded frame; arguments as of `capture`.
+
+    Pose, exposure, room light and CDTF are common to both frames. Between them the exposure drifts
+    by a factor exp(Normal(0, drift)), the backlight's phase is drawn anew, and the camera moves by
+    `optics.motion`. Every random draw is made whether or not its effect is switched off, so that
+    switching one off leaves the others as they were.
+    """
+    check_view(view_deg)
+    camera, display = pair.camera, pair.display
+    nuisance = pair.nuisance(view_deg)
+    pose = draw_pose(view_deg, rng)
+    size = (
+        (CAPTURE_WIDTH, CAPTURE_HEIGHT) if pair.setup.perspective else (layout.width, layout.height)
+    )
+    H_original = project(pose, layout.width, layout.height) if pair.setup.perspective else np.eye(3)
+    move = motion(nuisance.jitter_px, camera.breathing, size, rng)
+    drift = float(np.exp(nuisance.drift * rng.standard_normal()))
+    phases = rng.uniform(0, 1, 2)
+    room = room_light(display, layout.height, layout.width, rng)[:, :, None]
+
+    theta = view_angles(pose, layout.width, layout.height)
+    iso = max(1.0, metered_gain(pair, view_deg))
+    vignetting = fall_to_corners(camera.vignetting, size[1], size[0])
+
+    def shot(
+        H: NDArray[np.float64], exposure_gain: float, phase: float, noise_rng: np.random.Generator
+    ) -> Shot:
+        rows = pwm_gain(display, camera, size[1], phase)[:, None]
+        gain = (vignetting * (np.float32(iso * exposure_gain) * rows))[:, :, None]
+        if display.grid_contrast > 0:
+            gain = gain * moire_gain(pair, layout, H, size)
+        return Shot(pair, theta, room, H, gain, iso, nuisance.noise_scale, noise_rng)
+
+    first, second = rng.spawn(2)
+    return shot(H_original, 1.0, phases[0], first), shot(
+        move @ H_original, drift, phases[1], second
+    )
 
 
 def capture(
@@ -28,11 +113,7 @@ def capture(
 ) -> Captured:
     """Film one frame pair.
 
-    Pose, exposure, room light and CDTF are common to both frames. Between them the exposure drifts
-    by a factor exp(Normal(0, drift)), the backlight's phase is drawn anew, and the camera moves by
-    `optics.motion`. The embedded frame keeps the original's corners: the motion is what
-    registration left. Every random draw is made whether or not its effect is switched off, so that
-    switching one off leaves the others as they were.
+    The embedded frame keeps the original's corners: the motion is what registration left.
 
     Args:
         displayed: uint8 frames, gray or RGB.
@@ -47,44 +128,20 @@ def capture(
     Raises:
         InputError: ``view_deg`` is out of range.
     """
-    check_view(view_deg)
-    layout, camera, display = displayed.layout, pair.camera, pair.display
-    nuisance = pair.nuisance(view_deg)
-    pose = draw_pose(view_deg, rng)
-    size = (
-        (CAPTURE_WIDTH, CAPTURE_HEIGHT) if pair.setup.perspective else (layout.width, layout.height)
+    layout = displayed.layout
+    shots = draw(layout, pair, view_deg, rng)
+    original, embedded = (
+        shot.develop(shot.expose(frame), shot.noise_rng)
+        for shot, frame in zip(shots, (displayed.original, displayed.embedded), strict=True)
     )
-    H_original = project(pose, layout.width, layout.height) if pair.setup.perspective else np.eye(3)
-    move = motion(nuisance.jitter_px, camera.breathing, size, rng)
-    drift = float(np.exp(nuisance.drift * rng.standard_normal()))
-    phases = rng.uniform(0, 1, 2)
-    room = room_light(display, layout.height, layout.width, rng)[:, :, None]
-    corner_error = pair.setup.corner_px * rng.standard_normal((4, 2))
-    noise_rngs = rng.spawn(2)
-
-    theta = view_angles(pose, layout.width, layout.height)
-    light = emitted_light(
-        np.stack([as_rgb(displayed.original), as_rgb(displayed.embedded)]), display, theta
+    corners = transform(
+        shots[0].H_captured_from_display, frame_corners(layout.width, layout.height)
     )
-    light += room
-    iso = max(1.0, metered_gain(pair, view_deg))
-    vignetting = fall_to_corners(camera.vignetting, size[1], size[0])
-    frames = []
-    for frame_light, H, exposure_gain, phase, noise_rng in zip(
-        light, (H_original, move @ H_original), (1.0, drift), phases, noise_rngs, strict=True
-    ):
-        rows = pwm_gain(display, camera, size[1], phase)[:, None]
-        gain = (vignetting * (np.float32(iso * exposure_gain) * rows))[:, :, None]
-        if display.grid_contrast > 0:
-            gain = gain * moire_gain(pair, layout, H, size)
-        image = image_of(frame_light, H, camera.blur_px, size)
-        exposure = expose(image, camera, pair.crosstalk, gain)
-        frames.append(develop(exposure, camera, noise_rng, nuisance.noise_scale, iso))
-    corners = transform(H_original, frame_corners(layout.width, layout.height)) + corner_error
-    corners = np.clip(corners, -0.5, np.array(size) - 0.5)
+    corners += pair.setup.corner_px * rng.standard_normal((4, 2))
+    corners = np.clip(corners, -0.5, np.array(original.shape[1::-1]) - 0.5)
     return Captured(
-        original=frames[0],
-        embedded=frames[1],
+        original=original,
+        embedded=embedded,
         layout=layout,
         corners=corners,
         corners_embedded=corners,

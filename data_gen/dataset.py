@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_gen.channel import capture
 from data_gen.effects import switch_off, with_parameter
@@ -85,8 +86,17 @@ class Take:
     """Draws pose, exposure, motion and noise."""
 
 
-def prepare(source: Source, cell: Cell, index: int, hidden: bool = False) -> Take:
-    """What the display shows as frame pair ``index`` of a cell; arguments as of `simulate`."""
+def prepare(
+    source: Source,
+    cell: Cell,
+    index: int,
+    hidden: bool = False,
+    bits: NDArray[np.intp] | None = None,
+) -> Take:
+    """What the display shows as frame pair ``index`` of a cell; arguments as of `simulate`.
+
+    ``bits`` (n_bits,) take the place of the drawn message and change no other draw.
+    """
     name = f"{source.split}/{cell.pair}/{cell.view_deg:g}/{cell.kappa}/{index}"
     seeds = np.random.SeedSequence([source.seed, zlib.crc32(name.encode())]).spawn(2)
     message_rng, channel_rng = (np.random.default_rng(seed) for seed in seeds)
@@ -95,7 +105,7 @@ def prepare(source: Source, cell: Cell, index: int, hidden: bool = False) -> Tak
     layout = replace(source.layout, ratex=()) if hidden else source.layout
     displayed = embed(
         equalise(picture.rgb) if hidden else picture.rgb,
-        message_rng.integers(0, 2, layout.n_bits),
+        message_rng.integers(0, 2, layout.n_bits) if bits is None else bits,
         layout,
         cell.kappa,
         source.pyramid_level,

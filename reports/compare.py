@@ -12,13 +12,26 @@ from joblib import Parallel, delayed, parallel_config
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, simulate
+from data_gen.ideal import observe
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, UnsuitedError
-from link.frames import Captured, Rectified
+from link.frames import Captured, Rectified, SoftBits
 from link.images import write_bytes
-from models import Decoder, make_decoder
+from models import DECODERS, Decoder, make_decoder
 
 PREDICTIONS = "predictions.jsonl"
+METHODS = {**DECODERS, "ideal": "data_gen.ideal:observe"}
+"""Methods by name: the decoders, and the floor under them on simulated captures."""
+
+
+class Ideal:
+    """Stands for `data_gen.ideal.observe` among decoders: it decides from the draw, not a pair."""
+
+    needs_ratex = True
+
+    def decode(self, pair: Rectified) -> SoftBits:
+        """Raise an `UnsuitedError`."""
+        raise UnsuitedError("needs the simulation's true channel")
 
 
 @dataclass(frozen=True)
@@ -39,7 +52,7 @@ class Method:
 
     def build(self) -> Decoder:
         """The decoder itself."""
-        return make_decoder(self.name, **dict(self.options))
+        return Ideal() if self.name == "ideal" else make_decoder(self.name, **dict(self.options))
 
 
 def digest_files(files: Iterable[Path]) -> str:
@@ -63,10 +76,9 @@ def paper_cells(
     return [Cell(pair, view, kappa) for kappa in kappas for view in views for pair in pairs]
 
 
-def decode(decoder: Decoder, name: str, pair: Rectified, captured: Captured) -> dict[str, Any]:
+def to_entry(name: str, soft: SoftBits, captured: Captured) -> dict[str, Any]:
     """One line of predictions.jsonl."""
-    soft = decoder.decode(pair)
-    unknown = [-1] * pair.layout.n_bits
+    unknown = [-1] * captured.layout.n_bits
     return {
         "method": name,
         "pair": captured.meta.get("pair", "captures"),
@@ -97,7 +109,11 @@ def decode_cell(
             pair = captured.rectified()
             for name, decoder in chosen:
                 try:
-                    lines.append({**decode(decoder, name, pair, captured), "index": index})
+                    if isinstance(decoder, Ideal):
+                        soft = observe(captured, source, cell, index)
+                    else:
+                        soft = decoder.decode(pair)
+                    lines.append({**to_entry(name, soft, captured), "index": index})
                 except UnsuitedError as error:
                     raise InputError(f"method {name}: {error}") from None
     return lines
@@ -178,7 +194,7 @@ def decode_captures(
             notes["hidden_ratex"] = "hidden_ratex: these pictures were not equalised for it"
         for name, decoder in decoders:
             try:
-                lines.append({**decode(decoder, name, pair, captured), "index": index})
+                lines.append({**to_entry(name, decoder.decode(pair), captured), "index": index})
             except UnsuitedError as error:
                 left_out[name] = left_out.get(name, 0) + 1
                 notes[name] = f"{name}: left out of {left_out[name]} of {len(entries)}, {error}"

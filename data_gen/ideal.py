@@ -1,0 +1,140 @@
+"""Ideal observer: bits decided with the simulation's true channel, the floor for every decoder.
+
+It knows what no receiver does: picture, pose, photometry and noise model of the very frame pair,
+so only noise can mislead it. Given the channel the original frame tells nothing of the bits, and
+the embedded frame is all it looks at.
+
+It is the floor up to three simplifications. Of all statistics of a block it takes one linear in the
+pixels, at the low spatial frequencies where bit and noise of a block lie. Its moments are estimated
+from draws of the noise. And blocks are told apart by captures of all zeros and of all ones: where
+blur or JPEG mix a block's outermost pixels with a neighbour's, they count as if both had one bit.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel import draw
+from data_gen.dataset import Cell, Source, prepare
+from data_gen.display import Light
+from link.frames import Captured, SoftBits
+from link.layout import Layout, block_index
+
+DRAWS = 32
+"""Of the noise, for each bit."""
+GRAIN_PX = 9
+"""Noise is summed over squares of this side: beyond what demosaicing and JPEG correlate."""
+SMOOTH_PX = 33
+"""Covariances are averaged over squares of this side, about half a block."""
+SIGNAL_SIGMA_PX = 4.0
+"""Gaussian sigma by which the captured difference of the bits is smoothed before it weighs."""
+ROUNDING = 0.02
+"""Gray levels squared, added to variances: keeps pixels without noise finite."""
+ALIGN_PX = 16
+"""Captures are cut at multiples of this, so that mosaic and JPEG fall as in the whole."""
+
+
+def observe(
+    captured: Captured, source: Source, cell: Cell, index: int, draws: int = DRAWS
+) -> SoftBits:
+    """Decide frame pair ``index`` of a cell with its true channel.
+
+    Args:
+        captured: what `dataset.simulate` gives for the same source, cell and index, not hidden.
+        source: as of `simulate`.
+        cell: as of `simulate`.
+        index: as of `simulate`.
+        draws: of the noise, for each bit; at least 4.
+
+    Returns:
+        scores that are natural log-likelihood ratios.
+    """
+    layout = source.layout
+    channel_rng = prepare(source, cell, index).channel_rng
+    shot = draw(layout, source.pair(cell.pair), cell.view_deg, channel_rng)[1]
+    blocks = captured_blocks(layout, shot.H_captured_from_display, captured.embedded.shape)
+    seen = np.argwhere(blocks >= 0)
+    (top, left), (bottom, right) = (
+        edge // ALIGN_PX * ALIGN_PX for edge in (seen.min(axis=0), seen.max(axis=0) + ALIGN_PX)
+    )
+    inside = np.s_[top:bottom, left:right]
+    developed = []
+    for bit in (0, 1):
+        message = np.full(layout.n_bits, bit)
+        exposure = shot.expose(prepare(source, cell, index, bits=message).displayed.embedded)
+        rngs = (np.random.default_rng([source.seed, index, number]) for number in range(draws))
+        developed.append([shot.develop(exposure[inside], rng) for rng in rngs])
+    ratios = log_likelihood_ratios(
+        captured.embedded[inside], np.array(developed), blocks[inside], layout.message_mask.size
+    )
+    return SoftBits(ratios[layout.message_mask.ravel()])
+
+
+def captured_blocks(
+    layout: Layout, H_captured_from_display: NDArray[np.float64], shape: tuple[int, ...]
+) -> NDArray[np.int16]:
+    """(H, W) of ``shape``: row-major number of the block that a captured pixel shows, -1 beside."""
+    rows = block_index(layout.height, layout.rows)[:, None]
+    numbers = rows * layout.cols + block_index(layout.width, layout.cols)
+    return np.asarray(
+        cv2.warpPerspective(
+            numbers.astype(np.int16),
+            H_captured_from_display,
+            shape[1::-1],
+            flags=cv2.INTER_NEAREST,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=-1,
+        ),
+        np.int16,
+    )
+
+
+def log_likelihood_ratios(
+    seen: NDArray[np.uint8], draws: NDArray[np.uint8], blocks: NDArray[np.int16], count: int
+) -> NDArray[np.float64]:
+    """Bit 1 against bit 0 of every block, by a statistic taken for Gaussian.
+
+    t is the sum of w x over the block's pixels and channels, w = C^-1 d with d the smoothed
+    difference of the bits' means and C the channels' covariance at low spatial frequency. One half
+    of the draws gives w; the other gives mean and variance of t, untouched by the choice of w.
+
+    Args:
+        seen: (H, W, 3) uint8, encoded, the capture.
+        draws: (2, n, H, W, 3) of the same, captures of bits 0 and 1, n at least 4; draw i has the
+            same noise for both bits, which so cancels in d.
+        blocks: (H, W) number of each pixel's block, -1 for none.
+        count: number of blocks.
+
+    Returns:
+        (count,) natural logarithms; 0 where both bits look alike.
+    """
+    shaping, probing = draws[:, ::2], draws[:, 1::2]
+    mean = shaping.mean(axis=1, dtype=np.float32)
+    difference = cv2.GaussianBlur(mean[1] - mean[0], (0, 0), SIGNAL_SIGMA_PX)
+    weights = np.linalg.solve(_covariance(shaping, mean), difference[..., None])[..., 0]
+    label = blocks.ravel() + 1
+
+    def pool(image: NDArray[np.uint8] | Light) -> NDArray[np.float64]:
+        summed = (weights * image).sum(axis=2).ravel()
+        return np.asarray(np.bincount(label, summed, count + 1)[1:], np.float64)
+
+    t = np.array([[pool(image) for image in images] for images in probing])
+    signal = t[1].mean(axis=0) - t[0].mean(axis=0)
+    variance = t.var(axis=1, ddof=1).mean(axis=0) + ROUNDING * pool(weights)
+    ratios = np.zeros(count)
+    np.divide(signal * (pool(seen) - t.mean(axis=(0, 1))), variance, out=ratios, where=variance > 0)
+    return ratios
+
+
+def _covariance(draws: NDArray[np.uint8], mean: Light) -> Light:
+    """(H, W, 3, 3) float32 of the channels of (2, n, H, W, 3) draws, at low spatial frequency."""
+    total = np.zeros((*mean.shape[1:], mean.shape[-1]), np.float32)
+    for images, expected in zip(draws, mean, strict=True):
+        for image in images:
+            noise = GRAIN_PX * cv2.blur(image - expected, (GRAIN_PX, GRAIN_PX))
+            total += noise[..., :, None] * noise[..., None, :]
+    total /= 2 * (draws.shape[1] - 1)
+    smooth = cv2.blur(total.reshape(*total.shape[:2], -1), (SMOOTH_PX, SMOOTH_PX))
+    return np.asarray(
+        smooth.reshape(total.shape) + ROUNDING * np.eye(total.shape[-1], dtype=np.float32)
+    )

@@ -1,0 +1,134 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import Command
+from scipy.stats import binomtest, norm
+
+import evaluate
+from data_gen.channel import draw
+from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.effects import EFFECTS
+from data_gen.ideal import captured_blocks, log_likelihood_ratios, observe
+from link.captures import save_captures
+from link.layout import Layout, make_layout
+from models import make_decoder
+from reports.compare import METHODS
+
+SMALL = make_layout(4, 4, 256, 192, 2)
+HARD = Cell("canon-samsung", 45.0, 1)
+
+
+def test_log_likelihood_ratios_of_white_noise_are_those_of_the_formula() -> None:
+    rng = np.random.default_rng(0)
+    side, count, sigma, step, trials = 16, 64, 8.0, 0.75, 12
+    blocks = np.kron(np.arange(count).reshape(8, 8), np.ones((side, side), np.int16))
+    shape = (*blocks.shape, 3)
+    noise = sigma * rng.standard_normal((64, *shape))
+    low, high = 128.0, 128.0 + step
+    draws = np.stack([low + noise, high + noise]).round().astype(np.uint8)
+    bits = rng.integers(0, 2, (trials, count))
+    errors, slopes = 0, []
+    for message in bits:
+        mean = low + step * message[blocks][..., None]
+        seen = (mean + sigma * rng.standard_normal(shape)).round().astype(np.uint8)
+        found = log_likelihood_ratios(seen, draws, blocks.astype(np.int16), count)
+        each = norm.logpdf(seen, high, sigma) - norm.logpdf(seen, low, sigma)
+        exact = np.bincount(blocks.ravel(), each.sum(axis=2).ravel())
+        errors += int(((found > 0) != message).sum())
+        slopes.append(np.polyfit(exact, found, 1)[0])
+        assert np.corrcoef(exact, found)[0, 1] > 0.9
+    assert np.mean(slopes) == pytest.approx(1, abs=0.15)
+    d_prime = step * np.sqrt(3 * side**2) / sigma
+    assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
+
+
+def test_bits_that_look_alike_are_left_undecided() -> None:
+    burnt = np.full((2, 4, 32, 32, 3), 255, np.uint8)
+    blocks = np.zeros((32, 32), np.int16)
+    assert log_likelihood_ratios(burnt[0, 0], burnt, blocks, 2).tolist() == [0, 0]
+
+
+@pytest.mark.parametrize("layout", [SMALL, make_layout(3, 5, 117, 201, 1)])
+def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
+    source = Source(layout, "train", without=tuple(EFFECTS))
+    cell = Cell("canon-lg", 20.0, 1)
+    captured = simulate(source, cell, 0)
+    soft = observe(captured, source, cell, 0, 4)
+    assert np.array_equal(soft.bits, captured.bits)
+    assert np.isfinite(soft.scores).all()
+
+
+def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
+    source = Source(layout, "train", 7)
+    ideal, oorc = 0, 0
+    for index in range(2):
+        captured = simulate(source, HARD, index)
+        ideal += int((observe(captured, source, HARD, index, 8).bits != captured.bits).sum())
+        oorc += int((make_decoder("oorc").decode(captured.rectified()).bits != captured.bits).sum())
+    assert ideal < oorc / 4
+
+
+def test_scores_are_calibrated(layout: Layout) -> None:
+    source = Source(layout, "train", 7, parameters=(("metering", 1.0),))
+    cell = Cell("nikon-samsung", 60.0, 1)
+    wrong, expected = 0, 0.0
+    for index in range(4):
+        captured = simulate(source, cell, index)
+        soft = observe(captured, source, cell, index, 16)
+        wrong += int((soft.bits != captured.bits).sum())
+        expected += float((1 / (1 + np.exp(np.abs(soft.scores)))).sum())
+    assert wrong > 0
+    assert expected == pytest.approx(wrong, abs=3 * np.sqrt(expected))
+
+
+def test_the_observer_draws_the_channel_of_the_capture(layout: Layout) -> None:
+    source = Source(layout, "train", 7, parameters=(("jitter_px", 1.0), ("drift", 0.1)))
+    captured = simulate(source, HARD, 3)
+    take = prepare(source, HARD, 3)
+    shot = draw(layout, source.pair(HARD.pair), HARD.view_deg, take.channel_rng)[1]
+    exposure = shot.expose(take.displayed.embedded)
+    assert np.array_equal(shot.develop(exposure, shot.noise_rng), captured.embedded)
+    mean = np.mean([shot.develop(exposure, np.random.default_rng(i)) for i in range(6)], axis=0)
+    assert abs(float((captured.embedded - mean).mean())) < 0.02
+    blocks = captured_blocks(layout, shot.H_captured_from_display, mean.shape)
+    assert mean[blocks >= 0].mean() > 3 * mean[blocks < 0].mean()
+    assert np.array_equal(np.unique(blocks), np.arange(-1, layout.rows * layout.cols))
+
+
+def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> None:
+    source, cell = Source(SMALL), Cell("canon-lg", 0.0, 5)
+    usual = prepare(source, cell, 1)
+    given = prepare(source, cell, 1, bits=1 - usual.displayed.bits)
+    assert np.array_equal(given.displayed.original, usual.displayed.original)
+    assert np.array_equal(given.displayed.bits, 1 - usual.displayed.bits)
+    assert given.channel_rng.random() == usual.channel_rng.random()
+
+
+# The comparison
+
+
+def test_the_comparison_knows_it_as_a_method(tmp_path: Path, command: Command) -> None:
+    flags = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
+    result = command(evaluate.main, *flags, "--methods", "oorc", "ideal", "--out", tmp_path)
+    assert result.status == 0, result.stderr
+    assert "ideal" in (tmp_path / "tables.md").read_text()
+    assert "ideal" not in evaluate.EvaluateConfig().methods
+
+
+def test_captures_without_a_simulation_leave_it_out(
+    layout: Layout, tmp_path: Path, command: Command
+) -> None:
+    save_captures(tmp_path / "real", iter([simulate(Source(layout), Cell("canon-lg", 0.0, 5), 0)]))
+    flags = ["--captures", tmp_path / "real", "--out", tmp_path / "out"]
+    result = command(evaluate.main, *flags, "--methods", "oorc", "ideal")
+    assert result.status == 0, result.stderr
+    assert "ideal: left out of 1 of 1, needs the simulation's true channel" in result.stdout
+    assert "ideal" not in (tmp_path / "out" / "tables.md").read_text()
+
+
+def test_an_unknown_method_lists_it(tmp_path: Path, command: Command) -> None:
+    result = command(evaluate.main, "--methods", "idol", "--out", tmp_path)
+    assert result.status == 2
+    assert f"unknown method 'idol'; choose one of: {', '.join(METHODS)}" in result.stderr
+    assert "ideal" in METHODS
