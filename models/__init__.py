@@ -11,6 +11,7 @@ DECODERS = {
     "two_step": "models.classical.two_step:TwoStep",
     "oorc": "models.classical.oorc:OORC",
     "hidden_ratex": "models.classical.hidden_ratex:HiddenRatex",
+    "blind": "models.classical.blind:Blind",
     "phi": "models.neural.methods:Phi",
     "learned": "models.neural.methods:Learned",
 }
@@ -20,7 +21,7 @@ class Decoder(Protocol):
     """The one interface of all methods: calibrate on this frame pair alone, score its blocks."""
 
     needs_ratex: bool
-    """True where the method trains on ratex patches, false where it wants an equalised picture."""
+    """True where the method trains on ratex patches; the others are shown equalised pictures."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; positive means bit 1."""

@@ -187,7 +187,7 @@ def test_classical_methods_decode_without_torch(rectified: Rectified, frames: li
     assert result.returncode == 0, result.stderr
     expected = {name: make_decoder(name).decode(rectified).bits.tolist() for name in names}
     assert json.loads(result.stdout) == expected
-    assert len(names) == 4
+    assert len(names) == 5
 
 
 def test_every_module_that_should_imports_without_torch() -> None:
