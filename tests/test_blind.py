@@ -13,7 +13,8 @@ from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
 from link.register import REACH_PX, align, edges, gray, whole_pixel_shift
 from models import make_decoder
-from models.classical.blind import SPREAD, TONES, cut_into_tones, fit, log_odds
+from models.classical.blind import SPREAD, fit, log_odds
+from models.classical.tones import TONES, cut_into_tones
 
 NO_PATCHES = make_layout(ratex=0)
 
@@ -97,6 +98,13 @@ def test_wrong_corners_are_registered_away(filmed: Captured, sigma: float) -> No
     pair = replace(filmed, corners=first, corners_embedded=second).rectified()
     assert errors(pair, truth(filmed)) == 0
     assert errors(pair, truth(filmed), "hidden_ratex") > 3
+
+
+def test_what_covers_a_block_costs_that_block_alone(filmed: Captured) -> None:
+    pair = filmed.rectified()
+    covered = np.array(pair.embedded)
+    covered[50:94, 70:120] = 255
+    assert errors(replace(pair, embedded=covered), truth(filmed)) <= 1
 
 
 @pytest.mark.parametrize("share", [0.05, 0.3, 0.95])
