@@ -9,6 +9,7 @@ unknowns that have Gaussian priors. The bits are unknown too: expectation maximi
 between their probabilities and the unknowns, from several starts, and the likeliest end wins.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -41,8 +42,9 @@ LEAST_SLOPE = 0.15
 BALANCES = (0.15, 0.3, 0.5, 0.7, 0.85)
 """Shares of zeros among the bits from which the iteration starts."""
 ITERATIONS = 12
-OUTLIER = 6.0
-"""Standard deviations at which a block counts half: a pointer or a reflection covers it."""
+OUTLIER = 8.0
+"""Standard deviations at which a block counts half: a pointer or a reflection covers it. At 6, the
+few ones among many zeros (1 in 20) would be taken for that."""
 
 
 def slope(i: Array) -> Array:
@@ -93,8 +95,14 @@ def log_odds(amplitude: Array, variance: Array) -> Array:
     return np.asarray((a**2 / variance - (a - 1) ** 2 / wide - np.log(wide / variance)) / 2)
 
 
-def fit(tones: Tones, p: Array) -> Fit:
-    """Iterate from (blocks,) probabilities ``p`` that each bit is 1."""
+def fit(tones: Tones, p: Array, keep: Array) -> Fit:
+    """Iterate from a start.
+
+    Args:
+        tones: of the frame pair.
+        p: (blocks,) probability that each bit is 1.
+        keep: (blocks,) in (0, 1], how far each block is no outlier.
+    """
     h, change = slope(tones.i), tones.change
     S, n_s = signal_terms(tones), 6
     # a swapped pair darkens its ones: d may be as large as s, which has bits for its sign
@@ -103,13 +111,11 @@ def fit(tones: Tones, p: Array) -> Fit:
     trust = reliability(tones)
     XX = np.einsum("bkp,bkq->bpq", X * trust[..., None], X, optimize=True)
     Xy = np.einsum("bkp,bk->bp", X * trust[..., None], change, optimize=True)
-    raw = block_level(tones)
-    level = within_fences(raw)
-    high, low = (w @ level / (w.sum() + 1e-9) for w in (p, 1 - p))
+    level = block_level(tones)
+    high, low = (w @ level / (w.sum() + 1e-9) for w in (keep * p, keep * (1 - p)))
     size = max(float(high - low), LEAST_SIGNAL)  # of the signal, gray levels
     s = size * h
     noise = 0.1 * np.mean((trust * s * s).sum(axis=1))  # variance of a block, relative to 1 / trust
-    keep = (raw == level) + 1e-3
     for _ in range(ITERATIONS):
         # maximise: Gaussian unknowns given the bits' probabilities
         one, zero = keep * p, keep * (1 - p)
@@ -159,10 +165,19 @@ def block_level(tones: Tones) -> Array:
     return np.asarray((trust * h * tones.change).sum(axis=1) / (trust * h * h).sum(axis=1))
 
 
-def within_fences(level: Array) -> Array:
-    """``level`` clipped at Tukey's outer fences, 3 interquartile ranges beyond the quartiles."""
+def starts(tones: Tones) -> Iterator[tuple[Array, Array]]:
+    """``p`` and ``keep`` of `fit`: every balance, with no outliers and with those that fences show.
+
+    What lies beyond Tukey's outer fences may be covered, or be the few ones among many zeros.
+    """
+    level = block_level(tones)
     low, high = np.quantile(level, (0.25, 0.75))
-    return np.clip(level, low - 3 * (high - low), high + 3 * (high - low))
+    reach = 3 * (high - low)
+    fenced = np.clip(level, low - reach, high + reach)
+    for part in [level] if (fenced == level).all() else [level, fenced]:
+        for balance in BALANCES:
+            z = (part - np.quantile(part, balance)) / (part.std() / 4 + 1e-6)
+            yield 1 / (1 + np.exp(-np.clip(z, -40, 40))), (part == level) + 1e-3
 
 
 @dataclass(frozen=True)
@@ -174,8 +189,5 @@ class Blind:
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block, in log odds."""
         tones = cut_into_tones(pair)
-        level = within_fences(block_level(tones))
-        width = level.std() / 4 + 1e-6
-        starts = (np.clip((level - np.quantile(level, q)) / width, -40, 40) for q in BALANCES)
-        ends = [fit(tones, 1 / (1 + np.exp(-start))) for start in starts]
+        ends = [fit(tones, p, keep) for p, keep in starts(tones)]
         return SoftBits(max(ends, key=lambda end: end.likelihood).scores)
