@@ -153,9 +153,14 @@ def capture(
 
 
 def metered_gain(pair: Pair, view_deg: float) -> float:
-    """How much longer the camera exposes, or amplifies, than at the frontal view."""
-    e_green = np.cos(np.radians(view_deg)) ** pair.display.falloff[1]
-    return float(e_green**-pair.setup.metering)
+    """How much longer the camera exposes, or amplifies, than at the frontal view.
+
+    With metering 1 white stays as bright, green and with the leak and the room's haze in it.
+    """
+    theta, display = np.radians(view_deg), pair.display
+    white = np.cos(theta) ** display.falloff[1] + display.leak * np.sin(theta) ** 2
+    brightness = (white + display.haze) / (1 + display.haze)
+    return float(brightness**-pair.setup.metering)
 
 
 def cdtf(pair: Pair, view_deg: float) -> NDArray[np.float64]:

@@ -39,13 +39,14 @@ class EpisodeSet:
 
 
 VARIED = {
-    "drift": (0.005, 0.08),
-    "jitter_px": (0.05, 0.4),
+    "drift": (0.005, 0.1),
+    "jitter_px": (0.05, 0.8),
     "noise_scale": (0.2, 1.2),
     "metering": (0.0, 1.0),
     "pwm_duty": (0.7, 1.0),
 }
 """Each episode draws these anew, wider than the fitted values: other cameras differ."""
+JPEG_QUALITY = (70, 97)
 
 
 def simulate_episodes(
@@ -71,6 +72,7 @@ def simulate_episodes(
     sources = []
     for _ in cells:
         drawn = {name: float(rng.uniform(*bounds)) for name, bounds in VARIED.items()}
+        drawn["jpeg_quality"] = int(rng.integers(*JPEG_QUALITY, endpoint=True))
         kept = {name: value for name, value in drawn.items() if name not in absent}
         kept |= dict(source.parameters)
         sources.append(replace(source, parameters=tuple(kept.items())))

@@ -116,13 +116,21 @@ def test_doubling_the_exposure_doubles_the_captured_light_until_saturation() -> 
 
 
 def test_metering_makes_up_for_its_share_of_the_fall_off() -> None:
-    pair = get_pair("canon-samsung")
+    pair = with_parameter(get_pair("canon-samsung"), "leak", 0.0)
+    pair = with_parameter(pair, "haze", 0.0)
     fall = np.cos(np.radians(40.0)) ** pair.display.falloff[1]
     for share in (0.0, 0.5, 1.0):
         metered = with_parameter(pair, "metering", share)
         assert metered_gain(metered, 40.0) == pytest.approx(fall**-share)
         assert metered_gain(metered, -40.0) == pytest.approx(fall**-share)
         assert metered_gain(metered, 0.0) == 1
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_full_metering_keeps_white_as_bright_at_every_view(name: str) -> None:
+    pair = with_parameter(with_parameter(get_pair(name), "metering", 1.0), "haze", 0.0)
+    pair = with_parameter(switch_off(pair, ["crosstalk"]), "white_level", 0.4)
+    assert cdtf(pair, 70.0)[255, 1] == pytest.approx(cdtf(pair, 0.0)[255, 1], rel=1e-3)
 
 
 def test_full_metering_keeps_an_oblique_capture_bright() -> None:
