@@ -1,0 +1,45 @@
+"""Rows of the ablation: plain OORC's twin with one switch added, FULL with one removed."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from models.neural.decoder import FULL, DecoderConfig
+from reports.compare import Method
+
+ADDED: dict[str, dict[str, Any]] = {
+    "phi+drift": {"drift_degree": 2},
+    "phi+register": {"register": True},
+    "phi+rgb": {"channels": "rgb"},
+    "phi+texture": {"texture": 0.02},
+    "phi+coarsen": {"coarsen": 2},
+    "phi+refine": {"refine": 2},
+    "phi+refine+rows": {"refine": 2, "rows": True},
+    "phi+refine+space": {"refine": 2, "space": True},
+    "phi+refine+motion": {"refine": 2, "motion": True},
+}
+"""What differs from `DecoderConfig`'s defaults, the twin of OORC."""
+REMOVED: dict[str, dict[str, Any]] = {
+    "full-drift": {"drift_degree": 0},
+    "full-register": {"register": False},
+    "full-texture": {"texture": 0.0},
+    "full-coarsen": {"coarsen": 1},
+    "full-refine": {"refine": 0, "rows": False, "space": False, "motion": False},
+    "full-rows": {"rows": False},
+    "full-space": {"space": False},
+    "full-motion": {"motion": False},
+}
+"""What differs from `FULL`."""
+ROWS = ("oorc", "phi", *ADDED, "full", *REMOVED)
+
+
+def method_for(row: str, checkpoint: Path) -> Method:
+    """The decoder of a row: of `ROWS`, "learned" from the checkpoint, or another method by name."""
+    if row == "learned":
+        return Method(row, (("checkpoint", checkpoint),))
+    config = None
+    if row == "phi" or row in ADDED:
+        config = replace(DecoderConfig(), **ADDED.get(row, {}))
+    elif row == "full" or row in REMOVED:
+        config = replace(FULL, **REMOVED.get(row, {}))
+    return Method(row) if config is None else Method("phi", (("config", config),), label=row)
