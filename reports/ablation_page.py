@@ -14,6 +14,7 @@ from reports.variants import ADDED, REMOVED
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.ticker import FixedLocator, NullLocator
 
 REFERENCES = ("oorc", "full", "ideal")
 TABLES = {
@@ -21,8 +22,8 @@ TABLES = {
     "Removed from the full decoder": ("full", ("full", *REMOVED, "learned", "ideal")),
 }
 """By title: the reference, and the rows compared with it."""
-LINEAR_POINTS = 0.5
-"""The picture's scale is linear up to here and logarithmic beyond."""
+TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
+"""Of the picture's scale, points; it is linear within 1 and logarithmic beyond."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def plot(path: Path, entries: Sequence[Entry]) -> None:
     figure, panels = plt.subplots(
         len(shown),
         len(conditions),
-        figsize=(1.6 + 2.1 * len(conditions), 1.4 + 0.3 * sum(heights)),
+        figsize=(1.6 + 2.4 * len(conditions), 1.4 + 0.3 * sum(heights)),
         sharex="row",
         sharey="row",
         squeeze=False,
@@ -155,16 +156,20 @@ def plot(path: Path, entries: Sequence[Entry]) -> None:
             for y, row in enumerate(rows):
                 paired = by_place[row, condition].against[reference]
                 colour = "C2" if paired.low > 0 else "C3" if paired.high < 0 else "0.4"
-                panel.plot([paired.low, paired.high], [y, y], color=colour)
+                if paired.frames >= MIN_FRAMES:
+                    panel.plot([paired.low, paired.high], [y, y], color=colour)
                 panel.plot(paired.difference, y, "o", color=colour, markersize=4)
-            panel.set_xscale("symlog", linthresh=LINEAR_POINTS)
+            panel.set_xscale("symlog", linthresh=1, linscale=0.6)
+            panel.xaxis.set_major_locator(FixedLocator(TICKS))
+            panel.xaxis.set_minor_locator(NullLocator())
+            panel.xaxis.set_major_formatter("{x:g}")
             panel.grid(axis="x", color="0.92")
-            panel.tick_params(axis="x", labelsize=7, rotation=90)
+            panel.tick_params(axis="x", labelsize=7)
             base = by_place[reference, condition]
             panel.set_title(f"{condition}\n{reference}: {100 * base.error:.2f} % wrong", fontsize=9)
         line[0].set_yticks(range(len(rows)), rows)
         line[0].set_ylim(len(rows) - 0.5, -0.5)
-        line[0].set_ylabel(f"less {reference}")
+        line[0].set_ylabel(f"less that of {reference}")
     figure.supxlabel("difference in accuracy, points, paired 95 % interval (simulated captures)")
     figure.tight_layout()
     make_folder(path.parent)

@@ -1,8 +1,7 @@
 """Two methods on identical captures: bootstrap over frame pairs, and McNemar's test over bits.
 
-Errors cluster: one drifted frame pair loses many bits. The bootstrap resamples whole frame pairs
-and is the one to trust; McNemar's test takes bits for independent and so understates p. Both hold
-for the pictures that were shown.
+Errors cluster by frame pair. The bootstrap resamples whole frame pairs and is the one to trust;
+McNemar's test takes bits for independent. Both hold for the pictures that were shown.
 """
 
 from collections.abc import Iterable, Mapping
@@ -104,7 +103,8 @@ def compare(counts: Counts, rng: np.random.Generator) -> Paired:
         draws = (rng.integers(0, n, (CHUNK, n)) for _ in range(RESAMPLES // CHUNK))
         drawn = np.concatenate([counts[draw].sum(axis=1) for draw in draws]).T
         low, high = interval(drawn[2] - drawn[1], drawn[0], n)
-        ratio_low, ratio_high = interval(drawn[1], drawn[2], n)
+        if reference:
+            ratio_low, ratio_high = interval(drawn[1], drawn[2], n)
     better, worse = reference - both, method - both
     return Paired(
         frames=n,

@@ -19,6 +19,8 @@ import matplotlib.pyplot as plt
 
 BINS = 10
 MAX_COLUMNS = 4
+SHOWN_BITS = 20
+"""Bins with fewer bits are left out of the diagram, though not of the error."""
 ALL = "all"
 TARGET = 0.02
 """The largest expected calibration error that issue 4 allows."""
@@ -154,9 +156,9 @@ def diagram(path: Path, curves: Curves) -> None:
     for panel, name in zip(panels.flat, names, strict=False):
         panel.plot([0.5, 1], [0.5, 1], color="0.7", linewidth=1)
         for method, by_name in curves.items():
-            bins = by_name[name]
+            bins = [b for b in by_name[name] if b.count >= SHOWN_BITS]
             accuracy = np.array([b.accuracy for b in bins])
-            low, high = np.array([(b.ci_low, b.ci_high) for b in bins]).T
+            low, high = np.array([(b.ci_low, b.ci_high) for b in bins]).reshape(-1, 2).T
             panel.errorbar(
                 [b.confidence for b in bins],
                 accuracy,
@@ -165,9 +167,11 @@ def diagram(path: Path, curves: Curves) -> None:
                 markersize=4,
                 linewidth=1,
                 capsize=2,
-                label=f"{method}, ECE {calibration_error(bins):.3f}",
+                label=f"{method}, ECE {calibration_error(by_name[name]):.3f}",
             )
-        panel.set_title(f"{name}, {sum(b.count for b in bins)} bits")
+        panel.set_title(f"{name}, {sum(b.count for b in by_name[name]):,} bits")
+        panel.set_ylim(0.4, 1.02)
+        panel.tick_params(labelbottom=True)
         panel.legend(loc="lower right", fontsize=8)
     for panel in panels.flat[len(names) :]:
         panel.set_visible(False)
