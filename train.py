@@ -6,7 +6,7 @@ that fit.
 """
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
@@ -26,7 +26,7 @@ from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state
-from models.neural.decoder import DecoderConfig, PhiDecoder
+from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
 from reports.compare import code_digest, decode_cells, methods_for, paper_cells
 from reports.metrics import provenance, score, write_metrics
 from reports.tables import summary_table
@@ -45,14 +45,12 @@ class TrainConfig:
     """Camera and display, or "all"."""
     out: Path | None = None
     """Run folder; runs/PAIR where absent."""
-    decoder: DecoderConfig = field(
-        default_factory=lambda: DecoderConfig(drift_degree=2, register=True)
-    )
+    decoder: DecoderConfig = FULL
     episodes: int = 240
     """Simulated frame pairs of training pictures."""
     rounds: int = 4
     """Times that all episodes are augmented anew."""
-    steps: int = 60
+    steps: int = 100
     """Optimiser steps a round."""
     batch: int = 256
     """Frame pairs a step."""
@@ -60,7 +58,7 @@ class TrainConfig:
     """Adam's learning rate; falls to zero on a cosine."""
     kappas: tuple[int, ...] = (1, 2, 3, 5)
     """Of the episodes."""
-    max_view: float = 60.0
+    max_view: float = 65.0
     """Views of the episodes are uniform from 0 to this, degrees."""
     frames: int = 15
     """Held-out frame pairs a cell in the final evaluation."""
@@ -88,7 +86,8 @@ def main() -> None:
     make_folder(folder)
     layout = make_layout()
     module = PhiDecoder(layout, config.decoder).to(config.device)
-    torch.nn.init.constant_(module.log_temperature, START_LOG_TEMPERATURE)
+    if module.refiner is None:
+        torch.nn.init.constant_(module.log_temperature, START_LOG_TEMPERATURE)
     episodes = simulate_episodes(
         Source(layout, "train", config.seed),
         pairs,
@@ -132,11 +131,11 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
     first, log = resume_state(folder / STATE, parts, generator, key)
     progress = tqdm(total=total, initial=first * config.steps, desc="train", unit="step")
     for number in range(first, config.rounds):
-        ratex, bins = summarise(module, episodes, config.device, generator)
+        ratex, blocks = summarise(module, episodes, config.device, generator)
         bits = episodes.bits.to(config.device)
         for step in range(number * config.steps, (number + 1) * config.steps):
             index = torch.randint(len(bits), (config.batch,), generator=generator)
-            scores, _ = module.solve_and_score(ratex[index], bins[index])
+            scores, _ = module.solve_and_score(ratex[index], blocks[index])
             loss = binary_cross_entropy_with_logits(scores, bits[index].float())
             if not torch.isfinite(loss):
                 raise InputError(f"step {step}: the loss is not finite; lower --lr")
@@ -166,8 +165,8 @@ def summarise(
             episodes.embedded[batch].to(device),
         )
         parts.append(module.summarise(*augment(original, embedded, generator)))
-    ratex, bins = (torch.cat(part) for part in zip(*parts, strict=True))
-    return ratex, bins
+    ratex, blocks = (torch.cat(part) for part in zip(*parts, strict=True))
+    return ratex, blocks
 
 
 if __name__ == "__main__":

@@ -16,12 +16,12 @@ from link.errors import run_cli
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
 from models.neural.checkpoint import save_checkpoint
-from models.neural.decoder import DecoderConfig, PhiDecoder
+from models.neural.decoder import FULL, PhiDecoder
 
 settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
 settings.load_profile("suite")
 
-LEARNED = DecoderConfig(drift_degree=4, channels="rgb", register=True)
+LEARNED = FULL
 
 
 torch.set_num_threads(

@@ -29,7 +29,7 @@ from link.layout import Layout, make_layout
 from models import make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
-from models.neural.decoder import DecoderConfig, PhiDecoder, bin_mean
+from models.neural.decoder import FULL, DecoderConfig, PhiDecoder, bin_mean
 from models.neural.methods import Phi, run
 from models.neural.phi import MAX_DEGREE, PhiPolynomial
 from models.neural.register import register
@@ -39,6 +39,8 @@ EVERY_CONFIG = [
     DecoderConfig(),
     DecoderConfig(degree=6, drift_degree=4, channels="rgb", register=True),
     DecoderConfig(train_on="pixel"),
+    FULL,
+    replace(FULL, channels="rgb", coarsen=1, train_on="pixel", space=False, texture=0.0),
 ]
 
 
@@ -117,6 +119,22 @@ def test_unknown_options_list_the_valid_ones() -> None:
         DecoderConfig(train_on="frame")
 
 
+@pytest.mark.parametrize(
+    ("options", "flag"),
+    [
+        ({"coarsen": 3}, "--decoder.coarsen: 1 or 2"),
+        ({"refine": 9}, "--decoder.refine: 0 to 8"),
+        ({"texture": -0.1}, "--decoder.texture"),
+        ({"rows": True}, "rows, space and motion: need --decoder.refine"),
+        ({"motion": 1}, "motion must be of type bool"),
+        ({"drift_degree": 1.5}, "drift_degree must be of type int"),
+    ],
+)
+def test_options_that_make_no_decoder_are_refused(options: dict[str, Any], flag: str) -> None:
+    with pytest.raises(InputError, match=flag):
+        DecoderConfig(**options)
+
+
 # --- solver
 
 
@@ -176,7 +194,7 @@ def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
 ) -> None:
     module = PhiDecoder(layout, DecoderConfig(drift_degree=2, train_on=train_on))
     original, embedded = batch(pairs)
-    ratex = module.ratex_features(module.intensity(original), module.intensity(embedded)).numpy()
+    ratex = module.summarise(original, embedded)[0].numpy()
     assert ratex.shape == (20, 80 if train_on == "tile" else 2880, 6)
     for k, u in enumerate(ratex):
         X = np.column_stack([u / np.sqrt((u**2).mean(axis=0)), np.ones(len(u))])
@@ -378,8 +396,9 @@ def test_one_module_decodes_frames_of_any_size(
 
 def test_the_smallest_frame_still_decodes(layout: Layout) -> None:
     frame = torch.zeros((1, 3, 32, 32), dtype=torch.uint8)
-    scores, _ = PhiDecoder(layout, DecoderConfig()).eval()(frame, frame)
-    assert torch.isfinite(scores).all()
+    for config in EVERY_CONFIG:
+        scores, _ = PhiDecoder(layout, config).eval()(frame, frame)
+        assert torch.isfinite(scores).all()
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
@@ -391,8 +410,11 @@ def test_flat_frames_give_finite_scores(layout: Layout, level: int) -> None:
         assert torch.isfinite(head).all()
 
 
-def test_every_learned_parameter_receives_a_gradient(layout: Layout, rectified: Rectified) -> None:
-    module = perturbed(PhiDecoder(layout, EVERY_CONFIG[1]))
+@pytest.mark.parametrize("config", [EVERY_CONFIG[1], FULL])
+def test_every_learned_parameter_receives_a_gradient(
+    layout: Layout, rectified: Rectified, config: DecoderConfig
+) -> None:
+    module = perturbed(PhiDecoder(layout, config))
     scores, _ = module(*batch([rectified]))
     scores.square().mean().backward()
     for name, parameter in module.named_parameters():

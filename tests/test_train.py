@@ -18,6 +18,7 @@ from link.layout import make_layout
 from models import DECODERS
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
+from models.neural.refine import MOMENTS
 from train import TrainConfig
 
 LAYOUT = make_layout(4, 4, 192, 144, 2)
@@ -190,8 +191,8 @@ def test_summarise_augments_anew_in_every_round(episodes: EpisodeSet) -> None:
     module = PhiDecoder(LAYOUT, LEARNED)
     generator = torch.Generator().manual_seed(0)
     first, second = (train.summarise(module, episodes, "cpu", generator) for _ in range(2))
-    count, features = CONFIG.episodes, module.phi.n_features
-    assert first[0].shape[::2] == (count, features)
-    assert first[1].shape == (count, features, 16, 16)
+    features = module.phi.n_features + MOMENTS + 3
+    assert first[0].shape == (CONFIG.episodes, 16 * len(LAYOUT.ratex), features)
+    assert first[1].shape == (CONFIG.episodes, LAYOUT.n_bits, features)
     assert not torch.equal(first[0], second[0])
     assert not first[0].requires_grad

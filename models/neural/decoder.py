@@ -5,21 +5,24 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import torch
 from numpy.polynomial import Legendre
+from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn.functional import conv2d
 
 from link.errors import InputError, UnsuitedError, choose
-from link.layout import MIN_BLOCK_PX, Layout
+from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
 from models.neural.phi import PhiPolynomial
-from models.neural.register import register
+from models.neural.refine import MOMENTS, Refiner
+from models.neural.register import channel_mean, gradients, register
 from models.neural.solver import fit_head
 
-BINS = MIN_BLOCK_PX
-"""Pooling weights per block and axis; every block is at least this many pixels wide."""
-CHANNELS = {"luma": (0.299, 0.587, 0.114), "rgb": None}
+LUMA = (0.299, 0.587, 0.114)
+CHANNELS = {"luma": LUMA, "rgb": None}
 """Luma (ITU-R BT.601), or Phi per colour channel with one shared head."""
+MAX_ROUNDS = 8
 
 
 @dataclass(frozen=True)
@@ -36,23 +39,56 @@ class DecoderConfig:
     """Remove the motion between the frames first (`models.neural.register`)."""
     train_on: str = "tile"
     """Per-frame training samples: "tile" means (as quiet as a block), or single "pixel"."""
+    coarsen: int = 1
+    """Pixels averaged per axis before all else: 1, or 2, which takes a quarter of the time."""
+    texture: float = 0.0
+    """Gradient, in intensity a pixel, at which a pixel's weight in its block is halved: little
+    light scatters there, but much motion. 0 weighs all alike."""
+    refine: int = 0
+    """Rounds of decision-directed refinement (`models.neural.refine`); the rest needs it."""
+    rows: bool = False
+    """A gain for every row of blocks: flicker."""
+    space: bool = False
+    """Calibration that varies smoothly over the display."""
+    motion: bool = False
+    """Mean gradients of a block as nuisance: motion that registration left."""
 
     def __post_init__(self) -> None:
         choose(CHANNELS, self.channels, "--decoder.channels")
         choose({"tile": 0, "pixel": 0}, self.train_on, "--decoder.train-on")
-        for name, kind in (("degree", int), ("drift_degree", int), ("register", bool)):
-            if type(getattr(self, name)) is not kind:
-                raise InputError(f"{name} must be of type {kind.__name__}")
+        for field, value in asdict(self).items():
+            kind = type(getattr(DecoderConfig, field))
+            if type(value) is not kind:
+                raise InputError(f"{field} must be of type {kind.__name__}")
+        if self.coarsen not in (1, 2) or not 0 <= self.refine <= MAX_ROUNDS:
+            raise InputError(f"--decoder.coarsen: 1 or 2; --decoder.refine: 0 to {MAX_ROUNDS}")
+        if not 0 <= self.texture < 1:
+            raise InputError("--decoder.texture: 0 or more, below 1")
+        if self.refine == 0 and (self.rows or self.space or self.motion):
+            raise InputError("--decoder.rows, space and motion: need --decoder.refine 1 or more")
+
+
+FULL = DecoderConfig(
+    drift_degree=2,
+    register=True,
+    coarsen=2,
+    texture=0.02,
+    refine=3,
+    rows=True,
+    space=True,
+    motion=True,
+)
+"""All that pays (docs/ablation.md)."""
 
 
 class PhiDecoder(nn.Module):
-    """OORC in torch.
+    """OORC in torch, and what goes beyond it.
 
     As constructed it is the untrained twin of `models.classical.oorc` (the method ``phi``):
-    ridge 1, prior 0, C = 1, all parts of a block alike. Training (the method ``learned``) changes
-    what is shared across frames: ridge (which scales each feature) and prior of the head, C,
-    pooling weights inside a block, and the temperature that turns scores into log-likelihood
-    ratios. The head itself is always fitted to the ratex pixels of the frame pair at hand.
+    ridge 1, prior 0, C = 1. Training (the method ``learned``) changes what is shared across
+    frames: ridge (which scales each feature) and prior of the head, C, the spreads of the
+    `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself is
+    always fitted to the ratex pixels of the frame pair at hand.
 
     Raises:
         UnsuitedError: the layout has no ratex patch.
@@ -64,6 +100,9 @@ class PhiDecoder(nn.Module):
     step_y: Tensor
     step_x: Tensor
     message_index: Tensor
+    mix: Tensor
+    kernel: Tensor
+    bias: Tensor
 
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
         super().__init__()
@@ -75,9 +114,18 @@ class PhiDecoder(nn.Module):
         self.log_ridge = nn.Parameter(torch.zeros(n_weights))
         self.prior = nn.Parameter(torch.zeros(n_weights))
         self.log_C = nn.Parameter(torch.zeros(()))
-        self.pool_y = nn.Parameter(torch.zeros(BINS))
-        self.pool_x = nn.Parameter(torch.zeros(BINS))
-        self.log_temperature = nn.Parameter(torch.zeros(()))
+        self.refiner = None
+        if config.refine:
+            self.refiner = Refiner(layout, config.refine, config.rows, config.space, config.motion)
+            kernel, bias = (torch.from_numpy(part) for part in legendre_kernel())
+            self.register_buffer("kernel", kernel, persistent=False)
+            self.register_buffer("bias", bias, persistent=False)
+        else:
+            self.log_temperature = nn.Parameter(torch.zeros(()))
+        k = config.coarsen
+        weights = torch.cat([torch.tensor([LUMA]), torch.eye(3)])  # luma, R, G, B
+        mix = weights.reshape(4, 3, 1, 1).expand(4, 3, k, k) / (255 * k * k)
+        self.register_buffer("mix", mix.contiguous(), persistent=False)
         grid = sample_grid(layout)
         signs = torch.from_numpy(2.0 * tile_labels(layout).reshape(-1) - 1)
         repeats = 1 if config.train_on == "tile" else SAMPLES * SAMPLES
@@ -109,68 +157,87 @@ class PhiDecoder(nn.Module):
         """All that is computed before the first learned parameter; arguments as of `forward`.
 
         Returns:
-            ratex: (B, N, n_features) float64, features of the training samples, tiles or pixels.
-            bins: (B, n_features, 4 rows, 4 cols) float32, features averaged over parts of blocks.
+            ratex: (B, N, F) float64, features of the training samples, tiles or pixels.
+            blocks: (B, n_bits, F) float64, features averaged over message blocks. F is n_features,
+                and with refinement MOMENTS + 3 more (see `models.neural.refine`).
         """
         i_o, i_e = self.intensity(original), self.intensity(embedded)
         if self.config.register:
             i_e = register(i_o, i_e)
-        return self.ratex_features(i_o, i_e), self.bin_features(i_o, i_e)
+        maps = [channel_mean(feature) for feature in self.phi(i_o, i_e)]
+        dx, dy = gradients(channel_mean(i_o + i_e) / 2)
+        if self.refiner is not None:
+            change = self.luma_of(i_e) - self.luma_of(i_o)
+            maps += [change, self.moments(self.reduce(original, slice(1, 4))), dx, dy]
+        weights = torch.ones_like(dx)
+        if self.config.texture:
+            limit = (self.config.coarsen * self.config.texture) ** 2
+            weights = limit / (limit + dx**2 + dy**2)
+        stacked = torch.cat(maps, dim=1)
+        return self.ratex_samples(stacked), self.block_means(stacked, weights)
 
-    def solve_and_score(self, ratex: Tensor, bins: Tensor) -> tuple[Tensor, Tensor]:
+    def solve_and_score(self, ratex: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
         """Fit each pair's head to its ratex samples and score its blocks; arguments as above."""
-        scale = (ratex**2).mean(1).sqrt().clamp_min(1e-6)
-        ones = torch.ones_like(ratex[:, :, :1])
-        X = torch.cat([ratex / scale.unsqueeze(1), ones], dim=-1)  # (B, N, n_features + 1)
+        n = self.phi.n_features
+        u = ratex[..., :n]
+        scale = (u**2).mean(1).sqrt().clamp_min(1e-6)
+        ones = torch.ones_like(u[:, :, :1])
+        X = torch.cat([u / scale.unsqueeze(1), ones], dim=-1)  # (B, N, n_features + 1)
         ridge, prior = self.log_ridge.double().exp(), self.prior.double()
         w = fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior)
         head = torch.cat([w[:, :-1] / scale, w[:, -1:]], dim=-1)
-        blocks = self.pool(bins.double())  # (B, n_bits, n_features)
-        scores = (blocks @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
-        return (self.log_temperature.exp() * scores).float(), head.float()
+        scores = (blocks[..., :n] @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
+        if self.refiner is None:
+            scores = self.log_temperature.exp() * scores
+        else:
+            tiles = ratex[..., n:]
+            if self.config.train_on == "pixel":
+                B, _, F = tiles.shape
+                tiles = tiles.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # (B, tiles, F)
+            scores = self.refiner(tiles, blocks[..., n:], scores)
+        return scores.float(), head.float()
 
     def intensity(self, frame: Tensor) -> Tensor:
-        """(B, 3, H, W) in [0, 255] -> (B, C, H, W) float32 in [0, 1]; C is 1 (luma) or 3."""
-        scaled = frame.float() / 255
-        weights = CHANNELS[self.config.channels]
-        if weights is None:
-            return scaled
-        return torch.stack([w * scaled[:, c] for c, w in enumerate(weights)]).sum(0).unsqueeze(1)
+        """(B, 3, H, W) in [0, 255] -> (B, C, H', W') float32 in [0, 1]; C is 1 (luma) or 3."""
+        return self.reduce(frame, slice(0, 1) if self.config.channels == "luma" else slice(1, 4))
 
-    def ratex_features(self, i_o: Tensor, i_e: Tensor) -> Tensor:
-        """Features of the training samples: (B, C, H, W) in [0, 1] -> (B, N, n_features) float64.
+    def reduce(self, frame: Tensor, channels: slice) -> Tensor:
+        """The chosen ones of luma, R, G, B in [0, 1], at the resolution of the config."""
+        return conv2d(frame.float(), self.mix[channels], stride=self.config.coarsen)
+
+    def luma_of(self, i: Tensor) -> Tensor:
+        """(B, C, H, W) of `intensity` -> (B, 1, H, W)."""
+        return i if i.shape[1] == 1 else conv2d(i, torch.tensor(LUMA).reshape(1, 3, 1, 1))
+
+    def moments(self, frame: Tensor) -> Tensor:
+        """P_k(2 i - 1), k = 1 ... MOMENTS, weighted over channels as luma is: RGB -> MOMENTS."""
+        powers = [2 * frame - 1]
+        for _ in range(MOMENTS - 1):
+            powers.append(powers[-1] * powers[0])
+        return conv2d(torch.cat(powers, dim=1), self.kernel, self.bias)
+
+    def ratex_samples(self, maps: Tensor) -> Tensor:
+        """Features of the training samples: (B, F, H, W) -> (B, N, F) float64.
 
         Float64: the fit is small, and torch and onnxruntime then agree on the active set.
         """
-        height, width = i_o.shape[-2:]
+        height, width = maps.shape[-2:]
         y = sample_position(self.tile_y, self.step_y, self.layout.rows * TILES, height)
         x = sample_position(self.tile_x, self.step_x, self.layout.cols * TILES, width)
-        index = y * width + x
-        features = self.phi(
-            i_o.flatten(2)[:, :, index].double(), i_e.flatten(2)[:, :, index].double()
-        )
-        u = torch.stack([f.mean(1) for f in features], dim=-1)  # (B, pixels, n_features)
-        if self.config.train_on == "pixel":
-            return u
-        tiles = u.reshape(u.shape[0], -1, SAMPLES * SAMPLES, u.shape[2])
-        return tiles.mean(2)  # (B, tiles, n_features)
+        index = y.clamp(max=height - 1) * width + x.clamp(max=width - 1)
+        u = maps.flatten(2)[:, :, index].double()  # (B, F, pixels)
+        if self.config.train_on == "tile":
+            u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
+        return u.transpose(1, 2)
 
-    def bin_features(self, i_o: Tensor, i_e: Tensor) -> Tensor:
-        """Features averaged over BINS x BINS parts of each block, and over colour channels."""
-        features = self.phi(i_o, i_e)
-        maps = torch.stack([f.mean(1) for f in features], dim=1)  # (B, n_features, H, W)
+    def block_means(self, maps: Tensor, weights: Tensor) -> Tensor:
+        """Weighted mean over each message block: (B, F, H, W) -> (B, n_bits, F) float64."""
         height, width = maps.shape[-2:]
-        rows = bin_mean(height, self.layout.rows * BINS, maps)
-        cols = bin_mean(width, self.layout.cols * BINS, maps)
-        return rows @ maps @ cols.T  # (B, n_features, rows * BINS, cols * BINS)
-
-    def pool(self, bins: Tensor) -> Tensor:
-        """Weighted mean over each message block: bins -> (B, n_bits, n_features)."""
-        B, F, rows, cols = bins.shape[0], bins.shape[1], self.layout.rows, self.layout.cols
-        parts = bins.reshape(B, F, rows, BINS, cols, BINS)  # a block is BINS x BINS parts
-        weights = self.pool_y.double().softmax(0).unsqueeze(1) * self.pool_x.double().softmax(0)
-        blocks = (parts * weights.unsqueeze(1)).sum((3, 5))  # (B, F, rows, cols)
-        return blocks.flatten(2)[:, :, self.message_index].transpose(1, 2)
+        rows = bin_mean(height, self.layout.rows, maps)
+        cols = bin_mean(width, self.layout.cols, maps)
+        total = rows @ weights @ cols.T
+        means = (rows @ (maps * weights) @ cols.T) / total  # (B, F, rows, cols)
+        return means.flatten(2)[:, :, self.message_index].transpose(1, 2).double()
 
     def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
         """g of a frame pair from the (n_features + 1,) head: captured [0, 1] -> displayed.
@@ -189,3 +256,11 @@ def bin_mean(length: int, count: int, like: Tensor) -> Tensor:
     index = torch.arange(length, device=like.device) * count // length
     member = (index == torch.arange(count, device=like.device).unsqueeze(1)).to(like.dtype)
     return member / member.sum(1, keepdim=True)
+
+
+def legendre_kernel() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Kernel (MOMENTS, 3 MOMENTS, 1, 1) and bias (MOMENTS,): powers of RGB -> luma of P_k."""
+    polynomials = [leg2poly(np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1)]
+    padded = np.stack([np.pad(c, (0, MOMENTS + 1 - len(c))) for c in polynomials])
+    kernel = (padded[:, 1:, None] * np.array(LUMA)).reshape(MOMENTS, 3 * MOMENTS, 1, 1)
+    return kernel.astype(np.float32), padded[:, 0].astype(np.float32)

@@ -1,7 +1,7 @@
 """The per-frame convex fit: a squared-hinge SVM by Newton's method on the active set.
 
-Batched, differentiable, and made of operations that export to ONNX (torch.linalg does not); the
-iteration itself exports as one Loop.
+Batched, differentiable, and made of operations that export to ONNX; the iteration itself exports as
+one Loop.
 """
 
 import torch
@@ -13,24 +13,36 @@ TOLERANCE = 1e-10
 """Relative decrease of the objective below which a frame has converged."""
 
 
+@torch.library.custom_op("camera_display::inverse", mutates_args=())
+def exported_inverse(A: Tensor) -> Tensor:
+    """Becomes onnxruntime's Inverse on export (`export.to_onnx`); torch.linalg does not export."""
+    inverted: Tensor = torch.linalg.inv(A)
+    return inverted
+
+
+@exported_inverse.register_fake
+def _(A: Tensor) -> Tensor:
+    return torch.empty_like(A)
+
+
+def inverse(A: Tensor) -> Tensor:
+    """Inverse of (B, D, D) matrices, differentiable, the same shape."""
+    operation = exported_inverse if torch.compiler.is_exporting() else torch.linalg.inv
+    inverted: Tensor = operation(A)
+    return inverted
+
+
 def solve_spd(A: Tensor, y: Tensor) -> Tensor:
-    """Solve A x = y by Gauss-Jordan elimination without pivoting.
+    """Solve A x = y.
 
     Args:
-        A: (B, D, D) symmetric positive definite.
+        A: (B, D, D) symmetric positive definite and well conditioned.
         y: (B, D).
 
     Returns:
         (B, D).
     """
-    augmented = torch.cat([A, y.unsqueeze(-1)], dim=-1)  # (B, D, D + 1)
-    D = A.shape[-1]
-    unit = torch.eye(D, dtype=A.dtype, device=A.device)
-    for k in range(D):
-        row = augmented[:, k : k + 1] / augmented[:, k : k + 1, k : k + 1]
-        column = augmented[:, :, k : k + 1] - unit[:, k : k + 1]
-        augmented = augmented - column * row
-    return augmented[:, :, -1]
+    return (inverse(A) @ y.unsqueeze(-1)).squeeze(-1)
 
 
 def objective(w: Tensor, X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:

@@ -1,0 +1,277 @@
+"""Decision-directed refinement: the message blocks become training data of further convex solves.
+
+A block's brightness change is modelled as
+    y = b s + d + noise,    s = S a,    d = N c,
+with bit b, known columns S and N, and Gaussian a and c of known spread. S holds what kappa gray
+levels become in the capture, h(i) = 1 / g'(i); N what drift, flicker, motion and fall-off add.
+Given the bits, or their probabilities, a and c follow from one ridge solve; given a and c, the bits
+follow from a likelihood ratio. Ratex tiles enter the same solve with their known labels. The start
+is the SVM's decision; a block weighs more than a tile for it is larger, so two or three rounds
+bring far more than the tiles alone can.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.polynomial.legendre import legvander
+from torch import Tensor, nn
+from torch.nn.functional import one_hot
+
+from link.layout import Layout
+from link.ratex import TILES, tile_labels, tile_levels
+from models.neural.solver import inverse, solve_spd
+
+MOMENTS = 6
+"""Legendre moments of i_o over a block; g' and its inverse are projected on that degree."""
+LEVEL_DEGREE = 4
+"""Of g, fitted to the known levels of the ratex tiles."""
+GRID = np.linspace(0, 1, 65)
+SHARPNESS = 10.0
+"""Of the soft floor that keeps g' above its least value."""
+GRAY_LEVELS = 255.0
+
+
+class Refiner(nn.Module):
+    """Soft-label ridge solves over tiles and blocks; about thirty learned numbers.
+
+    Args:
+        layout: says where tiles and blocks lie.
+        rounds: of solving and deciding anew, at least 1.
+        rows: a gain for every row of blocks (flicker, rolling shutter).
+        space: gain, offset and g vary smoothly over the display.
+        motion: the mean image gradients as nuisance (what registration leaves).
+    """
+
+    levels: Tensor
+    labels: Tensor
+    tile_x: Tensor
+    tile_y: Tensor
+    block_x: Tensor
+    block_y: Tensor
+    block_row: Tensor
+    tile_row: Tensor
+    grid: Tensor
+    project: Tensor
+
+    def __init__(self, layout: Layout, rounds: int, rows: bool, space: bool, motion: bool) -> None:
+        super().__init__()
+        self.rounds, self.rows, self.space, self.motion = rounds, rows, space, motion
+        self.n_rows = layout.rows
+        # standard deviations of the coefficients; frames of [0, 255] gray levels
+        self.signal = _logs(3.0, 1.0)
+        self.nuisance = _logs(2.0, 2.0, 1.0, 0.5, 10.0)
+        self.space_nuisance = _logs(1.5, 1.5, 0.7, 0.7, 0.7, 0.3, 0.3) if space else None
+        self.row_nuisance = _logs(0.7) if rows else None
+        self.motion_nuisance = _logs(0.15, 0.1, 0.1) if motion else None
+        # log standard deviation of the noise: constant, linear and quadratic in i_o
+        self.tile_noise = nn.Parameter(torch.tensor([-0.5, 0.0, 0.0]))
+        self.block_noise = nn.Parameter(torch.tensor([-1.9, 0.0, 0.0]))
+        self.texture_noise = _logs(0.1, 0.1)
+        # observations that the learned noise counts for, beside this frame pair's
+        self.noise_trust = _logs(20.0, 20.0)
+        self.level_ridge = _logs(1e-3, 1e-2, 1e-1, 1e-1, 1e-3)
+        self.least_slope = _logs(0.25)
+        self.start = _logs(5.0)
+        self.temperature = _logs(1.0)
+        self.keep = _logs(0.05)
+        self.surprise = _logs(1e-5)
+        for name, value in {**_positions(layout), **_curves()}.items():
+            self.register_buffer(name, torch.from_numpy(value), persistent=False)
+        # kappa takes at most a few levels off their range, which the receiver need not know
+        levels = torch.from_numpy(tile_levels(layout, 0).reshape(-1) / GRAY_LEVELS)
+        self.register_buffer("levels", levels, persistent=False)
+        labels = torch.from_numpy(tile_labels(layout).reshape(-1).astype(np.float64))
+        self.register_buffer("labels", labels, persistent=False)
+
+    def forward(self, tiles: Tensor, blocks: Tensor, scores: Tensor) -> Tensor:
+        """Log-likelihood ratios of the message bits.
+
+        Args:
+            tiles: (B, tiles, MOMENTS + 3) float64, as are all tensors here: mean change of luma in
+                [-1, 1], moments P_k of i_o, and gradient d/dx, d/dy.
+            blocks: (B, n_bits, MOMENTS + 3).
+            scores: (B, n_bits) of the SVM, margins of about 1; the start.
+
+        Returns:
+            (B, n_bits).
+        """
+        h, D = self.calibrate(tiles)
+        S_t, N_t, y_t, var_t = self.design(tiles, h, D, of_tiles=True)
+        S, N, y, var = self.design(blocks, h, D, of_tiles=False)
+        known = torch.cat([S_t * self.labels.unsqueeze(1), N_t], dim=-1)
+        one, zero = torch.cat([S, N], dim=-1), torch.cat([torch.zeros_like(S), N], dim=-1)
+        normal_t, right_t = _weighted(known, y_t, 1 / var_t)
+        prior = torch.eye(normal_t.shape[-1], dtype=y.dtype, device=y.device)
+        noise_t, noise = torch.ones_like(y_t[:, :1]), torch.ones_like(y[:, :1])
+        trust_t, trust = self.noise_trust.exp().unbind()
+        llr = self.start.exp() * scores
+        for _ in range(self.rounds):
+            p = llr.sigmoid()
+            p1, p0 = p / (noise * var), (1 - p) / (noise * var)
+            normal_1, right_1 = _weighted(one, y, p1)
+            normal_0, right_0 = _weighted(zero, y, p0)
+            normal = prior + normal_t / noise_t.unsqueeze(-1) + normal_1 + normal_0
+            covariance = inverse(normal)
+            w = covariance @ (right_t / noise_t + right_1 + right_0).unsqueeze(-1)
+            bit1, bit0 = predict(one, w, covariance), predict(zero, w, covariance)
+            tile = predict(known, w, covariance)
+            # noise of this frame pair relative to the learned one, degrees of freedom allowed for
+            excess = (p * (y - bit1.mean) ** 2 + (1 - p) * (y - bit0.mean) ** 2) / var
+            free = 1 - (p1 * bit1.variance + p0 * bit0.variance)
+            noise = (trust + excess.sum(1, True)) / (trust + free.sum(1, True))
+            excess_t = (y_t - tile.mean) ** 2 / var_t
+            free_t = 1 - tile.variance / (noise_t * var_t)
+            noise_t = (trust_t + excess_t.sum(1, True)) / (trust_t + free_t.sum(1, True))
+            shared = ((one @ covariance) * zero).sum(-1)
+            llr = cavity_llr(bit1, bit0, shared, y, p1, p0, noise * var)
+        return with_surprises(
+            self.temperature.exp() * llr + self.keep.exp() * scores, self.surprise
+        )
+
+    def calibrate(self, tiles: Tensor) -> tuple[Tensor, Tensor]:
+        """Legendre coefficients (B, MOMENTS + 1) of h = 1 / g' and D = g / g'.
+
+        D is how a relative change of exposure shows in the capture.
+        """
+        ones = torch.ones_like(tiles[..., :1])
+        legendre = torch.cat([ones, tiles[..., 1 : 1 + LEVEL_DEGREE]], dim=-1)
+        ridge = self.level_ridge.exp()
+        scales = [torch.full_like(ridge[:1], 1e-6), ridge[:-1]]
+        if self.space:
+            x, y = self.tile_x, self.tile_y
+            i = (1 + tiles[..., 1:2]) / 2
+            legendre = torch.cat([legendre, torch.stack([x, y, x * x + y * y], -1) * i], dim=-1)
+            scales.append(ridge[-1:].expand(3))
+        ridges = 0.08 * torch.cat(scales)
+        normal, right = _weighted(legendre, self.levels, torch.ones_like(tiles[..., 0]))
+        c = solve_spd(normal + torch.diag(ridges), right)[:, : LEVEL_DEGREE + 1]
+        g = c @ self.grid[:, : LEVEL_DEGREE + 1].T  # (B, 65)
+        rise = (g[:, 1:] - g[:, :-1]) * (len(GRID) - 1)
+        slope = torch.cat([rise[:, :1], (rise[:, 1:] + rise[:, :-1]) / 2, rise[:, -1:]], dim=-1)
+        slope = self.soft_floor(slope)
+        return (1 / slope) @ self.project.T, (g.clamp(0, 1) / slope) @ self.project.T
+
+    def soft_floor(self, slope: Tensor) -> Tensor:
+        """softplus(slope - least) + least, in what onnxruntime has for float64."""
+        above = SHARPNESS * (slope - self.least_slope.exp())
+        softplus = above.relu() + (1 + (-above.abs()).exp()).log()
+        return self.least_slope.exp() + softplus / SHARPNESS
+
+    def design(
+        self, statistics: Tensor, h: Tensor, D: Tensor, *, of_tiles: bool
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Columns S (B, N, 2) and N (B, N, K), change y (B, N) and its variance (B, N).
+
+        Columns are scaled so that their coefficients have variance 1; y is in gray levels.
+        """
+        x, y = (self.tile_x, self.tile_y) if of_tiles else (self.block_x, self.block_y)
+        one = torch.ones_like(statistics[..., 0])
+        P = torch.cat([one.unsqueeze(-1), statistics[..., 1 : 1 + MOMENTS]], dim=-1)
+        signal, gain = (P * h.unsqueeze(1)).sum(-1), (P * D.unsqueeze(1)).sum(-1)
+        S = torch.stack([signal, gain], dim=-1) * self.signal.exp()
+        terms = torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()
+        columns = [terms]
+        if self.space_nuisance is not None:
+            where = [gain * x, gain * y, gain * x * x, gain * x * y, gain * y * y, one * x, one * y]
+            columns.append(torch.stack(where, dim=-1) * self.space_nuisance.exp())
+        if self.row_nuisance is not None:
+            row = self.tile_row if of_tiles else self.block_row
+            member = one_hot(row, self.n_rows).to(one.dtype)
+            columns.append(member * gain.unsqueeze(-1) * self.row_nuisance.exp())
+        gradient = GRAY_LEVELS * statistics[..., 1 + MOMENTS :]
+        if self.motion_nuisance is not None:
+            std = self.motion_nuisance.exp()
+            where = [g * v for g in gradient.unbind(-1) for v in (one, one * x, one * y)]
+            columns.append(torch.stack(where, dim=-1) * torch.cat([std, std]))
+        level = self.tile_noise if of_tiles else self.block_noise
+        texture = self.texture_noise[0 if of_tiles else 1]
+        variance = (2 * (P[..., :3] * level).sum(-1)).exp()
+        variance = variance + (2 * texture).exp() * (gradient**2).sum(-1)
+        change = GRAY_LEVELS * statistics[..., 0]
+        return S, torch.cat(columns, dim=-1), change, variance
+
+
+class Prediction(NamedTuple):
+    """Of y, both (B, N)."""
+
+    mean: Tensor
+    variance: Tensor
+    """What the uncertain coefficients make of it, without noise."""
+
+
+def predict(F: Tensor, w: Tensor, covariance: Tensor) -> Prediction:
+    """F w and the diagonal of F covariance F'."""
+    return Prediction((F @ w).squeeze(-1), ((F @ covariance) * F).sum(-1))
+
+
+def cavity_llr(
+    bit1: Prediction,
+    bit0: Prediction,
+    shared: Tensor,
+    y: Tensor,
+    p1: Tensor,
+    p0: Tensor,
+    var: Tensor,
+) -> Tensor:
+    """LLR of each block's bit given all others: the fit without that block, in closed form.
+
+    With A the 2 x 2 covariance of the two predictions (``shared`` off its diagonal), m their means
+    and P = diag(p1, p0) the precisions with which the block entered, the cavity (Minka 2001,
+    expectation propagation) is
+        A' = (I - A P)^-1 A,  m' = (I - A P)^-1 (m - A P y).
+    Otherwise a block that sways the fit would confirm its own label.
+    """
+    a11, a00, a10 = bit1.variance, bit0.variance, shared
+    # I - A P and its determinant
+    i11, i10, i01, i00 = 1 - a11 * p1, -a10 * p0, -a10 * p1, 1 - a00 * p0
+    determinant = (i11 * i00 - i10 * i01).clamp_min(1e-9)
+    r1 = bit1.mean - (a11 * p1 + a10 * p0) * y
+    r0 = bit0.mean - (a10 * p1 + a00 * p0) * y
+    mean1, mean0 = (i00 * r1 - i10 * r0) / determinant, (i11 * r0 - i01 * r1) / determinant
+    var1 = var + (i00 * a11 - i10 * a10) / determinant
+    var0 = var + (i11 * a00 - i01 * a10) / determinant
+    return ((y - mean0) ** 2 / var0 - (y - mean1) ** 2 / var1 + (var0 / var1).log()) / 2
+
+
+def with_surprises(llr: Tensor, log_surprise: Tensor) -> Tensor:
+    """LLR of a bit that a rare cause outside the model flips with probability surprise / 2.
+
+    2 artanh((1 - surprise) tanh(llr / 2)): monotone, bounded by log(2 / surprise).
+    """
+    z = (1 - log_surprise.double().exp()) * (llr / 2).tanh()
+    return ((1 + z) / (1 - z)).log()
+
+
+def _logs(*values: float) -> nn.Parameter:
+    return nn.Parameter(torch.tensor(values).log())
+
+
+def _weighted(F: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
+    """Normal equations F' W F and F' W y: (B, N, K), (B, N) or (N,), (B, N)."""
+    weighted = F.transpose(1, 2) * weight.unsqueeze(1)
+    right = (weighted * y.unsqueeze(-2)).sum(-1)
+    return weighted @ F, right
+
+
+def _positions(layout: Layout) -> dict[str, np.ndarray]:
+    """Centres of tiles and message blocks, -1 to 1 over the frame, and their rows of blocks."""
+    row, col = np.nonzero(layout.message_mask)
+    cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
+    across = np.arange(TILES * TILES)
+    tile_y = (TILES * cells[:, :1] + across // TILES).reshape(-1)  # (patches, 16) -> (tiles,)
+    tile_x = (TILES * cells[:, 1:] + across % TILES).reshape(-1)
+    return {
+        "block_y": (2 * row + 1) / layout.rows - 1,
+        "block_x": (2 * col + 1) / layout.cols - 1,
+        "block_row": row.astype(np.int64),
+        "tile_y": (2 * tile_y + 1) / (TILES * layout.rows) - 1,
+        "tile_x": (2 * tile_x + 1) / (TILES * layout.cols) - 1,
+        "tile_row": np.repeat(cells[:, 0], TILES * TILES).astype(np.int64),
+    }
+
+
+def _curves() -> dict[str, np.ndarray]:
+    """Legendre polynomials on the grid of [0, 1], and the projection of curves on them."""
+    grid = legvander(2 * GRID - 1, MOMENTS)
+    return {"grid": grid, "project": np.linalg.pinv(grid)}

@@ -1,0 +1,150 @@
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from numpy.polynomial.legendre import legval
+from tolerances import FLOAT32, FLOAT64
+from torch import Tensor
+
+from link.layout import Layout, make_layout
+from models.neural.decoder import FULL, PhiDecoder
+from models.neural.refine import (
+    MOMENTS,
+    Refiner,
+    cavity_llr,
+    predict,
+    with_surprises,
+)
+
+LAYOUT = make_layout(4, 5, 160, 96, 2)
+
+
+def randn(*shape: int, seed: int = 0) -> Tensor:
+    return torch.from_numpy(np.random.default_rng(seed).standard_normal(shape))
+
+
+def test_cavity_is_the_fit_without_the_block() -> None:
+    """Against the posterior that is computed anew from all other blocks, block by block."""
+    K, N = 4, 7
+    S, rest = randn(N, 2), randn(N, K - 2, seed=1)
+    one, zero = torch.cat([S, rest], 1), torch.cat([0 * S, rest], 1)
+    y, p = randn(N, seed=2), torch.rand(N, generator=torch.Generator().manual_seed(0)).double()
+    var = 0.3 + torch.rand(N, generator=torch.Generator().manual_seed(1)).double()
+    p1, p0 = p / var, (1 - p) / var
+
+    def posterior(keep: Tensor) -> tuple[Tensor, Tensor]:
+        A = torch.eye(K).double()
+        right = torch.zeros(K).double()
+        for F, weight in ((one, p1), (zero, p0)):
+            A = A + (F[keep] * weight[keep, None]).T @ F[keep]
+            right = right + F[keep].T @ (weight * y)[keep]
+        return torch.linalg.inv(A), torch.linalg.solve(A, right)
+
+    covariance, w = posterior(torch.arange(N))
+    bit1 = predict(one[None], w[None, :, None], covariance[None])
+    bit0 = predict(zero[None], w[None, :, None], covariance[None])
+    shared = torch.einsum("nk,kl,nl->n", one, covariance, zero)[None]
+    llr = cavity_llr(bit1, bit0, shared, y[None], p1[None], p0[None], var[None])[0]
+    for n in range(N):
+        covariance, w = posterior(torch.tensor([k for k in range(N) if k != n]))
+        logs = [
+            torch.distributions.Normal(F[n] @ w, (var[n] + F[n] @ covariance @ F[n]).sqrt())
+            .log_prob(y[n])
+            .item()
+            for F in (one, zero)
+        ]
+        assert llr[n].item() == pytest.approx(logs[0] - logs[1], abs=FLOAT64)
+
+
+@pytest.mark.parametrize("surprise", [1e-6, 1e-2, 0.5])
+def test_surprises_flip_a_bit_with_half_their_probability(surprise: float) -> None:
+    llr = torch.linspace(-12, 12, 25).double()
+    p = llr.sigmoid() * (1 - surprise) + surprise / 2
+    limited = with_surprises(llr, torch.tensor(surprise, dtype=torch.float64).log())
+    torch.testing.assert_close(limited, (p / (1 - p)).log(), rtol=0, atol=1e-8)
+    most = with_surprises(
+        torch.tensor([400.0]).double(), torch.tensor(surprise, dtype=torch.float64).log()
+    )
+    assert most.item() == pytest.approx(np.log(2 / surprise - 1))
+
+
+def test_moments_are_the_luma_of_legendre_polynomials(layout: Layout) -> None:
+    frame = torch.rand((1, 3, 4, 5), generator=torch.Generator().manual_seed(0))
+    found = PhiDecoder(layout, FULL).moments(frame)[0].numpy()
+    luma = np.array([0.299, 0.587, 0.114])
+    for k in range(1, MOMENTS + 1):
+        each = legval(2 * frame[0].double().numpy() - 1, np.eye(MOMENTS + 1)[k])
+        expected = np.einsum("c,chw->hw", luma, each)
+        np.testing.assert_allclose(found[k - 1], expected, rtol=0, atol=FLOAT32)
+
+
+def moments_of(i: Tensor) -> Tensor:
+    x = (2 * i - 1).numpy()
+    each = [legval(x, np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1)]
+    return torch.from_numpy(np.stack(each, axis=-1))
+
+
+Curve = Callable[[Tensor], Tensor]
+
+
+def scene(
+    noise: float, kappa: float, seed: int, curve: Curve = lambda i: i, drift: float = 0.0
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Tiles, blocks and bits of a display whose capture is ``curve`` of what it shows."""
+    refiner = Refiner(LAYOUT, 1, True, True, True)
+    rng = np.random.default_rng(seed)
+    shown = torch.from_numpy(rng.uniform(0.1, 0.9, LAYOUT.n_bits))
+    bits = torch.from_numpy(rng.integers(0, 2, LAYOUT.n_bits)).double()
+    parts = []
+    for rho, b in ((refiner.levels, refiner.labels), (shown, bits)):
+        change = curve((rho + b * kappa / 255) * (1 + drift)) - curve(rho)
+        change = change + noise / 255 * torch.from_numpy(rng.standard_normal(len(rho)))
+        gradients = 0.01 * torch.from_numpy(rng.standard_normal((len(rho), 2)))
+        parts.append(torch.cat([change[:, None], moments_of(curve(rho)), gradients], dim=1)[None])
+    return parts[0], parts[1], bits
+
+
+@pytest.mark.parametrize("drift", [0.0, 0.03])
+@pytest.mark.parametrize("gamma", [0.7, 1.0, 1.6])
+def test_blocks_of_the_model_are_decided_right(gamma: float, drift: float) -> None:
+    tiles, blocks, bits = scene(0.1, 3, 1, lambda i: 0.1 + 0.8 * i**gamma, drift)
+    start = torch.zeros_like(bits)[None]  # knows nothing: the tiles must do
+    llr = Refiner(LAYOUT, 4, True, True, True)(tiles, blocks, start)[0]
+    assert torch.equal(llr > 0, bits > 0.5)
+
+
+def test_calibration_finds_the_slope_of_the_response() -> None:
+    tiles, _, _ = scene(0.0, 3, 2, lambda i: 0.1 + 0.8 * i**0.7)
+    refiner = Refiner(LAYOUT, 1, True, True, True)
+    h, D = (c @ refiner.grid.T for c in refiner.calibrate(tiles))
+    shown = torch.linspace(0.15, 0.85, 8).double()
+    index = (64 * (0.1 + 0.8 * shown**0.7)).round().long()
+    slope = 0.56 * shown**-0.3
+    torch.testing.assert_close(h[0, index], slope, rtol=0.05, atol=0.02)
+    torch.testing.assert_close(D[0, index], slope * shown, rtol=0.05, atol=0.02)
+
+
+def test_noisier_frames_get_weaker_scores() -> None:
+    strength = []
+    for noise in (0.5, 1.5, 4.5):
+        tiles, blocks, bits = scene(noise, 3, 3)
+        llr = Refiner(LAYOUT, 4, True, True, True)(tiles, blocks, 2 * bits[None] - 1)[0]
+        strength.append(llr.abs().median().item())
+    assert strength[0] > 1.5 * strength[1] > 2.25 * strength[2]
+
+
+@pytest.mark.parametrize("switches", [(True, True, True), (False, False, False)])
+def test_refinement_has_the_right_gradient(switches: tuple[bool, bool, bool]) -> None:
+    tiles, blocks, _ = scene(0.5, 3, 4)
+    refiner = Refiner(LAYOUT, 2, *switches).double()
+    scores = (0.3 * randn(1, LAYOUT.n_bits, seed=5)).requires_grad_()
+    names = [name for name, _ in refiner.named_parameters()]
+
+    def decide(scores: Tensor, *values: Tensor) -> Tensor:
+        parameters = dict(zip(names, values, strict=True))
+        result: Tensor = torch.func.functional_call(refiner, parameters, (tiles, blocks, scores))
+        return result
+
+    values = [p.detach().double().requires_grad_() for p in refiner.parameters()]
+    assert torch.autograd.gradcheck(decide, (scores, *values), eps=1e-7, atol=1e-4, rtol=1e-3)
