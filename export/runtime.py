@@ -103,16 +103,23 @@ class Decoder:
             InputError: frames of wrong type, size or shape, or corners that do not fit.
         """
         pair = self.rectify(original, embedded, corners, corners_embedded)
-        feeds = {"original": as_batch(pair.original), "embedded": as_batch(pair.embedded)}
-        try:
-            scores, head = self._session.run(["scores", "head"], feeds)
-        except ORT_ERRORS as error:
-            raise InputError(
-                f"the model failed to run: {str(error).splitlines()[0][:160]}"
-            ) from None
+        scores, head = self.run(as_batch(pair.original), as_batch(pair.embedded))
         if scores.shape != (1, self.layout.n_bits) or not np.isfinite(scores).all():
             raise InputError("the model returned no valid scores; export it again")
         return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
+
+    def run(
+        self, original: NDArray[np.uint8], embedded: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Scores (B, n_bits) and heads of a batch of rectified pairs, (B, 3, H, W) uint8 each."""
+        try:
+            scores, head = self._session.run(
+                ["scores", "head"], {"original": original, "embedded": embedded}
+            )
+        except ORT_ERRORS as error:
+            reason = str(error).splitlines()[0][:160]
+            raise InputError(f"the model failed to run: {reason}") from None
+        return scores, head
 
     def rectify(
         self,

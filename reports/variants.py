@@ -13,10 +13,9 @@ ADDED: dict[str, dict[str, Any]] = {
     "phi+rgb": {"channels": "rgb"},
     "phi+texture": {"texture": 0.02},
     "phi+coarsen": {"coarsen": 2},
-    "phi+refine": {"refine": 2},
-    "phi+refine+rows": {"refine": 2, "rows": True},
-    "phi+refine+space": {"refine": 2, "space": True},
-    "phi+refine+motion": {"refine": 2, "motion": True},
+    "phi+refine": {"refine": 3},
+    "phi+refine+rows": {"refine": 3, "rows": True},
+    "phi+refine+space": {"refine": 3, "space": True},
 }
 """What differs from `DecoderConfig`'s defaults, the twin of OORC."""
 REMOVED: dict[str, dict[str, Any]] = {
@@ -24,10 +23,9 @@ REMOVED: dict[str, dict[str, Any]] = {
     "full-register": {"register": False},
     "full-texture": {"texture": 0.0},
     "full-coarsen": {"coarsen": 1},
-    "full-refine": {"refine": 0, "rows": False, "space": False, "motion": False},
+    "full-refine": {"refine": 0, "rows": False, "space": False},
     "full-rows": {"rows": False},
     "full-space": {"space": False},
-    "full-motion": {"motion": False},
 }
 """What differs from `FULL`."""
 ROWS = ("oorc", "phi", *ADDED, "full", *REMOVED)

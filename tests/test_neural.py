@@ -125,8 +125,8 @@ def test_unknown_options_list_the_valid_ones() -> None:
         ({"coarsen": 3}, "--decoder.coarsen: 1 or 2"),
         ({"refine": 9}, "--decoder.refine: 0 to 8"),
         ({"texture": -0.1}, "--decoder.texture"),
-        ({"rows": True}, "rows, space and motion: need --decoder.refine"),
-        ({"motion": 1}, "motion must be of type bool"),
+        ({"rows": True}, "rows and space: need --decoder.refine"),
+        ({"space": 1}, "space must be of type bool"),
         ({"drift_degree": 1.5}, "drift_degree must be of type int"),
     ],
 )

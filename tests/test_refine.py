@@ -92,7 +92,7 @@ def scene(
     noise: float, kappa: float, seed: int, curve: Curve = lambda i: i, drift: float = 0.0
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Tiles, blocks and bits of a display whose capture is ``curve`` of what it shows."""
-    refiner = Refiner(LAYOUT, 1, True, True, True)
+    refiner = Refiner(LAYOUT, 1, True, True)
     rng = np.random.default_rng(seed)
     shown = torch.from_numpy(rng.uniform(0.1, 0.9, LAYOUT.n_bits))
     bits = torch.from_numpy(rng.integers(0, 2, LAYOUT.n_bits)).double()
@@ -100,8 +100,7 @@ def scene(
     for rho, b in ((refiner.levels, refiner.labels), (shown, bits)):
         change = curve((rho + b * kappa / 255) * (1 + drift)) - curve(rho)
         change = change + noise / 255 * torch.from_numpy(rng.standard_normal(len(rho)))
-        gradients = 0.01 * torch.from_numpy(rng.standard_normal((len(rho), 2)))
-        parts.append(torch.cat([change[:, None], moments_of(curve(rho)), gradients], dim=1)[None])
+        parts.append(torch.cat([change[:, None], moments_of(curve(rho))], dim=1)[None])
     return parts[0], parts[1], bits
 
 
@@ -110,13 +109,13 @@ def scene(
 def test_blocks_of_the_model_are_decided_right(gamma: float, drift: float) -> None:
     tiles, blocks, bits = scene(0.1, 3, 1, lambda i: 0.1 + 0.8 * i**gamma, drift)
     start = torch.zeros_like(bits)[None]  # knows nothing: the tiles must do
-    llr = Refiner(LAYOUT, 4, True, True, True)(tiles, blocks, start)[0]
+    llr = Refiner(LAYOUT, 4, True, True)(tiles, blocks, start)[0]
     assert torch.equal(llr > 0, bits > 0.5)
 
 
 def test_calibration_finds_the_slope_of_the_response() -> None:
     tiles, _, _ = scene(0.0, 3, 2, lambda i: 0.1 + 0.8 * i**0.7)
-    refiner = Refiner(LAYOUT, 1, True, True, True)
+    refiner = Refiner(LAYOUT, 1, True, True)
     h, D = (c @ refiner.grid.T for c in refiner.calibrate(tiles))
     shown = torch.linspace(0.15, 0.85, 8).double()
     index = (64 * (0.1 + 0.8 * shown**0.7)).round().long()
@@ -129,13 +128,13 @@ def test_noisier_frames_get_weaker_scores() -> None:
     strength = []
     for noise in (0.5, 1.5, 4.5):
         tiles, blocks, bits = scene(noise, 3, 3)
-        llr = Refiner(LAYOUT, 4, True, True, True)(tiles, blocks, 2 * bits[None] - 1)[0]
+        llr = Refiner(LAYOUT, 4, True, True)(tiles, blocks, 2 * bits[None] - 1)[0]
         strength.append(llr.abs().median().item())
-    assert strength[0] > 1.5 * strength[1] > 2.25 * strength[2]
+    assert strength[0] > 1.2 * strength[1] > 1.44 * strength[2]
 
 
-@pytest.mark.parametrize("switches", [(True, True, True), (False, False, False)])
-def test_refinement_has_the_right_gradient(switches: tuple[bool, bool, bool]) -> None:
+@pytest.mark.parametrize("switches", [(True, True), (False, False)])
+def test_refinement_has_the_right_gradient(switches: tuple[bool, bool]) -> None:
     tiles, blocks, _ = scene(0.5, 3, 4)
     refiner = Refiner(LAYOUT, 2, *switches).double()
     scores = (0.3 * randn(1, LAYOUT.n_bits, seed=5)).requires_grad_()
@@ -147,4 +146,4 @@ def test_refinement_has_the_right_gradient(switches: tuple[bool, bool, bool]) ->
         return result
 
     values = [p.detach().double().requires_grad_() for p in refiner.parameters()]
-    assert torch.autograd.gradcheck(decide, (scores, *values), eps=1e-7, atol=1e-4, rtol=1e-3)
+    assert torch.autograd.gradcheck(decide, (scores, *values), eps=1e-5, atol=1e-5, rtol=1e-3)

@@ -50,8 +50,6 @@ class DecoderConfig:
     """A gain for every row of blocks: flicker."""
     space: bool = False
     """Calibration that varies smoothly over the display."""
-    motion: bool = False
-    """Mean gradients of a block as nuisance: motion that registration left."""
 
     def __post_init__(self) -> None:
         choose(CHANNELS, self.channels, "--decoder.channels")
@@ -64,8 +62,8 @@ class DecoderConfig:
             raise InputError(f"--decoder.coarsen: 1 or 2; --decoder.refine: 0 to {MAX_ROUNDS}")
         if not 0 <= self.texture < 1:
             raise InputError("--decoder.texture: 0 or more, below 1")
-        if self.refine == 0 and (self.rows or self.space or self.motion):
-            raise InputError("--decoder.rows, space and motion: need --decoder.refine 1 or more")
+        if self.refine == 0 and (self.rows or self.space):
+            raise InputError("--decoder.rows and space: need --decoder.refine 1 or more")
 
 
 FULL = DecoderConfig(
@@ -76,7 +74,6 @@ FULL = DecoderConfig(
     refine=3,
     rows=True,
     space=True,
-    motion=True,
 )
 """All that pays (docs/ablation.md)."""
 
@@ -116,7 +113,7 @@ class PhiDecoder(nn.Module):
         self.log_C = nn.Parameter(torch.zeros(()))
         self.refiner = None
         if config.refine:
-            self.refiner = Refiner(layout, config.refine, config.rows, config.space, config.motion)
+            self.refiner = Refiner(layout, config.refine, config.rows, config.space)
             kernel, bias = (torch.from_numpy(part) for part in legendre_kernel())
             self.register_buffer("kernel", kernel, persistent=False)
             self.register_buffer("bias", bias, persistent=False)
@@ -159,18 +156,18 @@ class PhiDecoder(nn.Module):
         Returns:
             ratex: (B, N, F) float64, features of the training samples, tiles or pixels.
             blocks: (B, n_bits, F) float64, features averaged over message blocks. F is n_features,
-                and with refinement MOMENTS + 3 more (see `models.neural.refine`).
+                and with refinement 1 + MOMENTS more (see `models.neural.refine`).
         """
         i_o, i_e = self.intensity(original), self.intensity(embedded)
         if self.config.register:
             i_e = register(i_o, i_e)
         maps = [channel_mean(feature) for feature in self.phi(i_o, i_e)]
-        dx, dy = gradients(channel_mean(i_o + i_e) / 2)
         if self.refiner is not None:
             change = self.luma_of(i_e) - self.luma_of(i_o)
-            maps += [change, self.moments(self.reduce(original, slice(1, 4))), dx, dy]
-        weights = torch.ones_like(dx)
+            maps += [change, self.moments(self.reduce(original, slice(1, 4)))]
+        weights = torch.ones_like(maps[0])
         if self.config.texture:
+            dx, dy = gradients(channel_mean(i_o + i_e) / 2)
             limit = (self.config.coarsen * self.config.texture) ** 2
             weights = limit / (limit + dx**2 + dy**2)
         stacked = torch.cat(maps, dim=1)

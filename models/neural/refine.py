@@ -3,7 +3,7 @@
 A block's brightness change is modelled as
     y = b s + d + noise,    s = S a,    d = N c,
 with bit b, known columns S and N, and Gaussian a and c of known spread. S holds what kappa gray
-levels become in the capture, h(i) = 1 / g'(i); N what drift, flicker, motion and fall-off add.
+levels become in the capture, h(i) = 1 / g'(i); N what drift, flicker and fall-off add.
 Given the bits, or their probabilities, a and c follow from one ridge solve; given a and c, the bits
 follow from a likelihood ratio. Ratex tiles enter the same solve with their known labels. The start
 is the SVM's decision; a block weighs more than a tile for it is larger, so two or three rounds
@@ -22,10 +22,8 @@ from link.layout import Layout
 from link.ratex import TILES, tile_labels, tile_levels
 from models.neural.solver import inverse, solve_spd
 
-MOMENTS = 6
-"""Legendre moments of i_o over a block; g' and its inverse are projected on that degree."""
-LEVEL_DEGREE = 4
-"""Of g, fitted to the known levels of the ratex tiles."""
+MOMENTS = 4
+"""Legendre moments of i_o over a block; the degree of g, on which 1 / g' is projected too."""
 GRID = np.linspace(0, 1, 65)
 SHARPNESS = 10.0
 """Of the soft floor that keeps g' above its least value."""
@@ -40,7 +38,6 @@ class Refiner(nn.Module):
         rounds: of solving and deciding anew, at least 1.
         rows: a gain for every row of blocks (flicker, rolling shutter).
         space: gain, offset and g vary smoothly over the display.
-        motion: the mean image gradients as nuisance (what registration leaves).
     """
 
     levels: Tensor
@@ -54,27 +51,24 @@ class Refiner(nn.Module):
     grid: Tensor
     project: Tensor
 
-    def __init__(self, layout: Layout, rounds: int, rows: bool, space: bool, motion: bool) -> None:
+    def __init__(self, layout: Layout, rounds: int, rows: bool, space: bool) -> None:
         super().__init__()
-        self.rounds, self.rows, self.space, self.motion = rounds, rows, space, motion
+        self.rounds, self.space = rounds, space
         self.n_rows = layout.rows
         # standard deviations of the coefficients; frames of [0, 255] gray levels
         self.signal = _logs(3.0, 1.0)
         self.nuisance = _logs(2.0, 2.0, 1.0, 0.5, 10.0)
         self.space_nuisance = _logs(1.5, 1.5, 0.7, 0.7, 0.7, 0.3, 0.3) if space else None
         self.row_nuisance = _logs(0.7) if rows else None
-        self.motion_nuisance = _logs(0.15, 0.1, 0.1) if motion else None
         # log standard deviation of the noise: constant, linear and quadratic in i_o
         self.tile_noise = nn.Parameter(torch.tensor([-0.5, 0.0, 0.0]))
         self.block_noise = nn.Parameter(torch.tensor([-1.9, 0.0, 0.0]))
-        self.texture_noise = _logs(0.1, 0.1)
         # observations that the learned noise counts for, beside this frame pair's
         self.noise_trust = _logs(20.0, 20.0)
         self.level_ridge = _logs(1e-3, 1e-2, 1e-1, 1e-1, 1e-3)
         self.least_slope = _logs(0.25)
         self.start = _logs(5.0)
         self.temperature = _logs(1.0)
-        self.keep = _logs(0.05)
         self.surprise = _logs(1e-5)
         for name, value in {**_positions(layout), **_curves()}.items():
             self.register_buffer(name, torch.from_numpy(value), persistent=False)
@@ -88,9 +82,9 @@ class Refiner(nn.Module):
         """Log-likelihood ratios of the message bits.
 
         Args:
-            tiles: (B, tiles, MOMENTS + 3) float64, as are all tensors here: mean change of luma in
-                [-1, 1], moments P_k of i_o, and gradient d/dx, d/dy.
-            blocks: (B, n_bits, MOMENTS + 3).
+            tiles: (B, tiles, 1 + MOMENTS) float64, as are all tensors here: mean change of luma in
+                [-1, 1] and moments P_k of i_o.
+            blocks: (B, n_bits, 1 + MOMENTS).
             scores: (B, n_bits) of the SVM, margins of about 1; the start.
 
         Returns:
@@ -125,9 +119,7 @@ class Refiner(nn.Module):
             noise_t = (trust_t + excess_t.sum(1, True)) / (trust_t + free_t.sum(1, True))
             shared = ((one @ covariance) * zero).sum(-1)
             llr = cavity_llr(bit1, bit0, shared, y, p1, p0, noise * var)
-        return with_surprises(
-            self.temperature.exp() * llr + self.keep.exp() * scores, self.surprise
-        )
+        return with_surprises(self.temperature.exp() * llr, self.surprise)
 
     def calibrate(self, tiles: Tensor) -> tuple[Tensor, Tensor]:
         """Legendre coefficients (B, MOMENTS + 1) of h = 1 / g' and D = g / g'.
@@ -135,7 +127,7 @@ class Refiner(nn.Module):
         D is how a relative change of exposure shows in the capture.
         """
         ones = torch.ones_like(tiles[..., :1])
-        legendre = torch.cat([ones, tiles[..., 1 : 1 + LEVEL_DEGREE]], dim=-1)
+        legendre = torch.cat([ones, tiles[..., 1:]], dim=-1)
         ridge = self.level_ridge.exp()
         scales = [torch.full_like(ridge[:1], 1e-6), ridge[:-1]]
         if self.space:
@@ -145,8 +137,8 @@ class Refiner(nn.Module):
             scales.append(ridge[-1:].expand(3))
         ridges = 0.08 * torch.cat(scales)
         normal, right = _weighted(legendre, self.levels, torch.ones_like(tiles[..., 0]))
-        c = solve_spd(normal + torch.diag(ridges), right)[:, : LEVEL_DEGREE + 1]
-        g = c @ self.grid[:, : LEVEL_DEGREE + 1].T  # (B, 65)
+        c = solve_spd(normal + torch.diag(ridges), right)[:, : MOMENTS + 1]
+        g = c @ self.grid.T  # (B, 65)
         rise = (g[:, 1:] - g[:, :-1]) * (len(GRID) - 1)
         slope = torch.cat([rise[:, :1], (rise[:, 1:] + rise[:, :-1]) / 2, rise[:, -1:]], dim=-1)
         slope = self.soft_floor(slope)
@@ -167,7 +159,7 @@ class Refiner(nn.Module):
         """
         x, y = (self.tile_x, self.tile_y) if of_tiles else (self.block_x, self.block_y)
         one = torch.ones_like(statistics[..., 0])
-        P = torch.cat([one.unsqueeze(-1), statistics[..., 1 : 1 + MOMENTS]], dim=-1)
+        P = torch.cat([one.unsqueeze(-1), statistics[..., 1:]], dim=-1)
         signal, gain = (P * h.unsqueeze(1)).sum(-1), (P * D.unsqueeze(1)).sum(-1)
         S = torch.stack([signal, gain], dim=-1) * self.signal.exp()
         terms = torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()
@@ -179,15 +171,8 @@ class Refiner(nn.Module):
             row = self.tile_row if of_tiles else self.block_row
             member = one_hot(row, self.n_rows).to(one.dtype)
             columns.append(member * gain.unsqueeze(-1) * self.row_nuisance.exp())
-        gradient = GRAY_LEVELS * statistics[..., 1 + MOMENTS :]
-        if self.motion_nuisance is not None:
-            std = self.motion_nuisance.exp()
-            where = [g * v for g in gradient.unbind(-1) for v in (one, one * x, one * y)]
-            columns.append(torch.stack(where, dim=-1) * torch.cat([std, std]))
         level = self.tile_noise if of_tiles else self.block_noise
-        texture = self.texture_noise[0 if of_tiles else 1]
         variance = (2 * (P[..., :3] * level).sum(-1)).exp()
-        variance = variance + (2 * texture).exp() * (gradient**2).sum(-1)
         change = GRAY_LEVELS * statistics[..., 0]
         return S, torch.cat(columns, dim=-1), change, variance
 

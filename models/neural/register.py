@@ -15,8 +15,10 @@ from models.neural.solver import solve_spd
 
 RIDGE = 1e-6
 """Of the least squares, per pixel, in squared intensity: flat pictures stay where they are."""
+FINE = 2
+"""Pixels averaged per axis for the last step."""
 COARSE = 4
-"""Pixels averaged per axis for the first step."""
+"""The same for the first, of the pixels of the last."""
 
 
 def gradients(image: Tensor) -> tuple[Tensor, Tensor]:
@@ -49,26 +51,36 @@ def register(i_o: Tensor, i_e: Tensor) -> Tensor:
     Returns:
         i_e as it would be without the motion, the same shape.
     """
-    coarse = translation(i_o, i_e).float().reshape(-1, 2, 1, 1)
     height, width = i_o.shape[-2:]
-    x = (2 * torch.arange(width, device=i_o.device) / (width - 1) - 1).expand(height, width)
-    y = (2 * torch.arange(height, device=i_o.device) / (height - 1) - 1).unsqueeze(1)
-    y = y.expand(height, width)
-    moved = warp(i_e, coarse[:, 0], coarse[:, 1])
-    dx, dy = gradients((i_o + moved) / 2)
-    # a quarter of the pixels, in float64: torch and onnxruntime sum in different orders
-    o, change, gx, gy = (
-        channel_mean(t)[:, 0, ::2, ::2].double() for t in (i_o, moved - i_o, dx, dy)
-    )
-    u, v = x[::2, ::2].double(), y[::2, ::2].double()
-    m = least_squares([gx, gx * u, gx * v, gy, gy * u, gy * v], o, change)
-    m = m.float().reshape(-1, 6, 1, 1)
-    s_x = coarse[:, 0] + m[:, 0] + m[:, 1] * x + m[:, 2] * y
-    s_y = coarse[:, 1] + m[:, 3] + m[:, 4] * x + m[:, 5] * y
+    s_x, s_y = motion(i_o, i_e)
+    x, y = axes(height, width, i_o)
+    s_x, s_y = (m[:, 0] + m[:, 1] * x + m[:, 2] * y for m in (s_x, s_y))
     # bilinear interpolation blurs: at fraction f of a pixel it adds f (1 - f) / 2 of the curvature
     blur_x, blur_y = ((s - s.floor()) * (s.ceil() - s) / 2 for s in (s_x, s_y))
     xx, yy = curvatures(i_o)
     return warp(i_e, s_x, s_y) - blur_x.unsqueeze(1) * xx - blur_y.unsqueeze(1) * yy
+
+
+def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
+    """(B, 3, 1, 1) each: s_x and s_y, pixels, as coefficients of 1, x and y in [-1, 1]."""
+    # float64 and averages: torch and onnxruntime sum in different orders
+    o, e = (avg_pool2d(channel_mean(i), FINE, ceil_mode=True) for i in (i_o, i_e))
+    coarse = translation(o, e).float()
+    moved = warp(e, coarse[:, :1, None], coarse[:, 1:, None])
+    gx, gy = (g[:, 0].double() for g in gradients((o + moved) / 2))
+    x, y = (axis.double() for axis in axes(o.shape[2], o.shape[3], o))
+    terms = [gx, gx * x, gx * y, gy, gy * x, gy * y]
+    m = least_squares(terms, o[:, 0].double(), (moved - o)[:, 0].double()).float()
+    s_x = torch.cat([m[:, :1] + coarse[:, :1], m[:, 1:3]], dim=1)
+    s_y = torch.cat([m[:, 3:4] + coarse[:, 1:], m[:, 4:6]], dim=1)
+    return FINE * s_x.reshape(-1, 3, 1, 1), FINE * s_y.reshape(-1, 3, 1, 1)
+
+
+def axes(height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
+    """x (1, width) and y (height, 1) of pixel centres, -1 to 1 over the frame."""
+    x = (2 * torch.arange(width, device=like.device) + 1) / width - 1
+    y = (2 * torch.arange(height, device=like.device) + 1) / height - 1
+    return x.unsqueeze(0), y.unsqueeze(1)
 
 
 def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
@@ -91,9 +103,8 @@ def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
 def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
     """(B, C, H, W) sampled at (x + s_x, y + s_y), pixels, (B, H, W) or (B, 1, 1); edges repeat."""
     height, width = image.shape[-2:]
-    x = torch.arange(width, device=image.device) + s_x
-    y = torch.arange(height, device=image.device).unsqueeze(1) + s_y
-    x, y = (2 * x + 1) / width - 1, (2 * y + 1) / height - 1
+    x, y = axes(height, width, image)
+    x, y = x + 2 / width * s_x, y + 2 / height * s_y
     grid = torch.stack([x + 0 * y, y + 0 * x], dim=-1)  # (B, H, W, 2)
     return grid_sample(image, grid, padding_mode="border", align_corners=False)
 

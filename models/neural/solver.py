@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 MAX_STEPS = 50
-STEP_SIZES = tuple(2.0 ** (-k / 2) for k in range(24))
+STEP_SIZES = (0.0, *(2.0 ** (-k / 2) for k in range(24)))
+"""Of the search along Newton's direction; 0 stays."""
 TOLERANCE = 1e-10
 """Relative decrease of the objective below which a frame has converged."""
 
@@ -101,13 +102,10 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
 
     def descend(step: Tensor, w: Tensor, decrease: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         direction = newton(w, *fixed) - w
-        trials = w.unsqueeze(1) + sizes * direction.unsqueeze(1)  # (B, S, D)
-        best, chosen = loss(trials).min(dim=1)
-        here = loss(w.unsqueeze(1)).squeeze(1)
-        index = chosen.reshape(-1, 1, 1).expand(-1, 1, w.shape[1])
-        better = (best < here).unsqueeze(-1)
-        moved = torch.where(better, trials.gather(1, index).squeeze(1), w)
-        return step + 1, moved, (here - best) / here
+        losses = loss(w.unsqueeze(1) + sizes * direction.unsqueeze(1))  # (B, S)
+        best, chosen = losses.min(dim=1)
+        here = losses[:, 0]
+        return step + 1, w + sizes[chosen] * direction, (here - best) / here
 
     w = fixed[3].expand(X.shape[0], X.shape[2]).clone()
     state = (torch.zeros((), dtype=torch.int64), w, torch.ones_like(w[:, 0]))

@@ -1,0 +1,120 @@
+"""Time to fit and decide one frame pair, as ratios taken in one run: python -m export.bench MODEL.
+
+Every round times all candidates one after another on the same frame pair, so that what else the
+machine does meets all of them; a ratio is taken within each round.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from sklearn.svm import SVC, LinearSVC
+from tqdm import trange
+
+from export.parity import synthetic_pair
+from export.runtime import Decoder
+from link.errors import at_least, run_cli
+from link.frames import Rectified
+from link.images import as_batch
+from link.ratex import training_pixels
+from models.classical.common import intensity
+from models.classical.oorc import OORC, explicit_map
+
+MODEL = Path(__file__).parent.parent / "models" / "neural" / "pretrained" / "decoder.onnx"
+REFERENCE = "two warpPerspective"
+CAPTURE = (720, 960)
+"""Rows and columns of the capture that the two reference warps rectify."""
+
+
+@dataclass(frozen=True)
+class BenchConfig:
+    """Compare the exported decoder with two warps and with scikit-learn's SVM."""
+
+    model: tyro.conf.Positional[Path] = MODEL
+    rounds: int = 200
+    warmup: int = 20
+    """Rounds before them that do not count."""
+    threads: int = 2
+    """Of onnxruntime and OpenCV alike."""
+    seed: int = 0
+
+
+def main() -> None:
+    """Print a table of median times and ratios, and one JSON line."""
+    config = tyro.cli(BenchConfig)
+    at_least(1, rounds=config.rounds, threads=config.threads)
+    at_least(0, warmup=config.warmup, seed=config.seed)
+    cv2.setNumThreads(config.threads)
+    decoder = Decoder(config.model, config.threads)
+    rng = np.random.default_rng(config.seed)
+    times: dict[str, list[float]] = {}
+    for number in trange(config.warmup + config.rounds, desc="bench", unit="round"):
+        for name, action in candidates(decoder, synthetic_pair(decoder.layout, rng), rng).items():
+            start = perf_counter()
+            action()
+            if number >= config.warmup:
+                times.setdefault(name, []).append(1e3 * (perf_counter() - start))
+    measured = {name: np.array(values) for name, values in times.items()}
+    print(table(measured, config))
+    ratios = {name: quartiles(value / measured[REFERENCE]) for name, value in measured.items()}
+    print(json.dumps({"rounds": config.rounds, "threads": config.threads, "ratios": ratios}))
+
+
+def candidates(
+    decoder: Decoder, pair: Rectified, rng: np.random.Generator
+) -> dict[str, Callable[[], object]]:
+    """What is timed, by name, on one frame pair with everything it needs prepared."""
+    layout = pair.layout
+    capture = rng.integers(0, 256, (*CAPTURE, 3), dtype=np.uint8)
+    H_captured_from_display = np.array([[1.6, 0.1, 40], [0.05, 1.6, 30], [1e-4, 1e-4, 1]])
+    size = (layout.width, layout.height)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    pixels = training_pixels(layout)
+    i_o, i_e = intensity(pair.original), intensity(pair.embedded)
+    u = explicit_map(i_o[pixels.y, pixels.x], i_e[pixels.y, pixels.x])
+    u = u / np.sqrt((u**2).mean(axis=0))
+    batches = as_batch(pair.original), as_batch(pair.embedded)
+
+    def two_warps() -> None:
+        for _ in range(2):
+            cv2.warpPerspective(capture, H_captured_from_display, size, flags=flags)
+
+    return {
+        REFERENCE: two_warps,
+        "decoder.onnx, fit and decision": lambda: decoder.run(*batches),
+        "scikit-learn LinearSVC, fit alone": lambda: LinearSVC(
+            loss="squared_hinge", dual=False, tol=1e-6, max_iter=5000
+        ).fit(u, pixels.label),
+        "scikit-learn SVC (linear), fit alone": lambda: SVC(kernel="linear").fit(u, pixels.label),
+        "method oorc, fit and decision": lambda: OORC().decode(pair),
+    }
+
+
+def quartiles(values: NDArray[np.float64]) -> list[float]:
+    """Lower quartile, median, upper quartile."""
+    return [round(float(v), 3) for v in np.quantile(values, [0.25, 0.5, 0.75])]
+
+
+def table(times: dict[str, NDArray[np.float64]], config: BenchConfig) -> str:
+    """Markdown: median time, and ratio to the reference with its quartiles."""
+    lines = [
+        f"{config.rounds} rounds, {config.threads} threads, ratios within each round\n",
+        "| what | ms, median | times two warps | quartiles |",
+        "|---|---:|---:|---:|",
+    ]
+    for name, values in times.items():
+        low, middle, high = quartiles(values / times[REFERENCE])
+        lines.append(
+            f"| {name} | {np.median(values):.2f} | {middle:.2f} | {low:.2f} – {high:.2f} |"
+        )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    run_cli(main)
