@@ -1,5 +1,6 @@
 """The dataclasses that flow from the picture to the bits."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,3 +110,17 @@ class SoftBits:
     def bits(self) -> NDArray[np.intp]:
         """(n_bits,) hard decisions, 0 or 1."""
         return (self.scores > 0).astype(np.intp)
+
+
+def combined(captures: Sequence[SoftBits]) -> SoftBits:
+    """Scores of several captures of one frame pair: log-likelihood ratios add.
+
+    Args:
+        captures: at least one, with scores that are log-likelihood ratios and equally many bits.
+
+    Raises:
+        InputError: none is given, or their numbers of bits differ.
+    """
+    if len({soft.scores.size for soft in captures}) != 1:
+        raise InputError("captures of one frame pair must be there and have equally many bits")
+    return SoftBits(np.sum([soft.scores for soft in captures], axis=0))

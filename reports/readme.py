@@ -1,7 +1,7 @@
 """Regenerate the README's numbers and pictures: python -m reports.readme (about three minutes)."""
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
@@ -12,19 +12,14 @@ from link.errors import at_least, run_cli
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, make_decoder
-from models.neural.decoder import DecoderConfig
+from models.neural.decoder import FULL
 from reports.compare import Method, decode_cells, methods_for, paper_cells
 from reports.figures import overview, plot_inverse_responses
 from reports.metrics import provenance, read_metrics, score, write_metrics
 from reports.tables import replace_block, summary_table
 
 METRICS = Path("docs/metrics.json")
-DRIFT = DecoderConfig(drift_degree=2)
-ABLATIONS = [
-    Method("phi", (("config", DRIFT),), "phi + drift"),
-    Method("phi", (("config", replace(DRIFT, register=True)),), "phi + drift + registration"),
-]
-"""What of ``learned`` needs no training."""
+UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 
 
 @dataclass(frozen=True)
@@ -56,7 +51,7 @@ def main() -> None:
     source = Source(make_layout(), "test", config.seed)
     at_least(1, frames=config.frames, jobs=config.jobs)
     methods = methods_for(tuple(DECODERS), config.checkpoint)
-    methods[-1:-1] = ABLATIONS
+    methods.insert(tuple(DECODERS).index("learned"), UNTRAINED)
     cells, folder = paper_cells(tuple(PAIRS)), Path("runs/readme")
     rows = score(decode_cells(source, cells, config.frames, methods, folder, config.jobs))
     write_metrics(METRICS, rows, provenance(config.seed, simulated=True))
@@ -83,7 +78,7 @@ def draw_pictures(source: Source, checkpoint: Path) -> None:
         for method, decoder in (("oorc", make_decoder("oorc")), ("learned", learned)):
             head = decoder.decode(pair).head
             assert head is not None
-            heads[method] = head[: DRIFT.degree]
+            heads[method] = head[: FULL.degree]
         cases[f"{name}, {view:g}°"] = (pair, heads)
     plot_inverse_responses(Path("docs/inverse_response.png"), cases)
 

@@ -1,0 +1,84 @@
+"""The smaller studies: repeated captures, leave-one-pair-out, and the benchmark."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from conftest import Command
+
+from data_gen.episodes import EpisodeSet
+from data_gen.pairs import PAIRS
+from export import bench
+from link.errors import InputError
+from link.frames import SoftBits, combined
+from reports import leave_one_out, repeats
+from reports.leave_one_out import without
+
+
+def test_combined_adds_log_likelihood_ratios() -> None:
+    one, two = SoftBits(np.array([1.0, -2, 0.5])), SoftBits(np.array([-3.0, 1, 0.5]))
+    np.testing.assert_array_equal(combined([one, two]).scores, [-2, -1, 1])
+    np.testing.assert_array_equal(combined([one]).bits, one.bits)
+
+
+@pytest.mark.parametrize("lengths", [(), (3, 4)])
+def test_captures_that_cannot_be_combined_are_refused(lengths: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="equally many bits"):
+        combined([SoftBits(np.zeros(n)) for n in lengths])
+
+
+def test_repeats_counts_the_errors_of_added_captures(
+    command: Command, tmp_path: Path, run_folder: Path
+) -> None:
+    flags = ["--frames", 1, "--captures", 1, 2, "--conditions", "kappa1", "--jobs", 1]
+    done = command(repeats.main, *flags, "--checkpoint", run_folder, "--out", tmp_path)
+    assert done.status == 0, done.stderr
+    bits, once, twice = json.loads((tmp_path / "repeats.json").read_text())["errors"]["kappa1"]
+    assert bits == 9 * 59
+    assert 0 <= twice <= bits
+    assert 0 < once < bits / 2
+    assert "| kappa1 | 531 |" in done.stdout
+
+
+def test_an_unknown_condition_lists_the_valid_ones(command: Command, tmp_path: Path) -> None:
+    done = command(repeats.main, "--conditions", "fog", "--out", tmp_path)
+    assert done.status != 0
+    assert "kappa1" in done.stderr
+
+
+def test_without_leaves_out_the_episodes_of_one_pair() -> None:
+    number = torch.arange(20)
+    episodes = EpisodeSet(number, number, number)
+    left_out = list(PAIRS)[1]
+    assert without(episodes, left_out).bits.tolist() == [k for k in range(20) if k % 9 != 1]
+    assert len(without(episodes, leave_one_out.ALL).bits) == 20
+
+
+def test_leave_one_out_trains_ten_decoders_and_resumes(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flags = ["--episodes", 9, "--steps", 1, "--frames", 1, "--jobs", 1, "--out", tmp_path]
+    two = dict(list(PAIRS.items())[:2])
+    monkeypatch.setattr(leave_one_out, "PAIRS", two)
+    done = command(leave_one_out.main, *flags)
+    assert done.status == 0, done.stderr
+    found = json.loads((tmp_path / "leave_one_out.json").read_text())["pairs"]
+    assert set(found) == set(two)
+    assert all(result["bits"] == 4 * 59 for result in found.values())
+    made = {file.parent.name: file.stat().st_mtime_ns for file in tmp_path.rglob("decoder.pt")}
+    assert set(made) == {"all_nine", *two}
+    assert command(leave_one_out.main, *flags).stdout == done.stdout
+    again = {file.parent.name: file.stat().st_mtime_ns for file in tmp_path.rglob("decoder.pt")}
+    assert again == made
+
+
+def test_bench_prints_ratios_to_two_warps(command: Command, run_folder: Path) -> None:
+    done = command(bench.main, run_folder / "decoder.onnx", "--rounds", 2, "--warmup", 0)
+    assert done.status == 0, done.stderr
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert result["rounds"] == 2
+    assert result["ratios"][bench.REFERENCE] == [1, 1, 1]
+    assert len(result["ratios"]) == 5
+    assert all(low <= middle <= high for low, middle, high in result["ratios"].values())
