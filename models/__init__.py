@@ -14,6 +14,7 @@ DECODERS = {
     "blind": "models.classical.blind:Blind",
     "phi": "models.neural.methods:Phi",
     "learned": "models.neural.methods:Learned",
+    "cnn": "models.neural.cnn:Cnn",
 }
 
 

@@ -336,7 +336,7 @@ def test_data_gen_refuses_what_it_finds_on_the_way(
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [
-        ("--methods oorc magic", "naive, two_step, oorc, hidden_ratex, blind, phi, learned"),
+        ("--methods oorc magic", "naive, two_step, oorc, hidden_ratex, blind, phi, learned, cnn"),
         ("--kappas 5 0", "--kappa: need 1 to 64"),
         ("--frames 0", "--frames: need at least 1"),
         ("--jobs 0", "--jobs: need at least 1"),

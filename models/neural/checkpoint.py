@@ -5,9 +5,10 @@ import io
 import json
 import pickle
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import torch
+from torch import nn
 
 from link.errors import InputError, UnsuitedError
 from link.images import write_bytes
@@ -18,7 +19,19 @@ DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError,
 """What torch.load and load_state_dict raise on damaged files."""
 
 
-def save_checkpoint(folder: Path, module: PhiDecoder, extra: dict[str, Any]) -> None:
+class Saveable(Protocol):
+    """A module that can say what it takes to rebuild it."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Its weights."""
+        ...
+
+    def to_config(self) -> dict[str, object]:
+        """All else."""
+        ...
+
+
+def save_checkpoint(folder: Path, module: Saveable, extra: dict[str, Any]) -> None:
     """Write decoder.pt and config.json into ``folder``; ``extra`` says how it was trained."""
     buffer = io.BytesIO()
     torch.save(module.state_dict(), buffer)
@@ -40,23 +53,52 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
     Raises:
         InputError: a file is missing, damaged, or does not fit the other.
     """
-    config_file, weights_file = folder / "config.json", folder / "decoder.pt"
-    for file in (config_file, weights_file):
-        if not file.is_file():
-            raise InputError(f"{file}: not found; train first: python train.py --pair NAME")
+    config = read_config(folder)
     try:
-        config = json.loads(config_file.read_text())
         saved_layout = Layout.from_dict(config["layout"])
         module = PhiDecoder(layout or saved_layout, DecoderConfig(**config["decoder"]))
-        digest = str(config["sha256"])
     except UnsuitedError:
         if layout is not None:
             raise
-        raise InputError(f"{config_file}: its layout has no ratex patch") from None
+        raise InputError(f"{folder / 'config.json'}: its layout has no ratex patch") from None
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{config_file}: not a decoder configuration ({error})") from None
+        file = folder / "config.json"
+        raise InputError(f"{file}: not a decoder configuration ({error})") from None
+    load_weights(folder, config, module)
+    return module
+
+
+def read_config(folder: Path, command: str = "python train.py --pair NAME") -> dict[str, Any]:
+    """Read a checkpoint's config.json.
+
+    Args:
+        folder: with decoder.pt and config.json.
+        command: that writes such a checkpoint, for the error message.
+
+    Raises:
+        InputError: a file is missing, or config.json is damaged.
+    """
+    for file in (folder / "config.json", folder / "decoder.pt"):
+        if not file.is_file():
+            raise InputError(f"{file}: not found; train first: {command}")
+    try:
+        config = json.loads((folder / "config.json").read_text())
+        str(config["sha256"])
+    except (ValueError, KeyError, TypeError) as error:
+        file = folder / "config.json"
+        raise InputError(f"{file}: not a decoder configuration ({error})") from None
+    return dict(config)
+
+
+def load_weights(folder: Path, config: dict[str, Any], module: nn.Module) -> None:
+    """Load decoder.pt into the module that its ``config`` describes.
+
+    Raises:
+        InputError: the file is damaged, or does not fit the module.
+    """
+    weights_file = folder / "decoder.pt"
     data = weights_file.read_bytes()
-    if hashlib.sha256(data).hexdigest() != digest:
+    if hashlib.sha256(data).hexdigest() != config["sha256"]:
         raise InputError(f"{weights_file}: differs from the sha256 in config.json; train again")
     try:
         module.load_state_dict(torch.load(io.BytesIO(data), weights_only=True), strict=True)
@@ -65,7 +107,6 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
         raise InputError(f"{weights_file}: does not fit config.json ({reason})") from None
     if not all(torch.isfinite(p).all() for p in module.parameters()):
         raise InputError(f"{weights_file}: contains values that are not finite; train again")
-    return module
 
 
 def save_state(
