@@ -13,7 +13,6 @@ from models.neural.refine import (
     MOMENTS,
     Refiner,
     cavity_llr,
-    predict,
     with_surprises,
 )
 
@@ -42,10 +41,12 @@ def test_cavity_is_the_fit_without_the_block() -> None:
         return torch.linalg.inv(A), torch.linalg.solve(A, right)
 
     covariance, w = posterior(torch.arange(N))
-    bit1 = predict(one[None], w[None, :, None], covariance[None])
-    bit0 = predict(zero[None], w[None, :, None], covariance[None])
-    shared = torch.einsum("nk,kl,nl->n", one, covariance, zero)[None]
-    llr = cavity_llr(bit1, bit0, shared, y[None], p1[None], p0[None], var[None])[0]
+    both = torch.cat([one, zero])
+    variance = torch.einsum("nk,kl,nl->n", both, covariance, both)
+    shared = torch.einsum("nk,kl,nl->n", one, covariance, zero)
+    twice = (torch.cat([v, v]) for v in (y, var))
+    given = (*twice, both @ w, variance, torch.cat([p1, p0]))
+    llr = cavity_llr(shared[None], *(v[None] for v in given))[0]
     for n in range(N):
         covariance, w = posterior(torch.tensor([k for k in range(N) if k != n]))
         logs = [

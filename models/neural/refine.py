@@ -10,13 +10,11 @@ is the SVM's decision; a block weighs more than a tile for it is larger, so two 
 bring far more than the tiles alone can.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import torch
 from numpy.polynomial.legendre import legvander
+from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import one_hot
 
 from link.layout import Layout
 from link.ratex import TILES, tile_labels, tile_levels
@@ -42,19 +40,16 @@ class Refiner(nn.Module):
 
     levels: Tensor
     labels: Tensor
-    tile_x: Tensor
-    tile_y: Tensor
-    block_x: Tensor
-    block_y: Tensor
-    block_row: Tensor
-    tile_row: Tensor
+    x: Tensor
+    y: Tensor
+    of_row: Tensor
+    is_tile: Tensor
     grid: Tensor
     project: Tensor
 
     def __init__(self, layout: Layout, rounds: int, rows: bool, space: bool) -> None:
         super().__init__()
         self.rounds, self.space = rounds, space
-        self.n_rows = layout.rows
         # standard deviations of the coefficients; frames of [0, 255] gray levels
         self.signal = _logs(3.0, 1.0)
         self.nuisance = _logs(2.0, 2.0, 1.0, 0.5, 10.0)
@@ -91,34 +86,34 @@ class Refiner(nn.Module):
             (B, n_bits).
         """
         h, D = self.calibrate(tiles)
-        S_t, N_t, y_t, var_t = self.design(tiles, h, D, of_tiles=True)
-        S, N, y, var = self.design(blocks, h, D, of_tiles=False)
-        known = torch.cat([S_t * self.labels.unsqueeze(1), N_t], dim=-1)
-        one, zero = torch.cat([S, N], dim=-1), torch.cat([torch.zeros_like(S), N], dim=-1)
-        normal_t, right_t = _weighted(known, y_t, 1 / var_t)
-        prior = torch.eye(normal_t.shape[-1], dtype=y.dtype, device=y.device)
-        noise_t, noise = torch.ones_like(y_t[:, :1]), torch.ones_like(y[:, :1])
+        S, N, y, var = self.design(torch.cat([tiles, blocks], dim=1), h, D)
+        T, n_bits = tiles.shape[1], blocks.shape[1]
+        # rows: tiles with their labels, then blocks as bit 1, then the same blocks as bit 0
+        S = torch.cat([S[:, :T] * self.labels.unsqueeze(1), S[:, T:], 0 * S[:, T:]], dim=1)
+        F = torch.cat([S, torch.cat([N, N[:, T:]], dim=1)], dim=-1)  # (B, T + 2 n_bits, K)
+        y, var = (torch.cat([v, v[:, T:]], dim=1) for v in (y, var))
+        prior = torch.eye(F.shape[-1], dtype=F.dtype, device=F.device)
         trust_t, trust = self.noise_trust.exp().unbind()
+        known, noise = torch.ones_like(y[:, :T]), torch.ones_like(y)
         llr = self.start.exp() * scores
         for _ in range(self.rounds):
             p = llr.sigmoid()
-            p1, p0 = p / (noise * var), (1 - p) / (noise * var)
-            normal_1, right_1 = _weighted(one, y, p1)
-            normal_0, right_0 = _weighted(zero, y, p0)
-            normal = prior + normal_t / noise_t.unsqueeze(-1) + normal_1 + normal_0
-            covariance = inverse(normal)
-            w = covariance @ (right_t / noise_t + right_1 + right_0).unsqueeze(-1)
-            bit1, bit0 = predict(one, w, covariance), predict(zero, w, covariance)
-            tile = predict(known, w, covariance)
+            q = torch.cat([known, p, 1 - p], dim=1)
+            weight = q / (noise * var)
+            normal, right = _weighted(F, y, weight)
+            covariance = inverse(prior + normal)
+            projected = F @ covariance
+            mean = (projected @ right.unsqueeze(-1)).squeeze(-1)
+            variance = (projected * F).sum(-1)  # of the coefficients, without noise
             # noise of this frame pair relative to the learned one, degrees of freedom allowed for
-            excess = (p * (y - bit1.mean) ** 2 + (1 - p) * (y - bit0.mean) ** 2) / var
-            free = 1 - (p1 * bit1.variance + p0 * bit0.variance)
-            noise = (trust + excess.sum(1, True)) / (trust + free.sum(1, True))
-            excess_t = (y_t - tile.mean) ** 2 / var_t
-            free_t = 1 - tile.variance / (noise_t * var_t)
-            noise_t = (trust_t + excess_t.sum(1, True)) / (trust_t + free_t.sum(1, True))
-            shared = ((one @ covariance) * zero).sum(-1)
-            llr = cavity_llr(bit1, bit0, shared, y, p1, p0, noise * var)
+            excess, used = q * (y - mean) ** 2 / var, weight * variance
+            noise_t = (trust_t + excess[:, :T].sum(1)) / (trust_t + T - used[:, :T].sum(1))
+            noise_b = (trust + excess[:, T:].sum(1)) / (trust + n_bits - used[:, T:].sum(1))
+            of_blocks = noise_b.unsqueeze(1).expand(-1, 2 * n_bits)
+            noise = torch.cat([noise_t.unsqueeze(1).expand(-1, T), of_blocks], dim=1)
+            shared = (projected[:, T : T + n_bits] * F[:, T + n_bits :]).sum(-1)
+            given = (v[:, T:] for v in (y, noise * var, mean, variance, weight))
+            llr = cavity_llr(shared, *given)
         return with_surprises(self.temperature.exp() * llr, self.surprise)
 
     def calibrate(self, tiles: Tensor) -> tuple[Tensor, Tensor]:
@@ -131,7 +126,7 @@ class Refiner(nn.Module):
         ridge = self.level_ridge.exp()
         scales = [torch.full_like(ridge[:1], 1e-6), ridge[:-1]]
         if self.space:
-            x, y = self.tile_x, self.tile_y
+            x, y = self.x[: tiles.shape[1]], self.y[: tiles.shape[1]]
             i = (1 + tiles[..., 1:2]) / 2
             legendre = torch.cat([legendre, torch.stack([x, y, x * x + y * y], -1) * i], dim=-1)
             scales.append(ridge[-1:].expand(3))
@@ -151,71 +146,58 @@ class Refiner(nn.Module):
         return self.least_slope.exp() + softplus / SHARPNESS
 
     def design(
-        self, statistics: Tensor, h: Tensor, D: Tensor, *, of_tiles: bool
+        self, statistics: Tensor, h: Tensor, D: Tensor
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Columns S (B, N, 2) and N (B, N, K), change y (B, N) and its variance (B, N).
+        """Columns S (B, R, 2) and N (B, R, K), change y (B, R) and its variance (B, R).
 
-        Columns are scaled so that their coefficients have variance 1; y is in gray levels.
+        Rows are tiles, then blocks. Columns are scaled so that their coefficients have variance 1;
+        y is in gray levels.
         """
-        x, y = (self.tile_x, self.tile_y) if of_tiles else (self.block_x, self.block_y)
-        one = torch.ones_like(statistics[..., 0])
+        x, y, one = self.x, self.y, torch.ones_like(statistics[..., 0])
         P = torch.cat([one.unsqueeze(-1), statistics[..., 1:]], dim=-1)
-        signal, gain = (P * h.unsqueeze(1)).sum(-1), (P * D.unsqueeze(1)).sum(-1)
+        signal, gain = (P @ h.unsqueeze(-1)).squeeze(-1), (P @ D.unsqueeze(-1)).squeeze(-1)
         S = torch.stack([signal, gain], dim=-1) * self.signal.exp()
-        terms = torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()
-        columns = [terms]
+        columns = [torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()]
         if self.space_nuisance is not None:
-            where = [gain * x, gain * y, gain * x * x, gain * x * y, gain * y * y, one * x, one * y]
-            columns.append(torch.stack(where, dim=-1) * self.space_nuisance.exp())
+            where = torch.stack([x, y, x * x, x * y, y * y], dim=-1) * gain.unsqueeze(-1)
+            plane = torch.stack([x, y], dim=-1) * one.unsqueeze(-1)
+            columns.append(torch.cat([where, plane], dim=-1) * self.space_nuisance.exp())
         if self.row_nuisance is not None:
-            row = self.tile_row if of_tiles else self.block_row
-            member = one_hot(row, self.n_rows).to(one.dtype)
-            columns.append(member * gain.unsqueeze(-1) * self.row_nuisance.exp())
-        level = self.tile_noise if of_tiles else self.block_noise
-        variance = (2 * (P[..., :3] * level).sum(-1)).exp()
-        change = GRAY_LEVELS * statistics[..., 0]
-        return S, torch.cat(columns, dim=-1), change, variance
-
-
-class Prediction(NamedTuple):
-    """Of y, both (B, N)."""
-
-    mean: Tensor
-    variance: Tensor
-    """What the uncertain coefficients make of it, without noise."""
-
-
-def predict(F: Tensor, w: Tensor, covariance: Tensor) -> Prediction:
-    """F w and the diagonal of F covariance F'."""
-    return Prediction((F @ w).squeeze(-1), ((F @ covariance) * F).sum(-1))
+            columns.append(self.of_row * gain.unsqueeze(-1) * self.row_nuisance.exp())
+        log_noise = self.is_tile * self.tile_noise + (1 - self.is_tile) * self.block_noise
+        variance = (2 * (P[..., :3] * log_noise).sum(-1)).exp()
+        return S, torch.cat(columns, dim=-1), GRAY_LEVELS * statistics[..., 0], variance
 
 
 def cavity_llr(
-    bit1: Prediction,
-    bit0: Prediction,
-    shared: Tensor,
-    y: Tensor,
-    p1: Tensor,
-    p0: Tensor,
-    var: Tensor,
+    shared: Tensor, y: Tensor, noise: Tensor, mean: Tensor, variance: Tensor, weight: Tensor
 ) -> Tensor:
     """LLR of each block's bit given all others: the fit without that block, in closed form.
 
     With A the 2 x 2 covariance of the two predictions (``shared`` off its diagonal), m their means
-    and P = diag(p1, p0) the precisions with which the block entered, the cavity (Minka 2001,
-    expectation propagation) is
+    and P the diagonal of weights with which the block entered, the cavity (Minka 2001, expectation
+    propagation) is
         A' = (I - A P)^-1 A,  m' = (I - A P)^-1 (m - A P y).
     Otherwise a block that sways the fit would confirm its own label.
+
+    Args:
+        shared: (B, n_bits).
+        y: (B, 2 n_bits), as are all others: first of the blocks as bit 1, then as bit 0.
+        noise: variance.
+        mean: predicted y.
+        variance: of that prediction.
+        weight: inverse variance.
     """
-    a11, a00, a10 = bit1.variance, bit0.variance, shared
+    (y, _), (noise, _) = y.chunk(2, 1), noise.chunk(2, 1)
+    (m1, m0), (a11, a00), (p1, p0) = (v.chunk(2, 1) for v in (mean, variance, weight))
+    a10 = shared
     # I - A P and its determinant
     i11, i10, i01, i00 = 1 - a11 * p1, -a10 * p0, -a10 * p1, 1 - a00 * p0
     determinant = (i11 * i00 - i10 * i01).clamp_min(1e-9)
-    r1 = bit1.mean - (a11 * p1 + a10 * p0) * y
-    r0 = bit0.mean - (a10 * p1 + a00 * p0) * y
+    r1, r0 = m1 - (a11 * p1 + a10 * p0) * y, m0 - (a10 * p1 + a00 * p0) * y
     mean1, mean0 = (i00 * r1 - i10 * r0) / determinant, (i11 * r0 - i01 * r1) / determinant
-    var1 = var + (i00 * a11 - i10 * a10) / determinant
-    var0 = var + (i11 * a00 - i01 * a10) / determinant
+    var1 = noise + (i00 * a11 - i10 * a10) / determinant
+    var0 = noise + (i11 * a00 - i01 * a10) / determinant
     return ((y - mean0) ** 2 / var0 - (y - mean1) ** 2 / var1 + (var0 / var1).log()) / 2
 
 
@@ -239,24 +221,29 @@ def _weighted(F: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
     return weighted @ F, right
 
 
-def _positions(layout: Layout) -> dict[str, np.ndarray]:
-    """Centres of tiles and message blocks, -1 to 1 over the frame, and their rows of blocks."""
+def _positions(layout: Layout) -> dict[str, NDArray[np.float64]]:
+    """Of tiles, then message blocks: centres in -1 to 1, row of blocks one-hot, and kind."""
     row, col = np.nonzero(layout.message_mask)
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
     across = np.arange(TILES * TILES)
     tile_y = (TILES * cells[:, :1] + across // TILES).reshape(-1)  # (patches, 16) -> (tiles,)
     tile_x = (TILES * cells[:, 1:] + across % TILES).reshape(-1)
+    tiles = (2 * np.stack([tile_x, tile_y]) + 1) / (
+        TILES * np.array([[layout.cols], [layout.rows]])
+    )
+    blocks = (2 * np.stack([col, row]) + 1) / np.array([[layout.cols], [layout.rows]])
+    x, y = np.concatenate([tiles, blocks], axis=1) - 1
+    rows = np.concatenate([np.repeat(cells[:, 0], TILES * TILES), row])
+    is_tile = np.arange(len(rows)) < tile_y.size
     return {
-        "block_y": (2 * row + 1) / layout.rows - 1,
-        "block_x": (2 * col + 1) / layout.cols - 1,
-        "block_row": row.astype(np.int64),
-        "tile_y": (2 * tile_y + 1) / (TILES * layout.rows) - 1,
-        "tile_x": (2 * tile_x + 1) / (TILES * layout.cols) - 1,
-        "tile_row": np.repeat(cells[:, 0], TILES * TILES).astype(np.int64),
+        "x": x,
+        "y": y,
+        "of_row": np.eye(layout.rows)[rows],
+        "is_tile": is_tile.astype(np.float64)[:, None],
     }
 
 
-def _curves() -> dict[str, np.ndarray]:
+def _curves() -> dict[str, NDArray[np.float64]]:
     """Legendre polynomials on the grid of [0, 1], and the projection of curves on them."""
     grid = legvander(2 * GRID - 1, MOMENTS)
     return {"grid": grid, "project": np.linalg.pinv(grid)}
