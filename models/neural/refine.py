@@ -10,6 +10,8 @@ is the SVM's decision; a block weighs more than a tile for it is larger, so two 
 bring far more than the tiles alone can.
 """
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.polynomial.legendre import legvander
@@ -221,7 +223,7 @@ def _weighted(F: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
     return weighted @ F, right
 
 
-def _positions(layout: Layout) -> dict[str, NDArray[np.float64]]:
+def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
     """Of tiles, then message blocks: centres in -1 to 1, row of blocks one-hot, and kind."""
     row, col = np.nonzero(layout.message_mask)
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
@@ -243,7 +245,7 @@ def _positions(layout: Layout) -> dict[str, NDArray[np.float64]]:
     }
 
 
-def _curves() -> dict[str, NDArray[np.float64]]:
+def _curves() -> dict[str, NDArray[Any]]:
     """Legendre polynomials on the grid of [0, 1], and the projection of curves on them."""
     grid = legvander(2 * GRID - 1, MOMENTS)
     return {"grid": grid, "project": np.linalg.pinv(grid)}
