@@ -158,13 +158,14 @@ class PhiDecoder(nn.Module):
             blocks: (B, n_bits, F) float64, features averaged over message blocks. F is n_features,
                 and with refinement 1 + MOMENTS more (see `models.neural.refine`).
         """
-        i_o, i_e = self.intensity(original), self.intensity(embedded)
+        mixed = self.reduce(original, slice(0, 4))
+        i_o, i_e = mixed[:, self.channels], self.reduce(embedded, self.channels)
         if self.config.register:
             i_e = register(i_o, i_e)
         maps = [channel_mean(feature) for feature in self.phi(i_o, i_e)]
         if self.refiner is not None:
             change = self.luma_of(i_e) - self.luma_of(i_o)
-            maps += [change, self.moments(self.reduce(original, slice(1, 4)))]
+            maps += [change, self.moments(mixed[:, 1:])]
         weights = torch.ones_like(maps[0])
         if self.config.texture:
             dx, dy = gradients(channel_mean(i_o + i_e) / 2)
@@ -194,16 +195,17 @@ class PhiDecoder(nn.Module):
             scores = self.refiner(tiles, blocks[..., n:], scores)
         return scores.float(), head.float()
 
-    def intensity(self, frame: Tensor) -> Tensor:
-        """(B, 3, H, W) in [0, 255] -> (B, C, H', W') float32 in [0, 1]; C is 1 (luma) or 3."""
-        return self.reduce(frame, slice(0, 1) if self.config.channels == "luma" else slice(1, 4))
+    @property
+    def channels(self) -> slice:
+        """Those of luma, R, G, B that Phi takes: the intensities, of C = 1 or 3 channels."""
+        return slice(0, 1) if self.config.channels == "luma" else slice(1, 4)
 
     def reduce(self, frame: Tensor, channels: slice) -> Tensor:
-        """The chosen ones of luma, R, G, B in [0, 1], at the resolution of the config."""
+        """(B, 3, H, W) in [0, 255] -> chosen ones of luma, R, G, B: (B, C, H', W') in [0, 1]."""
         return conv2d(frame.float(), self.mix[channels], stride=self.config.coarsen)
 
     def luma_of(self, i: Tensor) -> Tensor:
-        """(B, C, H, W) of `intensity` -> (B, 1, H, W)."""
+        """Intensities (B, C, H, W) -> (B, 1, H, W)."""
         return i if i.shape[1] == 1 else conv2d(i, torch.tensor(LUMA).reshape(1, 3, 1, 1))
 
     def moments(self, frame: Tensor) -> Tensor:
