@@ -17,7 +17,7 @@ RIDGE = 1e-6
 """Of the least squares, per pixel, in squared intensity: flat pictures stay where they are."""
 FINE = 2
 """Pixels averaged per axis for the last step."""
-COARSE = 4
+COARSE = 2
 """The same for the first, of the pixels of the last."""
 
 
