@@ -82,10 +82,10 @@ class PhiDecoder(nn.Module):
     """OORC in torch, and what goes beyond it.
 
     With the default configuration it is, untrained, the twin of `models.classical.oorc` (the
-    method ``phi``): ridge 1, prior 0, C = 1. Training (the method ``learned``) changes what is shared across
-    frames: ridge (which scales each feature) and prior of the head, C, the spreads of the
-    `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself is
-    always fitted to the ratex pixels of the frame pair at hand.
+    method ``phi``): ridge 1, prior 0, C = 1. Training (the method ``learned``) changes what is
+    shared across frames: ridge (which scales each feature) and prior of the head, C, the spreads of
+    the `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself
+    is always fitted to the ratex pixels of the frame pair at hand.
 
     Raises:
         UnsuitedError: the layout has no ratex patch.
