@@ -19,7 +19,7 @@ from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
 from link.images import make_folder, write_bytes, write_image
 from link.layout import make_layout
-from models import DECODERS
+from models import DECODERS, PRETRAINED
 from reports.compare import (
     METHODS,
     Method,
@@ -34,7 +34,6 @@ from reports.protocols import PROTOCOLS, apply
 from reports.tables import paper_tables, summary_table
 
 CONFIG = "config.json"
-PRETRAINED = Path(__file__).parent / "models" / "neural" / "pretrained"
 
 
 @dataclass(frozen=True)

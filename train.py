@@ -12,11 +12,10 @@ from pathlib import Path
 import torch
 import tyro
 from torch.nn.functional import binary_cross_entropy_with_logits
-from tqdm import tqdm, trange
+from tqdm import tqdm
 
-from data_gen.augment import augment
 from data_gen.dataset import Source
-from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.episodes import EpisodePlan, EpisodeSet, augmented, simulate_episodes
 from data_gen.optics import check_view
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export
@@ -157,14 +156,7 @@ def summarise(
     module: PhiDecoder, episodes: EpisodeSet, device: str, generator: torch.Generator
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Augment every episode and reduce it to what the learned part of the decoder takes."""
-    parts = []
-    for start in trange(0, len(episodes.bits), 8, desc="augment", unit="batch", leave=False):
-        batch = slice(start, start + 8)
-        original, embedded = (
-            episodes.original[batch].to(device),
-            episodes.embedded[batch].to(device),
-        )
-        parts.append(module.summarise(*augment(original, embedded, generator)))
+    parts = [module.summarise(*batch) for batch in augmented(episodes, device, generator)]
     ratex, blocks = (torch.cat(part) for part in zip(*parts, strict=True))
     return ratex, blocks
 

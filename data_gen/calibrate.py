@@ -31,10 +31,10 @@ from tqdm import tqdm
 from data_gen.dataset import Cell, Source, simulate
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED_FILE
 from link.errors import at_least, run_cli
-from link.images import write_bytes
+from link.images import intensity, write_bytes
 from link.layout import block_mean, make_layout
 from link.ratex import tile_labels
-from models.classical.common import fit_svm, intensity, require_ratex, tile_mean
+from models.classical.common import fit_svm, require_ratex, tile_mean
 from models.classical.two_step import fit_inverse_response
 from reports.compare import digest_files
 from reports.metrics import command

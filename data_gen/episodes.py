@@ -1,6 +1,6 @@
 """Training episodes: simulated, rectified frame pairs as tensors."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -9,8 +9,9 @@ import torch
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from torch import Tensor
-from tqdm import tqdm
+from tqdm import tqdm, trange
 
+from data_gen.augment import augment
 from data_gen.dataset import Cell, Source, simulate
 from data_gen.effects import EFFECTS
 from link.errors import choose
@@ -38,6 +39,8 @@ class EpisodeSet:
     """(N, n_bits) int64, 0 or 1."""
 
 
+BATCH = 8
+"""Frame pairs augmented at a time."""
 VARIED = {
     "drift": (0.005, 0.1),
     "jitter_px": (0.05, 0.8),
@@ -85,6 +88,16 @@ def simulate_episodes(
         torch.from_numpy(np.stack(part)) for part in zip(*done, strict=True)
     )
     return EpisodeSet(original.permute(0, 3, 1, 2), embedded.permute(0, 3, 1, 2), bits)
+
+
+def augmented(
+    episodes: EpisodeSet, device: str, generator: torch.Generator
+) -> Iterator[tuple[Tensor, Tensor]]:
+    """Both frames of all episodes, varied by `augment` anew, in batches on ``device``, in order."""
+    for start in trange(0, len(episodes.bits), BATCH, desc="augment", unit="batch", leave=False):
+        batch = slice(start, start + BATCH)
+        original, embedded = episodes.original[batch], episodes.embedded[batch]
+        yield augment(original.to(device), embedded.to(device), generator)
 
 
 def _rectified(

@@ -21,12 +21,12 @@ from export.parity import synthetic_pair
 from export.runtime import Decoder
 from link.errors import at_least, run_cli
 from link.frames import Rectified
-from link.images import as_batch
+from link.images import as_batch, intensity
 from link.ratex import training_pixels
-from models.classical.common import intensity
+from models import PRETRAINED
 from models.classical.oorc import OORC, explicit_map
 
-MODEL = Path(__file__).parent.parent / "models" / "neural" / "pretrained" / "decoder.onnx"
+MODEL = PRETRAINED / "decoder.onnx"
 REFERENCE = "two warpPerspective"
 CAPTURE = (720, 960)
 """Rows and columns of the capture that the two reference warps rectify."""

@@ -10,6 +10,15 @@ from numpy.typing import NDArray
 from link.errors import InputError
 
 MIN_SIDE_PX = 16
+LUMA = (0.299, 0.587, 0.114)
+"""Weights of R, G, B (ITU-R BT.601)."""
+
+
+def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """(H, W) float32 in [0, 1], encoded: luma of an RGB frame, or a gray frame as it is."""
+    scaled = frame.astype(np.float32) / np.float32(255)
+    luma = np.array(LUMA, np.float32)
+    return np.asarray(scaled if frame.ndim == 2 else scaled @ luma, np.float32)
 
 
 def read_image(path: Path | str) -> NDArray[np.uint8]:

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.images import intensity
+
 REACH_PX = 8
 """Largest whole-pixel shift that `whole_pixel_shift` considers."""
 EDGE_SIGMA_PX = 3.0
@@ -26,14 +28,6 @@ RIDGE = 1e-7
 """Of the least squares, per pixel, in squared intensity: flat pictures stay where they are."""
 ROBUST = 1.4826 * 2
 """Residual beyond which a pixel counts less, in median absolute ones: 2 standard deviations."""
-
-
-def gray(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(H, W) float32 in [0, 1], encoded: BT.601 luma of an RGB frame, or a gray frame."""
-    scaled = frame.astype(np.float32) / np.float32(255)
-    if frame.ndim == 2:
-        return scaled
-    return np.asarray(cv2.cvtColor(scaled, cv2.COLOR_RGB2GRAY), np.float32)
 
 
 def edges(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -59,7 +53,7 @@ def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) 
     height, width = original.shape[:2]
     if min(height, width) < 6 * REACH_PX:
         return 0, 0
-    fixed, moving = edges(gray(original)), edges(gray(embedded))
+    fixed, moving = edges(intensity(original)), edges(intensity(embedded))
     inner = fixed[REACH_PX : height - REACH_PX, REACH_PX : width - REACH_PX]
     if min(float(inner.std()), float(moving.std())) < 1e-3:  # a quarter of a gray level
         return 0, 0
@@ -140,7 +134,7 @@ def align(
         float32 in [0, 1], encoded; and (H, W) bool, false where the embedded frame ends. It stays
         where it was if moving brings the edges no closer.
     """
-    fixed, moving = gray(original), gray(embedded)
+    fixed, moving = intensity(original), intensity(embedded)
     height, width = fixed.shape
     dy, dx = whole_pixel_shift(original, embedded)
     H = np.array([[1, 0, 2 * dx / width], [0, 1, 2 * dy / height], [0, 0, 1.0]])

@@ -1,11 +1,14 @@
 """Decoders by name. Importing this package imports no torch; the modules load on use."""
 
 from importlib import import_module
+from pathlib import Path
 from typing import Any, Protocol
 
 from link.errors import choose
 from link.frames import Rectified, SoftBits
 
+PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
+"""The shipped checkpoint of ``learned``, trained on all pairs."""
 DECODERS = {
     "naive": "models.classical.naive:Naive",
     "two_step": "models.classical.two_step:TwoStep",

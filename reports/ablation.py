@@ -19,6 +19,7 @@ from data_gen.pairs import PAIRS
 from link.errors import InputError, at_least, choose, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
+from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from reports.ablation_page import Entry, Standing, against_oorc, measure, plot, tables
 from reports.compare import decode_cells
@@ -28,7 +29,6 @@ from reports.paired import Outcomes, behind, outcomes
 from reports.reliability import diagram, pooled, reliability_page
 from reports.variants import ROWS, method_for
 
-PRETRAINED = Path(__file__).parents[1] / "models" / "neural" / "pretrained"
 APART = ("learned", "ideal")
 """Decoded into folders of their own: a new checkpoint costs no other row its results."""
 WHOLE = ("full", "learned")
@@ -52,8 +52,8 @@ class AblationConfig:
     frames: int = 20
     """Frame pairs a cell, which is a pair, view and kappa; each frame pair has 59 bits."""
     seed: int = 0
-    run: Path = PRETRAINED
-    """Checkpoint of the trained decoder."""
+    run: Path | None = None
+    """Checkpoint of the trained decoder: by default the shipped one."""
     out: Path = Path("runs/ablation")
     """Folder for the report, and in it one a condition, from which a cut-off run goes on."""
     jobs: int = os.cpu_count() or 1
@@ -103,7 +103,7 @@ def check(config: AblationConfig) -> None:
     at_least(0, seed=config.seed)
     if config.learned:
         try:
-            load_checkpoint(config.run)
+            load_checkpoint(config.run or PRETRAINED)
         except InputError as error:
             raise InputError(f"--run: {error}; or leave it out: --no-learned") from None
 
@@ -116,7 +116,7 @@ def decode(config: AblationConfig, condition: str, rows: Sequence[str]) -> list[
     lines = []
     for group in groups:
         folder = config.out / condition / (group[0] if group[0] in APART else "switches")
-        methods = [method_for(row, config.run) for row in group]
+        methods = [method_for(row, config.run or PRETRAINED) for row in group]
         where = cells(chosen, config.pairs)
         lines += decode_cells(filmed, where, config.frames, methods, folder, config.jobs)
     return lines

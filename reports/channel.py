@@ -22,11 +22,10 @@ from data_gen.channel import capture, cdtf
 from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.pairs import CAMERAS, DISPLAYS, PAIRS
 from link.errors import at_least, run_cli
-from link.images import write_bytes, write_image
+from link.images import LUMA, intensity, write_bytes, write_image
 from link.layout import make_layout
-from models import make_decoder
-from models.classical.common import LUMA, intensity
-from reports.compare import Method
+from models import PRETRAINED, make_decoder
+from reports.compare import Method, methods_for
 from reports.protocols import apply
 from reports.sensitivity import sensitivity_table
 
@@ -210,9 +209,8 @@ def main() -> None:
     plot_angles(docs / "channel_angles.png", source)
     plot_decisions(docs / "channel_decisions.png", source)
     write_image(docs / "channel_sheet.jpg", contact_sheet(source))
-    checkpoint = Path(__file__).parent.parent / "models" / "neural" / "pretrained"
     methods = apply("paper", [Method(n) for n in ("naive", "two_step", "oorc", "hidden_ratex")])
-    methods.append(Method("learned", (("checkpoint", checkpoint),)))
+    methods += methods_for(["learned"], PRETRAINED)
     table = sensitivity_table(methods, config.frames, config.seed, config.work, config.jobs)
     parts = [
         "# The simulated channel",

@@ -5,7 +5,6 @@ those are, and flips besides. Its network is `models.neural.cnn`.
 """
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,20 +13,16 @@ import torch
 import tyro
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
-from tqdm import tqdm, trange
+from tqdm import tqdm
 
-from data_gen.augment import augment
 from data_gen.dataset import Source
-from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.episodes import EpisodePlan, EpisodeSet, augmented, simulate_episodes
 from data_gen.pairs import PAIRS
 from link.errors import InputError, at_least, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
 from models.neural.checkpoint import save_checkpoint
 from models.neural.cnn import PRETRAINED, BlockNet, CnnConfig, to_cells
-
-SUBSET = 8
-"""Frame pairs augmented at a time."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +105,7 @@ def train(
     log = []
     progress = tqdm(total=steps, desc="train", unit="step")
     for _ in range(config.rounds):
-        cells = augmented(episodes, layout, generator)
+        cells = augmented_cells(episodes, layout, generator)
         for _ in range(config.epochs):
             losses, wrong = [], []
             order = torch.randperm(len(labels), generator=generator)
@@ -146,19 +141,13 @@ def block_maps(bits: Tensor, layout: Layout) -> tuple[Tensor, Tensor]:
 
 
 @torch.no_grad()
-def augmented(
+def augmented_cells(
     episodes: EpisodeSet, layout: Layout, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
     """Every original and embedded frame, augmented as for ``learned`` and averaged to cells."""
-
-    def parts() -> Iterator[list[Tensor]]:
-        starts = trange(0, len(episodes.bits), SUBSET, desc="augment", unit="batch", leave=False)
-        for start in starts:
-            batch = slice(start, start + SUBSET)
-            pair = augment(episodes.original[batch], episodes.embedded[batch], generator)
-            yield [to_cells(frame, layout.rows, layout.cols) for frame in pair]
-
-    original, embedded = (torch.cat(frames) for frames in zip(*parts(), strict=True))
+    batches = augmented(episodes, "cpu", generator)
+    parts = ([to_cells(frame, layout.rows, layout.cols) for frame in pair] for pair in batches)
+    original, embedded = (torch.cat(frames) for frames in zip(*parts, strict=True))
     return original, embedded
 
 

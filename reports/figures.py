@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from link.frames import Captured, Rectified, SoftBits
-from link.images import as_rgb, write_bytes
+from link.images import as_rgb, intensity, write_bytes
 from link.layout import block_index
 from link.ratex import training_pixels
-from models.classical.common import intensity, tile_mean
+from models.classical.common import tile_mean
 from models.classical.oorc import inverse_response
 
 GAIN = 8.0

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.frames import Captured
-from models.classical.common import intensity
+from link.images import intensity
 
 Array = NDArray[np.floating]
 HIGH_PASS_PX = 2.0

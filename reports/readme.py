@@ -11,7 +11,7 @@ from data_gen.pairs import PAIRS
 from link.errors import at_least, run_cli
 from link.images import write_image
 from link.layout import make_layout
-from models import DECODERS, make_decoder
+from models import DECODERS, PRETRAINED, make_decoder
 from models.neural.decoder import FULL
 from reports.compare import Method, decode_cells, methods_for, paper_cells
 from reports.figures import overview, plot_inverse_responses
@@ -30,7 +30,7 @@ class ReadmeConfig:
     """Frame pairs a cell, one a test picture."""
     seed: int = 0
     jobs: int = os.cpu_count() or 1
-    checkpoint: Path = Path("models/neural/pretrained")
+    checkpoint: Path = PRETRAINED
 
 
 def readme_table(metrics: Path) -> str:

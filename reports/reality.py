@@ -19,9 +19,8 @@ from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.pairs import PAIRS
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, run_cli
-from link.images import as_rgb, read_image, write_bytes, write_image
+from link.images import LUMA, as_rgb, read_image, write_bytes, write_image
 from link.layout import make_layout
-from models.classical.common import LUMA
 from reports.noise import (
     LEVELS,
     Array,

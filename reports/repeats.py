@@ -23,11 +23,10 @@ from link.errors import at_least, choose, run_cli
 from link.frames import combined
 from link.images import write_bytes
 from link.layout import make_layout
+from models import PRETRAINED
 from models.neural.methods import Learned
 from reports.conditions import CONDITIONS, cells, source
 from reports.metrics import provenance, wilson
-
-PRETRAINED = Path("models/neural/pretrained")
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from models.neural.decoder import FULL, DecoderConfig
-from reports.compare import Method
+from reports.compare import Method, methods_for
 
 ADDED: dict[str, dict[str, Any]] = {
     "phi+drift": {"drift_degree": 2},
@@ -33,11 +33,11 @@ ROWS = ("oorc", "phi", *ADDED, "full", *REMOVED)
 
 def method_for(row: str, checkpoint: Path) -> Method:
     """The decoder of a row: of `ROWS`, "learned" from the checkpoint, or another method by name."""
-    if row == "learned":
-        return Method(row, (("checkpoint", checkpoint),))
     config = None
     if row == "phi" or row in ADDED:
         config = replace(DecoderConfig(), **ADDED.get(row, {}))
     elif row == "full" or row in REMOVED:
         config = replace(FULL, **REMOVED.get(row, {}))
-    return Method(row) if config is None else Method("phi", (("config", config),), label=row)
+    if config is None:
+        return methods_for([row], checkpoint)[0]
+    return Method("phi", (("config", config),), label=row)

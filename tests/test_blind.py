@@ -10,8 +10,9 @@ from data_gen.dataset import Cell, Source, shuffled_pictures, simulate
 from data_gen.pairs import get_pair
 from link.embed import embed
 from link.frames import Captured, Rectified
+from link.images import intensity
 from link.layout import Layout, make_layout
-from link.register import REACH_PX, align, edges, gray, whole_pixel_shift
+from link.register import REACH_PX, align, edges, whole_pixel_shift
 from models import make_decoder
 from models.classical.blind import SPREAD, fit, log_odds
 from models.classical.tones import TONES, cut_into_tones
@@ -62,7 +63,7 @@ def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captu
 
 def test_blind_reads_gray_frames(filmed: Captured) -> None:
     pair = filmed.rectified()
-    frames = [(255 * gray(f)).round().astype(np.uint8) for f in (pair.original, pair.embedded)]
+    frames = [(255 * intensity(f)).round().astype(np.uint8) for f in (pair.original, pair.embedded)]
     assert errors(replace(pair, original=frames[0], embedded=frames[1]), truth(filmed)) == 0
 
 
@@ -195,8 +196,8 @@ def test_align_undoes_a_homography_and_an_exposure(scene: NDArray[np.uint8]) -> 
     embedded = np.asarray(cv2.warpPerspective(scene, H, (width, height), flags=cv2.INTER_CUBIC))
     luma, inside = align(scene, (0.9 * embedded).astype(np.uint8))
     inside[:12], inside[-12:], inside[:, :12], inside[:, -12:] = 0, 0, 0, 0  # the scene ends there
-    target = edges(gray(scene))[inside]
-    before = np.corrcoef(target, edges(gray(embedded))[inside])[0, 1]
+    target = edges(intensity(scene))[inside]
+    before = np.corrcoef(target, edges(intensity(embedded))[inside])[0, 1]
     after = np.corrcoef(target, edges(luma)[inside])[0, 1]
     assert inside.mean() > 0.8
     assert before < 0.6
@@ -207,5 +208,5 @@ def test_align_leaves_frames_that_share_nothing_where_they_are() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (2, 100, 120)).astype(np.uint8)
     flat = np.full((100, 120), 90, np.uint8)
     luma, inside = align(flat, noise[0])
-    np.testing.assert_array_equal(luma, gray(noise[0]))
+    np.testing.assert_array_equal(luma, intensity(noise[0]))
     assert inside.all()

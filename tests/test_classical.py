@@ -14,10 +14,11 @@ from link.embed import embed
 from link.equalise import equalise
 from link.errors import InputError
 from link.frames import Rectified
+from link.images import intensity
 from link.layout import Layout, make_layout
 from link.ratex import training_pixels
 from models import DECODERS, make_decoder
-from models.classical.common import POOLINGS, fit_svm, intensity
+from models.classical.common import POOLINGS, fit_svm
 from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
 from models.classical.oorc import (
     explicit_map,

@@ -14,20 +14,13 @@ from sklearn.svm import LinearSVC
 
 from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
+from link.images import intensity
 from link.layout import block_mean
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
 
 Array = NDArray[np.floating[Any]]
 Features = Callable[[Array, Array], Array]
 """(..., ) i_o and i_e in [0, 1] -> (..., D)."""
-
-LUMA = np.array([0.299, 0.587, 0.114], np.float32)  # ITU-R BT.601
-
-
-def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(H, W) float32 in [0, 1], encoded: luma of an RGB frame, or a gray frame as it is."""
-    scaled = frame.astype(np.float32) / np.float32(255)
-    return np.asarray(scaled if frame.ndim == 2 else scaled @ LUMA, np.float32)
 
 
 def tile_mean(samples: Array) -> Array:

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from link.frames import Rectified, SoftBits
+from link.images import intensity
 from models.classical.common import (
     Array,
     decode_with_svm,
     decode_with_threshold,
-    intensity,
     require_ratex,
 )
 

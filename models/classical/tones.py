@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.frames import Rectified
+from link.images import intensity
 from link.layout import block_index
-from link.register import align, gray
+from link.register import align
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ class Tones:
 def cut_into_tones(pair: Rectified) -> Tones:
     """Register the frames and average over the tones of each message block."""
     layout = pair.layout
-    i_o = gray(pair.original)
+    i_o = intensity(pair.original)
     i_e, inside = align(pair.original, pair.embedded)
     i = (i_o + i_e) / 2
     smooth = cv2.GaussianBlur(i, (0, 0), 1.0)

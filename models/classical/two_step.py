@@ -8,12 +8,12 @@ from numpy.polynomial import Legendre
 
 from link.errors import UnsuitedError
 from link.frames import Rectified, SoftBits
+from link.images import intensity
 from link.ratex import TrainingPixels
 from models.classical.common import (
     Array,
     decode_with_svm,
     decode_with_threshold,
-    intensity,
     require_ratex,
 )
 

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
 from link.errors import InputError, UnsuitedError, choose
+from link.images import LUMA
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
@@ -19,9 +20,8 @@ from models.neural.refine import MOMENTS, Refiner
 from models.neural.register import channel_mean, gradients, register
 from models.neural.solver import fit_head
 
-LUMA = (0.299, 0.587, 0.114)
-CHANNELS = {"luma": LUMA, "rgb": None}
-"""Luma (ITU-R BT.601), or Phi per colour channel with one shared head."""
+CHANNELS = {"luma": slice(0, 1), "rgb": slice(1, 4)}
+"""Of luma, R, G, B: luma, or Phi per colour channel with one shared head."""
 MAX_ROUNDS = 8
 
 
@@ -198,7 +198,7 @@ class PhiDecoder(nn.Module):
     @property
     def channels(self) -> slice:
         """Those of luma, R, G, B that Phi takes: the intensities, of C = 1 or 3 channels."""
-        return slice(0, 1) if self.config.channels == "luma" else slice(1, 4)
+        return CHANNELS[self.config.channels]
 
     def reduce(self, frame: Tensor, channels: slice) -> Tensor:
         """(B, 3, H, W) in [0, 255] -> chosen ones of luma, R, G, B: (B, C, H', W') in [0, 1]."""
@@ -206,7 +206,7 @@ class PhiDecoder(nn.Module):
 
     def luma_of(self, i: Tensor) -> Tensor:
         """Intensities (B, C, H, W) -> (B, 1, H, W)."""
-        return i if i.shape[1] == 1 else conv2d(i, torch.tensor(LUMA).reshape(1, 3, 1, 1))
+        return i if i.shape[1] == 1 else conv2d(i, i.new_tensor(LUMA).reshape(1, 3, 1, 1))
 
     def moments(self, frame: Tensor) -> Tensor:
         """P_k(2 i - 1), k = 1 ... MOMENTS, weighted over channels as luma is: RGB -> MOMENTS."""

@@ -230,10 +230,9 @@ def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
     across = np.arange(TILES * TILES)
     tile_y = (TILES * cells[:, :1] + across // TILES).reshape(-1)  # (patches, 16) -> (tiles,)
     tile_x = (TILES * cells[:, 1:] + across % TILES).reshape(-1)
-    tiles = (2 * np.stack([tile_x, tile_y]) + 1) / (
-        TILES * np.array([[layout.cols], [layout.rows]])
-    )
-    blocks = (2 * np.stack([col, row]) + 1) / np.array([[layout.cols], [layout.rows]])
+    size = np.array([[layout.cols], [layout.rows]])
+    tiles = (2 * np.stack([tile_x, tile_y]) + 1) / (TILES * size)
+    blocks = (2 * np.stack([col, row]) + 1) / size
     x, y = np.concatenate([tiles, blocks], axis=1) - 1
     rows = np.concatenate([np.repeat(cells[:, 0], TILES * TILES), row])
     is_tile = np.arange(len(rows)) < tile_y.size
