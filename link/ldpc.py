@@ -1,0 +1,130 @@
+"""A low-density parity-check code of any length, and belief propagation.
+
+Irregular repeat-accumulate (Jin, Khandekar & McEliece 2000, as in DVB-S2): parity bit j is
+    p_j = p_(j-1) + (sum of the information bits of check j)  mod 2,
+so encoding is a running sum, and every column of the parity-check matrix is sparse. The graph
+depends on the number of bits alone: both ends build the same one.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+DEGREES = ((0.4, 8), (0.6, 3))
+"""Shares of the information bits, and in how many checks each stands (DVB-S2 at rate 1/2)."""
+MAX_LLR = 30.0
+ITERATIONS = 60
+
+
+def scrambled(numbers: NDArray[np.integer], seed: int) -> NDArray[np.uint64]:
+    """(N,) pseudo-random 64-bit words of whole numbers, the same on every machine (splitmix64)."""
+    x = numbers.astype(np.uint64) + np.uint64((seed * 0x9E3779B97F4A7C15) % 2**64)
+    x += np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        x = (x ^ (x >> np.uint64(shift))) * np.uint64(factor)
+    return np.asarray(x ^ (x >> np.uint64(31)), np.uint64)
+
+
+@dataclass(frozen=True)
+class Code:
+    """The graph: edge e joins bit ``bit[e]`` and check ``check[e]``; edges are sorted by check."""
+
+    information: int
+    """Information bits; they come first in a codeword."""
+    parity: int
+    bit: NDArray[np.intp]
+    """(E,) of information + parity."""
+    check: NDArray[np.intp]
+    """(E,) of parity."""
+    starts: NDArray[np.intp]
+    """(parity,) first edge of each check."""
+
+    @property
+    def length(self) -> int:
+        """Bits of a codeword."""
+        return self.information + self.parity
+
+    def encode(self, information: NDArray[np.integer]) -> NDArray[np.uint8]:
+        """(information,) 0 or 1 -> (length,) uint8 codeword."""
+        mine = self.bit < self.information
+        sums = np.bincount(
+            self.check[mine], information[self.bit[mine]], minlength=self.parity
+        ).astype(np.int64)
+        return np.concatenate([information, np.cumsum(sums) % 2]).astype(np.uint8)
+
+    def unsatisfied(self, codeword: NDArray[np.integer]) -> int:
+        """Checks that a (length,) word of 0 and 1 fails."""
+        return int((np.add.reduceat(codeword[self.bit].astype(np.int64), self.starts) % 2).sum())
+
+    def decode(
+        self, llr: NDArray[np.float64], iterations: int = ITERATIONS
+    ) -> NDArray[np.uint8] | None:
+        """Belief propagation (sum-product, all checks and then all bits in each iteration).
+
+        Args:
+            llr: (length,) log-likelihood ratios, positive for 1; 0 where nothing was received.
+            iterations: at most.
+
+        Returns:
+            (length,) uint8, a codeword, or None where none was found.
+        """
+        channel = np.clip(np.nan_to_num(llr), -MAX_LLR, MAX_LLR)
+        messages = channel[self.bit]
+        for _ in range(iterations):
+            # positive for 1, so the sign of a check's product is (-1) ** (its edges + 1)
+            tanh = np.tanh(np.clip(messages, -MAX_LLR, MAX_LLR) / 2)
+            magnitude = np.log(np.maximum(np.abs(tanh), 1e-12))
+            negative = (tanh >= 0).astype(np.int64)
+            total = np.add.reduceat(magnitude, self.starts)[self.check] - magnitude
+            odd = (np.add.reduceat(negative, self.starts)[self.check] - negative) % 2
+            back = 2 * np.arctanh(np.minimum(np.exp(total), 1 - 1e-12)) * (2 * odd - 1)
+            posterior = channel + np.bincount(self.bit, back, minlength=self.length)
+            word = (posterior > 0).astype(np.uint8)
+            if self.unsatisfied(word) == 0:
+                return word
+            messages = posterior[self.bit] - back
+        return None
+
+
+@lru_cache(maxsize=16)
+def make_code(information: int, parity: int) -> Code:
+    """The code with these numbers of bits, at least 8 each.
+
+    Each information bit in turn takes the next free sockets of the checks, in a scrambled order,
+    passing over those that would close a cycle of length four.
+    """
+    degree = np.concatenate(
+        [np.full(round(share * information), times) for share, times in DEGREES]
+    )
+    degree = np.resize(degree, information)  # rounding may leave one bit too many or too few
+    per_check = -(-int(degree.sum()) // parity)
+    order = np.argsort(scrambled(np.arange(parity * per_check), parity), kind="stable")
+    free = [int(socket) % parity for socket in order]
+    members: list[list[int]] = [[] for _ in range(parity)]
+    checks_of: list[list[int]] = []
+    for number in range(information):
+        chosen: list[int] = []
+        barred: set[int] = set()
+        for _ in range(int(degree[number])):
+            best = next((at for at in range(min(len(free), 64)) if free[at] not in barred), None)
+            if best is None:
+                best = next((at for at, check in enumerate(free) if check not in chosen), None)
+            if best is None:
+                break
+            check = free.pop(best)
+            chosen.append(check)
+            barred |= {check - 1, check, check + 1}
+            barred.update(other for member in members[check] for other in checks_of[member])
+        for check in chosen:
+            members[check].append(number)
+        checks_of.append(chosen)
+    bit = np.array([number for number, checks in enumerate(checks_of) for _ in checks], np.intp)
+    check = np.array([check for checks in checks_of for check in checks], np.intp)
+    chain = np.arange(parity)
+    bit = np.concatenate([bit, information + chain, information + chain[:-1]])
+    check = np.concatenate([check, chain, chain[1:]])
+    by_check = np.lexsort((bit, check))
+    starts = np.searchsorted(check[by_check], chain)
+    return Code(information, parity, bit[by_check], check[by_check], starts)
