@@ -80,11 +80,12 @@ def draw(
     camera, display = pair.camera, pair.display
     nuisance = pair.nuisance(view_deg)
     pose = draw_pose(view_deg, rng)
-    size = (
-        (CAPTURE_WIDTH, CAPTURE_HEIGHT) if pair.setup.perspective else (layout.width, layout.height)
-    )
-    H_original = project(pose, layout.width, layout.height) if pair.setup.perspective else np.eye(3)
-    move = motion(nuisance.jitter_px, camera.breathing, size, rng)
+    size, H_original, reduction = (layout.width, layout.height), np.eye(3), 1.0
+    if pair.setup.perspective:
+        reduction = pair.setup.resolution
+        size = round(CAPTURE_WIDTH * reduction), round(CAPTURE_HEIGHT * reduction)
+        H_original = reduced(size) @ project(pose, layout.width, layout.height)
+    move = motion(reduction * nuisance.jitter_px, camera.breathing, size, rng)
     drift = float(np.exp(nuisance.drift * rng.standard_normal()))
     phases = rng.uniform(0, 1, 2)
     room = room_light(display, layout.height, layout.width, rng)[:, :, None]
@@ -100,12 +101,18 @@ def draw(
         gain = (vignetting * (np.float32(iso * exposure_gain) * rows))[:, :, None]
         if display.grid_contrast > 0:
             gain = gain * moire_gain(pair, layout, H, size)
-        return Shot(pair, theta, room, H, gain, iso, nuisance.noise_scale, noise_rng)
+        return Shot(pair, theta, room, H, gain, iso, reduction * nuisance.noise_scale, noise_rng)
 
     first, second = rng.spawn(2)
     return shot(H_original, 1.0, phases[0], first), shot(
         move @ H_original, drift, phases[1], second
     )
+
+
+def reduced(size: tuple[int, int]) -> NDArray[np.float64]:
+    """(3, 3), pixels of the usual capture to those of one of ``size`` (width, height)."""
+    a, b = size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT
+    return np.array([[a, 0, (a - 1) / 2], [0, b, (b - 1) / 2], [0, 0, 1]])
 
 
 def capture(
@@ -122,8 +129,8 @@ def capture(
         rng: every random draw comes from here.
 
     Returns:
-        `Captured` with RGB frames (of CAPTURE_HEIGHT x CAPTURE_WIDTH; of the display's size without
-        perspective), the reported corners, and the true bits.
+        `Captured` with RGB frames (of CAPTURE_HEIGHT x CAPTURE_WIDTH, times the setup's resolution;
+        of the display's size without perspective), the reported corners, and the true bits.
 
     Raises:
         InputError: ``view_deg`` is out of range.

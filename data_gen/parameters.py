@@ -171,6 +171,9 @@ class Setup(Limited):
     frontal settings, 1 keeps white equally bright."""
     corner_px: Annotated[float, Limits(0.0, 20.0)]
     """Standard deviation per coordinate of the reported corners, captured pixels."""
+    resolution: Annotated[float, Limits(0.2, 1.0)] = 1.0
+    """Pixels of the stored image along an axis, relative to the usual capture: the same picture
+    reduced, with ever more native pixels pooled in one captured pixel."""
 
 
 @dataclass(frozen=True)
