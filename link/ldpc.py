@@ -101,7 +101,7 @@ def make_code(information: int, parity: int) -> Code:
     degree = np.resize(degree, information)  # rounding may leave one bit too many or too few
     per_check = -(-int(degree.sum()) // parity)
     order = np.argsort(scrambled(np.arange(parity * per_check), parity), kind="stable")
-    free = [int(socket) % parity for socket in order]
+    free = [int(number) % parity for number in order]
     members: list[list[int]] = [[] for _ in range(parity)]
     checks_of: list[list[int]] = []
     for number in range(information):
@@ -110,18 +110,18 @@ def make_code(information: int, parity: int) -> Code:
         for _ in range(int(degree[number])):
             best = next((at for at in range(min(len(free), 64)) if free[at] not in barred), None)
             if best is None:
-                best = next((at for at, check in enumerate(free) if check not in chosen), None)
+                best = next((at for at, other in enumerate(free) if other not in chosen), None)
             if best is None:
                 break
-            check = free.pop(best)
-            chosen.append(check)
-            barred |= {check - 1, check, check + 1}
-            barred.update(other for member in members[check] for other in checks_of[member])
-        for check in chosen:
-            members[check].append(number)
+            socket = free.pop(best)
+            chosen.append(socket)
+            barred |= {socket - 1, socket, socket + 1}
+            barred.update(other for member in members[socket] for other in checks_of[member])
+        for socket in chosen:
+            members[socket].append(number)
         checks_of.append(chosen)
     bit = np.array([number for number, checks in enumerate(checks_of) for _ in checks], np.intp)
-    check = np.array([check for checks in checks_of for check in checks], np.intp)
+    check = np.array([one for checks in checks_of for one in checks], np.intp)
     chain = np.arange(parity)
     bit = np.concatenate([bit, information + chain, information + chain[:-1]])
     check = np.concatenate([check, chain, chain[1:]])
