@@ -1,0 +1,260 @@
+"""What an image shows along the sides of a quadrilateral: evidence for a display, and its edges."""
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SAMPLES = 24
+"""Places along a side where the image is looked at."""
+REACH = 5
+"""Pixels of the small image looked at on each side of an edge."""
+FIT_SAMPLES = 96
+STEP_LEVELS = 10.0
+"""Gray levels of a step that counts as an edge; noise and texture seldom make it."""
+NOISE_SLOPE, SATURATION_SLOPE = 0.7, 4.0
+"""Gradient, in levels per pixel, that counts nothing, and beyond it counts half: a strong edge in
+the picture must not outvote a weak one along the whole side."""
+MIN_EDGE_SHARE = 0.2
+"""Of a side's places that must lie on the line fitted."""
+
+
+def inward(quads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4, 2) unit normals of the sides that point into the quadrilaterals; clockwise order."""
+    along = np.roll(quads, -1, axis=1) - quads
+    along = along / (np.linalg.norm(along, axis=2, keepdims=True) + 1e-9)
+    return np.stack([-along[..., 1], along[..., 0]], axis=-1)
+
+
+def places(samples: int) -> NDArray[np.float64]:
+    """(samples,) places along a side in [0, 1], without its ends."""
+    return np.asarray((np.arange(samples) + 0.5) / samples * 0.94 + 0.03)
+
+
+def profiles(
+    image: NDArray[np.float32],
+    quads: NDArray[np.float64],
+    offsets: NDArray[np.float64],
+    samples: int,
+) -> NDArray[np.float32]:
+    """The image across the sides: (N, 4, samples, offsets) or with a last axis of channels.
+
+    Offsets are pixels along the inward normal; places are spread over a side without its ends.
+    """
+    share = places(samples)
+    start, end = quads[:, :, None], np.roll(quads, -1, axis=1)[:, :, None]
+    at = start + (end - start) * share[None, None, :, None]  # (N, 4, S, 2)
+    at = at[:, :, :, None] + inward(quads)[:, :, None, None] * offsets[:, None]
+    flat = at.reshape(len(quads), -1, 2).astype(np.float32)  # cv2.remap takes < 32768 rows
+    taken = cv2.remap(
+        image, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(taken.reshape(*at.shape[:-1], *image.shape[2:]), np.float32)
+
+
+FEATURES = (
+    "sides", "weakest side", "dark rim", "rim contrast", "even rim", "sharp", "bright", "texture",
+    "area", "wrong step",
+)  # fmt: skip
+
+
+def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, len(FEATURES)) what speaks for each quadrilateral being a lit display.
+
+    Args:
+        small: (h, w, 3) uint8, encoded RGB.
+        quads: (N, 4, 2) in its pixels.
+    """
+    image = small.astype(np.float32)
+    value = (image.max(axis=2) + image.mean(axis=2)) / 2
+    stacked = np.dstack([image, value])
+    offsets = np.arange(-REACH, REACH + 1.0)
+    taken = profiles(stacked, quads, offsets, SAMPLES)  # (N, 4, S, 2R+1, 4)
+    v, rgb = taken[..., 3], taken[..., :3]
+    inside = v[..., REACH + 1 : REACH + 4].mean(axis=-1)  # (N, 4, S)
+    outside = v[..., REACH - 3 : REACH].mean(axis=-1)
+    darkest = v[..., REACH - 4 : REACH].min(axis=-1)
+    step = v[..., REACH + 1] - v[..., REACH - 1]
+    step2 = v[..., REACH + 2] - v[..., REACH - 2]
+    step = np.where(np.abs(step2) > np.abs(step), step2, step)
+    falls = (step > STEP_LEVELS).mean(axis=2)  # (N, 4): inside is brighter
+    rises = (step < -STEP_LEVELS).mean(axis=2)
+    gradient = np.abs(np.diff(v, axis=-1))
+    here = gradient[..., REACH - 1 : REACH + 1].max(axis=-1)
+    around = np.delete(gradient, [REACH - 2, REACH - 1, REACH, REACH + 1], axis=-1).mean(axis=-1)
+    sharp = ((here + 1) / (here + around + 2)).mean(axis=(1, 2))
+    white = np.quantile(value[::2, ::2], 0.95) + 10
+    rim = rgb[..., REACH - 3 : REACH - 1, :].mean(axis=-2)  # (N, 4, S, 3)
+    rim_spread = np.median(np.abs(rim - np.median(rim, axis=(1, 2), keepdims=True)), axis=(1, 2))
+    contrast = (inside - darkest).mean(axis=(1, 2)) / (inside + darkest + 10).mean(axis=(1, 2))
+    height, width = value.shape
+    size = 24
+    frame = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32) - 0.5
+    mean, texture = np.empty(len(quads)), np.empty(len(quads))
+    for i, quad in enumerate(quads):
+        H = cv2.getPerspectiveTransform(frame, quad.astype(np.float32))
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        content = cv2.warpPerspective(value, H, (size, size), flags=flags)
+        mean[i], texture[i] = content.mean(), content.std()
+    x, y = quads[..., 0], quads[..., 1]
+    area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
+    return np.column_stack([
+        falls.mean(axis=1),
+        falls.min(axis=1),
+        1 - np.median(outside, axis=(1, 2)) / white,
+        contrast,
+        -np.log(rim_spread.mean(axis=1) / white + 0.01),
+        sharp,
+        mean / (value.mean() + 10),
+        np.minimum(texture, 40) / 40,
+        np.sqrt(area / (width * height)),
+        rises.mean(axis=1),
+    ])  # fmt: skip
+
+
+def snap(
+    image: NDArray[np.float32],
+    quads: NDArray[np.float64],
+    reach: float,
+    spacing: float = 1.0,
+    samples: int = 40,
+) -> NDArray[np.float64]:
+    """Move each side to the straight edge that most of it shows, in steps of ``spacing`` px.
+
+    Every pair of offsets at a side's two ends is tried; the votes of places along the side are
+    saturated, so that glare, or a hand before part of it, moves nothing. Only edges that are
+    bright inside count.
+
+    Args:
+        image: (H, W) float32 gray levels.
+        quads: (N, 4, 2), clockwise.
+        reach: pixels that a side may move at either end.
+        spacing: of the offsets tried.
+        samples: places along a side.
+
+    Returns:
+        (N, 4, 2); a side without any edge stays.
+    """
+    at, _, _, total = _votes(image, quads, reach, spacing, samples)
+    best = total.reshape(len(quads), 4, -1).argmax(axis=2)
+    none = total.reshape(len(quads), 4, -1).max(axis=2) < 0.1 * samples
+    first = np.where(none, 0.0, at[best // len(at)])
+    last = np.where(none, 0.0, at[best % len(at)])
+    return _moved(quads, first, last, reach)
+
+
+def _votes(
+    image: NDArray[np.float32],
+    quads: NDArray[np.float64],
+    reach: float,
+    spacing: float,
+    samples: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
+    """Votes for lines from an offset at a side's start to one at its end.
+
+    Returns:
+        offsets (K,), places (S,) in [0, 1], slopes (N, 4, S, K) and votes (N, 4, K, K).
+    """
+    count = max(1, round(reach / spacing))
+    offsets = np.arange(-count - 1.0, count + 2.0) * spacing
+    offsets = offsets.astype(np.float64)
+    taken = profiles(image, quads, offsets, samples)
+    slope = (taken[..., 2:] - taken[..., :-2]) / np.float32(2 * spacing)
+    share = places(samples)
+    steps = np.arange(2 * count + 1)
+    hit = steps[:, None, None] * (1 - share) + steps[None, :, None] * share  # (K, K, S)
+    vote = np.clip(slope - np.float32(NOISE_SLOPE), 0, None)
+    vote = vote / (vote + np.float32(SATURATION_SLOPE))
+    total = vote[:, :, np.arange(samples), np.rint(hit).astype(np.intp)].sum(axis=-1)
+    # ties go to the line that moves least
+    total -= np.float32(1e-3) * (np.abs(offsets[1:-1])[:, None] + np.abs(offsets[1:-1])).astype(
+        np.float32
+    )
+    return offsets[1:-1], share, slope, total
+
+
+def _moved(
+    quads: NDArray[np.float64],
+    first: NDArray[np.float64],
+    last: NDArray[np.float64],
+    reach: float,
+) -> NDArray[np.float64]:
+    """Quadrilaterals (N, 4, 2) with sides moved inwards by (N, 4) px at their starts and ends."""
+    normals = inward(quads)
+    p = quads + normals * first[..., None]
+    q = np.roll(quads, -1, axis=1) + normals * last[..., None]
+    one = np.ones((*first.shape, 1))
+    lines = np.cross(np.concatenate([p, one], axis=-1), np.concatenate([q, one], axis=-1))
+    meet = np.cross(np.roll(lines, 1, axis=1), lines)  # corner s: side s - 1 with side s
+    safe = np.abs(meet[..., 2:]) > 1e-9
+    moved = np.where(safe, meet[..., :2] / np.where(safe, meet[..., 2:], 1), quads)
+    wild = np.abs(moved - quads).max(axis=(1, 2)) > 4 * reach + 1
+    return np.asarray(np.where(wild[:, None, None], quads, moved))
+
+
+def fit_edges(
+    image: NDArray[np.float32], corners: NDArray[np.float64], reach: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """As `snap` for one quadrilateral, then to sub-pixels: a line through the gradient's peaks.
+
+    Args:
+        image: (H, W) float32 gray levels.
+        corners: (4, 2), clockwise.
+        reach: pixels that a side may move at either end.
+
+    Returns:
+        corners (4, 2), and (4,) share of each side's places whose gradient peaks on the line
+        found; a side without edge stays where it was, with share 0.
+    """
+    spacing = max(0.5, reach / 10)
+    at, share, slopes, total = _votes(image, corners[None], reach, spacing, FIT_SAMPLES)
+    first, last, used = np.zeros(4), np.zeros(4), np.zeros(4)
+    for side in range(4):
+        start, end = np.unravel_index(int(total[0, side].argmax()), total.shape[2:])
+        guess = at[start] * (1 - share) + at[end] * share
+        peak, height = _peaks(slopes[0, side], at, guess, spacing)
+        a, b, part = _fit_line(share, peak, height, spacing)
+        if part >= MIN_EDGE_SHARE:
+            first[side], last[side], used[side] = a, b, part
+    return _moved(corners[None], first[None], last[None], reach)[0], used
+
+
+def _peaks(
+    slope: NDArray[np.float32],
+    at: NDArray[np.float64],
+    guess: NDArray[np.float64],
+    spacing: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(S,) offset of the gradient's peak nearest the guess, to sub-pixels, and its height."""
+    rows = np.arange(len(slope))
+    window = np.abs(at[None] - guess[:, None]) <= 2.01 * spacing
+    k = np.clip(np.where(window, slope, -np.inf).argmax(axis=1), 1, len(at) - 2)
+    low, mid, high = slope[rows, k - 1], slope[rows, k], slope[rows, k + 1]
+    bend = low - 2 * mid + high
+    is_peak = (mid >= low) & (mid >= high) & (mid > 1.0) & (bend < 0)
+    shift = np.where(is_peak, (low - high) / (2 * np.where(bend < 0, bend, -1)), 0.0)
+    return at[k] + shift * spacing, np.where(is_peak, mid, 0.0)
+
+
+def _fit_line(
+    share: NDArray[np.float64], peak: NDArray[np.float64], height: NDArray[np.float64], scale: float
+) -> tuple[float, float, float]:
+    """Offsets at both ends of a line through the peaks, robustly, and the share of peaks used."""
+    weight = height / (height + SATURATION_SLOPE)
+    A = np.stack([1 - share, share])
+    solution = np.zeros(2)
+    robust: NDArray[np.floating[Any]] = np.ones(len(peak))
+    spread = scale
+    for _ in range(8):
+        w = weight * robust
+        if w.sum() < 1e-6:
+            return 0.0, 0.0, 0.0
+        normal = (A * w) @ A.T + 1e-6 * np.eye(2)
+        solution = np.linalg.solve(normal, A @ (w * peak))
+        residual = np.abs(peak - solution @ A)
+        live = height > 0
+        spread = max(0.1, 1.4826 * float(np.median(residual[live]))) if live.any() else scale
+        robust = 1 / (1 + (residual / (1.5 * spread)) ** 2) ** 2
+    used = float(((np.abs(peak - solution @ A) < 3 * spread) & (height > 0)).mean())
+    return float(solution[0]), float(solution[1]), used

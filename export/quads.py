@@ -1,0 +1,191 @@
+"""Quadrilaterals in a photograph that may bound a display: from straight lines and from contours.
+
+Works on a small gray image. Lines: segments (LSD, Grompone von Gioi et al. 2010) that lie on one
+straight line count as one, and four lines are a quadrilateral where segments cover enough of each
+side. Contours: outlines of what is brighter than a threshold, where four corners describe them.
+"""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+MIN_SEGMENT_PX = 9.0
+MAX_LINES = 44
+MAX_SEGMENTS = 600
+COLLINEAR_PX = 1.8
+OPPOSED_PX = 0.7
+"""Largest distance of a segment's ends from the line that it is counted to, where both are bright
+on the same side, and where not: a thin bezel's two edges are two lines."""
+MIN_AREA = 0.03
+"""Of a quadrilateral, as a share of the image."""
+MIN_CROSSING_DEG = 35.0
+"""Smallest angle between neighbouring sides; a display seen at 70 degrees still has it."""
+MIN_SIDE_COVER, MIN_MEAN_COVER = 0.15, 0.45
+"""Share of a side, and of all sides, that segments must cover."""
+THRESHOLD_QUANTILES = (0.3, 0.5, 0.65, 0.8, 0.9)
+
+
+def signed_areas(quads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4, 2) -> (N,) areas, positive in corner order (clockwise as seen)."""
+    x, y = quads[..., 0], quads[..., 1]
+    x_next, y_next = np.roll(x, -1, axis=-1), np.roll(y, -1, axis=-1)
+    return np.asarray((x * y_next - x_next * y).sum(axis=-1) / 2)
+
+
+def is_sound(quads: NDArray[np.float64], width: int, height: int) -> NDArray[np.bool_]:
+    """(N, 4, 2) -> (N,): clockwise, convex, not sliver-like, of `MIN_AREA` and inside the image.
+
+    Corners may lie 1 % outside the image, for lines found on a small image are that uncertain.
+    """
+    edges = np.roll(quads, -1, axis=1) - quads
+    length = np.linalg.norm(edges, axis=2) + 1e-9
+    following = np.roll(edges, -1, axis=1)
+    cross = edges[..., 0] * following[..., 1] - edges[..., 1] * following[..., 0]
+    sine = cross / (length * np.roll(length, -1, axis=1))
+    slack = 0.01 * max(width, height)
+    low, high = -0.5 - slack, np.array([width, height]) - 0.5 + slack
+    inside = ((quads >= low) & (quads <= high)).all(axis=(1, 2))
+    large = signed_areas(quads) >= MIN_AREA * width * height
+    return np.asarray(
+        inside & large & (sine > np.sin(np.radians(MIN_CROSSING_DEG)) * 0.7).all(axis=1)
+    )
+
+
+def upright(quads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4, 2) any rotation of the corner order -> the one nearest to upright in the image."""
+    turned = np.stack([np.roll(quads, -k, axis=1) for k in range(4)])  # -> (4, N, 4, 2)
+    top = turned[..., 1, :] - turned[..., 0, :]
+    bottom = turned[..., 2, :] - turned[..., 3, :]
+    across = top / (np.linalg.norm(top, axis=-1, keepdims=True) + 1e-9)
+    across += bottom / (np.linalg.norm(bottom, axis=-1, keepdims=True) + 1e-9)
+    return np.asarray(turned[across[..., 0].argmax(axis=0), np.arange(len(quads))])
+
+
+def segments(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(N, 4) longest straight segments x1, y1, x2, y2."""
+    found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(gray)[0]
+    if found is None:
+        return np.empty((0, 4))
+    ends = found.reshape(-1, 4).astype(np.float64)
+    length = np.hypot(ends[:, 2] - ends[:, 0], ends[:, 3] - ends[:, 1])
+    order = np.argsort(-length)[:MAX_SEGMENTS]
+    return np.asarray(ends[order][length[order] >= MIN_SEGMENT_PX])
+
+
+def merge(
+    ends: NDArray[np.float64], diagonal: float
+) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Lines that segments lie on, and where along them.
+
+    Returns:
+        lines (M, 4): a point and the unit direction, of the best-covered lines; and (M, T) float32
+        the length of line that segments cover up to t - T // 2 px from the point.
+    """
+    start, end = ends[:, :2], ends[:, 2:]
+    along = end - start
+    length = np.linalg.norm(along, axis=1)
+    direction = along / length[:, None]
+    free = np.ones(len(ends), bool)
+    lines, members = [], []
+    for i in range(len(ends)):
+        if not free[i]:
+            continue
+        normal = np.array([-direction[i, 1], direction[i, 0]])
+        far = np.maximum(np.abs((start - start[i]) @ normal), np.abs((end - start[i]) @ normal))
+        same = direction @ direction[i] > 0  # LSD: which side is bright
+        near = far < np.where(same, COLLINEAR_PX, OPPOSED_PX)
+        group = np.flatnonzero(near & free)
+        free[group] = False
+        points = np.concatenate([start[group], end[group]])
+        weight = np.tile(length[group], 2)
+        centre = weight @ points / weight.sum()
+        spread = (points - centre).T @ ((points - centre) * weight[:, None])
+        axis = np.linalg.eigh(spread)[1][:, 1]
+        lines.append([*centre, *axis])
+        members.append(group)
+    support = np.array([length[group].sum() for group in members])
+    best = np.argsort(-support)[:MAX_LINES]
+    half = int(diagonal) + 2
+    cover = np.zeros((len(best), 2 * half), np.float32)
+    for row, k in enumerate(best):
+        centre, axis = np.array(lines[k][:2]), np.array(lines[k][2:])
+        for i in members[k]:
+            a, b = sorted(((start[i] - centre) @ axis, (end[i] - centre) @ axis))
+            cover[row, max(0, round(a) + half) : max(0, round(b) + half)] = 1
+    return np.array(lines)[best], np.cumsum(cover, axis=1)
+
+
+def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
+    """(N, 4, 2) quadrilaterals whose sides segments cover best, at most ``limit``."""
+    height, width = gray.shape
+    ends = segments(gray)
+    if len(ends) < 4:
+        return np.empty((0, 4, 2))
+    diagonal = float(np.hypot(width, height))
+    lines, covered = merge(ends, diagonal)
+    point, axis = lines[:, :2], lines[:, 2:]
+    half = covered.shape[1] // 2
+    # where line j crosses line i, along i: t[i, j]
+    cross = axis[:, None, 0] * axis[None, :, 1] - axis[:, None, 1] * axis[None, :, 0]
+    apart = point[None] - point[:, None]
+    safe = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
+    t = (apart[..., 0] * axis[None, :, 1] - apart[..., 1] * axis[None, :, 0]) / safe
+    corner = point[:, None] + t[..., None] * axis[:, None]
+    slack = 0.01 * diagonal
+    usable = np.abs(cross) > np.sin(np.radians(MIN_CROSSING_DEG))
+    usable &= ((corner >= -slack) & (corner <= np.array([width, height]) + slack)).all(axis=2)
+    index = np.clip(np.rint(np.clip(t, -half, half)).astype(int) + half, 0, 2 * half - 1)
+    run = np.take_along_axis(covered, index, axis=1)
+    # cover[i, k, l]: share of side i between k and l
+    span = np.abs(t[:, :, None] - t[:, None, :])
+    cover = np.abs(run[:, :, None] - run[:, None, :]) / np.maximum(span, 1)
+    sides = (usable[:, :, None] & usable[:, None, :]) & (cover >= MIN_SIDE_COVER)
+    sides &= span > 0.1 * np.sqrt(width * height)
+    k, m = np.triu_indices(len(lines), 1)
+    both = sides[:, k, m]  # (M, P): line i has a side between the lines of pair p
+    match = both[k] & both[m]  # (P, P): both lines of pair q have a side between those of pair p
+    q, p = np.nonzero(np.triu(match & match.T))
+    if not len(q):
+        return np.empty((0, 4, 2))
+    a, b, c, d = k[q], m[q], k[p], m[p]
+    mean = (cover[a, c, d] + cover[b, c, d] + cover[c, a, b] + cover[d, a, b]) / 4
+    least = np.minimum.reduce([cover[a, c, d], cover[b, c, d], cover[c, a, b], cover[d, a, b]])
+    keep = mean >= MIN_MEAN_COVER
+    a, b, c, d, rank = a[keep], b[keep], c[keep], d[keep], (mean + least)[keep]
+    quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
+    quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
+    sound = is_sound(quads, width, height)
+    quads, rank = quads[sound], rank[sound]
+    # longer sides are less likely to be covered by chance
+    rank = rank + 0.3 * np.sqrt(signed_areas(quads) / (width * height))
+    return np.asarray(quads[np.argsort(-rank)[:limit]])
+
+
+def from_contours(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """(N, 4, 2) outlines with four corners of what is brighter than one of some thresholds."""
+    height, width = gray.shape
+    levels = {float(level) for level in np.quantile(gray[::2, ::2], THRESHOLD_QUANTILES)}
+    levels.add(float(cv2.threshold(gray, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]))
+    found = []
+    for level in sorted(levels):
+        mask = cv2.morphologyEx(
+            (gray > level).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+        )
+        outlines = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)[0]
+        for outline in outlines:
+            if cv2.contourArea(outline) < MIN_AREA * width * height:
+                continue
+            hull = cv2.convexHull(outline)
+            for tolerance in (0.015, 0.03, 0.06):
+                corners = cv2.approxPolyDP(hull, tolerance * cv2.arcLength(hull, True), True)
+                if len(corners) == 4:
+                    found.append(corners.reshape(4, 2).astype(np.float64))
+                    break
+    if not found:
+        return np.empty((0, 4, 2))
+    quads = np.array(found)
+    quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
+    sound = is_sound(quads, width, height)
+    # an outline that runs along the image's border bounds the image, not a display
+    at_border = (quads <= 1) | (quads >= np.array([width, height]) - 2)
+    return np.asarray(quads[sound & (at_border.any(axis=2).sum(axis=1) < 2)])
