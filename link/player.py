@@ -1,0 +1,63 @@
+"""A loop as one HTML file that plays it on any browser's display, refresh by refresh."""
+
+import base64
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.errors import InputError
+from link.frames import Displayed
+from link.images import write_bytes
+
+TEMPLATE = Path(__file__).with_name("player.html")
+MAX_DECODED_BYTES = 2**30
+"""Of all images as a browser holds them, 4 bytes a pixel."""
+
+
+def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int = 0) -> None:
+    """Write the player.
+
+    It holds each picture once, and for each frame pair a gray image of the levels that the embedded
+    frame adds; the browser adds them. Images are PNG without colour chunks.
+
+    Args:
+        path: of the .html file.
+        pairs: at least one, (height, width, 3) or (height, width), all of one size.
+        hold: refreshes for which each state stays, at least 1.
+        scale: display pixels for each picture pixel and axis; 0 for the largest that fits.
+
+    Raises:
+        InputError: more pixels than a browser can be asked to hold, or the file is not writable.
+    """
+    images: dict[bytes, int] = {}
+    order, shape = [], (0, 0)
+    for pair in pairs:
+        added = pair.embedded - pair.original
+        gray = added if added.ndim == 2 else added[:, :, 0]
+        order.append([images.setdefault(_png(each), len(images)) for each in (pair.original, gray)])
+        shape = pair.layout.height, pair.layout.width
+        if 4 * len(images) * shape[0] * shape[1] > MAX_DECODED_BYTES:
+            raise InputError(
+                f"--out: a player of more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
+                "write a video, or use fewer pictures or a smaller --width and --height"
+            )
+    loop = {
+        "width": shape[1],
+        "height": shape[0],
+        "hold": hold,
+        "scale": scale,
+        "pairs": order,
+        "images": [f"data:image/png;base64,{base64.b64encode(png).decode()}" for png in images],
+    }
+    page = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(loop), 1)
+    write_bytes(path, page.encode())
+
+
+def _png(image: NDArray[np.uint8]) -> bytes:
+    bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return bytes(data)
