@@ -53,19 +53,20 @@ class Message:
 
 
 @lru_cache(maxsize=1)
-def _hypotheses() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.uint8]]:
+def _hypotheses() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
     """All (N, first frame): N and first (M,), and the signature words of all loops end to end."""
-    lengths = np.arange(1, MAX_FRAMES + 1)
+    lengths = np.arange(1, MAX_FRAMES + 1, dtype=np.int32)
     frames = np.repeat(lengths, lengths)
-    first = np.arange(frames.size) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    ends = np.repeat(np.cumsum(lengths) - lengths, lengths)
+    first = np.asarray(np.arange(frames.size) - ends, np.int32)
     words = np.concatenate([signatures(int(length)) for length in lengths])
-    return frames, first, words
+    return frames, first, np.asarray(words, np.uint8)
 
 
-def word_likelihoods(head: NDArray[np.float64]) -> NDArray[np.float64]:
+def word_likelihoods(head: NDArray[np.float64]) -> NDArray[np.float32]:
     """(SIGNATURE,) scores -> (2 ** SIGNATURE,) log-likelihood of each word."""
     bits = np.unpackbits(np.arange(2**SIGNATURE, dtype=np.uint8)[:, None], axis=1)
-    return np.asarray((bits - 0.5) @ head)
+    return np.asarray((bits - 0.5) @ head, np.float32)
 
 
 class Collector:
@@ -92,7 +93,7 @@ class Collector:
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
         self._waiting: list[tuple[int, NDArray[np.float64]]] = []
-        self._belief: NDArray[np.float64] | None = None
+        self._belief: NDArray[np.float32] | None = None
         self._place: tuple[int, int] | None = None
         self._trust: list[float] = []
 
@@ -124,9 +125,9 @@ class Collector:
             return self._try() if self._put([(count, scores)]) else None
         frames, first, table = _hypotheses()
         if self._belief is None:
-            self._belief = -np.log(frames.astype(np.float64))
+            self._belief = -np.log(frames.astype(np.float32))
         starts = frames * (frames - 1) // 2
-        self._belief += words[table[starts + (first + count) % frames]]
+        self._belief += words[table[starts + (first + np.int32(count)) % frames]]
         self._waiting.append((count, scores))
         best = int(np.argmax(self._belief))
         others = np.exp(self._belief - self._belief[best]).sum() - 1
@@ -138,7 +139,7 @@ class Collector:
         waiting, self._waiting, self._belief = self._waiting, [], None
         return self._try() if self._put(waiting) else None
 
-    def _lost(self, words: NDArray[np.float64], count: int) -> bool:
+    def _lost(self, words: NDArray[np.float32], count: int) -> bool:
         """Whether the last signatures speak against the place of this run."""
         assert self._place is not None
         frames, first = self._place

@@ -1,0 +1,196 @@
+"""The display's clock as the camera sees it: which share of an exposure fell into which state.
+
+The display shows states 0, 1, 2 ..., even ones original frames and odd ones embedded frames, each
+for ``period`` seconds. Sensor row r (0 at the top, 1 at the bottom of the image) of a frame at time
+t is exposed during [t + r readout, t + r readout + shutter]. All four numbers are fitted to the
+*toggle* of the ratex patches: how much brighter tiles of label 1 are than tiles of label 0 that
+show the same intensity, which no change of exposure can mimic.
+"""
+
+from dataclasses import astuple, dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link import ratex
+from link.layout import Layout
+
+Array = NDArray[np.float64]
+
+MIN_STATE_HZ = 1.0
+MIN_WINDOW_S, WINDOW_S = 1.0, 4.0
+"""The first fit, and how far a fit looks back."""
+MIN_FRAMES = 12
+REFIT_S = 0.5
+LOCKED_R2 = 0.5
+"""Share of the toggles' variance that a clock must explain; with noise alone a fit reaches 0.1."""
+GOOD_R2 = 0.85
+"""From here on no other clock is looked for."""
+CLIMB = 24
+"""Steps of a fit."""
+
+
+@dataclass(frozen=True)
+class Clock:
+    """State n starts at ``start`` + n ``period``; times in seconds of the camera's clock."""
+
+    period: float
+    start: float
+    readout: float
+    """From the first sensor row to the last."""
+    shutter: float
+
+    def number(self, time: float) -> float:
+        """Which state the display shows at a time; the fraction says how far it has come."""
+        return (time - self.start) / self.period
+
+    def shares(self, time: float, rows: Array, state: int) -> Array:
+        """Share of the exposure of sensor rows (...) in [0, 1] that falls into a state."""
+        begin = (time + rows * self.readout - self.start) / self.period - state
+        length = self.shutter / self.period
+        inside = np.minimum(begin + length, 1) - np.maximum(begin, 0)
+        return np.asarray(np.clip(inside / length, 0, 1))
+
+
+def toggle(frame: NDArray[np.uint8], layout: Layout) -> Array:
+    """(patches,) how much brighter tiles of label 1 are than their twins of label 0, gray levels.
+
+    Args:
+        frame: (H, W) or (H, W, 3) uint8, encoded, rectified, of the layout's size.
+        layout: with at least one patch.
+    """
+    pixels = ratex.training_pixels(layout)
+    samples = frame[pixels.y, pixels.x].astype(np.float64)
+    gray = samples if samples.ndim == 1 else samples.mean(axis=1)
+    tiles = ratex.TILES**2
+    means = gray.reshape(len(layout.ratex), tiles, -1).mean(axis=2)  # (N,) -> (patches, tiles)
+    sign = 2 * ratex.tile_labels(layout).reshape(-1, tiles) - 1
+    return np.asarray(2 * (means * sign).mean(axis=1))
+
+
+def embedded_share(clocks: Array, times: Array, rows: Array) -> Array:
+    """Share of embedded frames in exposures.
+
+    Args:
+        clocks: (C, 4) period, start, readout and shutter.
+        times: (n,) seconds.
+        rows: (n, patches) sensor rows in [0, 1].
+
+    Returns:
+        (C, n, patches) in [0, 1].
+    """
+    period, start, readout, shutter = clocks.T[:, :, None, None]
+    begin = (times[:, None] + rows * readout - start) / period
+    length = shutter / period
+    return np.asarray((_on_time(begin + length) - _on_time(begin)) / length)
+
+
+def _on_time(x: Array) -> Array:
+    """Integral from 0 to x of a wave of period 2 that is 0, then 1."""
+    whole = np.floor(x / 2)
+    return np.asarray(whole + np.maximum(x - 2 * whole - 1, 0))
+
+
+class Synchroniser:
+    """Fits the clock to the toggles of the last seconds.
+
+    Args:
+        fps: of the camera, frames a second; bounds readout and shutter.
+    """
+
+    def __init__(self, fps: float) -> None:
+        self.fps = fps
+        self.clock: Clock | None = None
+        self.r2 = 0.0
+        """Share of the toggles' variance that the clock explains."""
+        self.slips = 0
+        """How often the states' numbers began anew."""
+        self._samples: list[tuple[float, Array, Array]] = []
+        self._fitted_at = -np.inf
+
+    def add(self, time: float, rows: Array, toggles: Array) -> None:
+        """Take one frame: sensor rows (patches,) in [0, 1] and toggles (patches,)."""
+        self._samples.append((time, rows, toggles))
+        while self._samples[0][0] < time - WINDOW_S:
+            self._samples.pop(0)
+        enough = time - self._samples[0][0] >= MIN_WINDOW_S and len(self._samples) >= MIN_FRAMES
+        if enough and time >= self._fitted_at + REFIT_S:
+            self._fitted_at = time
+            self._fit()
+
+    def _fit(self) -> None:
+        times, rows, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
+        toggles = toggles - toggles.mean(axis=0)
+        middle = float(times.mean())
+        times = times - middle
+        held = self.clock
+        if held is not None:
+            # pivots at the window, so that states keep their numbers
+            number = round(held.number(middle))
+            held = replace(held, start=held.start + number * held.period - middle)
+            found, r2 = self._climb(np.array([astuple(held)]), times, rows, toggles)
+            found = replace(found, start=found.start - number * found.period)
+            if r2 >= GOOD_R2:
+                self.clock, self.r2 = replace(found, start=found.start + middle), r2
+                return
+        searched, best = self._climb(self._search(times, rows, toggles), times, rows, toggles)
+        if held is not None and r2 >= max(LOCKED_R2, best - 0.05):
+            searched, best = found, r2
+        elif best >= LOCKED_R2:
+            self.slips += 1
+        self.clock = replace(searched, start=searched.start + middle) if best >= LOCKED_R2 else None
+        self.r2 = best
+
+    def _search(self, times: Array, rows: Array, toggles: Array) -> Array:
+        """(C, 4) clocks to start from: the strongest frequencies, for several readouts."""
+        span = times[-1] - times[0]
+        state_hz = np.arange(max(MIN_STATE_HZ, 3 / span), 1.04 * self.fps, 0.25 / span)
+        starts = []
+        for readout in np.array([0.0, 0.3, 0.6, 0.9]) / self.fps:
+            at = (times[:, None] + rows * readout).reshape(-1)  # (n, patches) -> (n patches,)
+            line = np.exp(-1j * np.pi * state_hz[:, None] * at) @ toggles.reshape(-1)
+            power = np.abs(line)
+            peaks = np.flatnonzero(power >= np.maximum(np.roll(power, 1), np.roll(power, -1)))
+            for best in peaks[np.argsort(power[peaks])[-3:]]:
+                # the embedded state's middle is where the fundamental is highest
+                period, shutter = 1 / state_hz[best], 0.5 / self.fps
+                middle = -np.angle(line[best]) * period / np.pi
+                starts.append([period, middle - 1.5 * period + shutter / 2, readout, shutter])
+        return np.array(starts)
+
+    def _climb(
+        self, clocks: Array, times: Array, rows: Array, toggles: Array
+    ) -> tuple[Clock, float]:
+        """The clock that explains most of those found uphill from each, by compass search."""
+        period = clocks[:, :1]
+        unit = np.full_like(period, 1 / self.fps)
+        span = times[-1] - times[0]
+        steps = np.concatenate([0.2 * period**2 / span, 0.1 * period, 0.1 * unit, 0.1 * unit], 1)
+        low = np.array([0.9 / self.fps, -np.inf, 0.0, 0.02 / self.fps])
+        high = np.array([1 / MIN_STATE_HZ, np.inf, 1 / self.fps, 1 / self.fps])
+        compass = np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+        for _ in range(CLIMB):
+            moves = clocks[:, None] + compass * steps[:, None]  # (C, 9, 4)
+            moves = np.clip(moves, low, high)
+            scores = explained(moves.reshape(-1, 4), times, rows, toggles).reshape(-1, 9)
+            best = np.argmax(scores, axis=1)
+            clocks = moves[np.arange(len(moves)), best]
+            steps = np.where(best[:, None] == 0, steps / 2, steps)
+        winner = int(np.argmax(scores.max(axis=1)))
+        return Clock(*clocks[winner].tolist()), float(scores[winner].max())
+
+
+def explained(clocks: Array, times: Array, rows: Array, toggles: Array) -> Array:
+    """(C,) share of the toggles' variance that a common amplitude times each wave explains.
+
+    Args:
+        clocks: as in `embedded_share`, as are ``times`` and ``rows``.
+        times: see there.
+        rows: see there.
+        toggles: (n, patches), of mean 0 over n.
+    """
+    wave = embedded_share(clocks, times, rows)
+    wave = wave - wave.mean(axis=1, keepdims=True)
+    product = (wave * toggles).sum(axis=(1, 2))
+    power = (wave**2).sum(axis=(1, 2)) * (toggles**2).sum() + 1e-12
+    return np.asarray(np.maximum(product, 0) ** 2 / power)

@@ -1,0 +1,47 @@
+"""Which blocks something in front of the display covers: they become erasures."""
+
+from collections import deque
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.layout import Layout
+
+BLOCK_PX = 6
+"""Pixels of a block, per axis, in the thumbnails that are compared."""
+HISTORY = 9
+"""Original frames whose median shows the picture without what passes by."""
+STANDS_OUT = 5.0
+"""Residual of a covered block, in medians over all blocks."""
+MIN_LEVELS = 8.0
+"""The same in gray levels, after exposure is matched."""
+MAX_COVERED = 0.5
+"""Where more blocks stand out, the picture has changed and nothing is covered."""
+
+
+class Occlusion:
+    """Compares each original frame with the median of the last ones."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self._history: deque[NDArray[np.float32]] = deque(maxlen=HISTORY)
+
+    def covered(self, original: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """(n_bits,) true where a message block is covered, in a rectified original frame."""
+        rows, cols = self.layout.rows, self.layout.cols
+        gray = original if original.ndim == 2 else cv2.cvtColor(original, cv2.COLOR_RGB2GRAY)
+        size = cols * BLOCK_PX, rows * BLOCK_PX
+        small = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.float32)
+        self._history.append(small)
+        usual = np.median(np.stack(self._history), axis=0)
+        gain = np.median(small) / max(float(np.median(usual)), 1.0)
+        residual = np.abs(small - gain * usual).reshape(rows, BLOCK_PX, cols, BLOCK_PX)
+        blocks = residual.mean(axis=(1, 3))  # (rows, 6, cols, 6) -> (rows, cols)
+        limit = max(MIN_LEVELS, STANDS_OUT * float(np.median(blocks)))
+        covered = blocks > limit
+        if covered.mean() > MAX_COVERED:
+            self._history.clear()
+            self._history.append(small)
+            covered[:] = False
+        return np.asarray(covered[self.layout.message_mask])
