@@ -5,8 +5,10 @@ Decode once to predictions.jsonl, score to metrics.json, print tables beside the
 
 import json
 import os
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -20,11 +22,12 @@ from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
 from link.images import make_folder, write_bytes, write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
+from reports.backends import make_backend
 from reports.compare import (
     METHODS,
     Method,
     decode_captures,
-    decode_cells,
+    decode_each,
     methods_for,
     paper_cells,
 )
@@ -34,6 +37,8 @@ from reports.protocols import PROTOCOLS, apply
 from reports.tables import paper_tables, summary_table
 
 CONFIG = "config.json"
+UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show")
+"""Flags that decide no number."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +77,10 @@ class EvaluateConfig:
     """With --captures: folder for annotated pictures, one a frame pair and method."""
     jobs: int = os.cpu_count() or 1
     """Processes."""
+    backend: Literal["loky", "dask"] = "loky"
+    """Where cells are decoded: processes of this machine, or the workers of a Dask cluster."""
+    scheduler: str | None = None
+    """With --backend dask: the scheduler's address, such as tcp://host:8786."""
 
 
 def main() -> None:
@@ -81,6 +90,7 @@ def main() -> None:
     methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     settings = describe(config, methods)
     refuse_other_run(config.out, settings)
+    failed: list[str] = []
     if config.captures is not None:
         predictions, notes = decode_captures(config.captures, methods, config.out)
         for note in notes:
@@ -89,12 +99,15 @@ def main() -> None:
         simulated = all(bool(entry.get("simulated")) for entry in entries)
     else:
         cells = paper_cells(config.pairs, config.views, config.kappas)
-        source = source_of(config)
-        predictions = decode_cells(source, cells, config.frames, methods, config.out, config.jobs)
+        backend = make_backend(config.backend, config.jobs, config.scheduler)
+        predictions, failed = decode_each(
+            source_of(config), cells, config.frames, methods, config.out, backend
+        )
         simulated = True
     write_bytes(config.out / CONFIG, settings)
     rows = score(predictions)
-    write_metrics(config.out / "metrics.json", rows, provenance(config.seed, simulated))
+    meta = provenance(config.seed, simulated)
+    write_metrics(config.out / "metrics.json", rows, {**meta, "failed_cells": failed})
     kind = "simulated captures" if simulated else "real captures"
     if config.captures is None:
         kind += ", held-out pictures" if config.pictures is None else ", your own pictures"
@@ -106,6 +119,13 @@ def main() -> None:
     print(f"\nwritten: {config.out}/predictions.jsonl, metrics.json, tables.md")
     if config.captures is not None and config.show is not None:
         show(config.captures, methods, config.show)
+    for line in failed:
+        print(f"failed: {line}", file=sys.stderr)
+    if failed:
+        raise InputError(
+            f"{len(failed)} of {len(cells)} cells failed, as listed above; the others are in "
+            f"{config.out}, and the same command tries the failed ones again"
+        )
 
 
 def check(config: EvaluateConfig) -> None:
@@ -120,6 +140,7 @@ def check(config: EvaluateConfig) -> None:
         check_view(view, "--views")
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    make_backend(config.backend, config.jobs, config.scheduler)
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
     for flag, values in (
@@ -147,7 +168,7 @@ def source_of(config: EvaluateConfig) -> Source:
 
 def describe(config: EvaluateConfig, methods: list[Method]) -> bytes:
     """What decides the result, as the text of config.json."""
-    settings = {k: v for k, v in asdict(config).items() if k not in ("out", "jobs", "show")}
+    settings = {k: v for k, v in asdict(config).items() if k not in UNDECISIVE}
     settings["checkpoints"] = {method.name: method.digest() for method in methods}
     return (json.dumps(settings, indent=2, default=str) + "\n").encode()
 

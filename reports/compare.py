@@ -2,13 +2,14 @@
 
 import hashlib
 import json
+import platform
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache, partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import cv2
-from joblib import Parallel, delayed, parallel_config
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, simulate
@@ -17,11 +18,16 @@ from link.captures import load_capture, read_manifest
 from link.errors import InputError, UnsuitedError
 from link.frames import Captured, Rectified, SoftBits
 from link.images import write_bytes
-from models import DECODERS, Decoder, make_decoder
+from models import DECODERS, PRETRAINED, Decoder, make_decoder
+from reports.backends import Backend, one_thread, run_tasks
 
 PREDICTIONS = "predictions.jsonl"
 METHODS = {**DECODERS, "ideal": "data_gen.ideal:observe"}
 """Methods by name: the decoders, and the floor under them on simulated captures."""
+SHIPPED = {"cnn": PRETRAINED.with_name("pretrained_cnn")}
+"""Checkpoints of methods that find their own."""
+PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-learn", "torch")
+"""Those that decide the result of a cell."""
 
 
 class Ideal:
@@ -45,7 +51,7 @@ class Method:
 
     def digest(self) -> str:
         """Of the checkpoint's files, where the method has a checkpoint; else empty."""
-        folder = dict(self.options).get("checkpoint")
+        folder = dict(self.options).get("checkpoint", SHIPPED.get(self.name))
         if folder is None:
             return ""
         return digest_files([Path(folder) / name for name in ("config.json", "decoder.pt")])
@@ -97,8 +103,8 @@ def decode_cell(
 
     Methods that train on ratex patches and those that want an equalised picture see the same draws.
     """
-    cv2.setNumThreads(1)
     decoders = [(method.label or method.name, method.build()) for method in methods]
+    one_thread()
     lines = []
     for index in range(frames):
         for hidden in (False, True):
@@ -127,40 +133,94 @@ def decode_cells(
     folder: Path,
     jobs: int,
 ) -> list[dict[str, Any]]:
+    """`decode_each` by ``jobs`` processes; an `InputError` where a cell failed."""
+    lines, failed = decode_each(source, cells, frames, methods, folder, Backend(jobs))
+    if failed:
+        raise InputError(f"{len(failed)} of {len(cells)} cells failed: {failed[0]}")
+    return lines
+
+
+def decode_each(
+    source: Source,
+    cells: Sequence[Cell],
+    frames: int,
+    methods: Sequence[Method],
+    folder: Path,
+    backend: Backend,
+) -> tuple[list[dict[str, Any]], list[str]]:
     """Decode every cell, in parallel; a run that was cut off goes on where it stopped.
 
-    Each finished cell is one file in a subfolder of ``folder``/cells that is named after all that
-    decides the result: source and pictures, frames, methods, checkpoints and code. At the end
-    predictions.jsonl holds them all, in the order of ``cells`` whatever the number of jobs.
+    Each cell is one file in a subfolder of ``folder``/cells that is named after all that decides
+    the result, and is written when the cell is done. At the end predictions.jsonl holds them all,
+    in the order of ``cells``: the same bytes from any backend. Workers need not see ``folder``.
+
+    Returns:
+        the predictions, and a line for each cell that failed; its traceback is beside the others'
+        files, and the next run tries it again.
+
+    Raises:
+        InputError: no cell could be decoded, or the backend cannot be had.
     """
-    key = repr((source, frames, [(method, method.digest()) for method in methods]))
-    key += code_digest() + digest_files(
-        sorted(source.pictures.glob("*")) if source.pictures else []
-    )
-    cache = folder / "cells" / hashlib.sha256(key.encode()).hexdigest()[:16]
+    mark = fingerprint(source, frames, methods)
+    cache = folder / "cells" / mark[:16]
     files = [cache / f"{c.pair}_{c.view_deg:g}_{c.kappa}.jsonl" for c in cells]
-
-    def work(cell: Cell, file: Path) -> None:
-        write_bytes(file, _to_lines(decode_cell(source, cell, frames, methods)))
-
     expected = frames * len(methods)
-    todo = [pair for pair in zip(cells, files, strict=True) if not _is_whole(pair[1], expected)]
-    with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        results = Parallel(return_as="generator_unordered")(
-            delayed(work)(cell, file) for cell, file in todo
+    todo = [i for i, file in enumerate(files) if not _is_whole(file, expected)]
+    task = partial(_decode_to_bytes, source, frames, methods, mark if backend.scheduler else None)
+    failed: dict[int, str] = {}
+    outcomes = run_tasks(task, [cells[i] for i in todo], backend)
+    done = len(cells) - len(todo)
+    for outcome in tqdm(outcomes, total=len(cells), initial=done, unit="cell", desc="decode"):
+        number = todo[outcome.index]
+        if outcome.failure is not None:
+            failed[number] = outcome.failure.reason
+            write_bytes(files[number].with_suffix(".txt"), outcome.failure.trace.encode())
+            continue
+        assert outcome.result is not None
+        write_bytes(files[number], outcome.result)
+        files[number].with_suffix(".txt").unlink(missing_ok=True)
+    if len(failed) == len(cells):
+        raise InputError(failed[0])
+    whole = [file for i, file in enumerate(files) if i not in failed]
+    write_bytes(folder / PREDICTIONS, b"".join(file.read_bytes() for file in whole))
+    reports = [
+        f"{cells[i].pair}, {cells[i].view_deg:g}°, kappa {cells[i].kappa}: {failed[i]} "
+        f"({files[i].with_suffix('.txt')})"
+        for i in sorted(failed)
+    ]
+    return list(read_predictions(folder)), reports
+
+
+def _decode_to_bytes(
+    source: Source, frames: int, methods: Sequence[Method], mark: str | None, cell: Cell
+) -> bytes:
+    """A cell's file; an `InputError` on a machine whose `fingerprint` is not ``mark``."""
+    if mark is not None and fingerprint(source, frames, methods) != mark:
+        raise InputError(
+            f"worker {platform.node()} has other code, packages, checkpoints or pictures at these "
+            "paths than this machine; install the same there and restart its worker"
         )
-        done = len(cells) - len(todo)
-        for _ in tqdm(results, total=len(cells), initial=done, unit="cell", desc="decode"):
-            pass
-    write_bytes(folder / PREDICTIONS, b"".join(file.read_bytes() for file in files))
-    return list(read_predictions(folder))
+    return _to_lines(decode_cell(source, cell, frames, methods))
 
 
+def fingerprint(source: Source, frames: int, methods: Sequence[Method]) -> str:
+    """SHA-256 of all that decides what a cell's file holds, except the processor's rounding."""
+    key = [repr((source, frames, [(method, method.digest()) for method in methods])), code_digest()]
+    key += [f"{package} {version(package)}" for package in PACKAGES]
+    key += [digest_files(sorted(source.pictures.glob("*")) if source.pictures else [])]
+    return hashlib.sha256("\n".join(key).encode()).hexdigest()
+
+
+@lru_cache(maxsize=1)
 def code_digest() -> str:
-    """Of the code that makes and decodes captures, and of the fitted parameters."""
+    """Of the code that makes and decodes captures, and of the fitted parameters.
+
+    Read once a process: a worker that runs on keeps the code that it started with.
+    """
     root = Path(__file__).parent.parent
     files = sorted(f for p in ("link", "data_gen", "models") for f in (root / p).rglob("*.py"))
-    return digest_files([*files, root / "data_gen" / "nuisances.json", Path(__file__)])
+    here = [Path(__file__), Path(__file__).with_name("backends.py")]
+    return digest_files([*files, root / "data_gen" / "nuisances.json", *here])
 
 
 def _is_whole(file: Path, lines: int) -> bool:

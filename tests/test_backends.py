@@ -1,0 +1,240 @@
+"""The same bytes from one process, two, two Dask workers, and a run that was killed."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import distributed
+import pytest
+import torch
+from conftest import Command
+from threadpoolctl import threadpool_info
+
+import evaluate
+from data_gen.dataset import Cell, Source
+from link.errors import InputError
+from link.layout import make_layout
+from reports import backends, compare
+from reports.backends import Backend, make_backend, one_thread, run_tasks
+from reports.compare import Method, decode_cells, decode_each
+
+ROOT = Path(__file__).parents[1]
+RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
+RUN += ["--methods", "oorc", "learned", "hidden_ratex"]
+N_CELLS = 4
+GOOD, BAD = Cell("canon-lg", 0.0, 5), Cell("canon-lg", 0.0, 0)  # there is no kappa of 0
+NAIVE = [Method("naive")]
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Address of a Dask cluster of two worker processes."""
+    with distributed.LocalCluster(
+        n_workers=2,
+        threads_per_worker=1,
+        processes=True,
+        dashboard_address=":0",
+        silence_logs=50,
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The run by one process."""
+    out = tmp_path_factory.mktemp("alone")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["evaluate.py", *RUN, "--jobs", "1", "--out", str(out)])
+        evaluate.main()
+    return out
+
+
+def results(folder: Path) -> tuple[bytes, bytes, Any]:
+    """Everything a run writes, but its command line."""
+    metrics = json.loads((folder / "metrics.json").read_text())
+    metrics["meta"].pop("command")
+    return (folder / "predictions.jsonl").read_bytes(), (folder / "tables.md").read_bytes(), metrics
+
+
+def test_two_processes_write_the_bytes_of_one(
+    alone: Path, tmp_path: Path, command: Command
+) -> None:
+    assert command(evaluate.main, *RUN, "--jobs", 2, "--out", tmp_path).status == 0
+    assert results(tmp_path) == results(alone)
+
+
+def test_two_dask_workers_write_the_bytes_of_one_process(
+    alone: Path, tmp_path: Path, command: Command, scheduler: str
+) -> None:
+    dask = ("--backend", "dask", "--scheduler", scheduler)
+    done = command(evaluate.main, *RUN, *dask, "--out", tmp_path)
+    assert done.status == 0, done.stderr
+    assert results(tmp_path) == results(alone)
+    with distributed.Client(scheduler, set_as_default=False) as client:
+        loaded = client.run(lambda: "reports.compare" in sys.modules)
+    assert list(loaded.values()) == [True, True]  # both took part
+
+
+def cell_files(folder: Path) -> list[Path]:
+    return sorted((folder / "cells").glob("*/*.jsonl"))
+
+
+def test_a_killed_run_goes_on_to_the_same_bytes(
+    alone: Path, tmp_path: Path, command: Command
+) -> None:
+    line = [sys.executable, "evaluate.py", *RUN, "--jobs", "1", "--out", str(tmp_path)]
+    with subprocess.Popen(
+        line, cwd=ROOT, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+    ) as run:
+        started = time.monotonic()
+        while not cell_files(tmp_path) and time.monotonic() < started + 60:
+            time.sleep(0.005)
+        os.killpg(run.pid, signal.SIGKILL)
+        assert run.wait() == -signal.SIGKILL
+    kept = {file: file.stat().st_mtime_ns for file in cell_files(tmp_path)}
+    assert 1 <= len(kept) < N_CELLS
+    assert not (tmp_path / "predictions.jsonl").exists()
+    assert command(evaluate.main, *RUN, "--jobs", 1, "--out", tmp_path).status == 0
+    assert results(tmp_path) == results(alone)
+    assert all(file.stat().st_mtime_ns == time_ns for file, time_ns in kept.items())
+
+
+def test_a_failing_cell_is_reported_and_the_others_are_written(
+    alone: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(source: Source, cell: Cell, *rest: Any) -> Any:
+        if cell == Cell("canon-lg", 45.0, 5):
+            raise ZeroDivisionError("made to\nfail")
+        return decode_cell(source, cell, *rest)
+
+    decode_cell = compare.decode_cell
+    run = (*RUN, "--jobs", 1, "--out", tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(compare, "decode_cell", failing)
+        done = command(evaluate.main, *run)
+    assert done.status == 2
+    report, last = done.stderr.splitlines()[-2:]
+    assert report.startswith(
+        "failed: canon-lg, 45°, kappa 5: ZeroDivisionError: made to fail (" + str(tmp_path)
+    )
+    assert last.startswith("error: 1 of 4 cells failed")
+    trace = Path(report.rpartition("(")[2].rstrip(")"))
+    assert "Traceback" in trace.read_text()
+    assert "failing" in trace.read_text()
+    _, _, metrics = results(tmp_path)
+    cells = {(row["view_deg"], row["kappa"]) for row in metrics["rows"]}
+    assert cells == {(0.0, 5), (0.0, 3), (45.0, 3)}
+    assert len(metrics["meta"]["failed_cells"]) == 1
+    rows = results(alone)[2]["rows"]
+    assert metrics["rows"] == [r for r in rows if (r["view_deg"], r["kappa"]) != (45.0, 5)]
+
+    assert command(evaluate.main, *run).status == 0  # mended, it is tried again
+    assert results(tmp_path) == results(alone)
+    assert not trace.exists()
+
+
+@pytest.mark.parametrize("where", ["loky", "dask"])
+def test_a_cell_that_fails_elsewhere_is_reported_too(
+    where: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    address = request.getfixturevalue("scheduler") if where == "dask" else None
+    backend = Backend(2, address)
+    lines, failed = decode_each(Source(make_layout()), [BAD, GOOD], 1, NAIVE, tmp_path, backend)
+    assert [line["kappa"] for line in lines] == [5]
+    (report,) = failed
+    assert report.startswith("canon-lg, 0°, kappa 0: --kappa: need 1 to 64")
+
+
+def test_commands_that_need_every_cell_refuse_to_go_on(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="1 of 2 cells failed: canon-lg, 0°, kappa 0: --kappa"):
+        decode_cells(Source(make_layout()), [BAD, GOOD], 1, NAIVE, tmp_path, 1)
+    with pytest.raises(InputError, match=r"^--kappa: need 1 to 64"):
+        decode_cells(Source(make_layout()), [BAD], 1, NAIVE, tmp_path, 1)
+
+
+@pytest.mark.parametrize("where", ["loky", "dask"])
+def test_a_task_whose_process_dies_fails_alone(where: str, request: pytest.FixtureRequest) -> None:
+    def task(number: int) -> int:
+        if number == 1:
+            os._exit(1)
+        return number * number
+
+    address = request.getfixturevalue("scheduler") if where == "dask" else None
+    outcomes = sorted(run_tasks(task, range(4), Backend(2, address)), key=lambda o: o.index)
+    assert [outcome.result for outcome in outcomes] == [0, None, 4, 9]
+    assert outcomes[1].failure == backends.DIED
+
+
+def test_a_worker_with_other_code_is_refused(
+    tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "fingerprint", lambda *_: "another checkout")
+    with pytest.raises(InputError, match="has other code, packages, checkpoints or pictures"):
+        decode_each(Source(make_layout()), [GOOD], 1, NAIVE, tmp_path, Backend(scheduler=scheduler))
+
+
+def test_the_fingerprint_knows_what_decides() -> None:
+    source = Source(make_layout())
+    marks = {
+        compare.fingerprint(source, 1, NAIVE),
+        compare.fingerprint(source, 2, NAIVE),
+        compare.fingerprint(Source(make_layout(), seed=1), 1, NAIVE),
+        compare.fingerprint(source, 1, [Method("naive", (("threshold", 2.5),))]),
+    }
+    assert len(marks) == 4
+    assert compare.fingerprint(source, 1, NAIVE) in marks
+    assert Method("cnn").digest() not in ("", compare.digest_files([]))
+
+
+# Flags
+
+
+@pytest.mark.parametrize(
+    ("name", "scheduler", "message"),
+    [
+        ("dask", None, "--backend dask: give --scheduler"),
+        ("loky", "tcp://host:8786", "--scheduler: needs --backend dask"),
+        ("slurm", None, "--backend: choose one of loky, dask, got 'slurm'"),
+    ],
+)
+def test_flags_that_clash(name: str, scheduler: str | None, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        make_backend(name, 1, scheduler)
+
+
+def no_tasks(scheduler: str) -> None:
+    list(run_tasks(abs, [], Backend(scheduler=scheduler)))
+
+
+def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "CONNECT_S", 0.5)
+    with pytest.raises(InputError, match="--scheduler: no Dask scheduler at"):
+        no_tasks("tcp://127.0.0.1:9")
+
+
+def test_a_scheduler_without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "CONNECT_S", 0.5)
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as cluster,
+        pytest.raises(InputError, match="has no worker after"),
+    ):
+        no_tasks(cluster.scheduler_address)
+
+
+def test_dask_is_optional(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install -e '\.\[dask\]'"):
+        no_tasks("tcp://127.0.0.1:8786")
+
+
+def test_one_thread_holds_every_pool() -> None:
+    one_thread()
+    assert cv2.getNumThreads() == torch.get_num_threads() == 1
+    assert {pool["num_threads"] for pool in threadpool_info()} == {1}
