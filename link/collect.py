@@ -159,7 +159,9 @@ class Collector:
             self._loop *= 1 - 1 / (MEMORY_LOOPS * frames)
             self._loop[(first + count) % frames] += scores
         self.seen += len(waiting)
-        return self.progress > min(1.0, self._tried) or self.seen % max(1, frames // 4) == 0
+        enough = self.progress >= max(1.0, 1.02 * self._tried)
+        overdue = 2 * self.seen >= frames and self.seen % max(1, frames // 4) == 0
+        return enough or overdue
 
     def _try(self) -> Message | None:
         assert self.frames is not None
