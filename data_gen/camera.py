@@ -33,10 +33,10 @@ def response_curve(tone_curve: Curve, encoding: str = "srgb") -> NDArray[np.floa
     return np.asarray(255 * linear, np.float32)
 
 
-def expose(
+def collect(
     irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
 ) -> Light:
-    """What the sensor's channels collect: white_level gain M light, clipped at saturation.
+    """What the sensor's channels collect: white_level gain M light, not yet clipped.
 
     Args:
         irradiance: (H, W, 3) float32 linear, display primaries; frontal white is 1.
@@ -45,9 +45,16 @@ def expose(
         gain: broadcastable to (H, W, 3): exposure, vignetting, banding, moire.
 
     Returns:
-        (H, W, 3) float32 in [0, 1], linear, without noise; 1 is saturation.
+        (H, W, 3) float32, linear, without noise; 1 is saturation.
     """
-    light = _transform(irradiance, crosstalk) * (np.float32(camera.white_level) * gain)
+    return _transform(irradiance, crosstalk) * (np.float32(camera.white_level) * gain)
+
+
+def expose(
+    irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
+) -> Light:
+    """`collect`, clipped at saturation: (H, W, 3) float32 in [0, 1]; arguments as there."""
+    light = collect(irradiance, camera, crosstalk, gain)
     return np.asarray(np.minimum(light, 1.0), np.float32)
 
 

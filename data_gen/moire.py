@@ -28,7 +28,12 @@ INVISIBLE = 1e-3
 
 
 def moire_gain(
-    pair: Pair, layout: Layout, H_captured_from_display: NDArray[np.float64], size: tuple[int, int]
+    pair: Pair,
+    layout: Layout,
+    H_captured_from_display: NDArray[np.float64],
+    size: tuple[int, int],
+    origin: tuple[int, int] = (0, 0),
+    capture_width: int | None = None,
 ) -> Light:
     """Modulation of the light that each channel collects.
 
@@ -36,19 +41,22 @@ def moire_gain(
         pair: panel, sensor, and crosstalk, by which a channel sees all three stripes.
         layout: of the picture, which fills the panel's rows.
         H_captured_from_display: (3, 3).
-        size: (width, height) of the capture.
+        size: (width, height) of the capture, or of a part of it.
+        origin: (x, y) of that part in the capture.
+        capture_width: of the whole capture, where ``size`` is that of a part.
 
     Returns:
         (height, width, 3) float32, mean about 1.
     """
     width, height = size
     columns = pair.display.native_height / layout.height  # of the panel, per display pixel
-    native = pair.camera.native_width / width  # sensor pixels per captured pixel
+    native = pair.camera.native_width / (capture_width or width)  # sensor pixels per captured pixel
     h = np.linalg.inv(H_captured_from_display).astype(np.float32)
-    x, y = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)
+    x, y = (np.arange(o, o + n, dtype=np.float32) for o, n in zip(origin, size, strict=True))
     X, _ = _display_column(h, x, y)
     coarse_x, coarse_y = (
-        np.arange(STEP // 2, n + STEP // 2, STEP).astype(np.float32) for n in size
+        np.arange(o + STEP // 2, o + n + STEP // 2, STEP).astype(np.float32)
+        for o, n in zip(origin, size, strict=True)
     )
     coarse_X, w = _display_column(h, coarse_x, coarse_y)
     fx = columns * (h[0, 0] - coarse_X * h[2, 0]) / w  # cycles per captured pixel: d(columns X)/dx

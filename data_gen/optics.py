@@ -70,36 +70,76 @@ def view_angles(pose: Pose, width: int, height: int) -> Light:
     return np.asarray(np.arccos(camera_z / np.sqrt(squared)), np.float32)
 
 
-def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
-    """``H_captured_from_display`` (3, 3) of a pinhole camera that keeps its zoom at every view."""
+def axes_of(pose: Pose) -> NDArray[np.float64]:
+    """(3, 3) rows: right, down and forward of a camera aimed at the picture's centre."""
     center = pose.position
     forward = -center / np.linalg.norm(center)
     right = np.cross(forward, np.array([0.0, 1.0, 0.0]))
     right /= np.linalg.norm(right)
     down = np.cross(right, forward)
     roll = np.radians(pose.roll_deg)
-    axes = np.array(
+    return np.array(
         [
             np.cos(roll) * right + np.sin(roll) * down,
             -np.sin(roll) * right + np.cos(roll) * down,
             forward,
         ]
     )
+
+
+def plane_from_display(width: int, height: int) -> NDArray[np.float64]:
+    """(3, 3) display pixels to the plane of `Pose.position`: longer side 1, centre at (0, 0)."""
     side = max(width, height)
-    focal = FILL * pose.distance * min(CAPTURE_WIDTH * side / width, CAPTURE_HEIGHT * side / height)
-    K = np.array(
-        [[focal, 0, (CAPTURE_WIDTH - 1) / 2], [0, focal, (CAPTURE_HEIGHT - 1) / 2], [0, 0, 1]]
-    )
-    plane_from_display = np.array(
+    return np.array(
         [
             [1 / side, 0, -(width - 1) / 2 / side],
             [0, 1 / side, -(height - 1) / 2 / side],
             [0, 0, 1],
         ]
     )
-    extrinsics = np.column_stack([axes[:, 0], axes[:, 1], -axes @ center])
-    H = K @ extrinsics @ plane_from_display
+
+
+def pinhole(focal: float, size: tuple[int, int]) -> NDArray[np.float64]:
+    """(3, 3) camera matrix K of a focal length in pixels and a (width, height) of the image."""
+    return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
+
+
+def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
+    """``H_captured_from_display`` (3, 3) of a pinhole camera that keeps its zoom at every view."""
+    axes, side = axes_of(pose), max(width, height)
+    focal = FILL * pose.distance * min(CAPTURE_WIDTH * side / width, CAPTURE_HEIGHT * side / height)
+    K = pinhole(focal, (CAPTURE_WIDTH, CAPTURE_HEIGHT))
+    extrinsics = np.column_stack([axes[:, 0], axes[:, 1], -axes @ pose.position])
+    H = K @ extrinsics @ plane_from_display(width, height)
     return np.asarray(H / H[2, 2])
+
+
+def scene_camera(
+    pose: Pose, focal: float, size: tuple[int, int], centre: tuple[float, float]
+) -> NDArray[np.float64]:
+    """(3, 4) projection of a camera that sees the picture's centre at a point of its image.
+
+    The camera stands as ``pose`` says and turns until the picture's centre falls on ``centre``.
+
+    Args:
+        pose: position and roll.
+        focal: length in captured pixels.
+        size: (width, height) of the capture.
+        centre: (x, y) captured pixels.
+
+    Returns:
+        Projection of homogeneous points in the coordinates of `Pose.position` to captured pixels,
+        with a positive third coordinate for points before the camera.
+    """
+    K, axes = pinhole(focal, size), axes_of(pose)
+    towards = np.linalg.solve(K, np.array([*centre, 1.0]))
+    towards /= np.linalg.norm(towards)
+    turn, _ = cv2.Rodrigues(
+        np.cross([0.0, 0.0, 1.0], towards)
+        * np.arccos(towards[2])
+        / max(1e-12, float(np.hypot(towards[0], towards[1])))
+    )
+    return np.asarray(K @ turn @ np.column_stack([axes, -axes @ pose.position]))
 
 
 def motion(
@@ -129,6 +169,7 @@ def image_of(
     H_captured_from_display: NDArray[np.float64],
     blur_px: float,
     size: tuple[int, int],
+    surroundings: float = SURROUNDINGS,
 ) -> Light:
     """Project emitted light into the captured image and blur it.
 
@@ -140,6 +181,7 @@ def image_of(
         H_captured_from_display: (3, 3).
         blur_px: Gaussian sigma of lens and anti-alias filter, captured pixels.
         size: (width, height) of the capture.
+        surroundings: linear light beside the display.
 
     Returns:
         (height, width, 3) float32, linear.
@@ -164,7 +206,7 @@ def image_of(
         size,
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(SURROUNDINGS,) * 3,
+        borderValue=(surroundings,) * 3,
     )
     return np.asarray(
         cv2.GaussianBlur(image, (0, 0), blur_px) if blur_px > 0.1 else image, np.float32
