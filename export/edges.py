@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 SAMPLES = 24
 """Places along a side where the image is looked at."""
+AHEAD = np.concatenate([np.linspace(-0.15, -0.03, 8), np.linspace(1.03, 1.15, 8)])
+"""Places beyond a side's ends: what bounds a display ends at its corners."""
 REACH = 5
 """Pixels of the small image looked at on each side of an edge."""
 FIT_SAMPLES = 96
@@ -36,13 +38,14 @@ def profiles(
     image: NDArray[np.float32],
     quads: NDArray[np.float64],
     offsets: NDArray[np.float64],
-    samples: int,
+    samples: int | NDArray[np.float64],
 ) -> NDArray[np.float32]:
     """The image across the sides: (N, 4, samples, offsets) or with a last axis of channels.
 
-    Offsets are pixels along the inward normal; places are spread over a side without its ends.
+    Offsets are pixels along the inward normal; ``samples`` places are spread over a side without
+    its ends, or given: 0 is a side's start and 1 its end.
     """
-    share = places(samples)
+    share = places(samples) if isinstance(samples, int) else samples
     start, end = quads[:, :, None], np.roll(quads, -1, axis=1)[:, :, None]
     at = start + (end - start) * share[None, None, :, None]  # (N, 4, S, 2)
     at = at[:, :, :, None] + inward(quads)[:, :, None, None] * offsets[:, None]
@@ -54,9 +57,15 @@ def profiles(
 
 
 FEATURES = (
-    "sides", "weakest side", "dark rim", "rim contrast", "even rim", "sharp", "bright", "texture",
-    "area", "wrong step",
+    "sides", "weakest side", "second weakest", "strong sides", "wrong step", "dark rim",
+    "rim contrast", "even rim", "rim against beyond", "inside against beyond", "bright",
+    "brightest", "texture", "area", "lines beside", "sides go on",
 )  # fmt: skip
+"""Columns of `evidence`: shares of places along the sides that are brighter inside (mean, least,
+second least, steep ones) or darker; how dark, how much darker than the picture, and how even the
+rim outside is; rim and picture against what lies beyond; the picture's light against the image's,
+its brightest part, its variation; the root of its share of the image; steps beside the sides, and
+on the sides' continuation beyond the corners."""
 
 
 def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -68,49 +77,61 @@ def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np
     """
     image = small.astype(np.float32)
     value = (image.max(axis=2) + image.mean(axis=2)) / 2
-    stacked = np.dstack([image, value])
-    offsets = np.arange(-REACH, REACH + 1.0)
-    taken = profiles(stacked, quads, offsets, SAMPLES)  # (N, 4, S, 2R+1, 4)
-    v, rgb = taken[..., 3], taken[..., :3]
-    inside = v[..., REACH + 1 : REACH + 4].mean(axis=-1)  # (N, 4, S)
-    outside = v[..., REACH - 3 : REACH].mean(axis=-1)
-    darkest = v[..., REACH - 4 : REACH].min(axis=-1)
-    step = v[..., REACH + 1] - v[..., REACH - 1]
-    step2 = v[..., REACH + 2] - v[..., REACH - 2]
-    step = np.where(np.abs(step2) > np.abs(step), step2, step)
-    falls = (step > STEP_LEVELS).mean(axis=2)  # (N, 4): inside is brighter
-    rises = (step < -STEP_LEVELS).mean(axis=2)
-    gradient = np.abs(np.diff(v, axis=-1))
-    here = gradient[..., REACH - 1 : REACH + 1].max(axis=-1)
-    around = np.delete(gradient, [REACH - 2, REACH - 1, REACH, REACH + 1], axis=-1).mean(axis=-1)
-    sharp = ((here + 1) / (here + around + 2)).mean(axis=(1, 2))
-    white = np.quantile(value[::2, ::2], 0.95) + 10
-    rim = rgb[..., REACH - 3 : REACH - 1, :].mean(axis=-2)  # (N, 4, S, 3)
-    rim_spread = np.median(np.abs(rim - np.median(rim, axis=(1, 2), keepdims=True)), axis=(1, 2))
-    contrast = (inside - darkest).mean(axis=(1, 2)) / (inside + darkest + 10).mean(axis=(1, 2))
     height, width = value.shape
-    size = 24
-    frame = np.array([[0, 0], [size, 0], [size, size], [0, size]], np.float32) - 0.5
-    mean, texture = np.empty(len(quads)), np.empty(len(quads))
-    for i, quad in enumerate(quads):
-        H = cv2.getPerspectiveTransform(frame, quad.astype(np.float32))
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        content = cv2.warpPerspective(value, H, (size, size), flags=flags)
-        mean[i], texture[i] = content.mean(), content.std()
+    white = float(np.quantile(value[::3, ::3], 0.95)) + 10
+    unit = STEP_LEVELS * (0.3 + 0.7 * min(1.0, white / 200))
+    offsets = np.arange(-REACH, REACH + 1.0)
+    v = profiles(value, quads, offsets, SAMPLES)  # (N, 4, S, 2R+1)
+    inside = v[..., REACH + 1 : REACH + 4].mean(axis=-1)  # (N, 4, S)
+    darkest = v[..., REACH - 4 : REACH].min(axis=-1)
+    near = v[..., REACH + 1] - v[..., REACH - 1]
+    wide = v[..., REACH + 2] - v[..., REACH - 2]
+    step = np.where(np.abs(wide) > np.abs(near), wide, near)
+    falls = np.sort((step > unit).mean(axis=2), axis=1)  # (N, 4): inside is brighter
+    beside = np.abs(v[..., 2:] - v[..., :-2])[..., [0, 1, 2 * REACH - 3, 2 * REACH - 2]]
+    rim = profiles(image, quads, np.array([-2.5]), SAMPLES)[..., 0, :]  # (N, 4, S, 3)
+    middle = np.median(rim, axis=(1, 2), keepdims=True)
+    uneven = np.abs(rim - middle).mean(axis=(1, 2, 3))
+    beyond = profiles(value, _grown(quads, 1.12), np.zeros(1), SAMPLES)[..., 0].mean(axis=(1, 2))
+    content = profiles(
+        value, np.concatenate([_grown(quads, scale) for scale in (0.85, 0.6, 0.3)]), np.zeros(1), 12
+    ).reshape(3, len(quads), -1)
+    content = np.concatenate(list(content), axis=1)  # (N, 3 * 4 * 12)
+    ahead = profiles(value, quads, np.array([-1.5, 0.0, 1.5]), AHEAD)
+    jump = np.abs(ahead[..., 2] - ahead[..., 0])
+    goes_on = (jump > unit).reshape(len(quads), 4, 2, -1).mean(axis=3)  # -> (N, 4, both ends)
+    rim_level = darkest.mean(axis=(1, 2))
+    level = content.mean(axis=1)
     x, y = quads[..., 0], quads[..., 1]
     area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
+
+    def against(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray((a - b) / (a + b + 10))
+
     return np.column_stack([
         falls.mean(axis=1),
-        falls.min(axis=1),
-        1 - np.median(outside, axis=(1, 2)) / white,
-        contrast,
-        -np.log(rim_spread.mean(axis=1) / white + 0.01),
-        sharp,
-        mean / (value.mean() + 10),
-        np.minimum(texture, 40) / 40,
+        falls[:, 0],
+        falls[:, 1],
+        (step > 4 * unit).mean(axis=(1, 2)),
+        (step < -unit).mean(axis=(1, 2)),
+        1 - rim_level / white,
+        against(inside.mean(axis=(1, 2)), rim_level),
+        -np.log(uneven / white + 0.02),
+        against(beyond, rim_level),
+        against(level, beyond),
+        np.log((level + 10) / (value.mean() + 10)),
+        np.quantile(content, 0.9, axis=1) / white,
+        content.std(axis=1) / white,
         np.sqrt(area / (width * height)),
-        rises.mean(axis=1),
+        (beside > unit).mean(axis=(1, 2, 3)),
+        goes_on.mean(axis=(1, 2)),
     ])  # fmt: skip
+
+
+def _grown(quads: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """(N, 4, 2) scaled about the mean of the corners."""
+    centre = quads.mean(axis=1, keepdims=True)
+    return np.asarray(centre + factor * (quads - centre))
 
 
 def snap(
@@ -244,7 +265,7 @@ def _fit_line(
     weight = height / (height + SATURATION_SLOPE)
     A = np.stack([1 - share, share])
     solution = np.zeros(2)
-    robust: NDArray[np.floating[Any]] = np.ones(len(peak))
+    robust = np.asarray(np.ones(len(peak)), np.float64)
     spread = scale
     for _ in range(8):
         w = weight * robust

@@ -30,7 +30,7 @@ from link.ratex import visibility
 WORK_PX = 640
 """Longer side of the image on which quadrilaterals are sought."""
 SNAP_PX = 5.0
-LINE_QUADS = 60
+LINE_QUADS = 70
 TRIED = 20
 """Candidates whose ratex patches are sought."""
 SAME_PX = 3.0
@@ -45,8 +45,27 @@ PROMISING = 0.55
 0.69 and more, turned ones up to 0.65."""
 MIN_SCORE = 0.2
 """Of a display without patches."""
-WEIGHTS = np.array([12.926, 1.27, -3.213, 9.878, 1.191, -7.192, -0.336, 0.022, 4.968, 19.238])
-BIAS = -16.6
+WEIGHTS = np.array(
+    [
+        12.004,
+        -0.82,
+        1.682,
+        1.629,
+        17.367,
+        -1.016,
+        3.951,
+        3.062,
+        2.799,
+        -3.555,
+        1.227,
+        1.135,
+        -0.112,
+        7.33,
+        7.785,
+        -8.296,
+    ]
+)
+BIAS = -28.59
 
 
 @dataclass(frozen=True)

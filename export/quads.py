@@ -22,6 +22,8 @@ MIN_CROSSING_DEG = 35.0
 """Smallest angle between neighbouring sides; a display seen at 70 degrees still has it."""
 MIN_SIDE_COVER, MIN_MEAN_COVER = 0.15, 0.45
 """Share of a side, and of all sides, that segments must cover."""
+SAME_PX = 3.0
+"""Quadrilaterals whose corners are all closer than this are one."""
 THRESHOLD_QUANTILES = (0.3, 0.5, 0.65, 0.8, 0.9)
 
 
@@ -115,6 +117,21 @@ def merge(
     return np.array(lines)[best], np.cumsum(cover, axis=1)
 
 
+def distinct(
+    quads: NDArray[np.float64], rank: NDArray[np.float64], limit: int, tolerance: float
+) -> NDArray[np.intp]:
+    """Indices of at most ``limit`` quadrilaterals of highest rank that differ from one another.
+
+    They are alike where all corners, in the same corner order, are closer than ``tolerance`` px.
+    """
+    left = np.argsort(-rank)
+    chosen: list[int] = []
+    while len(left) and len(chosen) < limit:
+        chosen.append(int(left[0]))
+        left = left[np.abs(quads[left] - quads[left[0]]).max(axis=(1, 2)) >= tolerance]
+    return np.array(chosen, np.intp)
+
+
 def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
     """(N, 4, 2) quadrilaterals whose sides segments cover best, at most ``limit``."""
     height, width = gray.shape
@@ -155,10 +172,10 @@ def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
     quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
     quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
     sound = is_sound(quads, width, height)
-    quads, rank = quads[sound], rank[sound]
+    quads, rank = upright(quads[sound]), rank[sound]
     # longer sides are less likely to be covered by chance
     rank = rank + 0.3 * np.sqrt(signed_areas(quads) / (width * height))
-    return np.asarray(quads[np.argsort(-rank)[:limit]])
+    return quads[distinct(quads, rank, limit, SAME_PX)]
 
 
 def from_contours(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
