@@ -105,9 +105,10 @@ def run_tasks(task: Callable[[T], R], items: Sequence[T], backend: Backend) -> I
 
     def finished(indices: Sequence[int], jobs: int | None) -> Iterator[Outcome[R]]:
         try:
-            yield from Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)(
-                delayed(attempt)(index, items[index]) for index in indices
+            parallel = Parallel(
+                n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
             )
+            yield from parallel(delayed(attempt)(index, items[index]) for index in indices)
         except TerminatedWorkerError:  # of one task, but loky drops them all
             return
 
@@ -134,10 +135,16 @@ def _started(backend: Backend) -> Iterator[None]:
 
 
 def _reporting(client: Any) -> Any:
-    """joblib's Dask backend, mended: of a task whose workers died it would wait for ever."""
+    """joblib's Dask backend, mended for a task whose workers died, and for a single worker.
+
+    It would wait for ever for the one, and stay in this process for the other.
+    """
     base = import_module("joblib._dask").DaskDistributedBackend
 
     class Reporting(base):  # type: ignore[misc, valid-type]
+        def effective_n_jobs(self, n_jobs: int) -> int:
+            return max(2, int(super().effective_n_jobs(n_jobs)))
+
         def submit(self, func: Any, callback: Any = None) -> Any:
             future = super().submit(func, callback)
             future.add_done_callback(lambda done: done.exception() and callback(done.exception()))
