@@ -126,7 +126,7 @@ class Synchroniser:
         held = self.clock
         if held is not None:
             # pivots at the window, so that states keep their numbers
-            number = round(held.number(middle))
+            number = 2 * round(held.number(middle) / 2)
             held = replace(held, start=held.start + number * held.period - middle)
             found, r2 = self._climb(np.array([astuple(held)]), times, rows, toggles)
             found = replace(found, start=found.start - number * found.period)

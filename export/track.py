@@ -74,6 +74,10 @@ class Tracker:
         self._missed += 1
         if self._missed % SEARCH_EVERY != 1:
             return None
+        whole = frame_corners(image.shape[1], image.shape[0])  # a screenshot, or a rectified frame
+        found = self._accept(image, whole, moved=False, fresh=True)
+        if found is not None:
+            return found
         located = locate(image, self.layout)
         if located is None:
             return None
