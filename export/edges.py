@@ -76,7 +76,8 @@ def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np
         quads: (N, 4, 2) in its pixels.
     """
     image = small.astype(np.float32)
-    value = (image.max(axis=2) + image.mean(axis=2)) / 2
+    red, green, blue = cv2.split(image)
+    value = cv2.max(cv2.max(red, green), blue) / 2 + (red + green + blue) / 6
     height, width = value.shape
     white = float(np.quantile(value[::3, ::3], 0.95)) + 10
     unit = STEP_LEVELS * (0.3 + 0.7 * min(1.0, white / 200))
@@ -119,7 +120,7 @@ def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np
         -np.log(uneven / white + 0.02),
         against(beyond, rim_level),
         against(level, beyond),
-        np.log((level + 10) / (value.mean() + 10)),
+        np.log((level + 10) / (float(value.mean()) + 10)),
         np.quantile(content, 0.9, axis=1) / white,
         content.std(axis=1) / white,
         np.sqrt(area / (width * height)),
@@ -264,10 +265,10 @@ def _fit_line(
     """Offsets at both ends of a line through the peaks, robustly, and the share of peaks used."""
     weight = height / (height + SATURATION_SLOPE)
     A = np.stack([1 - share, share])
-    solution = np.zeros(2)
-    robust = np.asarray(np.ones(len(peak)), np.float64)
+    solution: NDArray[np.floating[Any]] = np.zeros(2)
+    robust = np.ones(len(peak))
     spread = scale
-    for _ in range(8):
+    for _ in range(6):
         w = weight * robust
         if w.sum() < 1e-6:
             return 0.0, 0.0, 0.0

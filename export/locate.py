@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from export.edges import evidence, fit_edges, snap
 from export.patches import Pyramid, align, place, pyramid, search
-from export.quads import from_contours, from_lines, is_sound, upright
+from export.quads import SAME_PX, distinct, from_contours, from_lines, is_sound, upright
 from link.errors import InputError, run_cli
 from link.geometry import as_corners, homography_from_corners, rectify
 from link.images import as_rgb, read_image, write_image
@@ -33,8 +33,6 @@ SNAP_PX = 5.0
 LINE_QUADS = 70
 TRIED = 20
 """Candidates whose ratex patches are sought."""
-SAME_PX = 3.0
-"""Candidates of the small image whose corners are all closer than this are one."""
 MIN_VISIBILITY = {1: 0.93, 2: 0.85}
 """Of `link.ratex.visibility`, by number of patches; `USUAL_VISIBILITY` for more."""
 USUAL_VISIBILITY = 0.8
@@ -97,18 +95,13 @@ def candidates(image: NDArray[np.uint8], limit: int = TRIED) -> list[Located]:
         return []
     smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
     quads = np.concatenate([snap(smooth, quads, SNAP_PX), quads])
-    quads = quads[is_sound(quads, gray.shape[1], gray.shape[0])]
+    quads = upright(quads[is_sound(quads, gray.shape[1], gray.shape[0])])
     if not len(quads):
         return []
-    quads = upright(quads)
+    # many snap to the same edges
+    quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
     scores = 1 / (1 + np.exp(-(evidence(small, quads) @ WEIGHTS + BIAS)))
-    chosen: list[int] = []
-    for i in np.argsort(-scores):
-        apart = np.abs(quads[chosen] - quads[i]).max(axis=(1, 2))
-        if not (apart < SAME_PX).any():
-            chosen.append(int(i))
-            if len(chosen) == limit:
-                break
+    chosen = distinct(quads, scores, limit, SAME_PX)
     return [Located((quads[i] + 0.5) * scale - 0.5, float(scores[i])) for i in chosen]
 
 

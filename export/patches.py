@@ -20,8 +20,8 @@ SEARCH_ERROR, PLACE_ERROR = 0.04, 0.006
 """Expected errors, as shares of the display's side, of a coarse corner and of a patch found."""
 FINE_PX = 6
 """Samples of a tile and axis where patches are aligned."""
-STEPS = 12
-MIN_STEP_PX = 0.005
+STEPS = 10
+MIN_STEP_PX = 0.01
 KAPPA = 3
 """Of the drawn patches; the tiles' levels hardly depend on it."""
 CORNER_SPREAD = 0.02
@@ -156,14 +156,15 @@ def _by_corners(
     Returns:
         (N, 2) and (N, 2, 8): derivatives by x, y of the target's four corners.
     """
-    at = transform(H, points)
     bump = 1e-2 * float(np.abs(target - target.mean(axis=0)).max())
-    J = np.empty((len(points), 2, 8))
+    homographies = [H]
     for k in range(8):
         other = target.copy()
         other[k // 2, k % 2] += bump
-        J[:, :, k] = (transform(_perspective(source, other), points) - at) / bump
-    return at, J
+        homographies.append(_perspective(source, other))
+    mapped = np.stack(homographies) @ np.stack([*points.T, np.ones(len(points))])  # (9, 3, N)
+    mapped = mapped[:, :2] / mapped[:, 2:]
+    return mapped[0].T, np.asarray((mapped[1:] - mapped[0]).transpose(2, 1, 0) / bump)
 
 
 def align(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 MIN_SEGMENT_PX = 9.0
 MAX_LINES = 44
-MAX_SEGMENTS = 600
+MAX_SEGMENTS = 350
 COLLINEAR_PX = 1.8
 OPPOSED_PX = 0.7
 """Largest distance of a segment's ends from the line that it is counted to, where both are bright
@@ -87,34 +87,37 @@ def merge(
     along = end - start
     length = np.linalg.norm(along, axis=1)
     direction = along / length[:, None]
+    normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
+    level = (normal * start).sum(axis=1)
+    far = np.maximum(
+        np.abs(normal @ start.T - level[:, None]), np.abs(normal @ end.T - level[:, None])
+    )  # (N, N): distance of segment j's ends from the line of segment i
+    same = direction @ direction.T > 0  # LSD: which side is bright
+    near = far < np.where(same, COLLINEAR_PX, OPPOSED_PX)
     free = np.ones(len(ends), bool)
-    lines, members = [], []
+    members: list[NDArray[np.intp]] = []
     for i in range(len(ends)):
-        if not free[i]:
-            continue
-        normal = np.array([-direction[i, 1], direction[i, 0]])
-        far = np.maximum(np.abs((start - start[i]) @ normal), np.abs((end - start[i]) @ normal))
-        same = direction @ direction[i] > 0  # LSD: which side is bright
-        near = far < np.where(same, COLLINEAR_PX, OPPOSED_PX)
-        group = np.flatnonzero(near & free)
-        free[group] = False
-        points = np.concatenate([start[group], end[group]])
-        weight = np.tile(length[group], 2)
-        centre = weight @ points / weight.sum()
-        spread = (points - centre).T @ ((points - centre) * weight[:, None])
-        axis = np.linalg.eigh(spread)[1][:, 1]
-        lines.append([*centre, *axis])
-        members.append(group)
+        if free[i]:
+            group = np.flatnonzero(near[i] & free)
+            free[group] = False
+            members.append(np.union1d(group, [i]))
     support = np.array([length[group].sum() for group in members])
     best = np.argsort(-support)[:MAX_LINES]
+    lines = np.empty((len(best), 4))
+    for row, k in enumerate(best):
+        group = members[k]
+        points, weight = np.concatenate([start[group], end[group]]), np.tile(length[group], 2)
+        centre = weight @ points / weight.sum()
+        spread = (points - centre).T @ ((points - centre) * weight[:, None])
+        lines[row] = [*centre, *np.linalg.eigh(spread)[1][:, 1]]
     half = int(diagonal) + 2
     cover = np.zeros((len(best), 2 * half), np.float32)
     for row, k in enumerate(best):
-        centre, axis = np.array(lines[k][:2]), np.array(lines[k][2:])
+        centre, axis = lines[row, :2], lines[row, 2:]
         for i in members[k]:
             a, b = sorted(((start[i] - centre) @ axis, (end[i] - centre) @ axis))
             cover[row, max(0, round(a) + half) : max(0, round(b) + half)] = 1
-    return np.array(lines)[best], np.cumsum(cover, axis=1)
+    return lines, np.cumsum(cover, axis=1)
 
 
 def distinct(
@@ -122,9 +125,9 @@ def distinct(
 ) -> NDArray[np.intp]:
     """Indices of at most ``limit`` quadrilaterals of highest rank that differ from one another.
 
-    They are alike where all corners, in the same corner order, are closer than ``tolerance`` px.
+    Only the first ``8 * limit`` are looked at. They are alike where all corners, in the same corner order, are closer than ``tolerance`` px.
     """
-    left = np.argsort(-rank)
+    left = np.argsort(-rank)[: 8 * limit]
     chosen: list[int] = []
     while len(left) and len(chosen) < limit:
         chosen.append(int(left[0]))
