@@ -1,6 +1,7 @@
-"""Compare decoders: python evaluate.py --pairs canon-lg --views 0 45 --kappas 5 3 --out DIR.
+"""Compare decoders: python evaluate.py --out DIR, or --quick, or --captures DIR.
 
-Decode once to predictions.jsonl, score to metrics.json, print tables beside the paper's numbers.
+Decode once to predictions.jsonl, score to metrics.json, print tables beside the paper's numbers,
+and show it all in report.html. --report DIR builds that again, --compare A B compares two runs.
 """
 
 import json
@@ -8,7 +9,7 @@ import os
 import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import tyro
 
@@ -16,28 +17,34 @@ from data_gen.dataset import Source
 from data_gen.effects import parse_settings
 from data_gen.optics import check_view
 from data_gen.pairs import PAIRS
-from link.captures import load_capture, read_manifest
+from link.captures import MANIFEST, read_manifest
 from link.embed import check_kappa
-from link.errors import InputError, UnsuitedError, at_least, choose, run_cli
-from link.images import make_folder, write_bytes, write_image
+from link.errors import InputError, at_least, choose, run_cli
+from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
+from reports.annotated import show
 from reports.backends import make_backend
 from reports.compare import (
     METHODS,
     Method,
     decode_captures,
     decode_each,
+    digest_files,
     methods_for,
     paper_cells,
 )
-from reports.figures import annotate
+from reports.finish import Clock, close, finish_captures, finish_simulated
+from reports.html import write_report
 from reports.metrics import provenance, score, write_metrics
 from reports.protocols import PROTOCOLS, apply
+from reports.sweeps import SWEEPS
 from reports.tables import paper_tables, summary_table
+from reports.versus import compare_runs
 
 CONFIG = "config.json"
-UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show")
+QUICK_FRAMES = 4
+UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
 """Flags that decide no number."""
 
 
@@ -55,6 +62,10 @@ class EvaluateConfig:
     """Decoders to compare; "ideal" is the floor under them, slow and for the simulation alone."""
     frames: int = 15
     """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
+    sweeps: tuple[str, ...] | None = None
+    """Of reports/sweeps.py; by default all beside the paper's 36 cells, and none beside others."""
+    quick: bool = False
+    """At most 4 frame pairs a cell, fewer values a sweep: three minutes on two cores."""
     seed: int = 0
     protocol: str = "fair"
     """How thresholds are set: "fair" (in each frame pair), "paper", or another of
@@ -64,7 +75,13 @@ class EvaluateConfig:
     set: tuple[str, ...] = ()
     """Parameters of the channel, such as drift=0.1 jpeg_quality=70 (data_gen/parameters.py)."""
     out: Path = Path("runs/evaluation")
-    """Folder for predictions.jsonl, metrics.json and tables.md."""
+    """Folder for predictions.jsonl, metrics.json, tables.md and report.html."""
+    html: bool = True
+    """Write report.html, and what it shows beside the predictions."""
+    report: Path | None = None
+    """Build the report of this finished run again, without decoding; other flags do not count."""
+    compare: tuple[Path, Path] | None = None
+    """Compare two finished runs on the same captures, the second against the first."""
     captures: Path | None = None
     """Folder of captures, own or simulated, with a manifest.jsonl; replaces the simulation."""
     pictures: Path | None = None
@@ -84,48 +101,100 @@ class EvaluateConfig:
 
 
 def main() -> None:
-    """Decode, score, print."""
+    """Decode, score, print; or show what was decoded before."""
     config = tyro.cli(EvaluateConfig)
+    if config.report is not None:
+        print(f"written: {write_report(config.report)}")
+        return
+    if config.compare is not None:
+        text, page = compare_runs(*config.compare)
+        print(f"{text}\n\nwritten: {page}")
+        return
     check(config)
     methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     settings = describe(config, methods)
     refuse_other_run(config.out, settings)
-    failed: list[str] = []
     if config.captures is not None:
-        predictions, notes = decode_captures(config.captures, methods, config.out)
-        for note in notes:
-            print(note)
-        entries = read_manifest(config.captures)
-        simulated = all(bool(entry.get("simulated")) for entry in entries)
+        run_captures(config, config.captures, methods, settings)
     else:
-        cells = paper_cells(config.pairs, config.views, config.kappas)
-        backend = make_backend(config.backend, config.jobs, config.scheduler)
-        predictions, failed = decode_each(
-            source_of(config), cells, config.frames, methods, config.out, backend
-        )
-        simulated = True
-    write_bytes(config.out / CONFIG, settings)
-    rows = score(predictions)
+        run_simulated(config, methods, settings)
+
+
+def run_captures(
+    config: EvaluateConfig, captures: Path, methods: list[Method], settings: bytes
+) -> None:
+    """Decode and score a folder of captures."""
+    clock = Clock()
+    with clock.time("decoding"):
+        predictions, notes = decode_captures(captures, methods, config.out)
+    print(*notes, sep="\n")
+    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
     meta = provenance(config.seed, simulated)
-    write_metrics(config.out / "metrics.json", rows, {**meta, "failed_cells": failed})
     kind = "simulated captures" if simulated else "real captures"
-    if config.captures is None:
-        kind += ", held-out pictures" if config.pictures is None else ", your own pictures"
-    tables = summary_table(rows, f"All cells ({kind})")
-    if config.captures is None:
-        tables = f"{paper_tables(rows)}\n\n{tables}"
-    write_bytes(config.out / "tables.md", f"{tables}\n".encode())
-    print(tables)
-    print(f"\nwritten: {config.out}/predictions.jsonl, metrics.json, tables.md")
-    if config.captures is not None and config.show is not None:
-        show(config.captures, methods, config.show)
+    write_scores(config.out, predictions, meta, settings, f"All cells ({kind})", False)
+    if config.html:
+        finish_captures(config.out, captures, predictions, clock)
+        digest = digest_files([captures / MANIFEST])[:16]
+        about = {**json.loads(settings), "captures": f"manifest {digest}"}
+        print(f"written: {close(config.out, meta, about, clock, notes)}")
+    if config.show is not None:
+        show(captures, methods, config.show)
+
+
+def run_simulated(config: EvaluateConfig, methods: list[Method], settings: bytes) -> None:
+    """Decode and score simulated captures, and the sweeps beside them."""
+    clock, source = Clock(), source_of(config)
+    cells = paper_cells(config.pairs, config.views, config.kappas)
+    backend = make_backend(config.backend, config.jobs, config.scheduler)
+    frames = min(config.frames, QUICK_FRAMES) if config.quick else config.frames
+    with clock.time("decoding"):
+        predictions, failed = decode_each(source, cells, frames, methods, config.out, backend)
+    meta = {**provenance(config.seed, True), "failed_cells": failed}
+    kind = "held-out pictures" if config.pictures is None else "your own pictures"
+    title = f"All cells (simulated captures, {kind})"
+    write_scores(config.out, predictions, meta, settings, title, True)
+    if config.html:
+        failed += finish_simulated(
+            config.out, source, cells, predictions, methods, sweeps_of(config), frames,
+            config.quick, backend, clock,
+        )  # fmt: skip
+        print(f"written: {close(config.out, meta, json.loads(settings), clock, failed)}")
     for line in failed:
         print(f"failed: {line}", file=sys.stderr)
     if failed:
         raise InputError(
-            f"{len(failed)} of {len(cells)} cells failed, as listed above; the others are in "
-            f"{config.out}, and the same command tries the failed ones again"
+            f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
+            "same command tries the failed ones again"
         )
+
+
+def write_scores(
+    out: Path,
+    predictions: list[dict[str, Any]],
+    meta: dict[str, Any],
+    settings: bytes,
+    title: str,
+    beside_paper: bool,
+) -> None:
+    """Write config.json, metrics.json and tables.md, and print the tables."""
+    write_bytes(out / CONFIG, settings)
+    rows = score(predictions)
+    write_metrics(out / "metrics.json", rows, meta)
+    tables = summary_table(rows, title)
+    if beside_paper:
+        tables = f"{paper_tables(rows)}\n\n{tables}"
+    write_bytes(out / "tables.md", f"{tables}\n".encode())
+    print(f"{tables}\n\nwritten: {out}/predictions.jsonl, metrics.json, tables.md")
+
+
+def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:
+    """Those that were named, or all beside the reference comparison."""
+    if config.sweeps is not None:
+        return config.sweeps
+    usual = EvaluateConfig()
+    flags = ("pairs", "views", "kappas", "pictures", "without", "set", "ratex")
+    whole = all(getattr(config, flag) == getattr(usual, flag) for flag in flags)
+    return tuple(SWEEPS) if whole else ()
 
 
 def check(config: EvaluateConfig) -> None:
@@ -136,6 +205,8 @@ def check(config: EvaluateConfig) -> None:
         check_kappa(kappa)
     for name in config.methods:
         choose(METHODS, name, "method")
+    for name in config.sweeps or ():
+        choose(SWEEPS, name, "sweep")
     for view in config.views:
         check_view(view, "--views")
     at_least(1, frames=config.frames, jobs=config.jobs)
@@ -179,21 +250,6 @@ def refuse_other_run(out: Path, settings: bytes) -> None:
     file = out / CONFIG
     if file.is_file() and file.read_bytes() != settings:
         raise InputError(f"--out: {out} holds a run with other settings; choose another folder")
-
-
-def show(captures: Path, methods: list[Method], folder: Path) -> None:
-    """Write one annotated picture a frame pair and method."""
-    for number, entry in enumerate(read_manifest(captures)):
-        captured = load_capture(captures, entry)
-        pair = captured.rectified()
-        for method in methods:
-            try:
-                soft = method.build().decode(pair)
-            except UnsuitedError:
-                continue
-            picture = annotate(pair, soft, captured.bits)
-            write_image(folder / f"{number:05d}_{method.name}.png", picture)
-    print(f"annotated pictures: {folder}")
 
 
 if __name__ == "__main__":

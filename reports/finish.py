@@ -1,0 +1,134 @@
+"""After the main comparison: sweeps, pictures, responses, cost, and the report."""
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from data_gen.dataset import Cell, Source
+from models import DECODERS, make_decoder
+from reports import cost, response
+from reports.backends import Backend
+from reports.compare import Method
+from reports.findings import REFERENCES, leaders_of
+from reports.html import write_report
+from reports.metrics import score
+from reports.stored import finish
+from reports.stories import save, tell, tell_captures
+from reports.sweeps import Place, decode_sweeps
+
+
+@dataclass(frozen=True)
+class Amount:
+    """How much goes into a report beside the predictions."""
+
+    strips: int = 3
+    failures: int = 8
+    response_cells: int = 6
+    response_frames: int = 3
+    cost_rounds: int = 30
+
+
+USUAL, QUICK = Amount(), Amount(2, 6, 2, 1, 8)
+
+
+@dataclass
+class Clock:
+    """Seconds by what took them."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextlib.contextmanager
+    def time(self, name: str) -> Iterator[None]:
+        """Add what the block takes."""
+        start = perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def finish_simulated(
+    folder: Path,
+    source: Source,
+    cells: Sequence[Cell],
+    predictions: list[dict[str, Any]],
+    methods: Sequence[Method],
+    sweeps: Sequence[str],
+    frames: int,
+    quick: bool,
+    backend: Backend,
+    clock: Clock,
+) -> list[str]:
+    """Decode the sweeps and write all that the report shows; a line for each cell that failed.
+
+    Args:
+        folder: of the run.
+        source: of the main comparison.
+        cells: of the main comparison.
+        predictions: of the main comparison.
+        methods: that were compared.
+        sweeps: names of `sweeps.SWEEPS`.
+        frames: frame pairs a cell of the main comparison; sweeps have two thirds of it.
+        quick: less of everything.
+        backend: where cells are decoded.
+        clock: to which times are added.
+    """
+    amount = QUICK if quick else USUAL
+    with clock.time("sweeps"):
+        swept = max(1, 2 * frames // 3)
+        places, failed = decode_sweeps(source, sweeps, methods, swept, quick, folder, backend)
+    places.insert(0, Place("", None, source, predictions))
+    with clock.time("pictures"):
+        best = leaders_of(predictions, [score(place.predictions) for place in places[1:]])
+        names = {method.label or method.name: method for method in methods}
+        shown = [m for m in REFERENCES[:1] if m in names and m not in best] + best[::-1]
+        hidden = [n for n in shown if n in names and _is_hidden(names[n])]
+        tell(places, shown, best, hidden, folder, amount.strips, amount.failures)
+    with clock.time("responses"):
+        if source.layout.ratex:
+            where = response_cells(cells)[: amount.response_cells]
+            response.measure(source, where, amount.response_frames, methods, folder)
+    with clock.time("cost"):
+        cost.measure(source, cells[0], amount.cost_rounds, methods, folder)
+    return failed
+
+
+def response_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells of the largest kappa: for each of some unlike pairs every view."""
+    kappa = max(cell.kappa for cell in cells)
+    mine = [cell for cell in cells if cell.kappa == kappa]
+    pairs = list(dict.fromkeys(cell.pair for cell in mine))
+    wanted = pairs[:: max(1, len(pairs) // 3 + 1)] if len(pairs) > 3 else pairs
+    return [cell for pair in wanted for cell in mine if cell.pair == pair]
+
+
+def finish_captures(
+    folder: Path, captures: Path, predictions: list[dict[str, Any]], clock: Clock
+) -> None:
+    """Write the pictures of a folder of captures."""
+    with clock.time("pictures"):
+        decoded = list(dict.fromkeys(line["method"] for line in predictions))
+        best = leaders_of(predictions, [])[:1] or decoded[-1:]
+        shown = [m for m in REFERENCES if m in decoded and m not in best][:1] + best
+        tell_captures(captures, predictions, shown, folder, USUAL.strips, USUAL.failures)
+
+
+def close(
+    folder: Path,
+    meta: Mapping[str, Any],
+    settings: Mapping[str, Any],
+    clock: Clock,
+    notes: Sequence[str],
+) -> Path:
+    """Mark the run as finished and write its report."""
+    if not (folder / "stories.json").is_file():
+        save(folder, [])
+    finish(folder, meta, settings, clock.seconds, notes)
+    return write_report(folder)
+
+
+def _is_hidden(method: Method) -> bool:
+    if method.name not in DECODERS:
+        return False
+    return not make_decoder(method.name, **dict(method.options)).needs_ratex
