@@ -1,0 +1,216 @@
+"""Finding the display: drawn scenes, small and few, none of them used to tune anything."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Command
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from data_gen.pictures import load_pictures
+from export.locate import candidates, draw, locate, main, refine
+from link.embed import embed
+from link.geometry import homography_from_corners, transform
+from link.images import read_image, write_image
+from link.layout import Layout, make_layout
+from models import PRETRAINED
+
+LAYOUT = make_layout()
+PLAIN = make_layout(ratex=0)
+WIDTH, HEIGHT = 640, 480
+CORNERS = np.array([[150.2, 95.7], [520.4, 120.3], [490.8, 380.1], [130.6, 350.9]])
+CORNER_PX = 1.5
+"""Of refined corners in these small drawn scenes (measured: 0.6 at most)."""
+
+
+def content(layout: Layout, picture: int = 0) -> NDArray[np.uint8]:
+    rgb = load_pictures("test", layout.width, layout.height)[picture].rgb
+    return embed(rgb, np.arange(layout.n_bits) % 2, layout, 3).embedded
+
+
+def room() -> NDArray[np.float32]:
+    """A wall, a table, a sheet of paper and a poster."""
+    rng = np.random.default_rng(8)
+    image = np.full((HEIGHT, WIDTH, 3), (120, 110, 95), np.float32)
+    image *= np.linspace(0.8, 1.1, WIDTH, dtype=np.float32)[:, None]
+    cv2.rectangle(image, (0, 400), (WIDTH, HEIGHT), (90, 60, 40), -1)
+    cv2.fillConvexPoly(image, np.array([[20, 420], [110, 415], [130, 460], [25, 470]]), (210,) * 3)
+    cv2.rectangle(image, (570, 40), (630, 130), (150, 60, 50), -1)
+    return image + rng.normal(0, 2, image.shape).astype(np.float32)
+
+
+def scene(
+    shown: NDArray[np.uint8], corners: NDArray[np.float64] = CORNERS, bezel: float = 0.025
+) -> NDArray[np.uint8]:
+    """The room with a display in a black bezel; (480, 640, 3) uint8."""
+    height, width = shown.shape[:2]
+    H = homography_from_corners(corners, width, height)
+    margin = bezel * width
+    frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
+    frame += margin * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    image = room()
+    cv2.fillConvexPoly(
+        image, (transform(H, frame) * 16).astype(np.int32), (12,) * 3, cv2.LINE_AA, 4
+    )
+    # four samples a pixel and axis, averaged
+    fine = np.array([[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]) @ H
+    size = (4 * WIDTH, 4 * HEIGHT)
+    light = cv2.warpPerspective(shown.astype(np.float32), fine, size, flags=cv2.INTER_LINEAR)
+    mask = cv2.warpPerspective(np.ones((height, width), np.float32), fine, size)
+    light, mask = (
+        cv2.resize(map_, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) for map_ in (light, mask)
+    )
+    image = image * (1 - mask[..., None]) + light
+    return np.asarray(np.clip(cv2.GaussianBlur(image, (0, 0), 0.6), 0, 255), np.uint8)
+
+
+@pytest.fixture(scope="module")
+def with_patches() -> NDArray[np.uint8]:
+    return scene(content(LAYOUT))
+
+
+@pytest.fixture(scope="module")
+def without_patches() -> NDArray[np.uint8]:
+    return scene(content(PLAIN))
+
+
+def off(found: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(found - corners, axis=1).max())
+
+
+@pytest.mark.parametrize("turns", range(4))
+def test_patches_tell_which_way_up_the_display_is(
+    turns: int, with_patches: NDArray[np.uint8]
+) -> None:
+    turned = np.roll(CORNERS, turns, axis=0)  # the picture's top-left in another corner
+    shape = content(LAYOUT)
+    found = locate(scene(shape, turned), LAYOUT)
+    assert found is not None
+    assert off(found.corners, turned) < CORNER_PX
+    assert found.score > 0.95
+
+
+def test_without_patches_corners_are_upright(without_patches: NDArray[np.uint8]) -> None:
+    for layout in (None, PLAIN):
+        found = locate(without_patches, layout)
+        assert found is not None
+        assert off(found.corners, CORNERS) < CORNER_PX
+        assert 0 <= found.score <= 1
+    upside_down = locate(np.ascontiguousarray(without_patches[::-1, ::-1]))
+    assert upside_down is not None
+    there = np.roll([WIDTH - 1, HEIGHT - 1] - CORNERS, 2, axis=0)
+    assert off(upside_down.corners, there) < CORNER_PX
+
+
+def test_no_display() -> None:
+    rng = np.random.default_rng(0)
+    wall = np.clip(room(), 0, 255).astype(np.uint8)
+    even = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    noise = rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    for image in (even, noise, wall):
+        assert locate(image) is None
+        assert locate(image, LAYOUT) is None
+    assert candidates(even) == []
+
+
+def test_a_display_without_the_patches_is_not_ours(without_patches: NDArray[np.uint8]) -> None:
+    assert locate(without_patches) is not None
+    assert locate(without_patches, LAYOUT) is None
+
+
+def test_gray_images_and_the_small_copy_of_a_large_one(with_patches: NDArray[np.uint8]) -> None:
+    found = locate(cv2.cvtColor(with_patches, cv2.COLOR_RGB2GRAY), LAYOUT)
+    assert found is not None
+    assert off(found.corners, CORNERS) < CORNER_PX
+    large = cv2.resize(with_patches, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    found = locate(large, LAYOUT)
+    assert found is not None
+    assert off((found.corners + 0.5) / 3 - 0.5, CORNERS) < CORNER_PX
+
+
+@pytest.mark.parametrize("layout", [PLAIN, LAYOUT], ids=["edges", "patches"])
+def test_glare_and_a_hand(layout: Layout) -> None:
+    image = scene(content(layout)).astype(np.float32)
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    image += 200 * np.exp(-((x - 440) ** 2 + (y - 125) ** 2) / (2 * 30.0**2))[..., None]
+    cv2.ellipse(image, (300, 400), (30, 55), 10, 0, 360, (190, 140, 120), -1)  # over the bottom
+    found = locate(np.clip(image, 0, 255).astype(np.uint8), layout)
+    assert found is not None
+    assert off(found.corners, CORNERS) < 2 * CORNER_PX
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([LAYOUT, PLAIN]))
+def test_refine_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
+    image = scene(content(layout))
+    reach = 12.0 if layout.ratex else 5.0
+    moved = CORNERS + np.random.default_rng(seed).uniform(-reach, reach, (4, 2)) / np.sqrt(2)
+    assert off(refine(image, moved, layout), CORNERS) < CORNER_PX
+
+
+def test_refine_keeps_the_order_of_corners(with_patches: NDArray[np.uint8]) -> None:
+    turned = np.roll(CORNERS, 1, axis=0)
+    assert off(refine(with_patches, turned), turned) < CORNER_PX  # edges have no order
+    even = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    np.testing.assert_allclose(refine(even, CORNERS, LAYOUT), CORNERS, atol=1e-6)
+
+
+@settings(max_examples=5)
+@given(st.floats(-8, 8), st.floats(-0.12, 0.12), st.floats(0.75, 1.05))
+def test_a_turned_image_has_turned_corners(degrees: float, shear: float, size: float) -> None:
+    centre = np.array([WIDTH, HEIGHT]) / 2
+    turn = cv2.getRotationMatrix2D((0, 0), degrees, size)[:, :2] @ np.array([[1, shear], [0, 1]])
+    corners = (CORNERS - CORNERS.mean(axis=0)) @ turn.T + centre
+    found = locate(scene(content(LAYOUT), corners), LAYOUT)
+    assert found is not None
+    assert off(found.corners, corners) < CORNER_PX
+    quarter = locate(np.ascontiguousarray(np.rot90(scene(content(LAYOUT), corners))), LAYOUT)
+    assert quarter is not None
+    there = np.column_stack([corners[:, 1], WIDTH - 1 - corners[:, 0]])
+    assert off(quarter.corners, there) < CORNER_PX
+
+
+def test_command(tmp_path: Path, with_patches: NDArray[np.uint8], command: Command) -> None:
+    write_image(tmp_path / "a.png", with_patches)
+    write_image(tmp_path / "empty.png", np.full((64, 64, 3), 90, np.uint8))
+    (tmp_path / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
+    done = command(
+        main,
+        *(tmp_path / name for name in ("a.png", "missing.png", "empty.png")),
+        "--layout", tmp_path / "layout.json", "--show", tmp_path / "shown",
+    )  # fmt: skip
+    assert done.status == 2
+    assert done.stderr.count("\n") == 1
+    assert "missing.png" in done.stderr
+    first, second = (json.loads(line) for line in done.stdout.splitlines())
+    assert set(first) == set(second) == {"image", "corners", "score"}
+    assert first["image"] == str(tmp_path / "a.png")
+    assert off(np.array(first["corners"]), CORNERS) < CORNER_PX
+    assert second["corners"] is None
+    shown = read_image(tmp_path / "shown" / "a.png")
+    assert (shown != with_patches).any()
+    assert (read_image(tmp_path / "shown" / "empty.png") == 90).all()
+    np.testing.assert_array_equal(shown, draw(with_patches, locate(with_patches, LAYOUT)))
+
+
+def test_command_takes_a_model(
+    tmp_path: Path, with_patches: NDArray[np.uint8], command: Command
+) -> None:
+    write_image(tmp_path / "a.png", with_patches)
+    done = command(main, tmp_path / "a.png", "--model", PRETRAINED / "decoder.onnx")
+    assert done.status == 0
+    assert off(np.array(json.loads(done.stdout)["corners"]), CORNERS) < CORNER_PX
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"rows": 8}', "\xff"])
+def test_wrong_layout(text: str, tmp_path: Path, command: Command) -> None:
+    path = tmp_path / "layout.json"
+    path.write_bytes(text.encode("latin-1"))
+    done = command(main, tmp_path / "a.png", "--layout", path)
+    assert done.status == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
