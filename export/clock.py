@@ -28,6 +28,13 @@ GOOD_R2 = 0.85
 """From here on no other clock is looked for."""
 CLIMB = 24
 """Steps of a fit."""
+MIN_TOGGLE = 0.1
+"""Standard deviation of the toggles, displayed gray levels, below which the display stands still:
+a square wave of kappa 1 has 0.5."""
+OUTLIER = 5.0
+"""Distance from a patch's median, in median distances, at which a toggle is no toggle."""
+MIN_CORRELATION = 0.8
+"""Of shown and captured tiles of a patch that nothing covers."""
 
 
 @dataclass(frozen=True)
@@ -53,19 +60,29 @@ class Clock:
 
 
 def toggle(frame: NDArray[np.uint8], layout: Layout) -> Array:
-    """(patches,) how much brighter tiles of label 1 are than their twins of label 0, gray levels.
+    """How much brighter tiles of label 1 are than their twins of label 0, patch by patch.
 
     Args:
         frame: (H, W) or (H, W, 3) uint8, encoded, rectified, of the layout's size.
         layout: with at least one patch.
+
+    Returns:
+        (patches,) in displayed gray levels, as the patch's own contrast tells; NaN where something
+        covers the patch.
     """
     pixels = ratex.training_pixels(layout)
     samples = frame[pixels.y, pixels.x].astype(np.float64)
     gray = samples if samples.ndim == 1 else samples.mean(axis=1)
-    tiles = ratex.TILES**2
-    means = gray.reshape(len(layout.ratex), tiles, -1).mean(axis=2)  # (N,) -> (patches, tiles)
-    sign = 2 * ratex.tile_labels(layout).reshape(-1, tiles) - 1
-    return np.asarray(2 * (means * sign).mean(axis=1))
+    shape = (len(layout.ratex), ratex.TILES**2, ratex.SAMPLES**2)
+    seen = gray.reshape(shape).mean(axis=2)  # (N,) -> (patches, tiles)
+    shown = pixels.rho.reshape(shape)[:, :, 0]
+    sign = 2 * (pixels.label.reshape(shape)[:, :, 0]) - 1
+    seen = seen - seen.mean(axis=1, keepdims=True)
+    shown = shown - shown.mean(axis=1, keepdims=True)
+    product, power = (seen * shown).sum(axis=1), (shown**2).sum(axis=1)
+    correlation = product / np.sqrt((seen**2).sum(axis=1) * power + 1e-9)
+    contrast = np.where(correlation > MIN_CORRELATION, product / power, np.nan)
+    return np.asarray(2 * (seen * sign).mean(axis=1) / contrast)
 
 
 def embedded_share(clocks: Array, times: Array, rows: Array) -> Array:
@@ -109,7 +126,7 @@ class Synchroniser:
         self._fitted_at = -np.inf
 
     def add(self, time: float, rows: Array, toggles: Array) -> None:
-        """Take one frame: sensor rows (patches,) in [0, 1] and toggles (patches,)."""
+        """Take one frame: sensor rows (patches,) in [0, 1] and `toggle` (patches,)."""
         self._samples.append((time, rows, toggles))
         while self._samples[0][0] < time - WINDOW_S:
             self._samples.pop(0)
@@ -120,7 +137,10 @@ class Synchroniser:
 
     def _fit(self) -> None:
         times, rows, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
-        toggles = toggles - toggles.mean(axis=0)
+        toggles = _centred(toggles)
+        if np.isnan(toggles).all() or np.nanstd(toggles) < MIN_TOGGLE:
+            self.clock, self.r2 = None, 0.0
+            return
         middle = float(times.mean())
         times = times - middle
         held = self.clock
@@ -148,7 +168,7 @@ class Synchroniser:
         starts = []
         for readout in np.array([0.0, 0.3, 0.6, 0.9]) / self.fps:
             at = (times[:, None] + rows * readout).reshape(-1)  # (n, patches) -> (n patches,)
-            line = np.exp(-1j * np.pi * state_hz[:, None] * at) @ toggles.reshape(-1)
+            line = np.exp(-1j * np.pi * state_hz[:, None] * at) @ np.nan_to_num(toggles).reshape(-1)
             power = np.abs(line)
             peaks = np.flatnonzero(power >= np.maximum(np.roll(power, 1), np.roll(power, -1)))
             for best in peaks[np.argsort(power[peaks])[-3:]]:
@@ -180,6 +200,17 @@ class Synchroniser:
         return Clock(*clocks[winner].tolist()), float(scores[winner].max())
 
 
+def _centred(toggles: Array) -> Array:
+    """Less each patch's mean; half-covered patches, far from the rest, count as covered."""
+    covered = np.isnan(toggles)
+    middle = np.ma.median(np.ma.masked_array(toggles, covered), axis=0).filled(0.0)
+    distance = np.abs(toggles - middle)
+    limit = OUTLIER * np.nanmedian(distance) if not covered.all() else 0.0
+    kept = np.where(distance <= limit, toggles, np.nan)
+    count = np.maximum((~np.isnan(kept)).sum(axis=0), 1)
+    return np.asarray(kept - np.nansum(kept, axis=0) / count)
+
+
 def explained(clocks: Array, times: Array, rows: Array, toggles: Array) -> Array:
     """(C,) share of the toggles' variance that a common amplitude times each wave explains.
 
@@ -187,10 +218,13 @@ def explained(clocks: Array, times: Array, rows: Array, toggles: Array) -> Array
         clocks: as in `embedded_share`, as are ``times`` and ``rows``.
         times: see there.
         rows: see there.
-        toggles: (n, patches), of mean 0 over n.
+        toggles: (n, patches), centred; NaN where a patch is covered.
     """
-    wave = embedded_share(clocks, times, rows)
-    wave = wave - wave.mean(axis=1, keepdims=True)
+    hidden = np.isnan(toggles)
+    toggles = np.where(hidden, 0, toggles)
+    count = np.maximum((~hidden).sum(axis=0), 1)
+    wave = embedded_share(clocks, times, rows) * ~hidden
+    wave = (wave - wave.sum(axis=1, keepdims=True) / count) * ~hidden
     product = (wave * toggles).sum(axis=(1, 2))
     power = (wave**2).sum(axis=(1, 2)) * (toggles**2).sum() + 1e-12
     return np.asarray(np.maximum(product, 0) ** 2 / power)

@@ -11,12 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from export.locate import locate
 from export.receiver import Pair, Receiver, Step
 from export.runtime import Decoder
 from export.show import draw_pair
 from export.sources import Frame, open_source
+from export.track import Tracked
 from link.collect import Message
 from link.errors import InputError, at_least, run_cli
 from link.images import make_folder, read_image, write_bytes, write_image
@@ -68,7 +70,7 @@ def read_pair(decoder: Decoder, first: str, second: str) -> None:
         corners.append(found.corners)
         say("display", image=path, corners=found.corners.round(2).tolist())
     receiver = Receiver(decoder)
-    pair = receiver.pair(*frames, *corners)
+    pair = receiver.pair(frames[0], frames[1], corners[0], corners[1])
     say("pair", **describe(pair, scores=True))
 
 
@@ -95,6 +97,7 @@ def read_stream(decoder: Decoder, args: argparse.Namespace) -> None:
     in_view = clocked = False
     message: Message | None = None
     last: Frame | None = None
+    view: Tracked | None = None
     shown = 0
     try:
         for frame in source.frames:
@@ -108,19 +111,37 @@ def read_stream(decoder: Decoder, args: argparse.Namespace) -> None:
                 clocked = receiver.synchronised
                 rate = receiver.state_hz
                 say("clock", time=round(frame.time, 4), state_hz=rate and round(rate, 3))
-            if args.show is not None and step.tracked is not None:
-                for pair in step.pairs:
-                    picture = draw_pair(frame.image, step.tracked, pair, decoder.layout)
-                    write_image(args.show / f"pair_{shown % SHOWN:03d}.png", picture)
-                    shown += 1
+            view = step.tracked or view
+            shown = draw(args.show, shown, step, frame.image, view, decoder)
             message = report(step, args) or message
             if message is not None and not args.keep_on:
                 break
         else:
-            message = report(receiver.finish(), args) or message
+            step = receiver.finish()
+            if last is not None:
+                draw(args.show, shown, step, last.image, view, decoder)
+            message = report(step, args) or message
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
     finish(receiver, message, last)
+
+
+def draw(
+    folder: Path | None,
+    number: int,
+    step: Step,
+    image: NDArray[np.uint8],
+    view: Tracked | None,
+    decoder: Decoder,
+) -> int:
+    """Write a picture of each pair; the number of the next."""
+    if folder is None or view is None:
+        return number
+    for pair in step.pairs:
+        picture = draw_pair(image, view, pair, decoder.layout)
+        write_image(folder / f"pair_{number % SHOWN:03d}.png", picture)
+        number += 1
+    return number
 
 
 def report(step: Step, args: argparse.Namespace) -> Message | None:

@@ -148,7 +148,8 @@ class Receiver:
         rows = np.clip(transform(H, self._patches)[:, 1] / height, 0, 1)
         self._sync.add(time, rows, toggles)
         shown = Shown(time, tracked.rectified, sensor_rows(H, self.layout, height))
-        self._buffer.append((shown, float(toggles.mean())))
+        level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
+        self._buffer.append((shown, float(level)))
         if self._sync.slips != self._slips:
             self._slips, self._next = self._sync.slips, None
             self._collector.start_run()
@@ -173,7 +174,8 @@ class Receiver:
         rectified = captured.rectified()
         images = [rectified.original, rectified.embedded]
         gain = toggle(images[1], self.layout) - toggle(images[0], self.layout)
-        if abs(gain.mean()) < STILL * gain.std() / np.sqrt(gain.size):
+        gain = gain[np.isfinite(gain)]
+        if gain.size == 0 or abs(gain.mean()) <= STILL * gain.std() / np.sqrt(gain.size):
             raise InputError("the two images show the same state; take one of each")
         original, embedded = images if gain.mean() > 0 else images[::-1]
         whole = np.ones((MESH, MESH))
@@ -239,7 +241,8 @@ class Receiver:
     def _decode_unclocked(self) -> tuple[list[Pair], Message | None]:
         """Frames in order, each of one state; a state ends where the toggles change level."""
         pairs: list[Pair] = []
-        levels = np.array([level for _, level in self._buffer])
+        seen = [(shown, level) for shown, level in self._buffer if np.isfinite(level)]
+        levels = np.array([level for _, level in seen])
         if levels.size < 2:
             return pairs, None
         high = levels > (levels.max() + levels.min()) / 2
@@ -247,7 +250,7 @@ class Receiver:
         if levels[high].mean() - levels[~high].mean() < APART * spread:
             return pairs, None
         states: list[tuple[bool, list[Shown]]] = []
-        for (shown, _), up in zip(self._buffer, high, strict=True):
+        for (shown, _), up in zip(seen, high, strict=True):
             if not states or states[-1][0] != up:
                 states.append((bool(up), []))
             states[-1][1].append(shown)

@@ -1,0 +1,220 @@
+"""From camera frames to the message, and what is said where there is none."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from streams import Stream, states_of
+
+from export.receiver import Receiver, as_uint8
+from export.runtime import Decoder
+from link.errors import InputError
+from link.images import write_image
+from link.layout import make_layout
+
+ROOT = Path(__file__).parents[1]
+MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
+LAYOUT = make_layout()
+TEXT = b"hidden"
+
+
+@pytest.fixture(scope="module")
+def decoder() -> Decoder:
+    return Decoder(MODEL)
+
+
+@pytest.fixture(scope="module")
+def states() -> list[NDArray[np.uint8]]:
+    return states_of(TEXT, LAYOUT, np.random.default_rng(5))
+
+
+def listen(
+    decoder: Decoder,
+    states: list[NDArray[np.uint8]],
+    stream: Stream,
+    *,
+    seconds: float = 6,
+    spoil: object = None,
+) -> tuple[Receiver, bytes | None]:
+    """Push a stream until the message comes; ``spoil`` may change or drop (None) an image."""
+    receiver = Receiver(decoder, stream.fps)
+    rng = np.random.default_rng(6)
+    for number, (time, image, _) in enumerate(stream.frames(states, seconds, rng)):
+        seen = spoil(number, image) if callable(spoil) else image
+        if seen is None:
+            continue
+        step = receiver.push(seen, time)
+        if step.message is not None:
+            return receiver, step.message.data
+    step = receiver.finish()
+    return receiver, step.message.data if step.message is not None else None
+
+
+@pytest.mark.parametrize(
+    "stream",
+    [
+        Stream(),
+        Stream(state_hz=10.07, readout=0.0),
+        Stream(state_hz=29.8, fps=60, shutter=1 / 120),
+        Stream(state_hz=30.2, readout=0.025, shutter=1 / 100),
+        Stream(turn=1),
+        Stream(turn=2, readout=0.02),
+    ],
+    ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
+)
+def test_a_free_running_camera_reads_the_message(
+    decoder: Decoder, states: list[NDArray[np.uint8]], stream: Stream
+) -> None:
+    receiver, data = listen(decoder, states, stream)
+    assert data == TEXT
+    assert receiver.state_hz == pytest.approx(stream.state_hz, rel=0.01)
+
+
+def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
+    receiver = Receiver(decoder)
+    errors = []
+    for time, image, corners in Stream().frames(states, 1, np.random.default_rng(0)):
+        tracked = receiver.push(image, time).tracked
+        assert tracked is not None
+        errors.append(np.linalg.norm(tracked.corners - corners, axis=1).max())
+    assert max(errors) < 2.0
+    assert np.median(errors) < 1.0
+
+
+def spoils(kind: str) -> object:
+    rng = np.random.default_rng(7)
+
+    def spoil(number: int, image: NDArray[np.uint8]) -> NDArray[np.generic] | None:
+        if kind == "dropped":
+            return None if rng.random() < 0.1 else image
+        if kind == "leaves":
+            return np.full_like(image, 60) if 25 <= number < 60 else image
+        if kind == "exposure jumps":
+            return np.clip(image * (0.75 if number // 40 % 2 else 1.0), 0, 255).astype(np.uint8)
+        if kind == "passer-by":
+            x = 4 * number % 640
+            image = image.copy()
+            image[150:, max(0, x - 60) : x + 60] = (40, 35, 30)
+            return image
+        if kind == "gray":
+            return np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+        return image.astype(np.uint16) * 257
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    "kind", ["dropped", "leaves", "exposure jumps", "passer-by", "gray", "16 bits"]
+)
+def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: str) -> None:
+    _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
+    assert data == TEXT
+
+
+def test_memory_is_bounded(decoder: Decoder) -> None:
+    """A display that shows one state for ever fills no buffer without end."""
+    rng = np.random.default_rng(0)
+    still = states_of(TEXT, LAYOUT, rng)[:1]
+    receiver = Receiver(decoder)
+    image = next(Stream().frames(still, 1, rng))[1]
+    for number in range(300):
+        assert receiver.push(image, number / 30).message is None
+    assert len(receiver._buffer) <= 256
+    assert receiver.decoded == 0
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64))]
+)
+def test_arrays_that_are_no_images_are_refused(image: NDArray[np.generic]) -> None:
+    with pytest.raises(InputError):
+        as_uint8(image)
+
+
+def receive(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "export.receive", *map(str, words)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def events(done: subprocess.CompletedProcess[str]) -> list[dict[str, object]]:
+    return [json.loads(line) for line in done.stdout.splitlines()]
+
+
+def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+    """Single images, two of each state in order: no clock fits, their order is enough."""
+    rng = np.random.default_rng(1)
+    camera = Stream(noise=1.0)
+    for number, state in enumerate(states * 2):
+        image = next(camera.frames([state], 1, rng))[1]
+        write_image(tmp_path / "in" / f"{number:04d}.png", image)
+    done = receive(tmp_path / "in", "--show", tmp_path / "show", "--out", tmp_path / "text")
+    lines = events(done)
+    assert done.returncode == 0, done.stderr
+    assert [line["text"] for line in lines if line["event"] == "message"] == [TEXT.decode()]
+    assert lines[-1]["event"] == "end"
+    assert (tmp_path / "text").read_bytes() == TEXT
+    assert list((tmp_path / "show").glob("*.png"))
+
+
+def test_command_reads_two_images_in_either_order(
+    tmp_path: Path, states: list[NDArray[np.uint8]]
+) -> None:
+    rng = np.random.default_rng(1)
+    for name, state in (("a", states[0]), ("b", states[1])):
+        write_image(tmp_path / f"{name}.png", next(Stream().frames([state], 1, rng))[1])
+    forward = receive(tmp_path / "a.png", tmp_path / "b.png")
+    backward = receive(tmp_path / "b.png", tmp_path / "a.png")
+    assert forward.returncode == backward.returncode == 0, forward.stderr + backward.stderr
+    assert events(forward)[-1]["bits"] == events(backward)[-1]["bits"]
+    same = receive(tmp_path / "a.png", tmp_path / "a.png")
+    assert same.returncode == 2
+    assert "same state" in same.stderr
+
+
+def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))
+    for _, image, _ in Stream().frames(states, 3, np.random.default_rng(2)):
+        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    writer.release()
+    done = receive(path)
+    assert done.returncode == 0, done.stderr
+    assert events(done)[-1]["message"] == TEXT.decode()
+    whole = path.read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 12])
+    cut = receive(tmp_path / "cut.avi")
+    assert cut.returncode == 2
+    assert cut.stderr.strip().splitlines()[-1].startswith("error: ")
+    assert "Traceback" not in cut.stderr
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda folder: None, "no such folder, video file or camera number"),
+        (lambda folder: folder.mkdir(), "no image in this folder"),
+        (lambda folder: folder.write_bytes(b"not a video"), "not a readable video"),
+        (
+            lambda folder: write_image(folder / "a.png", np.full((200, 300, 3), 90, np.uint8)),
+            "no display with this layout's ratex patches",
+        ),
+    ],
+)
+def test_command_says_why_there_is_no_message(tmp_path: Path, make: object, says: str) -> None:
+    assert callable(make)
+    make(tmp_path / "input")
+    done = receive(tmp_path / "input")
+    assert done.returncode == 2
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
