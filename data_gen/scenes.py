@@ -26,8 +26,6 @@ COVERAGE = (0.05, 0.9)
 """Smallest and largest share of the image that the picture covers."""
 FIELD_DEG = (45.0, 70.0)
 """Angle of view along the image's longer side: phones' main cameras, webcams (assumed)."""
-EDGE = 0.01
-"""Share of the image that stays free at each side of the picture."""
 MIN_DISTANCE, MAX_DISTANCE = 0.7, 30.0
 """Of the camera, in longer sides of the picture."""
 MIN_SIDE = 64
@@ -54,6 +52,8 @@ class SceneSettings:
     """Whether another lit display stands beside, with no ratex on it; drawn: one in five."""
     pictures: Sequence[Picture] = ()
     """Photographs for posters, windows and the second display: of the split's own."""
+    free: float = 0.01
+    """Share of the image that stays free at each side of the picture."""
     margin_px: int = 48
     """Drawn beyond the image on each side, for a camera that moves."""
 
@@ -64,6 +64,8 @@ class SceneSettings:
             raise InputError(f"--coverage: need a share from 0.05 to 0.9, got {self.coverage:g}")
         if self.turn_deg is not None and not abs(self.turn_deg) <= 360:
             raise InputError(f"--turn: need degrees within ±360, got {self.turn_deg:g}")
+        if not 0 <= self.free <= 0.2:
+            raise InputError(f"free: need a share from 0 to 0.2, got {self.free:g}")
         if self.room is not None:
             choose(ROOMS, self.room, "room")
 
@@ -79,6 +81,8 @@ class Scene:
     """Nominal."""
     pose: Pose
     room: str
+    level: float
+    """Light of a white sheet in the room relative to the display's frontal white."""
     size: tuple[int, int]
     """(width, height) of the capture."""
     H_captured_from_display: NDArray[np.float64]
@@ -155,7 +159,7 @@ def draw_scene(
     canvas = Canvas(np.zeros(shape, np.float32), shifted)
     painter = Painter(canvas, paint_rng, settings.pictures, np.float32(level) * tint)
     _paint(painter, layout, lit, view_deg, settings)
-    return Scene(layout, lit, view_deg, pose, room, size, H, canvas.light, margin)
+    return Scene(layout, lit, view_deg, pose, room, level, size, H, canvas.light, margin)
 
 
 def place(
@@ -185,14 +189,17 @@ def place(
         return transform(camera[:, [0, 1, 3]] @ plane, shape)
 
     def whole(points: NDArray[np.float64]) -> bool:
-        return bool((points > EDGE * size).all() and (points < (1 - EDGE) * size - 1).all())
+        return bool(
+            (points > settings.free * size).all()
+            and (points < (1 - settings.free) * size - 1).all()
+        )
 
     def aimed(distance: float) -> tuple[Pose, NDArray[np.float64], bool]:
         """As far from the image's centre as was drawn, or as fits."""
         there = replace(pose, distance=distance)
         middle = (size - 1) / 2
         box = np.ptp(corners(scene_camera(there, focal, settings.size, tuple(middle))), axis=0)
-        free = np.maximum(0, (1 - 2 * EDGE) * size - box) / 2
+        free = np.maximum(0, (1 - 2 * settings.free) * size - box) / 2
         for share in np.linspace(1, 0, 11):
             camera = scene_camera(there, focal, settings.size, tuple(middle + share * away * free))
             if whole(corners(camera)):

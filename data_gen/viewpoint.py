@@ -16,6 +16,7 @@ from data_gen.channel import metered_gain
 from data_gen.display import Light, emitted_light, fall_to_corners, room_light
 from data_gen.moire import moire_gain
 from data_gen.optics import CAPTURE_WIDTH, image_of
+from data_gen.passer import Passer
 from data_gen.shutter import pwm_gain
 from link.geometry import frame_corners, transform
 from link.images import as_rgb
@@ -82,22 +83,25 @@ class Viewpoint:
     def expose(
         self,
         lights: Sequence[Light],
-        weights: NDArray[np.floating] | None,
+        weights: NDArray[np.float32] | None,
         H_captured_from_display: NDArray[np.float64],
         gain: float = 1.0,
         phase: float = 0.0,
         motion: NDArray[np.float64] | None = None,
+        front: tuple[Passer, float, float] | None = None,
     ) -> Light:
         """What the sensor collects, before noise.
 
         Args:
             lights: S of `emitted`, in the order in which the display shows them.
-            weights: (S, H) share of each sensor row's exposure during which each light was shown;
-                None for the first alone.
+            weights: (S, h, 1) or (S, h, w) float32, share of each light in the exposure of the rows
+                or pixels of `region`; None for the first light alone.
             H_captured_from_display: (3, 3) of this frame.
             gain: exposure relative to the pair's.
             phase: of the backlight when the first row opens, in periods.
             motion: (3, 3) pixels of the scene's image to this frame's; None for no motion.
+            front: who stands before the display, in collected light, and the x and y of the
+                top-left corner.
 
         Returns:
             (H, W, 3) float32 in [0, 1], linear; 1 is saturation.
@@ -122,30 +126,36 @@ class Viewpoint:
                 )
             part *= 1 - cover[:, :, None]
             part += shown
+        if front is not None:
+            passer, x, y = front
+            passer.over(exposure, x, y)
         exposure *= np.float32(gain) * self.vignetting
         return np.asarray(np.minimum(exposure, 1.0, out=exposure), np.float32)
 
     def _mixed(
         self,
         lights: Sequence[Light],
-        weights: NDArray[np.floating] | None,
+        weights: NDArray[np.float32] | None,
         H: NDArray[np.float64],
         size: tuple[int, int],
     ) -> Light:
-        """(h, w, 3): each row the weighted mean of the images of the lights."""
-        if weights is None:
+        """(h, w, 3): each pixel the weighted mean of the images of the lights."""
+        if weights is None or len(lights) == 1:
             return self._project(lights[0], H, size)
         mixed = np.zeros((size[1], size[0], 3), np.float32)
+        reach = (
+            0
+            if self.scene.pair.camera.blur_px <= 0.1
+            else 2 + int(REACH * self.scene.pair.camera.blur_px)
+        )
         for light, share in zip(lights, weights, strict=True):
-            rows = np.flatnonzero(share)
+            rows = np.flatnonzero(share.any(axis=1))
             if rows.size:
                 first, last = int(rows[0]), int(rows[-1]) + 1
-                extra = 0 if self.scene.pair.camera.blur_px <= 0.1 else 8
-                low, high = max(0, first - extra), min(size[1], last + extra)
+                low, high = max(0, first - reach), min(size[1], last + reach)
                 moved = np.array([[1, 0, 0], [0, 1, -low], [0, 0, 1.0]]) @ H
                 image = self._project(light, moved, (size[0], high - low))
-                part = image[first - low : last - low]
-                mixed[first:last] += share[first:last, None, None].astype(np.float32) * part
+                mixed[first:last] += share[first:last, :, None] * image[first - low : last - low]
         return mixed
 
     def _project(self, light: Light, H: NDArray[np.float64], size: tuple[int, int]) -> Light:
@@ -163,7 +173,7 @@ class Viewpoint:
                 motion @ inward,
                 (width, height),
                 flags=cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
+                borderMode=cv2.BORDER_REFLECT_101,
             )
         )
 
