@@ -7,9 +7,9 @@ and show it all in report.html. --report DIR builds that again, --compare A B co
 import json
 import os
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
@@ -20,7 +20,7 @@ from data_gen.pairs import PAIRS
 from link.captures import MANIFEST, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, run_cli
-from link.images import make_folder, write_bytes
+from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.annotated import show
@@ -36,13 +36,12 @@ from reports.compare import (
 )
 from reports.finish import Clock, close, finish_captures, finish_simulated
 from reports.html import write_report
-from reports.metrics import provenance, score, write_metrics
+from reports.metrics import provenance
 from reports.protocols import PROTOCOLS, apply
+from reports.scores import CONFIG, refuse_other_run, write_scores
 from reports.sweeps import SWEEPS
-from reports.tables import paper_tables, summary_table
 from reports.versus import compare_runs
 
-CONFIG = "config.json"
 QUICK_FRAMES = 4
 UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
 """Flags that decide no number."""
@@ -111,6 +110,8 @@ def main() -> None:
         print(f"{text}\n\nwritten: {page}")
         return
     check(config)
+    if config.quick:
+        config = replace(config, frames=min(config.frames, QUICK_FRAMES))
     methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     settings = describe(config, methods)
     refuse_other_run(config.out, settings)
@@ -129,9 +130,10 @@ def run_captures(
         predictions, notes = decode_captures(captures, methods, config.out)
     print(*notes, sep="\n")
     simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
+    write_bytes(config.out / CONFIG, settings)
     meta = provenance(config.seed, simulated)
     kind = "simulated captures" if simulated else "real captures"
-    write_scores(config.out, predictions, meta, settings, f"All cells ({kind})", False)
+    write_scores(config.out, predictions, meta, f"All cells ({kind})", False)
     if config.html:
         finish_captures(config.out, captures, predictions, clock)
         digest = digest_files([captures / MANIFEST])[:16]
@@ -146,16 +148,18 @@ def run_simulated(config: EvaluateConfig, methods: list[Method], settings: bytes
     clock, source = Clock(), source_of(config)
     cells = paper_cells(config.pairs, config.views, config.kappas)
     backend = make_backend(config.backend, config.jobs, config.scheduler)
-    frames = min(config.frames, QUICK_FRAMES) if config.quick else config.frames
     with clock.time("decoding"):
-        predictions, failed = decode_each(source, cells, frames, methods, config.out, backend)
+        predictions, failed = decode_each(
+            source, cells, config.frames, methods, config.out, backend
+        )
+    write_bytes(config.out / CONFIG, settings)
     meta = {**provenance(config.seed, True), "failed_cells": failed}
     kind = "held-out pictures" if config.pictures is None else "your own pictures"
     title = f"All cells (simulated captures, {kind})"
-    write_scores(config.out, predictions, meta, settings, title, True)
+    write_scores(config.out, predictions, meta, title, True)
     if config.html:
         failed += finish_simulated(
-            config.out, source, cells, predictions, methods, sweeps_of(config), frames,
+            config.out, source, cells, predictions, methods, sweeps_of(config), config.frames,
             config.quick, backend, clock,
         )  # fmt: skip
         print(f"written: {close(config.out, meta, json.loads(settings), clock, failed)}")
@@ -166,25 +170,6 @@ def run_simulated(config: EvaluateConfig, methods: list[Method], settings: bytes
             f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
             "same command tries the failed ones again"
         )
-
-
-def write_scores(
-    out: Path,
-    predictions: list[dict[str, Any]],
-    meta: dict[str, Any],
-    settings: bytes,
-    title: str,
-    beside_paper: bool,
-) -> None:
-    """Write config.json, metrics.json and tables.md, and print the tables."""
-    write_bytes(out / CONFIG, settings)
-    rows = score(predictions)
-    write_metrics(out / "metrics.json", rows, meta)
-    tables = summary_table(rows, title)
-    if beside_paper:
-        tables = f"{paper_tables(rows)}\n\n{tables}"
-    write_bytes(out / "tables.md", f"{tables}\n".encode())
-    print(f"{tables}\n\nwritten: {out}/predictions.jsonl, metrics.json, tables.md")
 
 
 def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:
@@ -242,14 +227,6 @@ def describe(config: EvaluateConfig, methods: list[Method]) -> bytes:
     settings = {k: v for k, v in asdict(config).items() if k not in UNDECISIVE}
     settings["checkpoints"] = {method.name: method.digest() for method in methods}
     return (json.dumps(settings, indent=2, default=str) + "\n").encode()
-
-
-def refuse_other_run(out: Path, settings: bytes) -> None:
-    """Refuse a folder that holds the results of other settings."""
-    make_folder(out)
-    file = out / CONFIG
-    if file.is_file() and file.read_bytes() != settings:
-        raise InputError(f"--out: {out} holds a run with other settings; choose another folder")
 
 
 if __name__ == "__main__":

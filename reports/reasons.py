@@ -117,7 +117,10 @@ def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tupl
     worst = max(rivals, key=lambda name: found[name][0])
     size = found[worst][0]
     if count > total / 2:
-        reason = "more than half of the bits are wrong: the fit of this pair took dark for bright"
+        reason = (
+            "more than half of the bits are wrong, so the decision is inverted; a bit arrives as "
+            f"{signal:.2f} gray levels{_where(level)}"
+        )
     elif signal < FAINT:
         reason = f"a bit arrives there as {signal:.2f} gray levels{_where(level)}"
     elif size > signal / 2:
@@ -135,7 +138,7 @@ def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tupl
 
 def _where(level: float) -> str:
     if level < DARK:
-        return f", for they are dark (level {level:.0f})"
+        return f", for the picture is dark there (level {level:.0f})"
     if level > BRIGHT:
-        return f", for they are near saturation (level {level:.0f})"
+        return f", near saturation (level {level:.0f})"
     return ""

@@ -60,6 +60,11 @@ class Run:
         return bool(self.about["meta"]["simulated"])
 
     @property
+    def from_folder(self) -> bool:
+        """Whether the captures lay in a folder (`--captures`): their channel is not known here."""
+        return bool(self.about["settings"].get("captures"))
+
+    @property
     def methods(self) -> list[str]:
         """As they were named on the command line."""
         return list(dict.fromkeys(row.method for row in self.rows))

@@ -65,8 +65,8 @@ def grouped(lines: Iterable[dict[str, Any]]) -> dict[tuple[Any, ...], dict[str, 
 
 
 def tell(
-    places: Sequence[Place], shown: Sequence[str], told: Sequence[str], hidden: Sequence[str], folder: Path,
-    strips: int, failures: int,
+    places: Sequence[Place], shown: Sequence[str], told: Sequence[str], hidden: Sequence[str],
+    folder: Path, strips: int, failures: int,
 ) -> list[Story]:  # fmt: skip
     """Write pictures and stories.json of a simulated run.
 
@@ -189,7 +189,10 @@ def _simulated(
         f"{cell.pair}, {cell.view_deg:g}°, κ {cell.kappa}, picture {line['picture']}, "
         f"frame pair {line['index']}; simulated"
     )
-    return Story(kind, place.name, where, _written(folder, stem, pictures), reason, measured)
+    title = f"{line['method']}: {place.name}"
+    if kind == "strip":
+        title = f"{cell.view_deg:g}°, κ {cell.kappa}"
+    return Story(kind, title, where, _written(folder, stem, pictures), reason, measured)
 
 
 def _real(

@@ -11,7 +11,7 @@ import numpy as np
 from reports.markup import Html, join, tag
 
 WIDTH, HEIGHT = 360, 280
-LEFT, RIGHT, TOP, BOTTOM = 46, 96, 10, 44
+LEFT, RIGHT, TOP, BOTTOM = 46, 101, 10, 44
 LABEL_PX = 13
 """Least distance between two labels."""
 KNEE = 3e-4

@@ -94,6 +94,16 @@ SWEEPS: dict[str, Sweep] = {
 """By name, in the report's order."""
 SCALES = {"drift": 100.0, "resolution": FILL * CAPTURE_WIDTH}
 """From a sweep's value to its axis."""
+NAMES = {
+    "kappa": "κ {}",
+    "angle": "{}°",
+    "drift": "drift σ {} %",
+    "shift": "shift σ {} px",
+    "noise": "noise × {}",
+    "jpeg": "JPEG quality {}",
+    "resolution": "{} px across",
+    "ratex": "{} ratex patches",
+}
 
 
 @dataclass(frozen=True)
@@ -111,7 +121,12 @@ class Place:
         """For a caption."""
         if not self.sweep or self.value is None:
             return "main comparison"
-        return f"{SWEEPS[self.sweep].title}: {SCALES.get(self.sweep, 1) * self.value:g}"
+        return spoken(self.sweep, self.value)
+
+
+def spoken(sweep: str, value: float) -> str:
+    """A value of a sweep in words."""
+    return NAMES.get(sweep, f"{sweep} {{}}").format(f"{SCALES.get(sweep, 1) * value:.4g}")
 
 
 def decode_sweeps(

@@ -13,7 +13,7 @@ from reports.findings import (
 from reports.markup import Html, join, table, tag
 from reports.paired import MIN_FRAMES
 from reports.sections.common import between, interval, named, percent
-from reports.stored import Run, SweepPoint
+from reports.stored import Run
 from reports.svg import (
     Axis,
     Line,
@@ -21,7 +21,7 @@ from reports.svg import (
     accuracy_axis,
     dot_chart,
 )
-from reports.sweeps import SCALES
+from reports.sweeps import spoken
 
 PARTS = {
     "refine": "refinement",
@@ -40,16 +40,6 @@ PLACES = {
     "drift": "drift σ 10 %",
     "shift": "shift σ 1 px",
     "jpeg": "JPEG quality 70",
-}
-NAMES = {
-    "kappa": "κ {}",
-    "angle": "{}°",
-    "drift": "drift σ {} %",
-    "shift": "shift σ {} px",
-    "noise": "noise × {}",
-    "jpeg": "JPEG quality {}",
-    "resolution": "{} px across",
-    "ratex": "{} ratex patches",
 }
 
 
@@ -100,7 +90,7 @@ def _winners(
         parts.append(
             tag(
                 "p",
-                f"{first} and {second} {verdict}, by intervals: unlike captures.",
+                f"{first} and {second} {verdict}; their captures differ.",
                 class_="note",
             )
         )
@@ -115,7 +105,8 @@ def _kind(s: Standing) -> str:
 
 
 def _margins(best: Sequence[Standing]) -> tuple[object, *tuple[Html, ...]]:
-    head, parts = "no reference", []
+    head = "no reference"
+    parts: list[Html] = []
     for s in best:
         against = s.against
         if against is None:
@@ -162,19 +153,15 @@ def _fails(run: Run, best: str) -> tuple[object, *tuple[Html, ...]]:
     if not points:
         return f"nowhere below {100 * WELL_READ:.0f} %", tag("p", f"{best}, of all values swept.")
     items = [
-        tag("li", f"{point_name(p)}: {percent(share, 1)} % ({interval(low, high, 1)})")
+        tag("li", f"{spoken(p.sweep, p.value)}: {percent(share, 1)} % ({interval(low, high, 1)})")
         for p, share, low, high in points[:4]
     ]
     more = len(points) - len(items)
     rest = f"{best} is below {100 * WELL_READ:.0f} % of bits at these values"
     rest += f" and {more} more." if more > 0 else " alone, of all that were swept."
-    return f"{point_name(points[0][0])}", tag("ul", *items), tag("p", rest)
-
-
-def point_name(point: SweepPoint) -> str:
-    """A value of a sweep in words."""
-    title = NAMES.get(point.sweep, point.sweep)
-    return title.format(f"{SCALES.get(point.sweep, 1) * point.value:g}")
+    worst, share, _, _ = points[0]
+    head = f"{spoken(worst.sweep, worst.value)}: {percent(share, 0)} %"
+    return head, tag("ul", *items), tag("p", rest)
 
 
 def summary(run: Run, ranked: Sequence[Standing]) -> Html:
@@ -182,7 +169,10 @@ def summary(run: Run, ranked: Sequence[Standing]) -> Html:
     heads: list[object] = ["method", "right %", "95 % interval", "wrong of bits"]
     has_reference = any(s.against for s in ranked)
     if has_reference:
-        heads += ["points to the reference", "× its errors"]
+        heads += [
+            join("points", tag("small", "to the reference")),
+            join("× errors", tag("small", "of the reference")),
+        ]
     if run.simulated:
         heads.append("paper %")
     rows: list[list[object]] = []
@@ -241,9 +231,9 @@ def _against(s: Standing) -> list[object]:
 
 
 def _conditions(run: Run) -> str:
-    if not run.simulated:
+    if run.from_folder:
         count = len({line["index"] for line in run.predictions})
-        return f"Real captures: {count} frame pairs."
+        return f"{'Simulated' if run.simulated else 'Real'} captures: {count} frame pairs."
     pairs = len({row.pair for row in run.rows})
     views = ", ".join(
         dict.fromkeys(f"{row.view_deg:g}°" for row in run.rows if row.view_deg is not None)

@@ -15,10 +15,10 @@ def pictures(run: Run) -> Html:
         return absent("Pictures", "No frame pair was decoded by the methods that are shown.")
     note = tag(
         "p",
-        "Frame pairs with the median number of wrong bits. In the last pictures light blocks are "
-        "decided 1, dark blocks 0; a block’s frame is green where the bit is right, red and thick "
+        "For each view and κ, the frame pair with the median number of wrong bits. In the last "
+        "pictures light blocks are decided 1, dark blocks 0; a block’s frame is green where the bit is right, red and thick "
         "where it is wrong, blue where the truth is unknown."
-        if run.simulated
+        if not run.from_folder
         else "Light blocks are decided 1, dark blocks 0; frames are green where the bit is right, "
         "red and thick where it is wrong, blue where the truth is unknown.",
         class_="note",
@@ -36,7 +36,7 @@ def failures(run: Run) -> Html:
         "Most wrong bits: at most two of the main comparison and one of each sweep. The reason is "
         "measured: the draw is filmed again without noise, which tells signal, drift, motion and "
         "noise of each block apart."
-        if run.simulated
+        if not run.from_folder
         else "Most wrong bits first, with what the capture tells of the blocks that were misread.",
         class_="note",
     )

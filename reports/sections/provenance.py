@@ -71,7 +71,13 @@ def provenance(run: Run) -> Html:
     for note in about["notes"]:
         entries.append(("note", note))
     shown = {k: v for k, v in about["settings"].items() if k != "checkpoints"}
-    settings = ", ".join(f"{key} {value}" for key, value in shown.items())
+    settings = "; ".join(f"{key}: {_value(value)}" for key, value in shown.items())
     entries.append(("settings", settings))
     parts = [part for key, value in entries for part in (tag("dt", key), tag("dd", value))]
     return tag("dl", *parts)
+
+
+def _value(value: object) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(str, value)) or "none"
+    return "–" if value is None else str(value)
