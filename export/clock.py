@@ -1,10 +1,15 @@
 """The display's clock as the camera sees it: which share of an exposure fell into which state.
 
 The display shows states 0, 1, 2 ..., even ones original frames and odd ones embedded frames, each
-for ``period`` seconds. Sensor row r (0 at the top, 1 at the bottom of the image) of a frame at time
-t is exposed during [t + r readout, t + r readout + shutter]. All four numbers are fitted to the
-*toggle* of the ratex patches: how much brighter tiles of label 1 are than tiles of label 0 that
-show the same intensity, which no change of exposure can mimic.
+for ``period`` seconds. A camera reads its rows one after the other, and a panel writes its rows one
+after the other, so the place (x, y) of the display, each in [0, 1], is exposed during
+[t + delay, t + delay + shutter] of a frame at time t, with delay = x delay_x + y delay_y whatever
+way up the camera is. All five numbers are fitted to the *toggle* of the ratex patches: how much
+brighter tiles of label 1 are than tiles of label 0 that show the same intensity, which no change of
+exposure can mimic.
+
+With about one state a frame, a rate above the camera's and one as far below it give the same
+toggles: the states' numbers are then off by one from time to time, and `link.collect` notices.
 """
 
 from dataclasses import astuple, dataclass, replace
@@ -26,8 +31,8 @@ LOCKED_R2 = 0.5
 """Share of the toggles' variance that a clock must explain; with noise alone a fit reaches 0.1."""
 GOOD_R2 = 0.85
 """From here on no other clock is looked for."""
-CLIMB = 24
-"""Steps of a fit."""
+CLIMB, STARTS = 24, 8
+"""Steps of a fit, and where it starts from."""
 MIN_TOGGLE = 0.1
 """Standard deviation of the toggles, displayed gray levels, below which the display stands still:
 a square wave of kappa 1 has 0.5."""
@@ -43,17 +48,30 @@ class Clock:
 
     period: float
     start: float
-    readout: float
-    """From the first sensor row to the last."""
+    delay_x: float
+    """From the display's left to its right side."""
+    delay_y: float
+    """From its top to its bottom."""
     shutter: float
 
     def number(self, time: float) -> float:
         """Which state the display shows at a time; the fraction says how far it has come."""
         return (time - self.start) / self.period
 
-    def shares(self, time: float, rows: Array, state: int) -> Array:
-        """Share of the exposure of sensor rows (...) in [0, 1] that falls into a state."""
-        begin = (time + rows * self.readout - self.start) / self.period - state
+    @property
+    def latest(self) -> float:
+        """When the last place's exposure ends, after a frame's time."""
+        return max(self.delay_x, 0) + max(self.delay_y, 0) + self.shutter
+
+    @property
+    def earliest(self) -> float:
+        """When the first place's exposure begins."""
+        return min(self.delay_x, 0) + min(self.delay_y, 0)
+
+    def shares(self, time: float, places: Array, state: int) -> Array:
+        """Share in [0, 1] of the exposure at places (n, 2) of the display that a state has."""
+        delays = places @ [self.delay_x, self.delay_y]
+        begin = (time + delays - self.start) / self.period - state
         length = self.shutter / self.period
         inside = np.minimum(begin + length, 1) - np.maximum(begin, 0)
         return np.asarray(np.clip(inside / length, 0, 1))
@@ -85,19 +103,20 @@ def toggle(frame: NDArray[np.uint8], layout: Layout) -> Array:
     return np.asarray(2 * (seen * sign).mean(axis=1) / contrast)
 
 
-def embedded_share(clocks: Array, times: Array, rows: Array) -> Array:
+def embedded_share(clocks: Array, times: Array, places: Array) -> Array:
     """Share of embedded frames in exposures.
 
     Args:
-        clocks: (C, 4) period, start, readout and shutter.
+        clocks: (C, 5) period, start, delays and shutter.
         times: (n,) seconds.
-        rows: (n, patches) sensor rows in [0, 1].
+        places: (patches, 2) of the display, in [0, 1].
 
     Returns:
         (C, n, patches) in [0, 1].
     """
-    period, start, readout, shutter = clocks.T[:, :, None, None]
-    begin = (times[:, None] + rows * readout - start) / period
+    period, start, _, _, shutter = clocks.T[:, :, None, None]
+    delays = clocks[:, 2:4] @ places.T
+    begin = (times[:, None] + delays[:, None] - start) / period
     length = shutter / period
     return np.asarray((_on_time(begin + length) - _on_time(begin)) / length)
 
@@ -112,22 +131,24 @@ class Synchroniser:
     """Fits the clock to the toggles of the last seconds.
 
     Args:
-        fps: of the camera, frames a second; bounds readout and shutter.
+        fps: of the camera, frames a second; bounds delays and shutter.
+        places: (patches, 2) of the ratex patches on the display, in [0, 1].
     """
 
-    def __init__(self, fps: float) -> None:
+    def __init__(self, fps: float, places: Array) -> None:
         self.fps = fps
+        self.places = places
         self.clock: Clock | None = None
         self.r2 = 0.0
         """Share of the toggles' variance that the clock explains."""
         self.slips = 0
         """How often the states' numbers began anew."""
-        self._samples: list[tuple[float, Array, Array]] = []
+        self._samples: list[tuple[float, Array]] = []
         self._fitted_at = -np.inf
 
-    def add(self, time: float, rows: Array, toggles: Array) -> None:
-        """Take one frame: sensor rows (patches,) in [0, 1] and `toggle` (patches,)."""
-        self._samples.append((time, rows, toggles))
+    def add(self, time: float, toggles: Array) -> None:
+        """Take one frame's `toggle` (patches,)."""
+        self._samples.append((time, toggles))
         while self._samples[0][0] < time - WINDOW_S:
             self._samples.pop(0)
         enough = time - self._samples[0][0] >= MIN_WINDOW_S and len(self._samples) >= MIN_FRAMES
@@ -136,8 +157,8 @@ class Synchroniser:
             self._fit()
 
     def _fit(self) -> None:
-        times, rows, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
-        toggles = _centred(toggles)
+        times, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
+        toggles = toggles if np.isnan(toggles).all() else _centred(toggles)
         if np.isnan(toggles).all() or np.nanstd(toggles) < MIN_TOGGLE:
             self.clock, self.r2 = None, 0.0
             return
@@ -148,12 +169,12 @@ class Synchroniser:
             # pivots at the window, so that states keep their numbers
             number = 2 * round(held.number(middle) / 2)
             held = replace(held, start=held.start + number * held.period - middle)
-            found, r2 = self._climb(np.array([astuple(held)]), times, rows, toggles)
+            found, r2 = self._climb(np.array([astuple(held)]), times, toggles)
             found = replace(found, start=found.start - number * found.period)
             if r2 >= GOOD_R2:
                 self.clock, self.r2 = replace(found, start=found.start + middle), r2
                 return
-        searched, best = self._climb(self._search(times, rows, toggles), times, rows, toggles)
+        searched, best = self._climb(self._search(times, toggles), times, toggles)
         if held is not None and r2 >= max(LOCKED_R2, best - 0.05):
             searched, best = found, r2
         elif best >= LOCKED_R2:
@@ -161,38 +182,43 @@ class Synchroniser:
         self.clock = replace(searched, start=searched.start + middle) if best >= LOCKED_R2 else None
         self.r2 = best
 
-    def _search(self, times: Array, rows: Array, toggles: Array) -> Array:
-        """(C, 4) clocks to start from: the strongest frequencies, for several readouts."""
+    def _search(self, times: Array, toggles: Array) -> Array:
+        """(C, 5) clocks to start from: the strongest frequencies, each with its best delays."""
         span = times[-1] - times[0]
         state_hz = np.arange(max(MIN_STATE_HZ, 3 / span), 1.04 * self.fps, 0.25 / span)
+        lines = np.exp(-1j * np.pi * state_hz[:, None] * times) @ np.nan_to_num(toggles)
+        grid = np.linspace(-0.9, 0.9, 7) / self.fps
+        delays = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)  # (7, 7, 2) -> (49, 2)
+        turns = np.exp(-1j * np.pi * state_hz[:, None, None] * (delays @ self.places.T))
+        line = (turns * lines[:, None]).sum(axis=2)
+        power = np.abs(line)
+        strongest, best = power.max(axis=1), power.argmax(axis=1)
+        before, after = np.roll(strongest, 1), np.roll(strongest, -1)
+        peaks = np.flatnonzero(strongest >= np.maximum(before, after))
         starts = []
-        for readout in np.array([0.0, 0.3, 0.6, 0.9]) / self.fps:
-            at = (times[:, None] + rows * readout).reshape(-1)  # (n, patches) -> (n patches,)
-            line = np.exp(-1j * np.pi * state_hz[:, None] * at) @ np.nan_to_num(toggles).reshape(-1)
-            power = np.abs(line)
-            peaks = np.flatnonzero(power >= np.maximum(np.roll(power, 1), np.roll(power, -1)))
-            for best in peaks[np.argsort(power[peaks])[-3:]]:
-                # the embedded state's middle is where the fundamental is highest
-                period, shutter = 1 / state_hz[best], 0.5 / self.fps
-                middle = -np.angle(line[best]) * period / np.pi
-                starts.append([period, middle - 1.5 * period + shutter / 2, readout, shutter])
+        for peak in peaks[np.argsort(strongest[peaks])[-STARTS:]]:
+            # the embedded state's middle is where the fundamental is highest
+            period, shutter = 1 / state_hz[peak], 0.5 / self.fps
+            middle = -np.angle(line[peak, best[peak]]) * period / np.pi
+            start = middle - 1.5 * period + shutter / 2
+            starts.append([period, start, *delays[best[peak]], shutter])
         return np.array(starts)
 
-    def _climb(
-        self, clocks: Array, times: Array, rows: Array, toggles: Array
-    ) -> tuple[Clock, float]:
+    def _climb(self, clocks: Array, times: Array, toggles: Array) -> tuple[Clock, float]:
         """The clock that explains most of those found uphill from each, by compass search."""
         period = clocks[:, :1]
         unit = np.full_like(period, 1 / self.fps)
         span = times[-1] - times[0]
-        steps = np.concatenate([0.2 * period**2 / span, 0.1 * period, 0.1 * unit, 0.1 * unit], 1)
-        low = np.array([0.9 / self.fps, -np.inf, 0.0, 0.02 / self.fps])
-        high = np.array([1 / MIN_STATE_HZ, np.inf, 1 / self.fps, 1 / self.fps])
-        compass = np.concatenate([np.zeros((1, 4)), np.eye(4), -np.eye(4)])
+        steps = np.concatenate([0.2 * period**2 / span, 0.1 * period, *3 * [0.1 * unit]], axis=1)
+        limit = 1 / self.fps
+        low = np.array([0.9 * limit, -np.inf, -limit, -limit, 0.02 * limit])
+        high = np.array([1 / MIN_STATE_HZ, np.inf, limit, limit, limit])
+        compass = np.concatenate([np.zeros((1, 5)), np.eye(5), -np.eye(5)])
         for _ in range(CLIMB):
-            moves = clocks[:, None] + compass * steps[:, None]  # (C, 9, 4)
+            moves = clocks[:, None] + compass * steps[:, None]  # (C, 11, 5)
             moves = np.clip(moves, low, high)
-            scores = explained(moves.reshape(-1, 4), times, rows, toggles).reshape(-1, 9)
+            flat = moves.reshape(-1, 5)  # (C, 11, 5) -> (11 C, 5)
+            scores = explained(flat, times, self.places, toggles).reshape(moves.shape[:2])
             best = np.argmax(scores, axis=1)
             clocks = moves[np.arange(len(moves)), best]
             steps = np.where(best[:, None] == 0, steps / 2, steps)
@@ -203,27 +229,29 @@ class Synchroniser:
 def _centred(toggles: Array) -> Array:
     """Less each patch's mean; half-covered patches, far from the rest, count as covered."""
     covered = np.isnan(toggles)
-    middle = np.ma.median(np.ma.masked_array(toggles, covered), axis=0).filled(0.0)
+    ever = ~covered.all(axis=0)
+    middle = np.zeros(toggles.shape[1])
+    middle[ever] = np.nanmedian(toggles[:, ever], axis=0)
     distance = np.abs(toggles - middle)
-    limit = OUTLIER * np.nanmedian(distance) if not covered.all() else 0.0
+    limit = OUTLIER * np.nanmedian(distance)
     kept = np.where(distance <= limit, toggles, np.nan)
     count = np.maximum((~np.isnan(kept)).sum(axis=0), 1)
     return np.asarray(kept - np.nansum(kept, axis=0) / count)
 
 
-def explained(clocks: Array, times: Array, rows: Array, toggles: Array) -> Array:
+def explained(clocks: Array, times: Array, places: Array, toggles: Array) -> Array:
     """(C,) share of the toggles' variance that a common amplitude times each wave explains.
 
     Args:
-        clocks: as in `embedded_share`, as are ``times`` and ``rows``.
+        clocks: as in `embedded_share`, as are ``times`` and ``places``.
         times: see there.
-        rows: see there.
+        places: see there.
         toggles: (n, patches), centred; NaN where a patch is covered.
     """
     hidden = np.isnan(toggles)
     toggles = np.where(hidden, 0, toggles)
     count = np.maximum((~hidden).sum(axis=0), 1)
-    wave = embedded_share(clocks, times, rows) * ~hidden
+    wave = embedded_share(clocks, times, places) * ~hidden
     wave = (wave - wave.sum(axis=1, keepdims=True) / count) * ~hidden
     product = (wave * toggles).sum(axis=(1, 2))
     power = (wave**2).sum(axis=(1, 2)) * (toggles**2).sum() + 1e-12

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from export.clock import Synchroniser, toggle
 from export.occlusion import Occlusion
 from export.runtime import Decoder
-from export.states import MESH, Shown, State, block_purity, compose, sensor_rows
+from export.states import MESH, Shown, State, block_purity, compose
 from export.track import Tracked, Tracker
 from link.collect import Collector, Message
 from link.errors import InputError
 from link.frames import Captured, SoftBits
-from link.geometry import homography_from_corners, transform
 
 BUFFER = 256
 """Rectified frames kept; before the clock is known, or in a folder of single images."""
@@ -92,7 +91,7 @@ class Receiver:
         self._fps = fps
         self._tracker = Tracker(self.layout)
         self._collector = Collector(self.layout.n_bits)
-        self._sync = Synchroniser(fps)
+        self._sync = self._fresh_clock()
         self._slips = 0
         self._occlusion = Occlusion(self.layout)
         self._buffer: deque[tuple[Shown, float]] = deque(maxlen=BUFFER)
@@ -104,6 +103,10 @@ class Receiver:
             [[(box[2] + box[3]) / 2, (box[0] + box[1]) / 2] for box in centres]
         )
         self._size = width, height
+
+    def _fresh_clock(self) -> Synchroniser:
+        cells = np.array(self.layout.ratex)[:, ::-1] + 0.5  # (row, col) -> (x, y)
+        return Synchroniser(self._fps, cells / [self.layout.cols, self.layout.rows])
 
     @property
     def progress(self) -> float:
@@ -142,14 +145,10 @@ class Receiver:
             self._restart()
         self._seen_at = time
         start = perf_counter()
-        H = homography_from_corners(tracked.corners, *self._size)
-        height = frame.shape[0]
         toggles = toggle(tracked.rectified, self.layout)
-        rows = np.clip(transform(H, self._patches)[:, 1] / height, 0, 1)
-        self._sync.add(time, rows, toggles)
-        shown = Shown(time, tracked.rectified, sensor_rows(H, self.layout, height))
+        self._sync.add(time, toggles)
         level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
-        self._buffer.append((shown, float(level)))
+        self._buffer.append((Shown(time, tracked.rectified), float(level)))
         if self._sync.slips != self._slips:
             self._slips, self._next = self._sync.slips, None
             self._collector.start_run()
@@ -189,7 +188,7 @@ class Receiver:
         return Step(None, *self._decode_unclocked())
 
     def _restart(self) -> None:
-        self._sync = Synchroniser(self._fps)
+        self._sync = self._fresh_clock()
         self._slips, self._next = 0, None
         self._buffer.clear()
         self._collector.start_run()
@@ -203,15 +202,16 @@ class Receiver:
         if self._next is None:
             self._next = int(np.ceil(clock.number(self._buffer[0][0].time) / 2))
         last = self._buffer[-1][0].time
-        end = clock.number(last if np.isinf(now) else now) + (1 if np.isinf(now) else 0)
+        over = last + clock.latest if np.isinf(now) else now + clock.earliest
+        end = clock.number(over)
         while end >= 2 * self._next + 2:
             number, self._next = self._next, self._next + 1
             start = perf_counter()
             frames = [shown for shown, _ in self._buffer]
             states = [compose(frames, clock, 2 * number + which) for which in (0, 1)]
-            while self._buffer and clock.number(
-                self._buffer[0][0].time + clock.readout + clock.shutter
-            ) < 2 * (number + 1):
+            while self._buffer and clock.number(self._buffer[0][0].time + clock.latest) < 2 * (
+                number + 1
+            ):
                 self._buffer.popleft()
             self.timing.add("compose", start)
             if states[0] is None or states[1] is None:
@@ -269,7 +269,7 @@ def merge(frames: list[Shown]) -> State:
     """Frames of one state, all pure."""
     images = np.stack([frame.rectified for frame in frames])
     mean = np.asarray(images.mean(axis=0) + 0.5, np.uint8)
-    return State(mean, np.ones_like(frames[0].rows), len(frames))
+    return State(mean, np.ones((MESH, MESH)), len(frames))
 
 
 def as_uint8(image: NDArray[np.generic]) -> NDArray[np.uint8]:

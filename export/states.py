@@ -7,25 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.clock import Clock
-from link.geometry import transform
 from link.layout import Layout
 
 PURE = 0.97
 """Share of an exposure in one state from which a pixel counts as pure."""
 MESH = 16
 """Exposure is worked out at this many points along each side of the display."""
+PLACES = np.stack(np.meshgrid(*2 * [(np.arange(MESH) + 0.5) / MESH]), axis=-1).reshape(
+    -1, 2
+)  # (MESH, MESH, 2) -> (MESH MESH, 2)
+"""Those points, (x, y) in [0, 1]."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """A rectified camera frame and when its sensor rows were read."""
+    """A rectified camera frame."""
 
     time: float
     """Seconds of the camera's clock."""
     rectified: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded."""
-    rows: NDArray[np.float64]
-    """(MESH, MESH) sensor row, in [0, 1], at points spread evenly over the display."""
 
 
 @dataclass(frozen=True)
@@ -40,18 +41,6 @@ class State:
     """Camera frames averaged."""
 
 
-def sensor_rows(
-    H_captured_from_display: NDArray[np.float64], layout: Layout, height: int
-) -> NDArray[np.float64]:
-    """(MESH, MESH) sensor row in [0, 1] of points over the display, for an image of ``height``."""
-    at = (np.arange(MESH) + 0.5) / MESH
-    x, y = np.meshgrid(at * layout.width - 0.5, at * layout.height - 0.5)
-    points = np.column_stack([x.ravel(), y.ravel()])
-    return np.clip(transform(H_captured_from_display, points)[:, 1] / height, 0, 1).reshape(
-        MESH, MESH
-    )  # (MESH MESH,) -> (MESH, MESH)
-
-
 def compose(frames: list[Shown], clock: Clock, number: int) -> State | None:
     """The state of this number, averaged over what the camera frames hold of it.
 
@@ -61,7 +50,9 @@ def compose(frames: list[Shown], clock: Clock, number: int) -> State | None:
     Returns:
         None where no frame holds any of it.
     """
-    shares = [clock.shares(frame.time, frame.rows, number) for frame in frames]
+    shares = [
+        clock.shares(frame.time, PLACES, number).reshape(MESH, MESH) for frame in frames
+    ]  # (MESH MESH,) -> (MESH, MESH)
     used = [(frame, share) for frame, share in zip(frames, shares, strict=True) if share.max() > 0]
     if not used:
         return None

@@ -16,7 +16,7 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from link.framing import code_of, decode, encode
+from link.framing import SIGNATURE, decode, encode
 from link.images import write_bytes
 from link.layout import make_layout
 from reports.metrics import provenance, wilson
@@ -51,9 +51,13 @@ def ours(message: bytes, n_bits: int) -> tuple[NDArray[np.integer], Callable[[Ar
     """Soft LDPC of `link.framing`."""
     bits = encode(message, n_bits)
     return (
-        bits[:, 8:].reshape(-1),
+        bits[:, SIGNATURE:].reshape(-1),
         lambda llr: (
-            decode(np.concatenate([np.zeros((len(bits), 8)), llr.reshape(len(bits), -1)], axis=1))
+            decode(
+                np.concatenate(
+                    [np.zeros((len(bits), SIGNATURE)), llr.reshape(len(bits), -1)], axis=1
+                )
+            )
             == message
         ),
     )
@@ -65,7 +69,7 @@ def reed_solomon(
     """Reed-Solomon over bytes (`reedsolo`), of the same length; the least certain third erased."""
     import reedsolo
 
-    length = encode(message, n_bits)[:, 8:].size // 8
+    length = encode(message, n_bits)[:, SIGNATURE:].size // 8
     parity = length - len(message)
     codec = reedsolo.RSCodec(parity) if length <= 255 else reedsolo.RSCodec(128)
     word = np.frombuffer(bytes(codec.encode(message)), np.uint8)
@@ -85,36 +89,8 @@ def reed_solomon(
     return np.unpackbits(word), read
 
 
-def library_ldpc(
-    message: bytes, n_bits: int
-) -> tuple[NDArray[np.integer], Callable[[Array], bool]]:
-    """Our graph, decoded by the package `ldpc` (hard decisions: it takes syndromes)."""
-    from ldpc import BpDecoder
-    from scipy.sparse import csr_matrix
-
-    bits = encode(message, n_bits)
-    code = code_of(len(bits), n_bits)
-    H = csr_matrix(
-        (np.ones(code.bit.size, np.uint8), (code.check, code.bit)), (code.parity, code.length)
-    )
-
-    def read(llr: Array) -> bool:
-        chance = 1 / (1 + np.exp(np.clip(np.abs(llr), 0, 30)))
-        decoder = BpDecoder(
-            H, error_channel=list(np.clip(chance, 1e-9, 0.5)), max_iter=60, bp_method="product_sum"
-        )
-        hard = (llr > 0).astype(np.uint8)
-        flips = decoder.decode((H @ hard % 2).astype(np.uint8))
-        return bool(decoder.converge) and np.array_equal(hard ^ flips, sent)
-
-    rng = np.random.default_rng(len(message))
-    sent = code.encode(rng.integers(0, 2, code.information))
-    return sent, read
-
-
 CODES: dict[str, tuple[Callable[..., Any], str | None]] = {
     "LDPC (link.ldpc)": (ours, None),
-    "same graph, package ldpc": (library_ldpc, "ldpc"),
     "Reed-Solomon with erasures": (reed_solomon, "reedsolo"),
 }
 """Code by name, and the package it needs."""

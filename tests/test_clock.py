@@ -6,31 +6,30 @@ import numpy as np
 import pytest
 
 from export.clock import Clock, Synchroniser, embedded_share, explained, toggle
-from export.states import MESH, Shown, compose, sensor_rows
+from export.states import Shown, compose
 from link.embed import embed
 from link.layout import make_layout
 
-ROWS = np.array([0.2, 0.8, 0.22, 0.79, 0.5])
+PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
 
 
 def test_shares_of_an_exposure_over_a_change() -> None:
-    clock = Clock(period=0.1, start=0.0, readout=0.02, shutter=0.04)
-    rows = np.array([0.0, 0.5, 1.0])
+    clock = Clock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.02, shutter=0.04)
+    places = np.array([[0.3, 0.0], [0.9, 0.5], [0.1, 1.0]])
     # exposed from 0.08, 0.09 and 0.10 s on, for 0.04 s; the state changes at 0.1 s
-    assert clock.shares(0.08, rows, 0) == pytest.approx([0.5, 0.25, 0.0])
-    assert clock.shares(0.08, rows, 1) == pytest.approx([0.5, 0.75, 1.0])
-    assert clock.shares(0.08, rows, 2) == pytest.approx([0, 0, 0])
-    total = embedded_share(np.array([astuple(clock)]), np.array([0.08]), rows[None])
+    assert clock.shares(0.08, places, 0) == pytest.approx([0.5, 0.25, 0.0])
+    assert clock.shares(0.08, places, 1) == pytest.approx([0.5, 0.75, 1.0])
+    assert clock.shares(0.08, places, 2) == pytest.approx([0, 0, 0])
+    total = embedded_share(np.array([astuple(clock)]), np.array([0.08]), places)
     assert total[0, 0] == pytest.approx([0.5, 0.75, 1.0])
 
 
 def test_shares_of_all_states_add_to_one() -> None:
-    clock = Clock(period=0.021, start=0.4, readout=0.03, shutter=0.031)
-    rows = np.linspace(0, 1, 7)
+    clock = Clock(period=0.021, start=0.4, delay_x=-0.01, delay_y=0.03, shutter=0.031)
     for time in np.linspace(0, 1, 11):
         first = int(np.floor(clock.number(time)))
-        total = sum(clock.shares(time, rows, state) for state in range(first - 1, first + 6))
-        assert total == pytest.approx(np.ones(7))
+        total = sum(clock.shares(time, PLACES, state) for state in range(first - 2, first + 6))
+        assert total == pytest.approx(np.ones(5))
 
 
 def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
@@ -48,17 +47,25 @@ def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fps", "state_hz", "readout"),
-    [(30, 10.07, 0.015), (30, 15.1, 0.004), (60, 29.8, 0.0), (60, 15.0, 0.012), (30, 29.8, 0.028)],
+    ("fps", "state_hz", "delays"),
+    [
+        (30, 10.07, (0.0, 0.015)),
+        (30, 15.1, (0.004, -0.012)),
+        (60, 29.8, (0.0, 0.0)),
+        (60, 15.0, (0.012, 0.0)),
+        (30, 24.1, (-0.02, 0.01)),
+    ],
 )
-def test_the_clock_is_found_in_noisy_toggles(fps: float, state_hz: float, readout: float) -> None:
+def test_the_clock_is_found_in_noisy_toggles(
+    fps: float, state_hz: float, delays: tuple[float, float]
+) -> None:
     rng = np.random.default_rng(1)
-    true = Clock(1 / state_hz, 0.123, readout, 0.5 / fps)
-    sync = Synchroniser(fps)
+    true = Clock(1 / state_hz, 0.123, *delays, 0.5 / fps)
+    sync = Synchroniser(fps, PLACES)
     for number in range(int(4 * fps)):
         time = number / fps
-        wave = embedded_share(np.array([astuple(true)]), np.array([time]), ROWS[None])[0, 0]
-        sync.add(time, ROWS, 3 * wave + rng.normal(0, 0.4, 5) + [1, 5, -3, 0, 2])
+        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, 0]
+        sync.add(time, 3 * wave + rng.normal(0, 0.4, 5) + [1, 5, -3, 0, 2])
     assert sync.clock is not None
     assert sync.r2 > 0.8
     assert sync.clock.period == pytest.approx(true.period, rel=0.004)
@@ -68,13 +75,13 @@ def test_the_clock_is_found_in_noisy_toggles(fps: float, state_hz: float, readou
 
 def test_states_keep_their_numbers_for_a_minute() -> None:
     rng = np.random.default_rng(2)
-    true = Clock(1 / 15.1, 0.123, 0.01, 0.016)
-    sync = Synchroniser(30)
+    true = Clock(1 / 15.1, 0.123, 0.002, 0.01, 0.016)
+    sync = Synchroniser(30, PLACES)
     offsets, slips = [], 0
     for number in range(60 * 30):
         time = number / 30
-        wave = embedded_share(np.array([astuple(true)]), np.array([time]), ROWS[None])[0, 0]
-        sync.add(time, ROWS, 3 * wave + rng.normal(0, 0.4, 5))
+        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, 0]
+        sync.add(time, 3 * wave + rng.normal(0, 0.4, 5))
         if time == 5:
             slips = sync.slips
         if time > 5 and sync.clock is not None:
@@ -85,34 +92,29 @@ def test_states_keep_their_numbers_for_a_minute() -> None:
 
 def test_noise_and_stillness_give_no_clock() -> None:
     rng = np.random.default_rng(3)
-    noisy, still = Synchroniser(30), Synchroniser(30)
+    noisy, still = Synchroniser(30, PLACES), Synchroniser(30, PLACES)
     for number in range(150):
-        noisy.add(number / 30, ROWS, rng.normal(0, 1, 5))
-        still.add(number / 30, ROWS, np.ones(5))
+        noisy.add(number / 30, rng.normal(0, 1, 5))
+        still.add(number / 30, np.ones(5))
     assert noisy.clock is None
     assert still.clock is None
 
 
 def test_a_perfect_wave_is_explained_wholly_and_its_opposite_not_at_all() -> None:
-    clock = np.array([[0.1, 0.0, 0.0, 0.02]])
+    clock = np.array([[0.1, 0.0, 0.01, -0.01, 0.02]])
     times = np.arange(40) / 30
-    rows = np.tile(ROWS, (40, 1))
-    wave = embedded_share(clock, times, rows)[0]
+    wave = embedded_share(clock, times, PLACES)[0]
     wave = wave - wave.mean(axis=0)
-    assert explained(clock, times, rows, wave)[0] == pytest.approx(1)
-    assert explained(clock, times, rows, -wave)[0] == 0
+    assert explained(clock, times, PLACES, wave)[0] == pytest.approx(1)
+    assert explained(clock, times, PLACES, -wave)[0] == 0
 
 
 def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:
     layout = make_layout()
-    H = np.diag([1.0, 1.0, 1.0])
-    rows = sensor_rows(H, layout, layout.height)
-    assert rows.shape == (MESH, MESH)
-    assert rows[:, 0] == pytest.approx((np.arange(MESH) + 0.5) / MESH, abs=0.01)
-    clock = Clock(period=0.1, start=0.0, readout=0.1, shutter=0.001)
+    clock = Clock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.1, shutter=0.001)
     # state 1 lasts from 0.1 to 0.2 s: the lower half of the first frame, the upper of the second
-    early = Shown(0.05, np.full((layout.height, layout.width), 100, np.uint8), rows)
-    late = Shown(0.15, np.full((layout.height, layout.width), 200, np.uint8), rows)
+    early = Shown(0.05, np.full((layout.height, layout.width), 100, np.uint8))
+    late = Shown(0.15, np.full((layout.height, layout.width), 200, np.uint8))
     state = compose([early, late], clock, 1)
     assert state is not None
     assert state.purity.min() > 0.99

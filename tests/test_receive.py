@@ -72,7 +72,13 @@ def test_a_free_running_camera_reads_the_message(
 ) -> None:
     receiver, data = listen(decoder, states, stream)
     assert data == TEXT
-    assert receiver.state_hz == pytest.approx(stream.state_hz, rel=0.01)
+    assert receiver.state_hz is not None
+    # at one state a frame, a little faster and a little slower look alike in every frame
+    mirrored = 2 * stream.fps - receiver.state_hz
+    assert (
+        min(abs(rate - stream.state_hz) for rate in (receiver.state_hz, mirrored))
+        < 0.01 * stream.state_hz
+    )
 
 
 def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
