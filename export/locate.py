@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from export.edges import evidence, fit_edges, snap
 from export.patches import Pyramid, align, place, pyramid, search
 from export.quads import SAME_PX, distinct, from_contours, from_lines, is_sound, upright
+from export.spots import from_spots
 from link.errors import InputError, run_cli
 from link.geometry import as_corners, homography_from_corners, rectify
 from link.images import as_rgb, read_image, write_image
@@ -31,8 +32,10 @@ WORK_PX = 640
 """Longer side of the image on which quadrilaterals are sought."""
 SNAP_PX = 5.0
 LINE_QUADS = 70
-TRIED = 20
-"""Candidates whose ratex patches are sought."""
+TRIED, LIKELY = 20, 6
+"""Candidates whose ratex patches are sought, and those sought before `export.spots` is asked."""
+SPOT_QUADS = 10
+TURNS = (0, 1, 2, 3)
 MIN_VISIBILITY = {1: 0.93, 2: 0.85}
 """Of `link.ratex.visibility`, by number of patches; `USUAL_VISIBILITY` for more."""
 USUAL_VISIBILITY = 0.8
@@ -146,9 +149,27 @@ def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | 
         corners = refine(image, ranked[0].corners)
         return Located(upright(corners[None])[0], ranked[0].score)
     images = pyramid(_gray(image))
+    found = _best(image, images, layout, [c.corners for c in ranked[:LIKELY]], TURNS)
+    if found is None:
+        small, scale = _small(image)
+        spots = from_spots(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), layout, SPOT_QUADS)
+        found = _best(image, images, layout, [(q + 0.5) * scale - 0.5 for q in spots], TURNS[:1])
+    if found is None:
+        found = _best(image, images, layout, [c.corners for c in ranked[LIKELY:]], TURNS)
+    return found
+
+
+def _best(
+    image: NDArray[np.uint8],
+    images: Pyramid,
+    layout: Layout,
+    quads: list[NDArray[np.float64]],
+    turns: tuple[int, ...],
+) -> Located | None:
+    """Where the patches are seen best, or the first place where they surely are, or None."""
     best: Located | None = None
-    for candidate in ranked:
-        turned = [np.roll(candidate.corners, -turn, axis=0) for turn in range(4)]
+    for quad in quads:
+        turned = [np.roll(quad, -turn, axis=0) for turn in turns]
         promise = [search(images, corners, layout)[0] for corners in turned]
         for turn in np.argsort(promise)[::-1][:2]:
             if promise[turn] < PROMISING:
