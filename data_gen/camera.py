@@ -82,19 +82,25 @@ def develop(
     if noise_scale > 0:
         well = camera.full_well_e / iso
         read = (camera.read_noise_e * iso / camera.full_well_e) ** 2
-        sigma = np.sqrt(raw * np.float32(1 / well) + np.float32(read))
-        raw = raw + np.float32(noise_scale) * sigma * rng.standard_normal(raw.shape, np.float32)
-    linear = np.clip(_demosaic(raw) if camera.bayer else raw, 0, 1)
-    linear = np.clip(_transform(linear, camera.color_matrix), 0, 1)
+        sigma = raw * np.float32(1 / well)
+        sigma += np.float32(read)
+        noise = np.float32(noise_scale) * np.sqrt(sigma, out=sigma)
+        noise *= rng.standard_normal(raw.shape, np.float32)
+        raw = np.add(noise, raw, out=noise)
+    linear = _demosaic(raw) if camera.bayer else raw.copy()
+    linear = _transform(np.clip(linear, 0, 1, out=linear), camera.color_matrix)
     table = response_curve(camera.tone_curve, camera.encoding)
-    index = (linear * np.float32(RESPONSE_STEPS) + np.float32(0.5)).astype(np.uint16)
+    np.clip(linear, 0, 1, out=linear)
+    linear *= np.float32(RESPONSE_STEPS)
+    linear += np.float32(0.5)
+    index = linear.astype(np.uint16)
     if camera.sharpening > 0:
-        encoded = table[index]
+        encoded = table.take(index)
         soft = cv2.GaussianBlur(encoded, (0, 0), 1.0)
         encoded = cv2.addWeighted(encoded, 1 + camera.sharpening, soft, -camera.sharpening, 0.5)
-        pixels = np.clip(encoded, 0, 255).astype(np.uint8)
+        pixels = np.clip(encoded, 0, 255, out=encoded).astype(np.uint8)
     else:
-        pixels = (table + np.float32(0.5)).astype(np.uint8)[index]
+        pixels = (table + np.float32(0.5)).astype(np.uint8).take(index)
     return jpeg(pixels, camera.jpeg_quality) if camera.jpeg_quality else pixels
 
 
@@ -115,11 +121,14 @@ def _mosaic(exposure: Light) -> Light:
 def _demosaic(raw: Light) -> Light:
     """(H, W) float32 -> (H, W, 3) float32; through 16-bit integers, as OpenCV wants."""
     full = np.float32(65535 / (1 + 2 * PEDESTAL))
-    counts = (np.clip(raw + PEDESTAL, 0, 1 + 2 * PEDESTAL) * full + np.float32(0.5)).astype(
-        np.uint16
-    )
-    colour = cv2.demosaicing(counts, cv2.COLOR_BayerRGGB2RGB_EA)
-    return np.asarray(colour / full - np.float32(PEDESTAL), np.float32)
+    counts = np.clip(raw + PEDESTAL, 0, 1 + 2 * PEDESTAL)
+    counts *= full
+    counts += np.float32(0.5)
+    colour = cv2.demosaicing(counts.astype(np.uint16), cv2.COLOR_BayerRGGB2RGB_EA)
+    colour = colour.astype(np.float32)
+    colour /= full
+    colour -= np.float32(PEDESTAL)
+    return np.asarray(colour)
 
 
 def jpeg(pixels: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:

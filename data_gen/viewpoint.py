@@ -38,7 +38,7 @@ class Viewpoint:
     iso: float
     """Amplification relative to the ISO of `Camera.full_well_e`, at least 1."""
     vignetting: Light
-    """(H, W, 1) float32, times ``iso``."""
+    """(H, W, 3) float32, times ``iso``."""
     surroundings: Light
     """(H + 2 margin, W + 2 margin, 3) float32: what the sensor collects of the canvas, vignetting
     and amplification left aside."""
@@ -56,7 +56,7 @@ class Viewpoint:
         if camera.blur_px > 0.1:
             canvas = cv2.GaussianBlur(canvas, (0, 0), camera.blur_px)
         surroundings = collect(canvas, camera, pair.crosstalk)
-        return cls(scene, room, iso, vignetting[:, :, None], surroundings)
+        return cls(scene, room, iso, _thrice(vignetting), surroundings)
 
     def emitted(self, frame: NDArray[np.uint8]) -> Light:
         """Light that leaves the display for the camera, the room's included.
@@ -115,21 +115,20 @@ class Viewpoint:
             size = right - left, bottom - top
             H = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ H_captured_from_display
             cover = self._project(np.ones(lights[0].shape[:2], np.float32), H, size)
-            shown = self._mixed(
-                lights, None if weights is None else weights[:, top:bottom], H, size
-            )
+            shown = self._mixed(lights, weights, H, size)
             rows = pwm_gain(pair.display, pair.camera, height, phase)[top:bottom]
             shown = collect(shown, pair.camera, pair.crosstalk, rows[:, None, None])
             if pair.display.grid_contrast > 0:
                 shown *= moire_gain(
                     pair, scene.layout, H_captured_from_display, size, (left, top), width
                 )
-            part *= 1 - cover[:, :, None]
+            part *= _thrice(1 - cover)
             part += shown
         if front is not None:
             passer, x, y = front
             passer.over(exposure, x, y)
-        exposure *= np.float32(gain) * self.vignetting
+        exposure *= self.vignetting
+        exposure *= np.float32(gain)
         return np.asarray(np.minimum(exposure, 1.0, out=exposure), np.float32)
 
     def _mixed(
@@ -143,11 +142,7 @@ class Viewpoint:
         if weights is None or len(lights) == 1:
             return self._project(lights[0], H, size)
         mixed = np.zeros((size[1], size[0], 3), np.float32)
-        reach = (
-            0
-            if self.scene.pair.camera.blur_px <= 0.1
-            else 2 + int(REACH * self.scene.pair.camera.blur_px)
-        )
+        reach = 2 + int(REACH * self.scene.pair.camera.blur_px)
         for light, share in zip(lights, weights, strict=True):
             rows = np.flatnonzero(share.any(axis=1))
             if rows.size:
@@ -155,7 +150,9 @@ class Viewpoint:
                 low, high = max(0, first - reach), min(size[1], last + reach)
                 moved = np.array([[1, 0, 0], [0, 1, -low], [0, 0, 1.0]]) @ H
                 image = self._project(light, moved, (size[0], high - low))
-                mixed[first:last] += share[first:last, :, None] * image[first - low : last - low]
+                image = image[first - low : last - low]
+                image *= _thrice(np.broadcast_to(share[first:last], image.shape[:2]))
+                mixed[first:last] += image
         return mixed
 
     def _project(self, light: Light, H: NDArray[np.float64], size: tuple[int, int]) -> Light:
@@ -182,3 +179,9 @@ class Viewpoint:
         pair, scene = self.scene.pair, self.scene
         pooled = pair.nuisance(scene.view_deg).noise_scale * scene.size[0] / CAPTURE_WIDTH
         return develop(exposure, pair.camera, rng, pooled, self.iso)
+
+
+def _thrice(plane: Light) -> Light:
+    """(H, W) -> (H, W, 3): products of equal shapes take a third of the time."""
+    whole = np.ascontiguousarray(plane)
+    return np.asarray(cv2.merge([whole, whole, whole]))
