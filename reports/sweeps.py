@@ -57,7 +57,7 @@ SWEEPS: dict[str, Sweep] = {
         "κ, the height of a bit", "κ, gray levels", tuple(range(1, 11)), (1, 2, 3, 5, 10)
     ),
     "angle": Sweep(
-        "Viewing angle", "angle, degrees", (0, 10, 20, 30, 40, 50, 60, 70), (0, 30, 45, 60, 70),
+        "Viewing angle", "angle, degrees", (0, 10, 20, 30, 45, 60, 70), (0, 30, 45, 60, 70),
         "The camera's exposure makes up for the fall-off of light (metering 1).",
         fixed=(("metering", 1.0),),
     ),

@@ -16,8 +16,8 @@ def pictures(run: Run) -> Html:
     note = tag(
         "p",
         "For each view and κ, the frame pair with the median number of wrong bits. In the last "
-        "pictures light blocks are decided 1, dark blocks 0; a block’s frame is green where the bit is right, red and thick "
-        "where it is wrong, blue where the truth is unknown."
+        "pictures light blocks are decided 1, dark blocks 0; a block’s frame is green where the "
+        "bit is right, red and thick where it is wrong, blue where the truth is unknown."
         if not run.from_folder
         else "Light blocks are decided 1, dark blocks 0; frames are green where the bit is right, "
         "red and thick where it is wrong, blue where the truth is unknown.",
