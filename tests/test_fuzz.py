@@ -1,0 +1,195 @@
+"""Mutated images, videos and models: one clear line, or the right message; no crash, no hang."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from streams import Stream, states_of
+
+from export.locate import locate
+from export.receiver import Receiver
+from export.runtime import Decoder
+from link.errors import InputError
+from link.images import read_image, write_image
+from link.layout import make_layout
+
+ROOT = Path(__file__).parents[1]
+MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
+LAYOUT = make_layout()
+TEXT = b"right"
+
+FEED = """
+import json, sys
+from pathlib import Path
+from export.receiver import Receiver
+from export.runtime import Decoder
+from export.sources import open_source
+from link.errors import InputError
+results = []
+for model, source in json.loads(sys.argv[1]):
+    try:
+        receiver = Receiver(Decoder(Path(model)))
+        got = None
+        for frame in open_source(source).frames:
+            got = receiver.push(frame.image, frame.time).message or got
+        got = receiver.finish().message or got
+        results.append(got.data.hex() if got else None)
+    except InputError as error:
+        results.append("refused: " + str(error))
+print(json.dumps(results))
+"""
+
+
+def mutated(data: bytes, rng: np.random.Generator) -> bytes:
+    """Bytes changed, a piece cut out, moved, or the end lost."""
+    array = bytearray(data)
+    kind = rng.integers(4)
+    if kind == 0:
+        for at in rng.integers(0, len(array), int(rng.integers(1, 40))):
+            array[at] = int(rng.integers(256))
+    elif kind == 1:
+        del array[int(rng.integers(len(array))) :]
+    elif kind == 2:
+        start = int(rng.integers(len(array)))
+        del array[start : start + int(rng.integers(1, 2000))]
+    else:
+        start = int(rng.integers(len(array)))
+        piece = array[start : start + 500]
+        at = int(rng.integers(len(array)))
+        array[at:at] = piece
+    return bytes(array)
+
+
+def feed(cases: list[tuple[str, str]]) -> list[str | None]:
+    """Decode each (model, source) in one process of its own, which must end by itself."""
+    done = subprocess.run(
+        [sys.executable, "-c", FEED, json.dumps(cases)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    results: list[str | None] = json.loads(done.stdout.splitlines()[-1])
+    return results
+
+
+def is_right_or_refused(result: str | None) -> bool:
+    return result is None or result == TEXT.hex() or result.startswith("refused: ")
+
+
+@pytest.fixture(scope="module")
+def states() -> list[NDArray[np.uint8]]:
+    return states_of(TEXT, LAYOUT, np.random.default_rng(0))
+
+
+def test_mutated_videos(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (320, 240))
+    for _, image, _ in Stream(size=(320, 240)).frames(states, 2, np.random.default_rng(2)):
+        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    writer.release()
+    rng = np.random.default_rng(3)
+    cases = [(str(MODEL), str(path))]
+    for number in range(10):
+        bad = tmp_path / f"bad{number}.avi"
+        bad.write_bytes(mutated(path.read_bytes(), rng))
+        cases.append((str(MODEL), str(bad)))
+    results = feed(cases)
+    assert results[0] == TEXT.hex()
+    assert all(is_right_or_refused(result) for result in results)
+
+
+def test_mutated_models(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+    for number, state in enumerate(states):
+        write_image(tmp_path / "in" / f"{number:03d}.png", state)
+    rng = np.random.default_rng(4)
+    cases = [(str(MODEL), str(tmp_path / "in"))]
+    for number in range(25):
+        bad = tmp_path / f"bad{number}.onnx"
+        bad.write_bytes(mutated(MODEL.read_bytes(), rng))
+        cases.append((str(bad), str(tmp_path / "in")))
+    results = feed(cases)
+    assert results[0] == TEXT.hex()
+    assert all(is_right_or_refused(result) for result in results)
+    assert sum(str(result).startswith("refused: ") for result in results) > 5
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff"])
+def test_mutated_image_files(tmp_path: Path, suffix: str) -> None:
+    rng = np.random.default_rng(5)
+    path = tmp_path / f"image{suffix}"
+    write_image(path, rng.integers(0, 255, (90, 120, 3)).astype(np.uint8))
+    data = path.read_bytes()
+    for _ in range(60):
+        path.write_bytes(mutated(data, rng))
+        try:
+            image = read_image(path)
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:
+            assert image.dtype == np.uint8
+            assert image.ndim == 3
+
+
+def noise(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return rng.integers(0, 256, image.shape).astype(np.uint8)
+
+
+def shuffled(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(rng.permutation(image, axis=int(rng.integers(2))))
+
+
+def cut(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = (int(rng.integers(16, side)) for side in image.shape[:2])
+    return image[:height, :width]
+
+
+def flat(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.full_like(image, rng.integers(256))
+
+
+def mirrored(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+CHANGES: list[Callable[..., NDArray[np.uint8]]] = [noise, shuffled, cut, flat, mirrored]
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_frames_of_any_content_and_size_in_any_order(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    states = states_of(TEXT, LAYOUT, np.random.default_rng(0))
+    receiver = Receiver(DECODER)
+    images = [image for _, image, _ in Stream(size=(320, 240)).frames(states, 0.5, rng)]
+    for number in rng.integers(0, len(images), 12):
+        image = images[number]
+        if rng.random() < 0.6:
+            image = CHANGES[int(rng.integers(len(CHANGES)))](rng, image)
+        step = receiver.push(image, float(rng.uniform(-1, 5)))
+        assert step.message is None or step.message.data == TEXT
+    step = receiver.finish()
+    assert step.message is None or step.message.data == TEXT
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(16, 90), st.integers(16, 90))
+def test_locate_takes_any_picture(seed: int, height: int, width: int) -> None:
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 256, (height, width, 3)).astype(np.uint8)
+    if seed % 3 == 0:
+        image = cv2.GaussianBlur(image, (0, 0), 5)
+    assert locate(image, LAYOUT) is None
+
+
+DECODER = Decoder(MODEL)
