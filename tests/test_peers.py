@@ -1,0 +1,279 @@
+"""Other systems: the comparison by an exact toy, the adapters where the packages are installed."""
+
+import json
+import multiprocessing
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Command
+from numpy.typing import NDArray
+
+from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.pictures import load_pictures
+from link.embed import psnr, with_head_room
+from link.frames import Rectified
+from link.layout import make_layout
+from reports.compare import Method
+from reports.peers import adapters
+from reports.peers.__main__ import main
+from reports.peers.adapters import PACKAGES, Peer, make_peers
+from reports.peers.page import PeerRow, table, tally
+from reports.peers.study import JPEG, NO_CHANNEL, Ours, Shown, Still, measure, received
+
+SOURCE = Source(make_layout())
+
+
+@dataclass(frozen=True)
+class Stripes:
+    """A toy: six upright stripes, dark or bright; the first is dark and the last bright."""
+
+    name: str = "stripes"
+    strength: str = "exact"
+    n_bits: int = 4
+
+    def embed(self, picture: NDArray[np.uint8], bits: NDArray[np.intp]) -> NDArray[np.uint8]:
+        """Bits become stripes of gray 40 or 200."""
+        marked = picture.copy()
+        for stripe, bit in zip(np.array_split(marked, 6, axis=1), [0, *bits, 1], strict=True):
+            stripe[:] = 200 if bit else 40
+        return marked
+
+    def extract(self, picture: NDArray[np.uint8]) -> NDArray[np.float64]:
+        """Mean level, over the middle of the first and the last."""
+        levels = [stripe.mean() for stripe in np.array_split(picture, 6, axis=1)]
+        return np.array(levels[1:-1]) - (levels[0] + levels[-1]) / 2
+
+
+@pytest.fixture(scope="module")
+def lines() -> list[dict[str, Any]]:
+    return measure(SOURCE, ["canon-lg", "sony-imac"], [0.0, 45.0], 2, Still(Stripes()))
+
+
+def test_the_toy_is_read_from_every_condition(lines: list[dict[str, Any]]) -> None:
+    rows = tally(lines)
+    found = {(row.condition, row.frames_used): (row.captures, row.bits) for row in rows}
+    assert found == {
+        (NO_CHANNEL, 1): (2, 8),
+        (JPEG, 1): (2, 8),
+        ("0°", 1): (4, 16),
+        ("0°", 2): (4, 16),
+        ("45°", 1): (4, 16),
+        ("45°", 2): (4, 16),
+    }
+    assert all(row.correct == row.bits and row.message_bits == 4 for row in rows)
+
+
+def test_what_is_read_is_what_was_shown(lines: list[dict[str, Any]]) -> None:
+    for index in (0, 1):
+        shown = Still(Stripes()).show(SOURCE, index)
+        picture = with_head_room(prepare_picture(index), 5)
+        assert np.array_equal(shown.clean, picture)
+        mine = [line for line in lines if line["index"] == index]
+        assert len(mine) == 2 + 2 * 4
+        assert all(line["bits"] == shown.displayed.bits.tolist() for line in mine)
+        expected = psnr(picture, Stripes().embed(picture, shown.displayed.bits))
+        assert {line["psnr"] for line in mine} == {expected}
+        exact = next(line for line in mine if line["condition"] == NO_CHANNEL)
+        levels = np.where(shown.displayed.bits == 1, 80.0, -80.0)
+        assert exact["scores"] == levels.tolist()
+
+
+def prepare_picture(index: int) -> NDArray[np.uint8]:
+    name = prepare(SOURCE, Cell("canon-lg", 0.0, 5), index).picture
+    pictures = load_pictures("test", SOURCE.layout.width, SOURCE.layout.height)
+    return next(picture.rgb for picture in pictures if picture.name == name)
+
+
+def test_the_mean_of_two_frames_is_read_where_two_were_filmed() -> None:
+    dark, bright = (np.zeros((384, 510, 3), np.uint8) for _ in range(2))
+    dark[:, -85:], bright[:, -85:], bright[:, 85:-85] = 100, 100, 201
+    pair = Rectified(dark, bright, SOURCE.layout)
+    found = list(Still(Stripes()).read(pair, filmed=True))
+    assert [(used, scores.tolist()) for used, scores, _ in found] == [
+        (1, [-50.0] * 4),
+        (2, [50.0] * 4),  # 100.5 is rounded to even
+    ]
+    assert len(list(Still(Stripes()).read(pair, filmed=False))) == 1
+
+
+def test_every_system_gets_the_draws_of_the_channel_that_evaluate_has() -> None:
+    cell = Cell("sony-imac", 45.0, 5)
+    displayed = prepare(SOURCE, cell, 1).displayed
+    shown = Shown(displayed.original, displayed)
+    *_, (condition, pair, view, filmed) = received(SOURCE, shown, ["sony-imac"], [45.0], 1)
+    assert (condition, pair, view) == ("45°", "sony-imac", 45.0)
+    expected = simulate(SOURCE, cell, 1).rectified()
+    assert np.array_equal(filmed.original, expected.original)
+    assert np.array_equal(filmed.embedded, expected.embedded)
+
+
+@pytest.mark.parametrize(("method", "n_bits"), [("oorc", 59), ("blind", 64)])
+def test_ours_is_measured_alike(method: str, n_bits: int) -> None:
+    found = measure(SOURCE, ["canon-lg"], [0.0], 1, Ours(Method(method), 5))
+    rows = tally(found)
+    assert [(row.condition, row.frames_used) for row in rows] == [
+        (NO_CHANNEL, 2),
+        (JPEG, 2),
+        ("0°", 2),
+    ]
+    assert rows[0].accuracy == 1.0
+    assert {row.message_bits for row in rows} == {n_bits}
+    assert 30 < rows[0].psnr < 45
+
+
+def entry(strength: str, condition: str, scores: list[float], **changes: Any) -> dict[str, Any]:
+    known = {"method": "toy", "frames_used": 1, "psnr": 40.0, "ssim": 0.9, "decode_s": 0.002}
+    return {
+        **known,
+        "strength": strength,
+        "condition": condition,
+        "scores": scores,
+        "bits": [1, 0],
+        **changes,
+    }
+
+
+def test_rows_count_bits_and_average_visibility() -> None:
+    rows = tally(
+        [
+            entry("weak", "0°", [1.0, -1.0]),
+            entry("weak", "0°", [1.0, 1.0], psnr=30.0, ssim=0.7, decode_s=0.004),
+            entry("strong", "0°", [-1.0, 1.0]),
+        ]
+    )
+    weak, strong = rows
+    assert (weak.captures, weak.bits, weak.correct, weak.accuracy) == (2, 4, 3, 0.75)
+    assert (weak.psnr, weak.decode_ms, round(weak.ssim, 6)) == (35.0, 3.0, 0.8)
+    assert weak.ci_low < 0.75 < weak.ci_high
+    assert (strong.correct, strong.accuracy, strong.ci_low) == (0, 0.0, 0.0)
+    head, _, first, second = table(rows).splitlines()
+    assert head == "| system | strength | PSNR dB | SSIM | bits | 0°, 1 frame | decode ms |"
+    assert first.startswith("| toy | weak | 35.0 | 0.8000 | 2 | 75.0 ±")
+    assert second.startswith("| toy | strong | 40.0 | 0.9000 | 2 | 0.0 ±")
+
+
+# The command
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> None:
+    systems: dict[str, Callable[[int], list[Peer]]] = {"stripes": lambda n_bits: [Stripes()]}
+    monkeypatch.setattr(adapters, "PEERS", systems)
+
+
+SMALL = ("--pairs", "canon-lg", "--views", 0, "--frames", 1, "--kappas", 5, "--jobs", 1)
+
+
+def no_constants(name: str) -> None:
+    raise AssertionError(f"{name} is not JSON")
+
+
+@pytest.mark.usefixtures("toy")
+def test_the_command_writes_page_numbers_and_picture(tmp_path: Path, command: Command) -> None:
+    flags = ("--systems", "stripes", "--ours", "naive", "--out", tmp_path)
+    done = command(main, *SMALL, *flags)
+    assert done.status == 0, done.stderr
+    content = json.loads((tmp_path / "peers.json").read_text(), parse_constant=no_constants)
+    assert content["meta"]["simulated"] is True
+    assert {row["method"] for row in content["rows"]} == {"naive", "stripes"}
+    predictions = [
+        json.loads(line) for line in (tmp_path / "predictions.jsonl").read_text().splitlines()
+    ]
+    assert tally(predictions) == [PeerRow(**row) for row in content["rows"]]
+    page = (tmp_path / "peers.md").read_text()
+    assert "Simulated" in page
+    assert "| stripes | exact |" in page
+    assert (tmp_path / "peers.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("name", list(PACKAGES))
+def test_a_missing_package_is_one_line_with_the_remedy(
+    name: str, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    adapters._package.cache_clear()
+    monkeypatch.setitem(sys.modules, PACKAGES[name], None)
+    done = command(main, *SMALL, "--systems", name, "--out", tmp_path)
+    assert done.status == 2
+    assert done.stderr.startswith(f"error: {name}: the package {PACKAGES[name]} is missing; run ")
+    assert "pip install --no-deps invisible-watermark==" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--systems", "stegastamp"), "unknown system 'stegastamp'; choose one of: stripes"),
+        (("--systems", "stripes", "--ours", "best"), "unknown method 'best'"),
+        (("--systems", "stripes", "--pairs", "mine"), "mine"),
+        (("--systems", "stripes", "--frames", 0), "--frames: need at least 1"),
+    ],
+)
+@pytest.mark.usefixtures("toy")
+def test_wrong_flags(
+    flags: tuple[object, ...], message: str, tmp_path: Path, command: Command
+) -> None:
+    done = command(main, *SMALL, *flags, "--out", tmp_path)
+    assert done.status == 2
+    assert message in done.stderr
+
+
+# The adapters, where the packages are
+
+
+def needs(name: str) -> None:
+    if find_spec(PACKAGES[name]) is None or find_spec("pywt") is None:
+        pytest.skip(f"{name} is not installed: {adapters.INSTALL}")
+
+
+@pytest.mark.parametrize(
+    ("name", "strength", "least"),
+    [
+        ("rivaGAN", "default", 0.9),  # a network: some bits of some pictures are wrong
+        ("DWT-DCT", "default", 0.8),
+        ("DWT-DCT-SVD", "default", 1.0),
+        ("blind-watermark", "default", 1.0),
+    ],
+)
+def test_adapters_read_what_they_wrote(name: str, strength: str, least: float) -> None:
+    needs(name)
+    peer = next(peer for peer in make_peers(name, 32) if peer.strength == strength)
+    picture = with_head_room(load_pictures("test", 256, 256)[0].rgb, 5)
+    before = picture.copy()
+    bits = np.random.default_rng(0).integers(0, 2, 32)
+    marked = peer.embed(picture, bits)
+    assert marked.shape == picture.shape
+    assert marked.dtype == np.uint8
+    assert np.array_equal(picture, before)
+    assert 30 < psnr(picture, marked) < 50
+    scores = peer.extract(marked)
+    assert scores.shape == (32,)
+    assert np.mean((scores > 0) == bits) >= least
+    other = peer.extract(peer.embed(picture, 1 - bits))
+    assert np.mean((other > 0) == bits) < 0.5
+
+
+@pytest.mark.parametrize("name", list(PACKAGES))
+def test_stronger_is_more_visible(name: str) -> None:
+    needs(name)
+    picture = with_head_room(load_pictures("test", 256, 256)[0].rgb, 5)
+    bits = np.random.default_rng(0).integers(0, 2, 32)
+    peers = [peer for peer in make_peers(name, 32) if not peer.strength.startswith("Y")]
+    assert peers[0].strength != peers[-1].strength
+    weak, strong = (psnr(picture, peer.embed(picture, bits)) for peer in (peers[0], peers[-1]))
+    assert weak > strong + 3
+
+
+def test_blind_watermark_leaves_the_start_method_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    needs("blind-watermark")
+    for module in [name for name in sys.modules if name.partition(".")[0] == "blind_watermark"]:
+        monkeypatch.delitem(sys.modules, module)
+    before = multiprocessing.get_start_method(allow_none=True)
+    adapters._package.cache_clear()
+    make_peers("blind-watermark", 32)
+    assert multiprocessing.get_start_method(allow_none=True) == before
