@@ -47,26 +47,33 @@ class Canvas:
         seen = np.column_stack([corners, np.ones(4)]) @ self.camera.T
         height, width = self.light.shape[:2]
         left, top, far_x, far_y = 0, 0, width, height
+        fine = (1024, 1024)  # texels of the outline: about a pixel each, for sharp edges
         if (seen[:, 2] > 0).all():
             points = seen[:, :2] / seen[:, 2:]
             low = np.clip(np.floor(points.min(axis=0)) - 1, 0, [width, height]).astype(int)
             high = np.clip(np.ceil(points.max(axis=0)) + 2, 0, [width, height]).astype(int)
             (left, top), (far_x, far_y) = low, high
-            texture = _reduced(texture, points)
+            fine = _extent(points)
+            texture = _reduced(texture, fine)
         elif (seen[:, 2] <= 0).all():
             return
         if far_x <= left or far_y <= top:
             return
-        rows, cols = texture.shape[:2]
-        plane = np.column_stack([u / cols, v / rows, start + 0.5 * (u / cols + v / rows)])
-        H = self.camera[:, :3] @ plane
-        H[:, 2] += self.camera[:, 3]
-        H = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]]) @ H
+        size = (int(far_x - left), int(far_y - top))
+        inward = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
+
+        def view_of(rows: int, cols: int) -> NDArray[np.float64]:
+            """(3, 3) pixels of a texture of this size to pixels of the part that is painted."""
+            plane = np.column_stack([u / cols, v / rows, start + 0.5 * (u / cols + v / rows)])
+            H = self.camera[:, :3] @ plane
+            H[:, 2] += self.camera[:, 3]
+            return np.asarray(inward @ H)
+
+        H = view_of(*texture.shape[:2])
         if abs(np.linalg.det(H)) < 1e-12:
             return
-        size = (int(far_x - left), int(far_y - top))
         image = cv2.warpPerspective(texture, H, size, borderMode=cv2.BORDER_REPLICATE)
-        cover = cv2.warpPerspective(np.ones((rows, cols), np.float32), H, size)
+        cover = cv2.warpPerspective(np.ones(fine, np.float32), view_of(*fine), size)
         back = np.linalg.inv(H)
         x, y = np.arange(size[0]), np.arange(size[1])[:, None]
         cover[back[2, 0] * x + back[2, 1] * y + back[2, 2] <= 0] = 0  # behind the camera
@@ -74,12 +81,17 @@ class Canvas:
         part += cover[:, :, None] * (image - part)
 
 
-def _reduced(texture: Light, points: NDArray[np.float64]) -> Light:
-    """The texture, averaged to about the size at which (4, 2) corners show it."""
+def _extent(points: NDArray[np.float64]) -> tuple[int, int]:
+    """(rows, columns) that give a rectangle seen with these (4, 2) corners a texel a pixel."""
     edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
+    width, height = (int(np.clip(np.ceil(max(edges[i], edges[i + 2])), 1, 4096)) for i in (0, 1))
+    return height, width
+
+
+def _reduced(texture: Light, most: tuple[int, int]) -> Light:
+    """The texture, averaged to at most so many rows and columns."""
     rows, cols = texture.shape[:2]
-    width, height = (int(np.ceil(max(edges[i], edges[i + 2], 1))) for i in (0, 1))
-    size = min(cols, width), min(rows, height)
+    size = min(cols, most[1]), min(rows, most[0])
     if size == (cols, rows):
         return texture
     return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA))

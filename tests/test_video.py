@@ -1,0 +1,373 @@
+"""Streams: shares of states in exact toy cases, and what the truth of a stream promises."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import islice, pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Command
+from filming import only
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from tolerances import FLOAT32, FLOAT64
+
+from data_gen.pairs import get_pair
+from data_gen.parameters import Pair
+from data_gen.scenes import SceneSettings, draw_scene
+from data_gen.shake import LIMIT, Exposure, Hand, Wander
+from data_gen.timing import shares
+from data_gen.video import VideoFrame, VideoSettings, film, main
+from data_gen.viewpoint import Viewpoint
+from link.errors import InputError
+from link.geometry import frame_corners, transform
+from link.images import read_image
+from link.layout import make_layout
+from link.video import read_video
+
+LAYOUT = make_layout(4, 4, 128, 96, 2)
+ROOM = SceneSettings(
+    size=(160, 96),
+    coverage=0.3,
+    turn_deg=0.0,
+    room="dark",
+    window=False,
+    second_display=False,
+    margin_px=8,
+)
+STEADY = VideoSettings(
+    scene=ROOM, seconds=1.0, clock_error=0.0, start_s=0.0, response_s=0.0, scan_s=0.0, hand=0.0
+)
+WHITE, BLACK = (np.full((96, 128, 3), level, np.uint8) for level in (255, 0))
+QUIET = only("canon-lg", "perspective")
+"""No noise, no flicker; the file holds 255 x light, rounded."""
+
+
+def with_shutter(shutter_s: float, readout_s: float = 0.0, pair: Pair = QUIET) -> Pair:
+    return replace(pair, camera=replace(pair.camera, shutter_s=shutter_s, readout_s=readout_s))
+
+
+def stream(
+    chosen: VideoSettings,
+    states: Sequence[NDArray[np.uint8]] = (WHITE, BLACK),
+    pair: Pair = QUIET,
+    seed: int = 0,
+) -> list[VideoFrame]:
+    return list(film(states, LAYOUT, pair, 0.0, chosen, np.random.default_rng(seed)))
+
+
+def inside(frame: VideoFrame) -> NDArray[np.float64]:
+    """Rows (h, w) of green well within the display."""
+    corners = transform(frame.H_captured_from_display, frame_corners(128, 96))
+    (left, top), (right, bottom) = (
+        np.ceil(np.sort(corners, axis=0)[1] + 3).astype(int),
+        np.floor(np.sort(corners, axis=0)[2] - 3).astype(int),
+    )
+    return np.asarray(frame.rgb[top:bottom, left:right, 1], np.float64)
+
+
+def test_an_exposure_within_one_state_holds_that_state() -> None:
+    first, weights = shares(np.array([0.21, 0.25]), 0.02, 10.0)
+    assert first == 2
+    assert weights.tolist() == [[1.0, 1.0]]
+
+
+def test_a_change_in_mid_exposure_is_half_and_half() -> None:
+    first, weights = shares(np.array([0.09]), 0.02, 10.0)
+    assert first == 0
+    np.testing.assert_allclose(weights, [[0.5], [0.5]], atol=FLOAT64)
+
+
+def test_a_long_exposure_holds_three_states() -> None:
+    first, weights = shares(np.array([0.05]), 0.25, 10.0)
+    assert first == 0
+    np.testing.assert_allclose(weights[:, 0], [0.2, 0.4, 0.4], atol=FLOAT64)
+
+
+def test_rows_of_a_rolling_shutter_pass_from_one_state_to_the_next() -> None:
+    opens = 0.08 + np.array([0.0, 0.005, 0.01, 0.015, 0.02])
+    first, weights = shares(opens, 0.01, 10.0)
+    assert first == 0
+    np.testing.assert_allclose(weights[0], [1, 1, 1, 0.5, 0], atol=1e-9)
+
+
+def test_a_slow_panel_keeps_some_of_the_state_before() -> None:
+    first, weights = shares(np.array([0.1]), 0.01, 10.0, response_s=0.01)
+    assert first + len(weights) == 2
+    np.testing.assert_allclose(weights[-2], 1 - np.exp(-1), atol=1e-4)  # mean of exp(-t) to t = 1
+
+
+@given(
+    st.floats(-0.1, 5),
+    st.floats(1e-3, 0.2),
+    st.floats(1, 60),
+    st.sampled_from([0.0, 0.002, 0.02]),
+    st.floats(0, 0.03),
+)
+def test_shares_are_those_of_a_fine_sum(
+    start: float, shutter_s: float, state_hz: float, response_s: float, readout_s: float
+) -> None:
+    opens = start + np.linspace(0, readout_s, 5)
+    first, weights = shares(opens, shutter_s, state_hz, response_s)
+    assert (weights >= 0).all()
+    np.testing.assert_allclose(weights.sum(axis=0), 1.0, atol=FLOAT64)
+    t = opens[-1] + (np.arange(20_000) + 0.5) / 20_000 * shutter_s
+    since, until = (t - (first + k + np.arange(len(weights))[:, None]) / state_hz for k in (0, 1))
+
+    def step(lag: NDArray[np.float64]) -> NDArray[np.float64]:
+        on = np.maximum(lag, 0)
+        return (lag > 0) * (-np.expm1(-on / response_s) if response_s else 1.0)
+
+    expected = (step(since) - step(until)).mean(axis=1)
+    np.testing.assert_allclose(weights[1:, -1], expected[1:], atol=2e-4)
+
+
+def test_light_is_mixed_linearly_and_row_by_row() -> None:
+    scene = draw_scene(LAYOUT, get_pair("canon-lg"), 20.0, np.random.default_rng(0), ROOM)
+    view = Viewpoint.draw(scene, np.random.default_rng(1))
+    H = scene.H_captured_from_display
+    frames = np.random.default_rng(2).integers(0, 200, (2, 96, 128, 3), dtype=np.uint8)
+    lights = [view.emitted(frame) for frame in frames]
+    alone = [view.expose([light], None, H, phase=0.3) for light in lights]
+    _, top, _, bottom = view.region(H)
+    ramp = np.clip(np.linspace(-0.5, 1.5, bottom - top), 0, 1).astype(np.float32)
+    weights = np.array([1 - ramp, ramp])[:, :, None]
+    both = view.expose(lights, weights, H, phase=0.3)
+    share = np.zeros((96, 1, 1), np.float32)
+    share[top:bottom, 0, 0] = ramp
+    np.testing.assert_allclose(both, (1 - share) * alone[0] + share * alone[1], atol=FLOAT32)
+
+
+def test_brightness_is_the_share_of_white() -> None:
+    frames = stream(replace(STEADY, state_hz=11.0), pair=with_shutter(0.02))
+    mixed = 0
+    for frame in frames:
+        white = sum(share for state, share in frame.states.items() if state % 2 == 0)
+        assert sum(frame.states.values()) == pytest.approx(1)
+        np.testing.assert_allclose(inside(frame), 255 * white, rtol=0, atol=2.0)
+        mixed += 0.02 < white < 0.98
+    assert mixed >= 5
+
+
+def test_states_come_at_the_display_rate_by_the_camera_s_clock() -> None:
+    for error in (-0.01, 0.0, 0.01):
+        chosen = replace(STEADY, clock_error=error, seconds=20.0, fps=2.0, state_hz=15.0)
+        last = stream(chosen)[-1]
+        assert last.time_s == pytest.approx(19.5)
+        assert last.display_s == pytest.approx(19.5 * (1 + error))
+        assert max(last.states) == int((19.5 * (1 + error) + 1 / 64) * 15)
+
+
+def test_the_loop_starts_again() -> None:
+    gray = [np.full((96, 128, 3), level, np.uint8) for level in (40, 120, 200)]
+    frames = stream(
+        replace(STEADY, state_hz=10.0, fps=10.0, start_s=0.03), gray, with_shutter(0.02)
+    )
+    seen = [round(float(inside(frame).mean())) for frame in frames]
+    assert seen[:3] == seen[3:6] == seen[6:9]
+    assert len(set(seen[:3])) == 3
+    assert [list(frame.states) for frame in frames] == [[k] for k in range(10)]
+
+
+def test_the_panel_writes_its_rows_from_top_to_bottom() -> None:
+    chosen = replace(STEADY, state_hz=10.0, fps=10.0, start_s=0.1, scan_s=1 / 60, seconds=0.05)
+    rows = inside(stream(chosen, (WHITE, BLACK, WHITE), with_shutter(1 / 60))[0]).mean(axis=1)
+    assert rows[0] < 30  # written first, and black since
+    assert rows[-1] > 220  # white until the end of the scan
+    assert (np.diff(rows) > -1).all()
+
+
+def test_the_same_seed_gives_the_same_stream_and_another_does_not() -> None:
+    chosen = VideoSettings(scene=ROOM, seconds=0.2, drop=0.2)
+    pair = get_pair("nikon-samsung")
+    one, same, other = (stream(chosen, pair=pair, seed=seed) for seed in (1, 1, 2))
+    assert [f.rgb.tobytes() for f in one] == [f.rgb.tobytes() for f in same]
+    assert [f.H_captured_from_display.tolist() for f in one] == [
+        f.H_captured_from_display.tolist() for f in same
+    ]
+    assert one[0].rgb.tobytes() != other[0].rgb.tobytes()
+    assert one[0].display_s != other[0].display_s
+
+
+def test_a_hand_moves_smoothly_and_not_far() -> None:
+    for seed in range(5):
+        hand = Hand((1280, 720), 1.0, np.random.default_rng(seed))
+        points = np.array([transform(hand.step(1 / 30), [[639.5, 359.5]])[0] for _ in range(900)])
+        assert np.abs(points - [639.5, 359.5]).max() < LIMIT * 4 + 2
+        assert points.std(axis=0).min() > 0.7  # it does move
+        speeds = np.linalg.norm(np.diff(points, axis=0), axis=1) * 30
+        assert 2 < np.median(speeds) < 40  # px/s
+
+
+def test_no_amount_of_hand_is_a_tripod() -> None:
+    hand = Hand((640, 480), 0.0, np.random.default_rng(0))
+    np.testing.assert_allclose(hand.step(0.1), np.eye(3), atol=FLOAT64)
+
+
+def test_wandering_has_deviation_one_at_the_start_and_later() -> None:
+    walks = [Wander(500, np.random.default_rng(seed)) for seed in range(4)]
+    early = np.concatenate([walk.step(1e-3) for walk in walks])
+    later = np.concatenate([[walk.step(1 / 30) for _ in range(60)][-1] for walk in walks])
+    for values in (early, later):  # tanh takes some off; 2000 draws: 1.6 % standard error
+        assert 0.8 < values.std() < 1.02
+
+
+def test_exposure_breathes_and_jumps_where_asked_to() -> None:
+    rng = np.random.default_rng(0)
+    still = Exposure(0.0, 0.0, 0.2, rng)
+    assert {still.step(1 / 30) for _ in range(50)} == {1.0}
+    breathing = Exposure(0.02, 0.0, 0.2, rng)
+    gains = np.log([breathing.step(1 / 30) for _ in range(3000)])
+    assert 0.012 < gains.std() < 0.025
+    assert np.abs(np.diff(gains)).max() < 0.02
+    jumping = Exposure(0.0, 1.0, 0.2, rng)
+    assert np.log([jumping.step(1 / 30) for _ in range(3000)]).std() > 0.05
+
+
+def test_the_picture_follows_the_truth_of_a_moving_camera() -> None:
+    chosen = replace(STEADY, hand=3.0, seconds=3.0, fps=2.0)
+    frames = stream(chosen, (WHITE,))
+    centres = []
+    for frame in frames:
+        seen = cv2.moments((frame.rgb[:, :, 1] > 127).astype(np.uint8))
+        corners = transform(frame.H_captured_from_display, frame_corners(128, 96))
+        shape = cv2.moments(corners.astype(np.float32)[:, None])
+        truth, middle = ([m["m10"] / m["m00"], m["m01"] / m["m00"]] for m in (shape, seen))
+        np.testing.assert_allclose(middle, truth, atol=0.3)
+        centres.append(truth)
+    assert np.ptp(centres, axis=0).max() > 0.3
+    assert all(frame.visible for frame in frames)
+
+
+def test_lost_frames_are_counted_and_repeated_ones_flagged() -> None:
+    chosen = replace(STEADY, drop=0.3, duplicate=0.3, seconds=4.0)
+    frames = stream(chosen, pair=get_pair("canon-lg"))
+    numbers = [frame.number for frame in frames]
+    assert numbers == sorted(set(numbers))
+    assert 0.15 < 1 - len(numbers) / 120 < 0.45
+    for before, frame in pairwise(frames):
+        assert np.array_equal(before.rgb, frame.rgb) == frame.duplicate
+        assert frame.time_s == pytest.approx(frame.number / 30)
+    assert 0.15 < np.mean([frame.duplicate for frame in frames]) < 0.45
+
+
+def test_who_looks_away_sees_no_display_and_comes_back() -> None:
+    frames = stream(replace(STEADY, seconds=3.0, fps=10.0, away_s=(0.5, 2.5)), (WHITE,))
+    bright = np.array([(frame.rgb[:, :, 1] > 200).mean() for frame in frames])
+    assert (bright[12:20] == 0).all()
+    assert [frame.visible for frame in frames][:5] == [True] * 5
+    assert not any(frame.visible for frame in frames[12:20])
+    np.testing.assert_allclose(bright[:5], bright[26:].mean(), atol=0.01)
+
+
+def test_someone_walks_through_the_image() -> None:
+    frames = stream(replace(STEADY, seconds=2.0, fps=10.0, passer_s=(0.45, 1.55)), (WHITE,))
+    lit = np.array([(frame.rgb[:, :, 1] > 200).sum() for frame in frames])
+    assert (lit[:5] == lit[0]).all()
+    assert (lit[16:] == lit[0]).all()
+    assert lit.min() < 0.8 * lit[0]
+
+
+def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
+    asked = []
+
+    def states(number: int) -> NDArray[np.uint8]:
+        asked.append(number)
+        return WHITE if number % 2 else BLACK
+
+    endless = film(
+        states,
+        LAYOUT,
+        QUIET,
+        0.0,
+        replace(STEADY, seconds=None, state_hz=30.0),
+        np.random.default_rng(0),
+    )
+    frames = list(islice(endless, 40))
+    assert frames[-1].number == 39
+    assert asked == sorted(set(asked))
+    assert max(asked) >= 39
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"fps": 0.0}, "--fps: need 0.1 to 1000"),
+        ({"state_hz": float("nan")}, "--state-hz"),
+        ({"clock_error": 0.5}, "--clock-error"),
+        ({"drop": 1.0}, "--drop: need a probability"),
+        ({"duplicate": -0.1}, "--duplicate"),
+        ({"passer_s": (2.0, 1.0)}, "--passer-s: the end must come after the start"),
+        ({"away_s": (1.0, 1.0)}, "--away-s"),
+    ],
+)
+def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        VideoSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_no_state_is_refused() -> None:
+    with pytest.raises(InputError, match="at least one state"):
+        stream(STEADY, ())
+
+
+SHORT = ("--message", "hi", "--seconds", "0.2", "--size", "160", "96", "--width", "128")
+SHORT += ("--height", "96", "--rows", "4", "--cols", "6", "--ratex", "2", "--drop", "0.3")
+
+
+def test_the_command_writes_frames_and_truth(tmp_path: Path, command: Command) -> None:
+    out = tmp_path / "stream"
+    done = command(main, *SHORT, "--out", out)
+    assert done.status == 0, done.stderr
+    report = json.loads(done.stdout)
+    lines = [json.loads(line) for line in (out / "truth.jsonl").read_text().splitlines()]
+    assert report["camera_frames"] == len(lines) == len(list(out.glob("*.png")))
+    assert report["simulated"] is True
+    for line in lines:
+        assert line["file"] == f"{line['number']:06d}.png"
+        assert read_image(out / line["file"]).shape == (96, 160, 3)
+        assert np.array(line["H_captured_from_display"]).shape == (3, 3)
+    again = command(main, *SHORT, "--out", out)
+    assert again.status == 2
+    assert "is there already" in again.stderr
+
+
+def test_a_video_file_holds_the_same_frames(tmp_path: Path, command: Command) -> None:
+    assert command(main, *SHORT, "--out", tmp_path / "a").status == 0
+    assert command(main, *SHORT, "--out", tmp_path / "a.mkv").status == 0
+    stored = [read_image(file) for file in sorted((tmp_path / "a").glob("*.png"))]
+    for image, frame in zip(stored, read_video(tmp_path / "a.mkv"), strict=True):
+        assert np.array_equal(image, frame)
+    truths = [
+        [json.loads(line) | {"file": None} for line in path.read_text().splitlines()]
+        for path in (tmp_path / "a" / "truth.jsonl", tmp_path / "a.jsonl")
+    ]
+    assert truths[0] == truths[1]
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--out", "x.mp4"), "--out: need a folder, or a file .mkv or .avi, got x.mp4"),
+        (("--out", "x", "--seconds", "0"), "--seconds: need more than 0"),
+        (("--out", "x", "--pair", "canon"), "unknown pair"),
+        (("--out", "x", "--coverage", "2"), "--coverage"),
+        (("--out", "x", "--without", "perspective"), "a scene needs perspective"),
+    ],
+)
+def test_the_command_says_what_is_wrong(
+    flags: tuple[str, ...],
+    says: str,
+    command: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(main, "--message", "hi", *flags)
+    assert done.status == 2
+    assert says in done.stderr
+    assert not list(tmp_path.iterdir())
