@@ -1,6 +1,7 @@
 """A headless Chromium, driven through its debugging pipe: JSON texts that end in a NUL byte."""
 
 import base64
+import contextlib
 import fcntl
 import json
 import os
@@ -81,10 +82,8 @@ class Chromium:
 
     def close(self) -> None:
         """End the browser and all that it started."""
-        try:
+        with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
-        except ProcessLookupError:
-            pass
         self._process.wait(TIMEOUT_S)
         os.close(self._write)
         os.close(self._read)

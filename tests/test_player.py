@@ -1,0 +1,213 @@
+"""The player in a real browser: screenshots taken while it plays show exactly what was sent."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from chromium import NAMES, Chromium, find
+from numpy.typing import NDArray
+
+from export.receiver import Receiver
+from export.runtime import Decoder
+from link import framing
+from link.collect import Collector
+from link.layout import Layout, make_layout
+from link.loop import Loop
+from link.player import write_player
+
+PRETRAINED = Path(__file__).parents[1] / "models" / "neural" / "pretrained" / "decoder.onnx"
+MESSAGE = b"Hi"
+PATIENCE_S = 30.0
+
+pytestmark = pytest.mark.skipif(find() is None, reason=f"needs one of {', '.join(NAMES)}")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    chromium = Chromium(tmp_path_factory.mktemp("profile"))
+    yield chromium
+    chromium.close()
+
+
+def make_loop(layout: Layout, kappa: int, picture: NDArray[np.uint8]) -> Loop:
+    bits = framing.encode(MESSAGE, layout.n_bits)
+    return Loop(layout, kappa, bits, lambda: iter([picture]))
+
+
+@pytest.fixture(scope="module")
+def small() -> Loop:
+    """Noise, in which every wrong pixel shows."""
+    layout = make_layout(5, 6, 120, 80, 2)
+    picture = np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8)
+    return make_loop(layout, 5, picture)
+
+
+@pytest.fixture(scope="module")
+def page(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("player") / "player.html"
+    write_player(file, small.pairs(), hold=4)
+    return file
+
+
+def start(browser: Chromium, page: Path) -> None:
+    """Open a page and play without waiting for the reader."""
+    browser.open(page)
+    browser.wait_for("window.player && player.ready")
+    browser.run("player.play()")
+
+
+def cut_out(browser: Chromium, layout: Layout, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The picture in a screenshot, in device pixels; all around it is black."""
+    script = "(({x, y}) => [x, y, player.scale, devicePixelRatio])(canvas.getBoundingClientRect())"
+    x, y, scale, ratio = browser.run(script)
+    left, top = round(x * ratio), round(y * ratio)
+    box = slice(top, top + scale * layout.height), slice(left, left + scale * layout.width)
+    around = shot.copy()
+    around[box] = 0
+    assert not around.any()
+    return shot[box]
+
+
+WINDOWS = {
+    "desktop": (300, 200, 1.0, 2),
+    "dense": (300, 200, 2.0, 5),
+    "125 %": (400, 300, 1.25, 4),
+    "phone upright": (205, 365, 2.625, 4),
+    "phone on its side": (240, 135, 3.0, 5),
+}
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
+    name: str, browser: Chromium, page: Path, small: Loop
+) -> None:
+    width, height, ratio, scale = WINDOWS[name]
+    browser.resize(width, height, ratio, mobile="phone" in name)
+    start(browser, page)
+    assert browser.run("player.scale") == scale
+    enlarged = [np.kron(s, np.ones((scale, scale, 1), np.uint8)) for s in small.states()]
+    wanted = {state.tobytes() for state in enlarged}
+    seen: set[bytes] = set()
+    deadline = time.monotonic() + PATIENCE_S
+    while seen != wanted and time.monotonic() < deadline:
+        shown = cut_out(browser, small.layout, browser.screenshot()).tobytes()
+        assert shown in wanted, "a screenshot shows no state that was sent"
+        seen.add(shown)
+    assert seen == wanted
+
+
+def test_each_state_stays_for_its_refreshes(browser: Chromium, page: Path, small: Loop) -> None:
+    browser.resize(300, 200)
+    start(browser, page)
+    browser.run("window.log = [], player.draw = player.show, 0")
+    browser.run("player.show = (k) => { log.push([stats.refreshes, k]); player.draw(k); }, 0")
+    browser.wait_for("log.length > 40")
+    log, dropped = browser.run("[log, stats.dropped]")
+    refreshes, states = np.array(log).T
+    count = 2 * len(small.bits)
+    np.testing.assert_array_equal(states, refreshes // 4 % count)
+    late = (refreshes % 4).sum()  # only a refresh that the browser skipped delays a change
+    assert late <= dropped
+    held = np.diff(refreshes - refreshes % 4)
+    assert (held % 4 == 0).all()
+    assert np.mean(held == 4) > 0.5
+
+
+def test_a_skipped_refresh_is_counted_and_the_rate_kept(browser: Chromium, page: Path) -> None:
+    browser.resize(300, 200)
+    start(browser, page)
+    browser.wait_for("stats.refreshes > 20")
+    script = """new Promise((done) => requestAnimationFrame((first) => {
+        const before = { ...stats };
+        const until = performance.now() + 250;
+        while (performance.now() < until);
+        setTimeout(() => requestAnimationFrame((last) => requestAnimationFrame(() =>
+            done([before, { ...stats }, (last - first) / 1000])
+        )), 200);
+    }))"""
+    before, after, seconds = browser.run(script)
+    assert after["dropped"] - before["dropped"] >= 0.2 * before["hz"]
+    passed = after["refreshes"] - before["refreshes"]
+    assert passed == pytest.approx(seconds * after["hz"], abs=4)
+
+
+def test_it_starts_by_itself_and_nothing_covers_the_picture(browser: Chromium, page: Path) -> None:
+    browser.resize(300, 200)
+    browser.open(page)
+    browser.wait_for("window.player && player.ready")
+    assert "states/s" in browser.run("document.querySelector('p').textContent")
+    browser.wait_for("player.playing")
+    script = "getComputedStyle(document.querySelector('p')).display"
+    assert browser.run(script) == "none"
+    browser.run("player.pause()")
+    assert browser.run(script) == "block"
+    at = browser.run("player.count")
+    time.sleep(0.2)
+    assert browser.run("player.count") == at
+
+
+def test_a_window_that_is_too_small_is_told(browser: Chromium, page: Path) -> None:
+    browser.resize(100, 200)
+    start(browser, page)
+    assert "needs 120 × 80 pixels" in browser.run("document.querySelector('p').textContent")
+    assert browser.run("stats.refreshes") == 0
+    browser.resize(300, 200)
+    browser.wait_for("stats.refreshes > 0")
+
+
+@pytest.fixture(scope="module")
+def slow_page(decoder: Decoder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The pretrained decoder's layout, a smooth picture, 3 states a second."""
+    layout = decoder.layout
+    coarse = np.random.default_rng(4).uniform(0, 255, (7, 9, 3)).astype(np.float32)
+    picture = cv2.resize(coarse, (layout.width, layout.height)).round().astype(np.uint8)
+    file = tmp_path_factory.mktemp("slow") / "player.html"
+    write_player(file, make_loop(layout, 3, picture).pairs(), hold=20)
+    return file
+
+
+@pytest.fixture(scope="module")
+def decoder() -> Decoder:
+    return Decoder(PRETRAINED)
+
+
+def test_screenshots_decode_to_the_message(
+    browser: Chromium, slow_page: Path, decoder: Decoder
+) -> None:
+    browser.resize(640, 480)
+    start(browser, slow_page)
+    collector, message = Collector(decoder.layout.n_bits), None
+    shots: dict[int, NDArray[np.uint8]] = {}
+    deadline = time.monotonic() + PATIENCE_S
+    while message is None and time.monotonic() < deadline:
+        before = browser.run("player.count")
+        shot = browser.screenshot()
+        if browser.run("player.count") != before or before in shots:
+            continue  # taken while the state changed
+        shots[before] = cut_out(browser, decoder.layout, shot)
+        if before % 2 == 1 and before - 1 in shots:
+            soft = decoder.decode(shots[before - 1], shots[before])
+            message = collector.add(soft.scores, before // 2)
+    assert message is not None
+    assert message.data == MESSAGE
+
+
+def test_the_receiver_reads_a_film_of_screenshots(
+    browser: Chromium, slow_page: Path, decoder: Decoder
+) -> None:
+    """It finds the display, its clock, the frame pairs and their place in the loop by itself."""
+    browser.resize(700, 520)
+    start(browser, slow_page)
+    receiver, message = Receiver(decoder, fps=10), None
+    deadline = time.monotonic() + PATIENCE_S
+    while message is None and time.monotonic() < deadline:
+        before = browser.run("performance.now()")
+        shot = browser.screenshot()
+        middle = (before + browser.run("performance.now()")) / 2
+        message = receiver.push(shot, middle / 1000).message
+    message = message or receiver.finish().message
+    assert message is not None
+    assert message.data == MESSAGE

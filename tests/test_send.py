@@ -1,0 +1,355 @@
+"""The sender: what it writes holds the message, exactly, and wrong input gives one line."""
+
+import base64
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Command, Finished
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import link.send as send_cli
+from link import framing
+from link.collect import Collector
+from link.embed import with_head_room
+from link.errors import InputError
+from link.images import read_image, write_image
+from link.layout import Layout, make_layout
+from link.loop import Loop
+from link.pictures import fit, open_pictures
+from link.player import write_player
+from link.video import read_video, write_video
+
+ROOT = Path(__file__).parents[1]
+LAYOUT = make_layout(5, 6, 120, 80, 2)
+FLAGS = ("--rows", 5, "--cols", 6, "--width", 120, "--height", 80, "--ratex", 2)
+MESSAGE = "héllo"
+SENT = framing.encode(MESSAGE.encode(), LAYOUT.n_bits)
+
+
+def noise(height: int, width: int, seed: int = 0) -> NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, (height, width, 3), dtype=np.uint8)
+
+
+def read_bits(pair: tuple[NDArray[np.uint8], NDArray[np.uint8]], layout: Layout) -> list[int]:
+    """Hard decisions by subtracting, one pixel from the middle of each message block."""
+    added = pair[1].astype(int) - pair[0]
+    bits = []
+    for row, col in np.argwhere(layout.message_mask):
+        top, bottom, left, right = layout.cell_box(int(row), int(col))
+        bits.append(int(added[(top + bottom) // 2, (left + right) // 2, 0] > 0))
+    return bits
+
+
+def pairs_of(states: list[NDArray[np.uint8]]) -> list[tuple[Any, Any]]:
+    return list(zip(states[::2], states[1::2], strict=True))
+
+
+def read_player(file: Path) -> tuple[dict[str, Any], list[NDArray[np.uint8]]]:
+    """What the page's script holds, and its images, (H, W) or (H, W, 3)."""
+    found = re.search(r"^const loop = (\{.*\});$", file.read_text(), re.MULTILINE)
+    assert found
+    loop = json.loads(found[1])
+    images = []
+    for address in loop["images"]:
+        png = base64.b64decode(address.removeprefix("data:image/png;base64,"))
+        chunks, at = [], 8
+        while at < len(png):
+            chunks.append(png[at + 4 : at + 8])
+            at += 12 + int.from_bytes(png[at : at + 4], "big")
+        assert set(chunks) == {b"IHDR", b"IDAT", b"IEND"}  # nothing says colours to correct
+        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert image is not None
+        images.append(image if image.ndim == 2 else image[:, :, ::-1])
+    return loop, images
+
+
+def player_states(file: Path) -> list[NDArray[np.uint8]]:
+    loop, images = read_player(file)
+    states = []
+    for original, added in loop["pairs"]:
+        assert images[added].ndim == 2
+        states += [images[original], images[original] + images[added][:, :, None]]
+    return states
+
+
+def folder_states(folder: Path) -> list[NDArray[np.uint8]]:
+    return [read_image(file) for file in sorted(folder.glob("state_*.png"))]
+
+
+READ = {"": folder_states, ".html": player_states, ".avi": read_video, ".mkv": read_video}
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("inputs")
+    write_image(folder / "picture.png", noise(80, 120))
+    for number in range(SENT.shape[0] + 2):
+        write_image(folder / "many" / f"{number:02d}.png", noise(80, 120, number))
+    (folder / "none").mkdir()
+    (folder / "none" / "notes.txt").write_text("no image")
+    (folder / "text.png").write_text("no image")
+    (folder / "text.mp4").write_text("no video")
+    (folder / "empty.txt").write_bytes(b"")
+    (folder / "bad.json").write_text("{")
+    (folder / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
+    video = folder / "clip.avi"
+    write_video(video, (np.full((80, 120, 3), number, np.uint8) for number in range(60)), 30)
+    (folder / "cut.avi").write_bytes(video.read_bytes()[: video.stat().st_size // 3])
+    return folder
+
+
+def report(done: Finished) -> Any:
+    assert (done.status, done.stderr) == (0, "")
+    assert len(done.stdout.splitlines()) == 1
+    return json.loads(done.stdout)
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_every_output_holds_the_message(
+    kind: str, inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    out = tmp_path / f"sent{kind}"
+    done = command(
+        send_cli.main, inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS
+    )
+    said = report(done)
+    states = list(READ[kind](out))
+    assert [read_bits(pair, LAYOUT) for pair in pairs_of(states)] == SENT.tolist()
+    assert list(tmp_path.iterdir()) == [out]  # no temporary file
+    assert said["frames"] == said["pairs"] == len(SENT)
+    assert said["message_bytes"] == len(MESSAGE.encode()) <= said["capacity_bytes"]
+    assert said["capacity_bytes"] == framing.capacity(len(SENT), LAYOUT.n_bits)
+    assert said["loop_seconds"] == said["message_seconds"] == round(2 * len(SENT) / 15, 3)
+    assert said["bound_bit_per_s"] == LAYOUT.n_bits * 15 / 2 > said["message_bit_per_s"] > 0
+    assert said["layout"] == LAYOUT.to_dict()
+    errors = [np.mean((a.astype(float) - b) ** 2) for a, b in pairs_of(states)]
+    assert said["psnr_db"] == pytest.approx(10 * np.log10(255**2 / np.mean(errors)), abs=0.006)
+    assert 0.9 < said["ssim"] < 1
+
+
+def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, command: Command) -> None:
+    shown = []
+    for kind, read in READ.items():
+        out = tmp_path / f"sent{kind}"
+        done = command(
+            send_cli.main,
+            *(inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS),
+            *("--kappa", 8, "--pyramid-level", 2),
+        )
+        report(done)
+        shown.append(list(read(out)))
+    for states in shown[1:]:
+        np.testing.assert_array_equal(states, shown[0])
+    original = with_head_room(read_image(inputs / "picture.png"), 8)
+    mask = np.kron(LAYOUT.message_mask, np.ones((16, 20), bool))
+    np.testing.assert_array_equal(shown[0][0][mask], original[mask])
+    assert len(np.unique(shown[0][1].astype(int) - shown[0][0])) > 3  # soft edges
+
+
+def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Command) -> None:
+    out = tmp_path / "sent"
+    out.mkdir()  # an empty folder will do
+    done = command(
+        send_cli.main,
+        *(inputs / "picture.png", "--file", inputs / "layout.json", "--out", out),
+        *("--layout", inputs / "layout.json", "--state-hz", 10),
+    )
+    said = report(done)
+    assert json.loads((out / "sent.json").read_text()) | {"out": str(out)} == said
+    assert said["state_hz"] == 10
+    collector = Collector(LAYOUT.n_bits)
+    received = None
+    for count, pair in enumerate(pairs_of(folder_states(out))):
+        received = received or collector.add(
+            8.0 * (2 * np.array(read_bits(pair, LAYOUT)) - 1), count
+        )
+    assert received is not None
+    assert received.data == (inputs / "layout.json").read_bytes()
+
+
+def test_a_folder_shows_every_picture_and_whole_messages(
+    inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    out = tmp_path / "sent"
+    done = command(send_cli.main, inputs / "many", "--message", MESSAGE, "--out", out, *FLAGS)
+    said = report(done)
+    assert said["pairs"] == 2 * said["frames"] == 2 * len(SENT)
+    pictures = [with_head_room(read_image(f), 3) for f in sorted((inputs / "many").iterdir())]
+    pairs = pairs_of(folder_states(out))
+    mask = np.kron(LAYOUT.message_mask, np.ones((16, 20), bool))
+    for number, pair in enumerate(pairs):
+        np.testing.assert_array_equal(pair[0][mask], pictures[number % len(pictures)][mask])
+        assert read_bits(pair, LAYOUT) == SENT[number % len(SENT)].tolist()
+
+
+@pytest.mark.parametrize(("pair_hz", "step"), [(7.5, 4), (30, 1), (60, 0.5), (20, 1.5)])
+def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> None:
+    shown = [int(frame[0, 0, 0]) for frame in open_pictures(inputs / "clip.avi", pair_hz)()]
+    assert (
+        shown == [int(np.ceil(step * number)) for number in range(round(60 / step))][: len(shown)]
+    )
+    assert len(shown) == pytest.approx(60 / step, abs=1)
+
+
+def test_a_player_holds_each_image_once(inputs: Path, tmp_path: Path, command: Command) -> None:
+    out = tmp_path / "sent.html"
+    words = (inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS)
+    report(command(send_cli.main, *words, "--hold", 6, "--scale", 2))
+    loop, images = read_player(out)
+    assert (loop["width"], loop["height"], loop["hold"], loop["scale"]) == (120, 80, 6, 2)
+    assert len(images) == 1 + len({tuple(bits) for bits in SENT.tolist()})
+    assert "http" not in re.sub(r"http-equiv", "", out.read_text())
+
+
+grids = st.tuples(st.integers(4, 9), st.integers(5, 9), st.sampled_from([0, 1, 2, 3, 5]))
+
+
+@settings(max_examples=20)
+@given(
+    grids,
+    st.tuples(st.integers(0, 40), st.integers(0, 40)),
+    st.binary(min_size=1, max_size=12),
+    st.integers(1, 64),
+)
+def test_any_layout_survives_folder_and_player(
+    grid: tuple[int, int, int], more: tuple[int, int], message: bytes, kappa: int
+) -> None:
+    rows, cols, patches = grid
+    layout = make_layout(rows, cols, 8 * cols + more[0], 8 * rows + more[1], patches)
+    if layout.n_bits < framing.MIN_BITS:
+        return
+    picture = noise(layout.height, layout.width, len(message))
+
+    def pictures() -> Iterator[NDArray[np.uint8]]:
+        yield picture
+
+    bits = framing.encode(message, layout.n_bits)
+    loop = Loop(layout, kappa, bits, pictures)
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "page.html"
+        write_player(out, loop.pairs(), 4)
+        send_cli.write_states(Path(folder), loop.states())
+        states = folder_states(Path(folder))
+        np.testing.assert_array_equal(player_states(out), states)
+    assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
+
+
+def test_fit_cuts_evenly_and_does_not_stretch() -> None:
+    wide = np.zeros((60, 200, 3), np.uint8)
+    wide[:, 60:140] = 255
+    assert fit(wide, 80, 60).min() == 255
+    tall = np.zeros((200, 60), np.uint8)
+    tall[80:120] = 255
+    assert fit(tall, 30, 20).min() == 255
+    same = noise(40, 50)
+    np.testing.assert_array_equal(fit(same, 50, 40), same)
+    checks = (np.indices((64, 64)).sum(axis=0) % 2 * 254).astype(np.uint8)
+    assert np.unique(fit(checks, 32, 32)).tolist() == [127]  # averaged, not aliased
+
+
+CUT = "picture.png --message hi --out"
+WRONG = {
+    "no such picture": ("gone.png --message hi --out x.html", "gone.png: no such image, folder"),
+    "no image": ("text.png --message hi --out x.html", "text.png: not a readable image"),
+    "no video": ("text.mp4 --message hi --out x.html", "text.mp4: not a readable video"),
+    "cut video": ("cut.avi --message hi --out x.html", "cut.avi: the video breaks off after"),
+    "cut video, folder": ("cut.avi --message hi --out x", "cut.avi: the video breaks off after"),
+    "empty folder": ("none --message hi --out x.html", "none: no image in this folder"),
+    "no message": ("picture.png --out x.html", "either --message TEXT or --file FILE"),
+    "two messages": (f"{CUT} x.html --file empty.txt", "either --message TEXT or --file FILE"),
+    "empty file": ("picture.png --file empty.txt --out x.html", "empty; give at least one byte"),
+    "no file": ("picture.png --file gone.txt --out x.html", "--file: gone.txt cannot be read"),
+    "long": (
+        "picture.png --file clip.avi --out x.html",
+        f"carries {framing.capacity(framing.MAX_FRAMES, LAYOUT.n_bits)}; shorten",
+    ),
+    "dark": (f"{CUT} x.html --kappa 0", "--kappa: need 1 to 64"),
+    "bright": (f"{CUT} x.html --kappa 65", "--kappa: need 1 to 64"),
+    "no number": (f"{CUT} x.html --kappa much", "--kappa: invalid int value: 'much'"),
+    "no out": ("picture.png --message hi", "required: --out"),
+    "bad out": (f"{CUT} x.mp4", "x.mp4 must end in .html, .avi or .mkv"),
+    "a file there": (f"{CUT} clip.avi", "--out: clip.avi is already there"),
+    "a full folder there": (f"{CUT} many", "--out: many is already there"),
+    "out in a file": (f"{CUT} text.png/x", "text.png: cannot be made a folder"),
+    "scale": (f"{CUT} x.html --scale 65", "--scale: need 0 to 64, got 65"),
+    "hold": (f"{CUT} x.html --hold 0", "--hold: need at least 1, got 0"),
+    "refresh": (f"{CUT} x.html --refresh nan", "need up to 1000 states a second, got nan"),
+    "rate": (f"{CUT} x.html --state-hz 12", "60 Hz with --hold 4 is 15"),
+    "coarse": (f"{CUT} x.html --rows 2", "layout: 10 message blocks a frame"),
+    "pyramid": (f"{CUT} x.html --pyramid-level 9", "--pyramid-level: 9 does not fit"),
+    "patches": (f"{CUT} x.html --ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),
+    "odd video": (f"{CUT} x.mkv --width 121", "even widths and heights only, got 121x80"),
+    "flag": (f"{CUT} x.html --colour red", "unrecognized arguments: --colour red"),
+    "no layout": (f"{CUT} x.html --layout bad.json", "bad.json: no layout there"),
+    "two layouts": (f"{CUT} x.html --layout layout.json --rows 5", "--rows and --layout: give one"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_input_gives_one_line(
+    case: str, inputs: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words, expected = WRONG[case]
+    monkeypatch.chdir(inputs)
+    before = sorted(inputs.rglob("*"))
+    flags = () if "layouts" in case or case == "no layout" else FLAGS
+    done = command(send_cli.main, *_with(flags, words.split()))
+    assert done.status == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert done.stderr.startswith("error: ")
+    assert expected in done.stderr
+    assert sorted(inputs.rglob("*")) == before  # nothing is left behind
+
+
+def _with(flags: tuple[object, ...], words: list[str]) -> list[object]:
+    """The small layout's flags, but for those that the case itself gives."""
+    kept = [
+        item
+        for at in range(0, len(flags), 2)
+        if flags[at] not in words
+        for item in flags[at : at + 2]
+    ]
+    return [*words, *kept]
+
+
+def test_an_empty_message_is_refused(inputs: Path, tmp_path: Path, command: Command) -> None:
+    words = (inputs / "picture.png", "--message", "", "--out", tmp_path / "x.html")
+    assert "--message: empty" in command(send_cli.main, *words).stderr
+
+
+def test_opencv_adds_no_lines_of_its_own(inputs: Path, tmp_path: Path) -> None:
+    words = ["cut.avi", "--message", "hi", "--out", tmp_path / "x.html"]
+    (tmp_path / "text.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(400))
+    for first in (inputs / "cut.avi", tmp_path / "text.mp4"):
+        done = subprocess.run(
+            [sys.executable, "-m", "link.send", first, *words[1:]],
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
+        assert str(first) in done.stderr
+
+
+def test_a_video_that_does_not_read_back_bit_for_bit_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("link.video.LOSSLESS", "MJPG")
+    with pytest.raises(InputError, match="bit for bit"):
+        write_video(tmp_path / "x.avi", iter([noise(80, 120)]), 15)
+    monkeypatch.setattr("link.video.LOSSLESS", "none")
+    with pytest.raises(InputError, match="cannot write none video"):
+        write_video(tmp_path / "y.avi", iter([noise(80, 120)]), 15)
