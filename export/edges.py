@@ -57,15 +57,13 @@ def profiles(
 
 
 FEATURES = (
-    "sides", "weakest side", "second weakest", "strong sides", "wrong step", "dark rim",
-    "rim contrast", "even rim", "rim against beyond", "inside against beyond", "bright",
-    "brightest", "texture", "area", "lines beside", "sides go on",
+    "sides", "second weakest side", "wrong step", "rim contrast", "even rim", "against beyond",
+    "size", "lines beside", "sides go on",
 )  # fmt: skip
-"""Columns of `evidence`: shares of places along the sides that are brighter inside (mean, least,
-second least, steep ones) or darker; how dark, how much darker than the picture, and how even the
-rim outside is; rim and picture against what lies beyond; the picture's light against the image's,
-its brightest part, its variation; the root of its share of the image; steps beside the sides, and
-on the sides' continuation beyond the corners."""
+"""Columns of `evidence`: the share of places along the sides that are brighter inside, and that of
+the second weakest side; the share that is darker; picture against the darkest of the rim outside;
+evenness of the rim's colour; picture against what lies beyond; root of the share of the image;
+steps beside the sides, and on their continuation beyond the corners, where a display ends."""
 
 
 def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -81,48 +79,32 @@ def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np
     height, width = value.shape
     white = float(np.quantile(value[::3, ::3], 0.95)) + 10
     unit = STEP_LEVELS * (0.3 + 0.7 * min(1.0, white / 200))
-    offsets = np.arange(-REACH, REACH + 1.0)
-    v = profiles(value, quads, offsets, SAMPLES)  # (N, 4, S, 2R+1)
-    inside = v[..., REACH + 1 : REACH + 4].mean(axis=-1)  # (N, 4, S)
-    darkest = v[..., REACH - 4 : REACH].min(axis=-1)
+    v = profiles(value, quads, np.arange(-REACH, REACH + 1.0), SAMPLES)  # (N, 4, S, 2R+1)
+    inside = v[..., REACH + 1 : REACH + 4].mean(axis=(1, 2, 3))
+    rim_level = v[..., REACH - 4 : REACH].min(axis=-1).mean(axis=(1, 2))
     near = v[..., REACH + 1] - v[..., REACH - 1]
     wide = v[..., REACH + 2] - v[..., REACH - 2]
     step = np.where(np.abs(wide) > np.abs(near), wide, near)
     falls = np.sort((step > unit).mean(axis=2), axis=1)  # (N, 4): inside is brighter
     beside = np.abs(v[..., 2:] - v[..., :-2])[..., [0, 1, 2 * REACH - 3, 2 * REACH - 2]]
+    ahead = profiles(value, quads, np.array([-1.5, 1.5]), AHEAD)
+    goes_on = np.abs(ahead[..., 1] - ahead[..., 0]) > unit
     rim = profiles(image, quads, np.array([-2.5]), SAMPLES)[..., 0, :]  # (N, 4, S, 3)
-    middle = np.median(rim, axis=(1, 2), keepdims=True)
-    uneven = np.abs(rim - middle).mean(axis=(1, 2, 3))
-    beyond = profiles(value, _grown(quads, 1.12), np.zeros(1), SAMPLES)[..., 0].mean(axis=(1, 2))
-    content = profiles(
-        value, np.concatenate([_grown(quads, scale) for scale in (0.85, 0.6, 0.3)]), np.zeros(1), 12
-    ).reshape(3, len(quads), -1)
-    content = np.concatenate(list(content), axis=1)  # (N, 3 * 4 * 12)
-    ahead = profiles(value, quads, np.array([-1.5, 0.0, 1.5]), AHEAD)
-    jump = np.abs(ahead[..., 2] - ahead[..., 0])
-    goes_on = (jump > unit).reshape(len(quads), 4, 2, -1).mean(axis=3)  # -> (N, 4, both ends)
-    rim_level = darkest.mean(axis=(1, 2))
-    level = content.mean(axis=1)
+    uneven = np.abs(rim - np.median(rim, axis=(1, 2), keepdims=True)).mean(axis=(1, 2, 3))
+    beyond = profiles(value, _grown(quads, 1.12), np.zeros(1), SAMPLES).mean(axis=(1, 2, 3))
+    content = sum(
+        profiles(value, _grown(quads, scale), np.zeros(1), 12).mean(axis=(1, 2, 3)) / 3
+        for scale in (0.85, 0.6, 0.3)
+    )
     x, y = quads[..., 0], quads[..., 1]
     area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
-
-    def against(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.asarray((a - b) / (a + b + 10))
-
     return np.column_stack([
         falls.mean(axis=1),
-        falls[:, 0],
         falls[:, 1],
-        (step > 4 * unit).mean(axis=(1, 2)),
         (step < -unit).mean(axis=(1, 2)),
-        1 - rim_level / white,
-        against(inside.mean(axis=(1, 2)), rim_level),
+        (inside - rim_level) / (inside + rim_level + 10),
         -np.log(uneven / white + 0.02),
-        against(beyond, rim_level),
-        against(level, beyond),
-        np.log((level + 10) / (float(value.mean()) + 10)),
-        np.quantile(content, 0.9, axis=1) / white,
-        content.std(axis=1) / white,
+        (content - beyond) / (content + beyond + 10),
         np.sqrt(area / (width * height)),
         (beside > unit).mean(axis=(1, 2, 3)),
         goes_on.mean(axis=(1, 2)),

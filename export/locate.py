@@ -18,9 +18,17 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from export.edges import evidence, fit_edges, snap
+from export.edges import FEATURES, evidence, fit_edges, snap
 from export.patches import Pyramid, align, place, pyramid, search
-from export.quads import SAME_PX, distinct, from_contours, from_lines, is_sound, upright
+from export.quads import (
+    SAME_PX,
+    distinct,
+    from_contours,
+    from_lines,
+    is_sound,
+    nested,
+    upright,
+)
 from export.spots import from_spots
 from link.errors import InputError, run_cli
 from link.geometry import as_corners, homography_from_corners, rectify
@@ -44,29 +52,14 @@ SURE_VISIBILITY = 0.93
 PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
-MIN_SCORE = 0.2
-"""Of a display without patches."""
-WEIGHTS = np.array(
-    [
-        12.004,
-        -0.82,
-        1.682,
-        1.629,
-        17.367,
-        -1.016,
-        3.951,
-        3.062,
-        2.799,
-        -3.555,
-        1.227,
-        1.135,
-        -0.112,
-        7.33,
-        7.785,
-        -8.296,
-    ]
-)
-BIAS = -28.59
+MIN_SCORE = 0.04
+"""Of a display without patches. Photographs of the training split that show none score 0.011 at
+most; nine in ten simulated displays score more (reports.locate_weights)."""
+NEAR = 3.0
+"""Log-odds by which a picture may be less likely than the outline of its bezel."""
+WEIGHTS = np.array([11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79])
+BIAS = -22.02
+"""Log-odds by `export.edges.FEATURES`, fitted on simulated photographs: reports.locate_weights."""
 
 
 @dataclass(frozen=True)
@@ -91,21 +84,43 @@ def candidates(image: NDArray[np.uint8], limit: int = TRIED) -> list[Located]:
     Returns:
         corners to about 2 px of an image of 640, with scores without regard to patches.
     """
+    quads, features, scale = gather(image)
+    if not len(quads):
+        return []
+    odds = features @ WEIGHTS + BIAS
+    first = top = int(odds.argmax())
+    # a light bezel's outline may show more edges than the picture within
+    while len(within := np.flatnonzero(nested(quads, quads[first]) & (odds > odds[top] - NEAR))):
+        first = int(within[odds[within].argmax()])
+    odds[first] = odds[top] + 1e-6
+    chosen = distinct(quads, odds, limit, SAME_PX)
+    scores = 1 / (1 + np.exp(-odds))
+    return [Located((quads[i] + 0.5) * scale - 0.5, float(scores[i])) for i in chosen]
+
+
+def gather(
+    image: NDArray[np.uint8],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """All quadrilaterals that lines, outlines and edges make, and what speaks for each.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+    Returns:
+        (N, 4, 2) px of a small copy of the image, (N, features) of `export.edges.evidence`, and
+        (2,) pixels of the image in one of the copy.
+    """
     small, scale = _small(image)
     gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
     quads = np.concatenate([from_lines(gray, LINE_QUADS), from_contours(gray)])
-    if not len(quads):
-        return []
-    smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
-    quads = np.concatenate([snap(smooth, quads, SNAP_PX), quads])
-    quads = upright(quads[is_sound(quads, gray.shape[1], gray.shape[0])])
-    if not len(quads):
-        return []
-    # many snap to the same edges
-    quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
-    scores = 1 / (1 + np.exp(-(evidence(small, quads) @ WEIGHTS + BIAS)))
-    chosen = distinct(quads, scores, limit, SAME_PX)
-    return [Located((quads[i] + 0.5) * scale - 0.5, float(scores[i])) for i in chosen]
+    if len(quads):
+        smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
+        quads = np.concatenate([snap(smooth, quads, SNAP_PX), quads])
+        quads = upright(quads[is_sound(quads, gray.shape[1], gray.shape[0])])
+    if len(quads):  # many snap to the same edges
+        quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
+    features = evidence(small, quads) if len(quads) else np.empty((0, len(FEATURES)))
+    return quads, features, scale
 
 
 def refine(

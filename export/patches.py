@@ -4,6 +4,8 @@ Patches tell which way up the display is and, four of them in the corners, where
 whatever the picture shows and whatever surrounds it.
 """
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +20,11 @@ SEARCH = 0.09
 """Reach of the search on each axis, as a share of the display's side."""
 SEARCH_ERROR, PLACE_ERROR = 0.04, 0.006
 """Expected errors, as shares of the display's side, of a coarse corner and of a patch found."""
-FINE_PX = 6
-"""Samples of a tile and axis where patches are aligned."""
-STEPS = 10
+PHASES = ((6, 6, False), (6, 2, True))
+"""Of the alignment: samples of a tile and axis, steps, and whether each tile's level is free."""
+MARGIN_PX = 4
+BLUR = 0.8
+"""Of the image and of the drawn tiles, in samples."""
 MIN_STEP_PX = 0.01
 KAPPA = 3
 """Of the drawn patches; the tiles' levels hardly depend on it."""
@@ -168,13 +172,17 @@ def _by_corners(
 
 
 def align(
-    images: Pyramid, corners: NDArray[np.float64], layout: Layout, spread: float = CORNER_SPREAD
+    images: Pyramid,
+    corners: NDArray[np.float64],
+    layout: Layout,
+    spread: float = CORNER_SPREAD,
 ) -> NDArray[np.float64]:
     """Corners at which the image shows the patches as drawn, to sub-pixels.
 
-    Gauss-Newton on the corners: each patch is a quadratic of the levels displayed, fitted anew in
-    every step, so that neither light nor the camera's response counts. Residuals are weighted
-    robustly, with a ridge on the corners' motion.
+    Gauss-Newton on the corners, residuals weighted robustly, with a ridge on the corners' motion.
+    First each patch is a quadratic of the levels displayed, fitted anew in every step. Then each
+    tile has a level of its own: where blur meets the camera's response, an edge lies elsewhere
+    than a quadratic puts it.
 
     Args:
         images: of `pyramid`.
@@ -182,68 +190,88 @@ def align(
         layout: with patches.
         spread: expected error of the corners, as a share of the display's side.
     """
-    width, height = layout.cols * TILES * FINE_PX, layout.rows * TILES * FINE_PX
+    for fine, steps, free in PHASES:
+        corners = _align(images, corners, layout, spread, fine, steps, free)
+    return corners
+
+
+def _align(
+    images: Pyramid,
+    corners: NDArray[np.float64],
+    layout: Layout,
+    spread: float,
+    fine: int,
+    steps: int,
+    free: bool,
+) -> NDArray[np.float64]:
+    """One phase of `align`: samples of a tile and axis, steps, and whether tiles are free."""
+    width, height = layout.cols * TILES * fine, layout.rows * TILES * fine
     level = _level(corners, width, height, len(images))
     scale = 2.0**level
-    image = cv2.GaussianBlur(images[level], (0, 0), 0.7).astype(np.float32)
-    points, shown, patch = _grid(layout)
     c = _at_level(corners, level)
+    left, top = np.floor(c.min(axis=0)).astype(int) - MARGIN_PX
+    right, bottom = np.ceil(c.max(axis=0)).astype(int) + MARGIN_PX
+    left, top = max(0, left), max(0, top)
+    image = images[level][top:bottom, left:right].astype(np.float32)
+    c = c - [left, top]
+    # as blurred as the drawn tiles: between samples no edge must go unseen
+    apart = np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1) / [width, height, width, height]
+    image = cv2.GaussianBlur(image, (0, 0), max(0.7, BLUR * float(apart.mean())))
     start = c.copy()
+    points, basis = _grid(layout, fine, free)
     side = float(np.sqrt(cv2.contourArea(c.astype(np.float32)))) + 1e-9
-    one = np.eye(len(layout.ratex))[patch]  # (N, patches)
-    basis = np.concatenate([one, one * shown[:, None], one * shown[:, None] ** 2], axis=1)
     unit = frame_corners(width, height)
     ridge = (RESIDUAL_LEVELS / (max(spread, 1e-6) * side)) ** 2
-    for step in range(STEPS):
+    known = basis.shape[1]
+    prior = np.concatenate([np.full(known, 1e-3), np.full(8, ridge)])
+    A = np.concatenate([basis, np.empty((len(points), 8))], axis=1)
+    weight = np.ones(len(points))
+    for step in range(steps):
         at, by_corners = _by_corners(_perspective(unit, c), unit, c, points)
         taken, gx, gy = _sample(image, at)
-        J = gx[:, None] * by_corners[:, 0] + gy[:, None] * by_corners[:, 1]
-        A = np.concatenate([basis, -J], axis=1)
-        weight = np.ones(len(points))
-        prior = np.zeros(A.shape[1])
-        prior[: basis.shape[1]] = 1e-3
-        prior[basis.shape[1] :] = ridge
-        pull = np.zeros(A.shape[1])
-        pull[basis.shape[1] :] = ridge * (start - c).reshape(-1)
-        solution = np.zeros(A.shape[1])
-        for _ in range(2):
-            solution = np.linalg.solve(
-                (A.T * weight) @ A + np.diag(prior), A.T @ (weight * taken) + pull
-            )
+        A[:, known:] = -gx[:, None] * by_corners[:, 0] - gy[:, None] * by_corners[:, 1]
+        pull = np.concatenate([np.zeros(known), ridge * (start - c).reshape(-1)])
+        for _ in range(2 if step == 0 else 1):
+            weighted = A.T * weight
+            solution = np.linalg.solve(weighted @ A + np.diag(prior), weighted @ taken + pull)
             residual = np.abs(taken - A @ solution)
             weight = 1 / (1 + (residual / (2 * 1.4826 * np.median(residual) + 1e-3)) ** 2)
-        move = np.clip(solution[-8:].reshape(4, 2), -0.02 * side - 0.5, 0.02 * side + 0.5)
+        move = np.clip(solution[known:].reshape(4, 2), -0.02 * side - 0.5, 0.02 * side + 0.5)
         c = c + move
         if np.abs(move).max() * scale < MIN_STEP_PX and step > 1:
             break
-    return np.asarray((c + 0.5) * scale - 0.5)
+    return np.asarray((c + [left, top] + 0.5) * scale - 0.5)
 
 
-def _grid(
-    layout: Layout,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.intp]]:
-    """Samples of all patches: (N, 2) points of the fine grid, (N,) levels in [-1, 1], (N,) patch.
+@lru_cache(maxsize=8)
+def _grid(layout: Layout, fine: int, free: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Samples of all patches: (N, 2) points of the fine grid, and what the image may be there.
 
-    The drawn tiles are blurred as much as a camera does; the outermost samples of a patch, which
+    The second is (N, 3 * patches), powers of the levels displayed, or (N, tiles of all patches).
+    Drawn tiles are blurred about as much as a camera does; the outermost samples of a patch, which
     its surroundings reach, are left out.
     """
-    size = TILES * FINE_PX
+    size = TILES * fine
     inner = np.arange(2, size - 2)
-    points, shown, patch = [], [], []
-    for i, ((row, col), tiles) in enumerate(
-        zip(layout.ratex, tile_levels(layout, KAPPA), strict=True)
-    ):
-        drawn = np.kron(tiles, np.ones((FINE_PX, FINE_PX))).astype(np.float32)
-        drawn = cv2.GaussianBlur(drawn, (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
-        y, x = np.meshgrid(inner, inner, indexing="ij")
-        points.append(np.column_stack([(x + col * size).ravel(), (y + row * size).ravel()]))
-        shown.append(drawn[y, x].ravel() / 127.5 - 1)
-        patch.append(np.full(x.size, i))
-    return (
-        np.concatenate(points).astype(np.float64),
-        np.concatenate(shown).astype(np.float64),
-        np.concatenate(patch).astype(np.intp),
-    )
+    y, x = np.meshgrid(inner, inner, indexing="ij")
+    tile = np.kron(np.arange(TILES**2).reshape(TILES, TILES), np.ones((fine, fine), int))
+    each = np.eye(TILES**2, dtype=np.float32)[tile]  # (size, size, tiles)
+    each = cv2.GaussianBlur(each, (0, 0), 1.25 * BLUR, borderType=cv2.BORDER_REPLICATE)
+    each = each[y, x].reshape(-1, TILES**2).astype(np.float64)
+    points = [
+        np.column_stack([(x + col * size).ravel(), (y + row * size).ravel()])
+        for row, col in layout.ratex
+    ]
+    if free:
+        parts = [each] * len(points)
+    else:
+        shown = [each @ (tiles.ravel() / 127.5 - 1) for tiles in tile_levels(layout, KAPPA)]
+        parts = [np.column_stack([np.ones_like(level), level, level**2]) for level in shown]
+    width = parts[0].shape[1]
+    basis = np.zeros((len(points) * len(each), len(points) * width))
+    for i, part in enumerate(parts):
+        basis[i * len(each) : (i + 1) * len(each), i * width : (i + 1) * width] = part
+    return np.concatenate(points).astype(np.float64), basis
 
 
 def _sample(

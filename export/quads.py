@@ -24,6 +24,8 @@ MIN_SIDE_COVER, MIN_MEAN_COVER = 0.15, 0.45
 """Share of a side, and of all sides, that segments must cover."""
 SAME_PX = 3.0
 """Quadrilaterals whose corners are all closer than this are one."""
+NESTED = (0.65, 0.97)
+"""Share of a bezel's outline that the picture within may have."""
 THRESHOLD_QUANTILES = (0.3, 0.5, 0.65, 0.8, 0.9)
 
 
@@ -120,12 +122,23 @@ def merge(
     return lines, np.cumsum(cover, axis=1)
 
 
+def nested(quads: NDArray[np.float64], outer: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) which of (N, 4, 2) lie inside ``outer`` (4, 2), at most a bezel's width from it."""
+    along = np.roll(outer, -1, axis=0) - outer
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    depth = np.einsum("nkc,sc->nks", quads, normal) - (outer * normal).sum(axis=1)
+    share = signed_areas(quads) / signed_areas(outer[None])
+    return np.asarray((depth.min(axis=(1, 2)) > 1) & (share > NESTED[0]) & (share < NESTED[1]))
+
+
 def distinct(
     quads: NDArray[np.float64], rank: NDArray[np.float64], limit: int, tolerance: float
 ) -> NDArray[np.intp]:
     """Indices of at most ``limit`` quadrilaterals of highest rank that differ from one another.
 
-    Only the first ``8 * limit`` are looked at. They are alike where all corners, in the same corner order, are closer than ``tolerance`` px.
+    Only the first ``8 * limit`` are looked at. They are alike where all corners, in the same
+    corner order, are closer than ``tolerance`` px.
     """
     left = np.argsort(-rank)[: 8 * limit]
     chosen: list[int] = []
