@@ -17,7 +17,7 @@ from reports.metrics import Row, clustered_interval, make_row, score, wilson, wr
 from reports.paper import METHODS, paper_accuracy
 from reports.tables import paper_tables, summary_table
 
-ONE_PAIR = ["--pairs", "canon-lg", "--kappas", "5"]
+ONE_PAIR = ["--pairs", "canon-lg", "--kappas", "5", "--no-html"]
 TINY = [*ONE_PAIR, "--views", "0", "--frames", "2", "--methods"]
 TINY += ["naive", "oorc", "phi", "hidden_ratex"]
 TWO_CELLS = [*ONE_PAIR, "--views", "0", "45", "--frames", "1", "--methods", "naive", "oorc"]
