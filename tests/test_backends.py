@@ -27,7 +27,7 @@ from reports.compare import Method, decode_cells, decode_each
 
 ROOT = Path(__file__).parents[1]
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
-RUN += ["--methods", "oorc", "learned", "hidden_ratex"]
+RUN += ["--methods", "oorc", "learned", "hidden_ratex", "--no-html"]
 N_CELLS = 4
 GOOD, BAD = Cell("canon-lg", 0.0, 5), Cell("canon-lg", 0.0, 0)  # there is no kappa of 0
 NAIVE = [Method("naive")]
