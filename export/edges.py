@@ -18,6 +18,8 @@ STEP_LEVELS = 10.0
 NOISE_SLOPE, SATURATION_SLOPE = 0.7, 4.0
 """Gradient, in levels per pixel, that counts nothing, and beyond it counts half: a strong edge in
 the picture must not outvote a weak one along the whole side."""
+OTHER_SIDE = 1.5
+"""How many times the votes an edge that is darker inside needs to be preferred."""
 MIN_EDGE_SHARE = 0.2
 """Of a side's places that must lie on the line fitted."""
 
@@ -168,9 +170,10 @@ def _votes(
     share = places(samples)
     steps = np.arange(2 * count + 1)
     hit = steps[:, None, None] * (1 - share) + steps[None, :, None] * share  # (K, K, S)
+    at_hit = np.rint(hit).astype(np.intp)
     vote = np.clip(slope - np.float32(NOISE_SLOPE), 0, None)
     vote = vote / (vote + np.float32(SATURATION_SLOPE))
-    total = vote[:, :, np.arange(samples), np.rint(hit).astype(np.intp)].sum(axis=-1)
+    total = vote[:, :, np.arange(samples), at_hit].sum(axis=-1)
     # ties go to the line that moves least
     total -= np.float32(1e-3) * (np.abs(offsets[1:-1])[:, None] + np.abs(offsets[1:-1])).astype(
         np.float32
@@ -213,6 +216,11 @@ def fit_edges(
     """
     spacing = max(0.5, reach / 10)
     at, share, slopes, total = _votes(image, corners[None], reach, spacing, FIT_SAMPLES)
+    _, _, darker, rises = _votes(-image, corners[None], reach, spacing, FIT_SAMPLES)
+    # a light bezel, or a white page around the picture
+    other = rises.max(axis=(2, 3)) > OTHER_SIDE * total.max(axis=(2, 3))
+    slopes = np.where(other[..., None, None], darker, slopes)
+    total = np.where(other[..., None, None], rises, total)
     first, last, used = np.zeros(4), np.zeros(4), np.zeros(4)
     for side in range(4):
         start, end = np.unravel_index(int(total[0, side].argmax()), total.shape[2:])

@@ -38,6 +38,10 @@ from link.ratex import visibility
 
 WORK_PX = 640
 """Longer side of the image on which quadrilaterals are sought."""
+SMALL_ERROR_PX = 2.0
+"""Of a candidate's side on that image: farther off, another edge may be stronger."""
+REFINED = 0.015
+"""Reach of `refine` on edges, as a share of the display's side."""
 SNAP_PX = 5.0
 LINE_QUADS = 70
 TRIED, LIKELY = 20, 6
@@ -144,7 +148,8 @@ def refine(
         found, seen = _lock(image, pyramid(gray), given, layout)
         if seen >= _needed(layout):
             return found
-    return _inside(_on_edges(gray, given), gray.shape)
+    side = float(np.sqrt(cv2.contourArea(given.astype(np.float32))))
+    return _inside(_on_edges(gray, given, REFINED * side + 2), gray.shape)
 
 
 def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | None:
@@ -161,7 +166,9 @@ def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | 
     if layout is None or not layout.ratex:
         if not ranked or ranked[0].score < MIN_SCORE:
             return None
-        corners = refine(image, ranked[0].corners)
+        gray = _gray(image)
+        reach = SMALL_ERROR_PX * max(1.0, max(gray.shape) / WORK_PX)
+        corners = _inside(_on_edges(gray, ranked[0].corners, reach), gray.shape)
         return Located(upright(corners[None])[0], ranked[0].score)
     images = pyramid(_gray(image))
     found = _best(image, images, layout, [c.corners for c in ranked[:LIKELY]], TURNS)
@@ -211,12 +218,13 @@ def _lock(
     return corners, visibility(rectify(image, H, layout.width, layout.height), layout)
 
 
-def _on_edges(gray: NDArray[np.uint8], corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Corners on the edges next to them, coarse to fine."""
-    side = float(np.sqrt(cv2.contourArea(corners.astype(np.float32))))
+def _on_edges(
+    gray: NDArray[np.uint8], corners: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
+    """Corners on the edges within ``reach`` px, coarse to fine."""
     smooth = cv2.GaussianBlur(gray, (0, 0), 1.0).astype(np.float32)
-    for reach in (0.015 * side + 2, 4.0):
-        corners, _ = fit_edges(smooth, corners, reach)
+    for pixels in (reach, min(reach, 4.0)):
+        corners, _ = fit_edges(smooth, corners, pixels)
     return corners
 
 
