@@ -9,7 +9,7 @@ import json
 import os
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -183,6 +183,34 @@ def summary(rows: list[dict[str, Any]], config: DeliveryConfig) -> list[dict[str
     return table
 
 
+def readme_block(folder: Path) -> str:
+    """What README says of the stored results: one row a delivery.json in ``folder``."""
+    lines = [
+        "Simulated hand-held video at 1280 × 720, nine pairs, 0° and 45°, κ = 3, a 100-byte "
+        "message; picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
+        "(`python -m reports.delivery`):\n",
+        "| grid | states/s | camera fps | runs | delivered in 3 loops | 95 % interval | "
+        "wrong messages | bits wrong % | seconds, median (95 %) | loops | bound, s | goodput, bit/s |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    for path in sorted(folder.glob("*.json")):
+        stored = json.loads(path.read_text())
+        row, setup = stored["summary"][-1], stored["config"]
+        lines.append(
+            f"| {setup['grid']} × {setup['grid']} | {setup['state_hz']:g} | {setup['fps']:g} | "
+            f"{row['runs']} | {row['delivered']} | {100 * row['ci_low']:.1f} – "
+            f"{100 * row['ci_high']:.1f} % | {row['wrong_messages']} | "
+            f"{100 * row['bits_wrong']:.2f} | {row['seconds_median']:.1f} "
+            f"({row['seconds_95']:.1f}) | {row['loops_median']:.2f} | "
+            f"{row['bound_seconds']:.1f} | {row['goodput_bit_s']:.0f} |"
+        )
+    lines.append(
+        "\n*bound*: the time that a perfect code for hard bits would need at the same share of "
+        "wrong bits, with a clock and a place in the loop for nothing."
+    )
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Film, receive, print a table."""
     config = tyro.cli(DeliveryConfig)
@@ -212,8 +240,9 @@ def main() -> None:
     for line in table:
         print(json.dumps(line))
     meta = provenance(config.seed, simulated=True)
-    result = {"meta": meta, "name": name, "summary": table, "runs": sorted(rows, key=_order)}
-    write_bytes(folder / "delivery.json", (json.dumps(result, indent=1) + "\n").encode())
+    setup = {key: value for key, value in asdict(config).items() if key not in ("out", "jobs")}
+    result = {"meta": meta, "config": setup, "summary": table, "runs": sorted(rows, key=_order)}
+    write_bytes(config.out / f"{folder.name}.json", (json.dumps(result, indent=1) + "\n").encode())
 
 
 def _order(row: dict[str, Any]) -> tuple[str, float, int]:

@@ -43,13 +43,14 @@ def test_the_first_screen_has_the_two_commands() -> None:
 
 
 def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
-    script = shell_blocks()[1].replace(".venv/bin/python", sys.executable)
+    script = "".join(shell_blocks()[1:]).replace(".venv/bin/python", sys.executable)
     script = script.replace("runs/", f"{tmp_path}/").replace("--frames 10", "--frames 1")
     done = subprocess.run(
         ["bash", "-ec", script], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert '"bits": [' in done.stdout
+    assert '"text": "Hello"' in done.stdout
     assert (tmp_path / "mine.onnx").is_file()
     assert list((tmp_path / "mine" / "pictures").glob("*_learned.png"))
 
