@@ -101,16 +101,17 @@ def make_code(information: int, parity: int) -> Code:
     degree = np.resize(degree, information)  # rounding may leave one bit too many or too few
     per_check = -(-int(degree.sum()) // parity)
     order = np.argsort(scrambled(np.arange(parity * per_check), parity), kind="stable")
-    free = [int(number) % parity for number in order]
+    free = [int(number) % parity for number in order[::-1]]  # the next one is the last
     members: list[list[int]] = [[] for _ in range(parity)]
     checks_of: list[list[int]] = []
     for number in range(information):
         chosen: list[int] = []
         barred: set[int] = set()
         for _ in range(int(degree[number])):
-            best = next((at for at in range(min(len(free), 64)) if free[at] not in barred), None)
+            ahead = range(-1, -min(len(free), 64) - 1, -1)
+            best = next((at for at in ahead if free[at] not in barred), None)
             if best is None:
-                best = next((at for at, other in enumerate(free) if other not in chosen), None)
+                best = next((at for at in ahead if free[at] not in chosen), None)
             if best is None:
                 break
             socket = free.pop(best)

@@ -190,7 +190,8 @@ def readme_block(folder: Path) -> str:
         "message; picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
         "(`python -m reports.delivery`):\n",
         "| grid | states/s | camera fps | runs | delivered in 3 loops | 95 % interval | "
-        "wrong messages | bits wrong % | seconds, median (95 %) | loops | bound, s | goodput, bit/s |",
+        "wrong messages | bits wrong % | seconds, median (95 %) | loops | bound, s | "
+        "goodput, bit/s |",
         "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for path in sorted(folder.glob("*.json")):
