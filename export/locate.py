@@ -145,7 +145,7 @@ def refine(
     given = as_corners(corners)
     gray = _gray(image)
     if layout is not None and layout.ratex:
-        found, seen = _lock(image, pyramid(gray), given, layout)
+        found, seen = lock(image, pyramid(gray), given, layout)
         if seen >= _needed(layout):
             return found
     side = float(np.sqrt(cv2.contourArea(given.astype(np.float32))))
@@ -196,7 +196,7 @@ def _best(
         for turn in np.argsort(promise)[::-1][:2]:
             if promise[turn] < PROMISING:
                 continue
-            corners, seen = _lock(image, images, turned[turn], layout)
+            corners, seen = lock(image, images, turned[turn], layout)
             if seen >= _needed(layout) and (best is None or seen > best.score):
                 best = Located(corners, min(1.0, seen))
         if best is not None and best.score >= SURE_VISIBILITY:
@@ -204,10 +204,20 @@ def _best(
     return best
 
 
-def _lock(
+def lock(
     image: NDArray[np.uint8], images: Pyramid, corners: NDArray[np.float64], layout: Layout
 ) -> tuple[NDArray[np.float64], float]:
-    """Corners aligned to the patches, and their visibility there; -1 where they make no display."""
+    """Align corners to the patches around them.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        images: `export.patches.pyramid` of its gray levels.
+        corners: (4, 2) px within about 9 % of the side, in the corner order to be tried.
+        layout: with patches.
+
+    Returns:
+        (4, 2), and `link.ratex.visibility` there; -1 where the corners make no display.
+    """
     for reach in (0.09, 0.03):
         corners = place(corners, search(images, corners, layout, reach)[1], layout)
     corners = _inside(align(images, corners, layout), image.shape)

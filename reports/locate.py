@@ -23,7 +23,8 @@ from tqdm import tqdm
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.pictures import Picture, load_pictures
 from data_gen.scenes import SceneSettings, draw_scene, photograph
-from export.locate import locate
+from export.locate import locate, lock
+from export.patches import pyramid
 from link.embed import embed
 from link.errors import InputError, at_least, run_cli
 from link.geometry import as_corners
@@ -113,6 +114,46 @@ def timed(image: NDArray[np.uint8], layout: Layout) -> tuple[NDArray[np.float64]
     start = time.perf_counter()
     found = locate(image, layout)
     return (None if found is None else found.corners), time.perf_counter() - start
+
+
+def visibilities(index: int, patches: int, pictures: list[Picture], seed: int) -> list[float]:
+    """After aligning from 4 % off: in the right turn of the corners and in the three wrong ones."""
+    cv2.setNumThreads(1)
+    rng = np.random.default_rng([seed, index, patches])
+    layout = make_layout(ratex=patches)
+    pair = get_pair(str(rng.choice(list(PAIRS))))
+    scene = draw_scene(layout, pair, float(rng.choice(VIEWS)), rng, SceneSettings())
+    picture = pictures[int(rng.integers(len(pictures)))].rgb
+    shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, KAPPA)
+    image = photograph(shown.embedded, scene, rng)
+    images = pyramid(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    side = np.sqrt(cv2.contourArea(scene.corners.astype(np.float32)))
+    start = scene.corners + rng.uniform(-0.04, 0.04, (4, 2)) * side
+    turned = [np.roll(start, turn, axis=0) for turn in range(4)]
+    return [lock(image, images, corners, layout)[1] for corners in turned]
+
+
+def visibility_levels(config: LocateConfig) -> list[dict[str, Any]]:
+    """What right and wrong turns reach, by number of patches: what `export.locate` accepts by."""
+    layout = make_layout()
+    pictures = load_pictures("train", layout.width, layout.height)
+    rows = []
+    for patches in (1, 2, 3, 5):
+        work = (
+            delayed(visibilities)(i, patches, pictures, config.seed)
+            for i in range(-(-config.frames // 5))
+        )
+        seen = np.array(Parallel(config.jobs)(work))
+        right, wrong = np.quantile(seen[:, 0], (0, 0.05, 0.5)), np.quantile(seen[:, 1:], (0.95, 1))
+        rows.append(
+            {
+                "patches": patches,
+                "photographs": len(seen),
+                "right_least_q05_median": right.tolist(),
+                "wrong_q95_most": wrong.tolist(),
+            }
+        )
+    return rows
 
 
 def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -215,6 +256,7 @@ def main() -> None:
     work += [delayed(look_at_nothing)(p, layout) for layout in kinds.values() for p in photographs]
     done = list(tqdm(Parallel(config.jobs, return_as="generator")(work), total=len(work)))
 
+    levels = visibility_levels(config)
     rows, empty = [], []
     for kind in kinds:
         outcomes = [o for o in done if o.kind == kind]
@@ -228,6 +270,13 @@ def main() -> None:
     print(f"Simulated, {config.size[0]}x{config.size[1]}, held-out pictures.\n\n{table(rows)}\n")
     for row in empty:
         print(f"{row['group']}: a display is reported in {row['found']} of {row['photographs']}")
+    for row in levels:
+        right = ", ".join(f"{value:.2f}" for value in row["right_least_q05_median"])
+        wrong = ", ".join(f"{value:.2f}" for value in row["wrong_q95_most"])
+        print(
+            f"visibility of {row['patches']} patches in {row['photographs']} training scenes: "
+            f"right (least, 5 %, median) {right}; wrong turns (95 %, most) {wrong}"
+        )
     if real:
         overlaps = [row["iou"] for row in real]
         print(
@@ -238,6 +287,7 @@ def main() -> None:
         "meta": provenance(config.seed, simulated=True),
         "rows": rows,
         "empty": empty,
+        "visibility": levels,
         "photos": real,
         "outcomes": [asdict(o) for o in done],
     }
