@@ -8,7 +8,7 @@ import numpy as np
 
 from link.errors import InputError
 from reports.metrics import Row, clustered_interval
-from reports.paired import Outcomes, Paired, behind, compare, outcomes, tally
+from reports.paired import MIN_FRAMES, Outcomes, Paired, behind, compare, outcomes, tally
 from reports.paper import paper_accuracy
 from reports.stored import Run, SweepPoint
 
@@ -38,7 +38,8 @@ class Standing:
     against: Paired | None
     """Against the reference."""
     behind: int | None
-    """Cells in which it is behind the reference beyond the paired interval."""
+    """Cells in which it is behind the reference beyond the paired interval; None where a cell has
+    too few frame pairs for an interval."""
 
 
 def standing(rows: Sequence[Row], method: str) -> tuple[int, int, int, float | None, float, float]:
@@ -66,7 +67,8 @@ def standings(run: Run) -> list[Standing]:
         against, late = None, None
         if reference is not None:
             against = paired(found, method, reference, seed)
-        if reference is not None and against is not None:
+        enough = min(row.frames for row in mine) >= MIN_FRAMES  # else no cell can be behind
+        if reference is not None and against is not None and enough:
             late = len(behind(found, method, reference, np.random.default_rng(seed)))
         found_here = standing(run.rows, method)
         result.append(Standing(method, *found_here, paper, reference, against, late))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from chromium import NAMES, Chromium, find
 from conftest import Command
 from hypothesis import given
 from hypothesis import strategies as st
@@ -185,6 +186,30 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
         "predictions.jsonl",
         "tables.md",
     }
+
+
+@pytest.mark.skipif(find() is None, reason=f"needs one of {', '.join(NAMES)}")
+def test_the_page_fits_a_phone_and_a_desk(tiny: Path, tmp_path: Path) -> None:
+    browser = Chromium(tmp_path)
+    try:
+        for width in (360, 390, 1280):
+            browser.resize(width, 900)
+            browser.open(tiny / "report.html")
+            assert browser.run("document.documentElement.scrollWidth") == width
+            beyond = browser.run(
+                "[...document.querySelectorAll('main svg text, main p, main h3, main figcaption')]"
+                ".filter(e => !e.closest('.scroll, details')"
+                f" && e.getBoundingClientRect().right > {width}).map(e => e.textContent)"
+            )
+            assert beyond == []
+            small = browser.run(
+                "[...document.querySelectorAll('svg text')].map(e => "
+                "parseFloat(getComputedStyle(e).fontSize) * e.ownerSVGElement.getScreenCTM().a)"
+            )
+            assert min(small) > 8.5  # pixels
+        assert browser.run("[...document.images].every(i => i.alt && i.complete)")
+    finally:
+        browser.close()
 
 
 # Stored by hand

@@ -47,7 +47,7 @@ def _story(run: Run, story: Story) -> Html:
     figures = []
     for file, caption in story.pictures:
         data = base64.b64encode((run.folder / file).read_bytes()).decode()
-        image = tag("img", src=f"data:image/jpeg;base64,{data}", alt=caption, loading="lazy")
+        image = tag("img", src=f"data:image/jpeg;base64,{data}", alt=caption)
         figures.append(tag("figure", image, tag("figcaption", caption)))
     parts = [
         tag("h3", story.title),
