@@ -3,6 +3,7 @@
 import base64
 import json
 from collections.abc import Iterable
+from hashlib import sha256
 from pathlib import Path
 
 import cv2
@@ -34,13 +35,20 @@ def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int =
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
     """
     images: dict[bytes, int] = {}
+    pngs: list[bytes] = []
     order, shape = [], (0, 0)
     for pair in pairs:
         added = pair.embedded - pair.original
-        gray = added if added.ndim == 2 else added[:, :, 0]
-        order.append([images.setdefault(_png(each), len(images)) for each in (pair.original, gray)])
+        numbers = []
+        for image in (pair.original, added if added.ndim == 2 else added[:, :, 0]):
+            key = sha256(image.tobytes()).digest()
+            if key not in images:
+                images[key] = len(pngs)
+                pngs.append(_png(image))
+            numbers.append(images[key])
+        order.append(numbers)
         shape = pair.layout.height, pair.layout.width
-        if 4 * len(images) * shape[0] * shape[1] > MAX_DECODED_BYTES:
+        if 4 * len(pngs) * shape[0] * shape[1] > MAX_DECODED_BYTES:
             raise InputError(
                 f"--out: a player of more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
                 "write a video, or use fewer pictures or a smaller --width and --height"
@@ -51,7 +59,7 @@ def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int =
         "hold": hold,
         "scale": scale,
         "pairs": order,
-        "images": [f"data:image/png;base64,{base64.b64encode(png).decode()}" for png in images],
+        "images": [f"data:image/png;base64,{base64.b64encode(png).decode()}" for png in pngs],
     }
     page = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(loop), 1)
     write_bytes(path, page.encode())

@@ -20,7 +20,7 @@ from link.player import write_player
 
 PRETRAINED = Path(__file__).parents[1] / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 
 pytestmark = pytest.mark.skipif(find() is None, reason=f"needs one of {', '.join(NAMES)}")
 
