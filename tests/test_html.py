@@ -176,6 +176,30 @@ def test_failures_carry_a_measured_reason(tiny: Path) -> None:
         assert all((tiny / file).is_file() for file, _ in story["pictures"])
 
 
+def test_an_unknown_sweep_is_refused_with_the_valid_names(tmp_path: Path, command: Command) -> None:
+    done = command(evaluate.main, "--sweeps", "colour", "--out", tmp_path)
+    assert done.status == 2
+    assert all(name in done.stderr for name in SWEEPS)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("flags", "expected"),
+    [
+        ({}, tuple(SWEEPS)),
+        ({"frames": 2, "quick": True, "seed": 3, "methods": ("oorc",)}, tuple(SWEEPS)),
+        ({"pairs": ("canon-lg",)}, ()),
+        ({"set": ("drift=0.1",)}, ()),
+        ({"sweeps": ()}, ()),
+        ({"pairs": ("canon-lg",), "sweeps": ("jpeg",)}, ("jpeg",)),
+    ],
+)
+def test_sweeps_join_the_reference_comparison_alone(
+    flags: dict[str, Any], expected: tuple[str, ...]
+) -> None:
+    assert evaluate.sweeps_of(evaluate.EvaluateConfig(**flags)) == expected
+
+
 def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None:
     run = ("--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--methods", "naive")
     assert command(evaluate.main, *run, "--jobs", 1, "--no-html", "--out", tmp_path).status == 0
