@@ -42,7 +42,7 @@ do not need. PSNR and SSIM compare what carries the message with what does not: 
 the unmarked picture, for ours the embedded with the original frame. Both of these show the five
 ratex patches, except for `blind`, which has none and whose pictures are equalised instead.
 Flicker is in neither measure. *Bits*: message bits of a still picture, or of a pair of frames.
-*Decode ms*: median for one rectified capture in one thread, on a machine that may have been busy.
+*Decode ms*: median processor time for one rectified capture, one thread.
 
 Peers come from the packages invisible-watermark (rivaGAN, DWT-DCT, DWT-DCT-SVD) and
 blind-watermark, and decide as those do. "Default" is the package's own strength. rivaGAN has no

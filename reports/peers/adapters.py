@@ -60,7 +60,8 @@ class Peer(Protocol):
 class InvisibleWatermark:
     """`dwtDct` or `dwtDctSvd` of the package invisible-watermark: quantised coefficients."""
 
-    name: str
+    family: str
+    """The system's name."""
     method: str
     """As the package calls it."""
     scale: int
@@ -70,10 +71,14 @@ class InvisibleWatermark:
     """The bits are in this channel of YUV; the package's default is U, and Y is the other."""
 
     @property
+    def name(self) -> str:
+        """The family, and the channel where it is not the default."""
+        return self.family if self.channel == "U" else f"{self.family} in {self.channel}"
+
+    @property
     def strength(self) -> str:
-        """Channel and scale."""
-        default = (self.channel, self.scale) == ("U", 36)
-        return "default" if default else f"{self.channel}, scale {self.scale}"
+        """The scale."""
+        return "default" if (self.channel, self.scale) == ("U", 36) else f"scale {self.scale}"
 
     def embed(self, picture: Picture, bits: NDArray[np.intp]) -> Picture:
         """As `Peer`."""

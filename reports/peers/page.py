@@ -41,7 +41,7 @@ class PeerRow:
     """dB, mean over pictures, of the displayed message."""
     ssim: float
     decode_ms: float
-    """Median."""
+    """Median of the processor's time, one thread."""
 
 
 def tally(lines: Sequence[dict[str, Any]]) -> list[PeerRow]:
