@@ -200,3 +200,9 @@ def test_every_module_that_should_imports_without_torch() -> None:
     result = run_without(["torch", "kornia"], "\n".join(f"import {name}" for name in modules))
     assert result.returncode == 0, result.stderr
     assert len(modules) > 15
+
+
+def test_sender_and_receiver_need_numpy_opencv_and_onnxruntime_alone() -> None:
+    commands = ("export.receive", "export.locate", "export.bench_receive", "link.send")
+    result = run_without(LAB_ONLY, "\n".join(f"import {name}" for name in commands))
+    assert result.returncode == 0, result.stderr
