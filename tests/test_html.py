@@ -231,6 +231,9 @@ def test_the_page_fits_a_phone_and_a_desk(tiny: Path, tmp_path: Path) -> None:
                 "parseFloat(getComputedStyle(e).fontSize) * e.ownerSVGElement.getScreenCTM().a)"
             )
             assert min(small) > 8.5  # pixels
+        browser.resize(718, 900)  # A4 within Chromium's margins
+        browser.call("Emulation.setEmulatedMedia", media="print")
+        assert browser.run("document.documentElement.scrollWidth") == 718
         assert browser.run("[...document.images].every(i => i.alt && i.complete)")
     finally:
         browser.close()
