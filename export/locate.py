@@ -46,8 +46,11 @@ SNAP_PX = 5.0
 LINE_QUADS = 70
 TRIED, LIKELY = 20, 6
 """Candidates whose ratex patches are sought, and those sought before `export.spots` is asked."""
-SPOT_QUADS = 10
+SPOT_QUADS = 30
 TURNS = (0, 1, 2, 3)
+REACHES = (0.09, 0.09, 0.03)
+"""Of the searches for patches before they are aligned, as shares of the display's side: what is
+found first brings the others into reach."""
 MIN_VISIBILITY = {1: 0.93, 2: 0.85}
 """Of `link.ratex.visibility`, by number of patches; `USUAL_VISIBILITY` for more."""
 USUAL_VISIBILITY = 0.8
@@ -218,7 +221,7 @@ def lock(
     Returns:
         (4, 2), and `link.ratex.visibility` there; -1 where the corners make no display.
     """
-    for reach in (0.09, 0.03):
+    for reach in REACHES:
         corners = place(corners, search(images, corners, layout, reach)[1], layout)
     corners = _inside(align(images, corners, layout), image.shape)
     height, width = image.shape[:2]

@@ -124,7 +124,7 @@ def place(
     )
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     moved = found[:, :2].copy()
-    weight = np.clip(found[:, 2], 0.05, 1) ** 4 / PLACE_ERROR**2
+    weight = np.clip(found[:, 2], 0.05, 1) ** 8 / PLACE_ERROR**2
     robust = np.ones(len(moved))
     for _ in range(4):
         at = square.copy()

@@ -13,25 +13,33 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.quads import distinct, is_sound, signed_areas
+from export.quads import distinct, is_sound
 from link.layout import Layout
 from link.ratex import TILES, tile_levels
 
 PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
 """Sides of a patch that are tried, px of the small image."""
-SEEN_PX, WINDOW_PX = 15, 13
+SEEN_PX, WINDOW_PX = 15, 15
 """A patch's side on the resized image, and that of the window compared."""
-SPOTS = 40
+SPOTS = 80
 """Steepest places of one size that are compared."""
 SHIFTS = (-4, -2, 0, 2, 4)
 TURNS = 24
-STRETCHES = ((1.0, 1.0), (0.65, 1.0), (1.0, 0.65))
-"""Foreshortening of a patch's two axes."""
+SHAPES = (
+    (1.0, 1.0, 0.0),
+    (0.65, 1.0, 0.0),
+    (1.0, 0.65, 0.0),
+    (0.42, 1.0, 0.0),
+    (1.0, 0.42, 0.0),
+    (0.75, 0.75, 0.45),
+    (0.75, 0.75, -0.45),
+)
+"""Foreshortening of a patch's two axes, and its shear."""
 MIN_MATCH = 0.55
 """Correlation of a patch that is kept."""
-KEPT = 7
+KEPT = 16
 """Matches kept for each patch."""
-MAX_TURN_DEG, MAX_RATIO = 35.0, 1.9
+MAX_TURN_DEG, MAX_RATIO = 35.0, 1.8
 """Largest differences of a patch's turn and size from what the quadrilateral has there."""
 MISSING = 0.35
 """Match that stands for a patch that is not seen and is put where the three others say."""
@@ -81,14 +89,12 @@ def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[n
         points, picked = points[sound], picked[sound]
         if not len(points):
             continue
-        side = np.sqrt(signed_areas(points) / ((layout.rows - 1) * (layout.cols - 1)))
-        across = (points[:, 1] - points[:, 0]) + (points[:, 2] - points[:, 3])
-        turn = np.arctan2(across[:, 1], across[:, 0])
+        size, turn = _expected(points, layout)
         rank, fits = np.zeros(len(points)), np.ones(len(points), bool)
         for i in there:
             chosen = picked[:, i]
-            off = np.angle(np.exp(1j * (found[i].turn[chosen] - turn)))
-            ratio = np.abs(np.log(found[i].size[chosen] / side))
+            off = np.angle(np.exp(1j * (found[i].turn[chosen] - turn[:, i])))
+            ratio = np.abs(np.log(found[i].size[chosen] / size[:, i]))
             fits &= (np.abs(off) < np.radians(MAX_TURN_DEG)) & (ratio < np.log(MAX_RATIO))
             rank += found[i].match[chosen]
         quads.append(points[fits])
@@ -107,6 +113,36 @@ def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[n
         for quad in points
     ]
     return np.array(grown, np.float64).reshape(-1, 4, 2)
+
+
+def _expected(
+    points: NDArray[np.float64], layout: Layout
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N, 4) sizes and turns that patches have at the corners of (N, 4, 2) patch centres.
+
+    By the homography of the unit square to the quadrilateral (Heckbert 1989): its area element
+    falls with the cube of w.
+    """
+    p0, p1, p2, p3 = (points[:, i] for i in range(4))
+    bend, one, two = p0 - p1 + p2 - p3, p1 - p2, p3 - p2
+    below = one[:, 0] * two[:, 1] - two[:, 0] * one[:, 1]
+    g = (bend[:, 0] * two[:, 1] - two[:, 0] * bend[:, 1]) / below
+    h = (one[:, 0] * bend[:, 1] - bend[:, 0] * one[:, 1]) / below
+    w = np.stack([np.ones_like(g), 1 + g, 1 + g + h, 1 + h], axis=1)
+    right, down = p1 - p0 + g[:, None] * p1, p3 - p0 + h[:, None] * p3
+    H = np.stack(
+        [
+            np.column_stack([right, g]),
+            np.column_stack([down, h]),
+            np.column_stack([p0, np.ones_like(g)]),
+        ],
+        axis=2,
+    )
+    element = np.abs(np.linalg.det(H))[:, None] / np.maximum(np.abs(w), 1e-3) ** 3
+    size = np.sqrt(element / ((layout.rows - 1) * (layout.cols - 1)))
+    top, bottom = p1 - p0, p2 - p3
+    turns = [np.arctan2(side[:, 1], side[:, 0]) for side in (top, top, bottom, bottom)]
+    return size, np.stack(turns, axis=1)
 
 
 def _matches(gray: NDArray[np.uint8], layout: Layout, patches: tuple[int, ...]) -> list[_Matches]:
@@ -128,7 +164,7 @@ def _matches(gray: NDArray[np.uint8], layout: Layout, patches: tuple[int, ...]) 
         windows = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
         seen = windows[corner[..., 0], corner[..., 1]].reshape(-1, WINDOW_PX * WINDOW_PX)
         seen = seen - seen.mean(axis=1, keepdims=True)
-        seen /= np.linalg.norm(seen, axis=1, keepdims=True) + 20
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True) + 5
         match = (seen @ bank.T).reshape(len(spots), len(shifts), len(patches), -1)
         for i in range(len(patches)):
             flat = match[:, :, i].reshape(len(spots), -1)
@@ -154,12 +190,11 @@ def _best(rows: NDArray[np.float64]) -> _Matches:
 
 
 def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
-    """(N, 2) y, x of the places around which the logarithm of the image is steepest."""
-    light = np.log(cv2.GaussianBlur(image, (0, 0), 0.8) + 8)
-    steep = cv2.magnitude(cv2.Sobel(light, cv2.CV_32F, 1, 0), cv2.Sobel(light, cv2.CV_32F, 0, 1))
-    dense = cv2.blur(np.minimum(steep, 2.0), (WINDOW_PX, WINDOW_PX))
-    y, x = np.nonzero((dense >= cv2.dilate(dense, np.ones((7, 7), np.uint8))) & (dense > 0.02))
-    best = np.argsort(-dense[y, x])[:SPOTS]
+    """(N, 2) y, x of the places where the logarithm of the image is steep in all directions."""
+    light = np.log(cv2.GaussianBlur(image, (0, 0), 0.8) + 4)
+    steep = cv2.cornerMinEigenVal(light, WINDOW_PX)
+    y, x = np.nonzero((steep >= cv2.dilate(steep, np.ones((7, 7), np.uint8))) & (steep > 1e-6))
+    best = np.argsort(-steep[y, x])[:SPOTS]
     return np.column_stack([y[best], x[best]])
 
 
@@ -177,9 +212,11 @@ def _bank(
         fine = cv2.GaussianBlur(fine, (0, 0), 1.6, borderType=cv2.BORDER_REPLICATE)
         fine -= fine.mean()
         for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
-            for wide, high in STRETCHES:
-                u = (np.cos(turn) * x + np.sin(turn) * y) / (SEEN_PX * wide)
-                v = (-np.sin(turn) * x + np.cos(turn) * y) / (SEEN_PX * high)
+            for wide, high, shear in SHAPES:
+                across = np.cos(turn) * x + np.sin(turn) * y
+                down = -np.sin(turn) * x + np.cos(turn) * y
+                u = (across - shear * down) / (SEEN_PX * wide)
+                v = (down - shear * across) / (SEEN_PX * high)
                 at = [((t + 0.5) * 8 * TILES - 0.5).astype(np.float32) for t in (u, v)]
                 drawn = cv2.remap(fine, at[0], at[1], cv2.INTER_LINEAR, borderValue=0)
                 drawn = drawn - drawn.mean()
