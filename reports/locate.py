@@ -188,11 +188,13 @@ def measure_photos(folder: Path) -> list[dict[str, Any]]:
 def summary(name: str, outcomes: list[Outcome], scale: float) -> dict[str, Any]:
     """Detection rate and corner errors of a group, with 95 % intervals."""
     right = [o for o in outcomes if o.found and max(o.errors_px) < FOUND_PX * scale]
-    frames = np.array([np.mean(o.errors_px) for o in right])
-    rng = np.random.default_rng(0)
-    medians = [np.median(rng.choice(frames, len(frames))) for _ in range(500 * (len(right) > 0))]
+    errors = np.array([o.errors_px for o in right]).reshape(-1, 4)
+    rng = np.random.default_rng(0)  # photographs are drawn anew, with all four corners
+    medians = [
+        np.median(errors[rng.integers(len(errors), size=len(errors))])
+        for _ in range(500 * (len(right) > 0))
+    ]
     low, high = wilson(len(right), len(outcomes))
-    errors = np.array([e for o in right for e in o.errors_px])
     return {
         "group": name,
         "photographs": len(outcomes),
