@@ -14,11 +14,14 @@ from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
 from models.neural.decoder import FULL
 from reports.compare import Method, decode_cells, methods_for, paper_cells
+from reports.delivery import readme_block as delivery_block
 from reports.figures import overview, plot_inverse_responses
 from reports.metrics import provenance, read_metrics, score, write_metrics
 from reports.tables import replace_block, summary_table
 
 METRICS = Path("docs/metrics.json")
+DELIVERY = Path("docs/delivery")
+"""Copies of what `python -m reports.delivery` writes."""
 UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 
 
@@ -58,6 +61,7 @@ def main() -> None:
     draw_pictures(source, config.checkpoint)
     table = readme_table(METRICS)
     replace_block(Path("README.md"), "table", table)
+    replace_block(Path("README.md"), "receiver", delivery_block(DELIVERY))
     print(table)
 
 

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from reports.delivery import readme_block as delivery_block
 from reports.metrics import read_metrics
 from reports.prediction import readme_block
-from reports.readme import METRICS, readme_table
+from reports.readme import DELIVERY, METRICS, readme_table
 from reports.tables import paper_tables
 
 ROOT = Path(__file__).parent.parent
@@ -26,6 +27,11 @@ def test_the_table_is_that_of_the_stored_metrics() -> None:
 def test_the_prediction_is_that_of_the_stored_metrics() -> None:
     block = README.split("<!-- prediction -->\n")[1].split("<!-- /prediction -->")[0]
     assert block == readme_block(ROOT / "docs" / "prediction.json") + "\n"
+
+
+def test_the_receivers_table_is_that_of_the_stored_runs() -> None:
+    block = README.split("<!-- receiver -->\n")[1].split("<!-- /receiver -->")[0]
+    assert block == delivery_block(ROOT / DELIVERY) + "\n"
 
 
 def test_the_stored_metrics_are_the_papers_36_cells() -> None:
