@@ -192,6 +192,41 @@ def test_the_command_writes_page_numbers_and_picture(tmp_path: Path, command: Co
     assert (tmp_path / "peers.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.usefixtures("toy")
+def test_a_run_goes_on_where_it_stopped(tmp_path: Path, command: Command) -> None:
+    run = (*SMALL, "--systems", "stripes", "--ours", "naive", "--out", tmp_path)
+    assert command(main, *run).status == 0
+    before = (tmp_path / "predictions.jsonl").read_bytes()
+    kept, lost = sorted((tmp_path / "cells").glob("*/*.json"))
+    assert (kept.name, lost.name) == ("naive,_κ_5.json", "stripes,_exact.json")
+    written = kept.stat().st_mtime_ns
+    lost.unlink()
+    assert command(main, *run).status == 0
+    assert kept.stat().st_mtime_ns == written
+    assert untimed(tmp_path / "predictions.jsonl") == [
+        {**json.loads(line), "decode_s": 0} for line in before.splitlines()
+    ]
+
+
+def untimed(file: Path) -> list[dict[str, Any]]:
+    return [{**json.loads(line), "decode_s": 0} for line in file.read_text().splitlines()]
+
+
+@pytest.mark.usefixtures("toy")
+def test_a_system_that_fails_is_named(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def extract(self: Stripes, picture: NDArray[np.uint8]) -> NDArray[np.float64]:
+        raise ZeroDivisionError("made to fail")
+
+    monkeypatch.setattr(Stripes, "extract", extract)
+    run = (*SMALL, "--systems", "stripes", "--ours", "naive", "--out", tmp_path)
+    done = command(main, *run)
+    assert done.status == 2
+    assert "1 of 2 systems failed: stripes,_exact: ZeroDivisionError: made" in done.stderr
+    assert [file.name for file in (tmp_path / "cells").glob("*/*")] == ["naive,_κ_5.json"]
+
+
 @pytest.mark.parametrize("name", list(PACKAGES))
 def test_a_missing_package_is_one_line_with_the_remedy(
     name: str, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch

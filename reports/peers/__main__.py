@@ -3,12 +3,15 @@
 Packages, without their dependencies: see `adapters.INSTALL`.
 """
 
+import hashlib
 import json
 import os
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 import tyro
 from tqdm import tqdm
@@ -21,7 +24,7 @@ from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.backends import Backend, run_tasks
-from reports.compare import methods_for
+from reports.compare import digest_files, fingerprint, methods_for
 from reports.metrics import provenance
 from reports.peers.adapters import PEERS, make_peers
 from reports.peers.page import plot, table, tally
@@ -88,16 +91,8 @@ def main() -> None:
     config = tyro.cli(PeersConfig)
     source = Source(make_layout(), "test", config.seed, parameters=(("corner_px", 0.0),))
     systems = check(config, source)
-    task = partial(measure, source, config.pairs, config.views, config.frames)
-    outcomes = run_tasks(task, systems, Backend(config.jobs))
-    found = {}
-    for outcome in tqdm(outcomes, total=len(systems), unit="system", desc="film and read"):
-        system = systems[outcome.index]
-        if outcome.result is None:
-            assert outcome.failure is not None
-            raise InputError(f"{system.name}, {system.strength}: {outcome.failure.reason}")
-        found[outcome.index] = outcome.result
-    lines = [line for index in sorted(found) for line in found[index]]
+    found = measured(config, source, systems)
+    lines = [line for part in found for line in part]
     text = "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines)
     write_bytes(config.out / "predictions.jsonl", text.encode())
     rows = tally(lines)
@@ -117,6 +112,34 @@ def main() -> None:
     write_bytes(config.out / "peers.md", f"{note}{table(rows)}\n".encode())
     print(table(rows))
     print(f"\nwritten: {config.out}/peers.md, peers.json, peers.png, predictions.jsonl")
+
+
+def measured(
+    config: PeersConfig, source: Source, systems: Sequence[System]
+) -> list[list[dict[str, Any]]]:
+    """Predictions of each system; a run that was cut off goes on where it stopped.
+
+    Raises:
+        InputError: one failed; those that finished are kept.
+    """
+    key = repr((source, config.pairs, config.views, config.frames, config.bits, versions()))
+    key += fingerprint(source, config.frames, methods_for(config.ours, PRETRAINED))
+    key += digest_files(sorted(Path(__file__).parent.glob("*.py")))
+    folder = config.out / "cells" / hashlib.sha256(key.encode()).hexdigest()[:16]
+    files = [folder / f"{s.name}, {s.strength}.json".replace(" ", "_") for s in systems]
+    todo = [number for number, file in enumerate(files) if not file.is_file()]
+    task = partial(measure, source, config.pairs, config.views, config.frames)
+    outcomes = run_tasks(task, [systems[number] for number in todo], Backend(config.jobs))
+    done, failed = len(systems) - len(todo), []
+    for outcome in tqdm(outcomes, total=len(systems), initial=done, unit="system"):
+        number = todo[outcome.index]
+        if outcome.failure is not None:
+            failed.append(f"{files[number].stem}: {outcome.failure.reason}")
+            continue
+        write_bytes(files[number], json.dumps(outcome.result, allow_nan=False).encode())
+    if failed:
+        raise InputError(f"{len(failed)} of {len(systems)} systems failed: {'; '.join(failed)}")
+    return [json.loads(file.read_text()) for file in files]
 
 
 def check(config: PeersConfig, source: Source) -> list[System]:
