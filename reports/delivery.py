@@ -186,21 +186,21 @@ def summary(rows: list[dict[str, Any]], config: DeliveryConfig) -> list[dict[str
 def readme_block(folder: Path) -> str:
     """What README says of the stored results: one row a delivery.json in ``folder``."""
     lines = [
-        "Simulated hand-held video at 1280 × 720, nine pairs, 0° and 45°, κ = 3, a 100-byte "
-        "message; picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
+        "Simulated hand-held video at 1280 × 720, 0° and 45°, κ = 3, a 100-byte message; "
+        "picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
         "(`python -m reports.delivery`):\n",
-        "| grid | states/s | camera fps | runs | delivered in 3 loops | 95 % interval | "
+        "| grid | states/s | camera fps | pairs | runs | delivered in 3 loops | 95 % interval | "
         "wrong messages | bits wrong % | seconds, median (95 %) | loops | bound, s | "
         "goodput, bit/s |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for path in sorted(folder.glob("*.json")):
         stored = json.loads(path.read_text())
         row, setup = stored["summary"][-1], stored["config"]
         lines.append(
             f"| {setup['grid']} × {setup['grid']} | {setup['state_hz']:g} | {setup['fps']:g} | "
-            f"{row['runs']} | {row['delivered']} | {100 * row['ci_low']:.1f} – "
-            f"{100 * row['ci_high']:.1f} % | {row['wrong_messages']} | "
+            f"{len(setup['pairs'])} | {row['runs']} | {row['delivered']} | "
+            f"{100 * row['ci_low']:.1f} – {100 * row['ci_high']:.1f} % | {row['wrong_messages']} | "
             f"{100 * row['bits_wrong']:.2f} | {row['seconds_median']:.1f} "
             f"({row['seconds_95']:.1f}) | {row['loops_median']:.2f} | "
             f"{row['bound_seconds']:.1f} | {row['goodput_bit_s']:.0f} |"
