@@ -48,6 +48,7 @@ def test_the_first_screen_has_the_two_commands() -> None:
     assert second.endswith("pip install -e '.[test]' && .venv/bin/pytest")
 
 
+@pytest.mark.timeout(900)  # a minute or two on an idle machine
 def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
     script = "".join(shell_blocks()[1:]).replace(".venv/bin/python", sys.executable)
     script = script.replace("runs/", f"{tmp_path}/").replace("--frames 10", "--frames 1")
