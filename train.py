@@ -57,7 +57,7 @@ class TrainConfig:
     """Adam's learning rate; falls to zero on a cosine."""
     kappas: tuple[int, ...] = (1, 2, 3, 5)
     """Of the episodes."""
-    max_view: float = 65.0
+    max_view: float = 72.0
     """Views of the episodes are uniform from 0 to this, degrees."""
     frames: int = 15
     """Held-out frame pairs a cell in the final evaluation."""

@@ -106,7 +106,7 @@ def sample_grid(layout: Layout) -> SampleGrid:
     return SampleGrid(*(np.broadcast_to(part, shape).reshape(-1) for part in parts))  # -> (N,)
 
 
-def sample_position(tile: T, step: T, tiles: int, length: int) -> T:
+def sample_position(tile: T, step: T, tiles: T | int, length: T | int) -> T:
     """Pixel of each sample along an axis of ``length`` pixels and ``tiles`` tiles.
 
     Whole numbers throughout, for numpy arrays and torch tensors alike.

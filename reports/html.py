@@ -6,7 +6,16 @@ from pathlib import Path
 from link.images import write_bytes
 from reports.findings import standings
 from reports.markup import Html, join, tag
-from reports.sections import evidence, overview, paper, pictures, provenance, response, sweeps
+from reports.sections import (
+    evidence,
+    overview,
+    paper,
+    peers,
+    pictures,
+    provenance,
+    response,
+    sweeps,
+)
 from reports.stored import Run, read_run
 
 REPORT = "report.html"
@@ -15,6 +24,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Run], Html]]] = {
     "paper": ("The paper’s tables", paper.paper_tables),
     "sweeps": ("Sweeps", sweeps.sweeps),
     "ablation": ("Ablation", evidence.ablation),
+    "peers": ("Other systems", peers.peers),
     "reliability": ("Reliability", evidence.reliability),
     "cdtf": ("CDTF", response.response),
     "pictures": ("Pictures", pictures.pictures),

@@ -1,68 +1,161 @@
-"""Regenerate the README's numbers and pictures: python -m reports.readme (about three minutes)."""
+"""Regenerate the README's numbers and pictures: python -m reports.readme --steps all.
+
+Each step is a command whose results are kept in docs/; it goes on where it was cut off. Afterwards,
+or alone with --steps none, the blocks of README.md are written from docs/. Real photographs and
+timings are not among the steps: they need what is not here, or depend on the machine.
+"""
 
 import os
-from dataclasses import dataclass
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import tyro
 
 from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.pairs import PAIRS
-from link.errors import at_least, run_cli
+from link.errors import InputError, at_least, choose, run_cli
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
 from models.neural.decoder import FULL
 from reports.compare import Method, decode_cells, methods_for, paper_cells
-from reports.delivery import readme_block as delivery_block
 from reports.figures import overview, plot_inverse_responses
-from reports.metrics import provenance, read_metrics, score, write_metrics
-from reports.tables import replace_block, summary_table
+from reports.metrics import provenance, score, write_metrics
+from reports.readme_blocks import BLOCKS
+from reports.tables import replace_block
 
-METRICS = Path("docs/metrics.json")
-DELIVERY = Path("docs/delivery")
-"""Copies of what `python -m reports.delivery` writes."""
+DOCS = Path("docs")
+METRICS = DOCS / "metrics.json"
 UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 
 
 @dataclass(frozen=True)
-class ReadmeConfig:
-    """The paper's 36 cells with the shipped decoder, and three pictures."""
+class Step:
+    """A command, and by result its place in docs/ (a file, or a folder's content)."""
 
+    command: str
+    copies: dict[str, str] = field(default_factory=dict)
+
+
+THREE = "--pairs canon-lg nikon-imac sony-samsung"
+ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "reliability.png")
+STEPS = {
+    "table": Step(""),
+    "channel": Step("reports.channel"),
+    "prediction": Step("reports.prediction"),
+    "ablation": Step(
+        "reports.ablation --out runs/ablation",
+        {f"runs/ablation/{name}": name for name in ABLATION},
+    ),
+    "ideal": Step(
+        "reports.ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
+        "--frames 8 --out runs/ideal",
+        {"runs/ideal/ablation.json": "ideal.json"},
+    ),
+    "paper": Step(
+        "reports.ablation --conditions paper --rows oorc full --frames 170 --out runs/paper",
+        {"runs/paper/ablation.json": "paper.json"},
+    ),
+    "leave_one_out": Step(
+        "reports.leave_one_out --episodes 630 --steps 200 --frames 20 --out runs/leave_one_out",
+        {"runs/leave_one_out/leave_one_out.json": "leave_one_out.json"},
+    ),
+    "repeats": Step(
+        "reports.repeats --frames 6 --out runs/repeats",
+        {"runs/repeats/repeats.json": "repeats.json"},
+    ),
+    "peers": Step(
+        "reports.peers --out runs/peers",
+        {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "md", "png")},
+    ),
+    "framing": Step(
+        "reports.framing --wrong --out runs/framing",
+        {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},
+    ),
+    "delivery": Step(
+        "reports.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
+    ),
+}
+"""In the order in which they are run; by name."""
+STEPS |= {
+    f"delivery_{name}": Step(
+        f"reports.delivery --runs 1 {THREE} {flags} --out runs/delivery",
+        {"runs/delivery": "delivery"},
+    )
+    for name, flags in {
+        "10": "--state-hz 10",
+        "30": "--state-hz 30 --fps 60",
+        "30_30": "--state-hz 30 --fps 30",
+        "16_10": "--state-hz 10 --grid 16",
+        "16_15": "--state-hz 15 --grid 16",
+        "16_30": "--state-hz 30 --fps 60 --grid 16",
+    }.items()
+}
+
+
+@dataclass(frozen=True)
+class ReadmeConfig:
+    """Measure again, and rewrite README.md from docs/."""
+
+    steps: tuple[str, ...] = ("table",)
+    """Of reports/readme.py; "all" takes some hours, "none" writes the blocks alone."""
     frames: int = 15
-    """Frame pairs a cell, one a test picture."""
+    """Frame pairs a cell of the step "table", one a test picture."""
     seed: int = 0
     jobs: int = os.cpu_count() or 1
     checkpoint: Path = PRETRAINED
 
 
-def readme_table(metrics: Path) -> str:
-    """The README's table from stored metrics."""
-    rows, meta = read_metrics(metrics)
-    frames = {row.frames for row in rows}
-    title = (
-        f"Simulated: {len({row.pair for row in rows})} camera–display pairs × 0°, 45° × κ 5, 3; "
-        f"{frames.pop()} frame pairs a cell, held-out pictures and channel draws, "
-        f"seed {meta['seed']}."
-    )
-    return summary_table(rows, title)
-
-
 def main() -> None:
-    """Decode, score, draw, and rewrite the table in README.md."""
+    """Run the steps, keep their results, write the blocks."""
     config = tyro.cli(ReadmeConfig)
-    source = Source(make_layout(), "test", config.seed)
     at_least(1, frames=config.frames, jobs=config.jobs)
+    at_least(0, seed=config.seed)
+    whole: dict[tuple[str, ...], tuple[str, ...]] = {("all",): tuple(STEPS), ("none",): ()}
+    names = whole.get(config.steps, config.steps)
+    for name in names:
+        choose(STEPS, name, "step")
+    for name in names:
+        print(f"step: {name}", flush=True)
+        if name == "table":
+            measure(config)
+        else:
+            run(name, STEPS[name])
+    for marker, render in BLOCKS.items():
+        replace_block(Path("README.md"), marker, render(DOCS))
+    print("written: README.md")
+
+
+def run(name: str, step: Step) -> None:
+    """Run a step's command and copy what it made.
+
+    Raises:
+        InputError: the command failed.
+    """
+    done = subprocess.run([sys.executable, "-m", *shlex.split(step.command)], check=False)
+    if done.returncode != 0:
+        raise InputError(f"step {name}: python -m {step.command} failed, as said above")
+    for source, target in step.copies.items():
+        files = sorted(Path(source).glob("*.json")) if Path(source).is_dir() else [Path(source)]
+        for file in files:
+            place = DOCS / target / file.name if Path(source).is_dir() else DOCS / target
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
+
+
+def measure(config: ReadmeConfig) -> None:
+    """docs/metrics.json, the paper's 36 cells with every method, and the README's pictures."""
+    source = Source(make_layout(), "test", config.seed)
     methods = methods_for(tuple(DECODERS), config.checkpoint)
     methods.insert(tuple(DECODERS).index("learned"), UNTRAINED)
     cells, folder = paper_cells(tuple(PAIRS)), Path("runs/readme")
     rows = score(decode_cells(source, cells, config.frames, methods, folder, config.jobs))
     write_metrics(METRICS, rows, provenance(config.seed, simulated=True))
     draw_pictures(source, config.checkpoint)
-    table = readme_table(METRICS)
-    replace_block(Path("README.md"), "table", table)
-    replace_block(Path("README.md"), "receiver", delivery_block(DELIVERY))
-    print(table)
 
 
 def draw_pictures(source: Source, checkpoint: Path) -> None:

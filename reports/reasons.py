@@ -108,6 +108,7 @@ def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tupl
         for name, values in sizes.items()
     }
     count, total = int(wrong.sum()), wrong.size
+    them = "it" if count == 1 else "them"
     signal, level = found["signal of a bit"][0], found["captured level"][0]
     rivals: Mapping[str, str] = {
         "motion left": f"motion of {parts.shift_px:.2f} px over texture",
@@ -124,10 +125,10 @@ def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tupl
     elif signal < FAINT:
         reason = f"a bit arrives there as {signal:.2f} gray levels{_where(level)}"
     elif size > signal / 2:
-        reason = f"{rivals[worst]} changes them by {size:.2f} gray levels, a bit by {signal:.2f}"
+        reason = f"{rivals[worst]} changes {them} by {size:.2f} gray levels, a bit by {signal:.2f}"
     else:
         reason = (
-            f"a bit changes them by {signal:.2f} gray levels and nothing by half of that (most: "
+            f"a bit changes {them} by {signal:.2f} gray levels and nothing by half of that (most: "
             f"{rivals[worst]}, {size:.2f}); the calibration of this frame pair is off there"
         )
     drift = float(np.median(parts.drift))

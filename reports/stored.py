@@ -21,7 +21,11 @@ from reports.sweeps import SWEEPS_JSON, read_sweeps
 
 RUN_JSON = "run.json"
 ROOT = Path(__file__).parent.parent
-REFERENCES = {"ablation": "docs/ablation.json", "prediction": "docs/prediction.json"}
+REFERENCES = {
+    "ablation": "docs/ablation.json",
+    "peers": "docs/peers.json",
+    "prediction": "docs/prediction.json",
+}
 """Results of other commands that the report shows; copied beside the run's own."""
 
 

@@ -26,6 +26,12 @@ COLOURS = {
     "learned": "#d4520a",
     "cnn": "#c28a00",
     "ideal": "#8a6d5a",
+    "rivaGAN": "#b04a3a",
+    "DWT-DCT": "#5a7d8c",
+    "DWT-DCT in Y": "#7a8a2a",
+    "DWT-DCT-SVD": "#6b6bb0",
+    "DWT-DCT-SVD in Y": "#b07ab8",
+    "blind-watermark": "#2f8f9c",
 }
 """By method; told apart with the common kinds of colour blindness (after Okabe and Ito)."""
 SPARE = ("#7a8a2a", "#5a7d8c", "#a8584a", "#6b6bb0")

@@ -10,6 +10,7 @@ from reports.compare import Method, methods_for
 ADDED: dict[str, dict[str, Any]] = {
     "phi+drift": {"drift_degree": 2},
     "phi+register": {"register": True},
+    "phi+quiet": {"channels": "quiet"},
     "phi+rgb": {"channels": "rgb"},
     "phi+texture": {"texture": 0.02},
     "phi+coarsen": {"coarsen": 2},
@@ -21,6 +22,7 @@ ADDED: dict[str, dict[str, Any]] = {
 REMOVED: dict[str, dict[str, Any]] = {
     "full-drift": {"drift_degree": 0},
     "full-register": {"register": False},
+    "full-quiet": {"channels": "luma"},
     "full-texture": {"texture": 0.0},
     "full-coarsen": {"coarsen": 1},
     "full-refine": {"refine": 0, "rows": False, "space": False},

@@ -113,7 +113,7 @@ def test_the_largest_degrees_are_accepted() -> None:
 
 
 def test_unknown_options_list_the_valid_ones() -> None:
-    with pytest.raises(InputError, match=r"--decoder.channels 'hsv'.*luma, rgb"):
+    with pytest.raises(InputError, match=r"--decoder.channels 'hsv'.*luma, quiet, rgb"):
         DecoderConfig(channels="hsv")
     with pytest.raises(InputError, match=r"--decoder.train-on 'frame'.*tile, pixel"):
         DecoderConfig(train_on="frame")

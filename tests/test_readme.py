@@ -1,3 +1,4 @@
+import json
 import re
 import subprocess
 import sys
@@ -5,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from reports.delivery import readme_block as delivery_block
 from reports.metrics import read_metrics
 from reports.prediction import readme_block
-from reports.readme import DELIVERY, METRICS, readme_table
+from reports.readme import DOCS, METRICS, STEPS
+from reports.readme_blocks import BLOCKS
 from reports.tables import paper_tables
 
 ROOT = Path(__file__).parent.parent
@@ -19,19 +20,26 @@ def shell_blocks() -> list[str]:
     return re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
 
 
-def test_the_table_is_that_of_the_stored_metrics() -> None:
-    table = README.split("<!-- table -->\n")[1].split("<!-- /table -->")[0]
-    assert table == readme_table(ROOT / METRICS) + "\n"
+def block(name: str) -> str:
+    return README.split(f"<!-- {name} -->\n")[1].split(f"\n<!-- /{name} -->")[0]
+
+
+@pytest.mark.parametrize("name", sorted(BLOCKS))
+def test_each_block_is_that_of_the_stored_results(name: str) -> None:
+    assert block(name) == BLOCKS[name](ROOT / DOCS)
 
 
 def test_the_prediction_is_that_of_the_stored_metrics() -> None:
-    block = README.split("<!-- prediction -->\n")[1].split("<!-- /prediction -->")[0]
-    assert block == readme_block(ROOT / "docs" / "prediction.json") + "\n"
+    assert block("prediction") == readme_block(ROOT / "docs" / "prediction.json")
 
 
-def test_the_receivers_table_is_that_of_the_stored_runs() -> None:
-    block = README.split("<!-- receiver -->\n")[1].split("<!-- /receiver -->")[0]
-    assert block == delivery_block(ROOT / DELIVERY) + "\n"
+def test_every_stored_result_is_of_a_step_that_is_listed() -> None:
+    """What the README quotes was made by a command that ``reports.readme --steps all`` runs."""
+    listed = {step.command.split(" --out")[0] for step in STEPS.values()}
+    files = [*(ROOT / DOCS).glob("*.json"), *(ROOT / DOCS / "delivery").glob("*.json")]
+    for file in files:
+        command = json.loads(file.read_text())["meta"]["command"].removeprefix("python -m ")
+        assert re.split(r" --(?:out|jobs)", command)[0] in listed | {"reports.readme"}, file
 
 
 def test_the_stored_metrics_are_the_papers_36_cells() -> None:

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,13 +71,18 @@ def test_surprises_flip_a_bit_with_half_their_probability(surprise: float) -> No
     assert most.item() == pytest.approx(np.log(2 / surprise - 1))
 
 
-def test_moments_are_the_luma_of_legendre_polynomials(layout: Layout) -> None:
+@pytest.mark.parametrize(
+    ("channels", "weights"), [("luma", (0.299, 0.587, 0.114)), ("quiet", (0.27, 0.5, 0.23))]
+)
+def test_moments_are_the_intensity_of_legendre_polynomials(
+    layout: Layout, channels: str, weights: tuple[float, float, float]
+) -> None:
     frame = torch.rand((1, 3, 4, 5), generator=torch.Generator().manual_seed(0))
-    found = PhiDecoder(layout, FULL).moments(frame)[0].numpy()
-    luma = np.array([0.299, 0.587, 0.114])
+    decoder = PhiDecoder(layout, replace(FULL, channels=channels))
+    found = decoder.moments(frame)[0].numpy()
     for k in range(1, MOMENTS + 1):
         each = legval(2 * frame[0].double().numpy() - 1, np.eye(MOMENTS + 1)[k])
-        expected = np.einsum("c,chw->hw", luma, each)
+        expected = np.einsum("c,chw->hw", weights, each)
         np.testing.assert_allclose(found[k - 1], expected, rtol=0, atol=FLOAT32)
 
 
@@ -117,17 +123,32 @@ def test_blocks_of_the_model_are_decided_right(gamma: float, drift: float) -> No
 def test_calibration_finds_the_slope_of_the_response() -> None:
     tiles, _, _ = scene(0.0, 3, 2, lambda i: 0.1 + 0.8 * i**0.7)
     refiner = Refiner(LAYOUT, 1, True, True)
-    h, D = (c @ refiner.grid.T for c in refiner.calibrate(tiles))
+    curves, tilt = refiner.calibrate(tiles)
+    h, square = (refiner.grid @ curves)[0].unbind(-1)
     shown = torch.linspace(0.15, 0.85, 8).double()
     index = (64 * (0.1 + 0.8 * shown**0.7)).round().long()
     slope = 0.56 * shown**-0.3
-    torch.testing.assert_close(h[0, index], slope, rtol=0.05, atol=0.02)
-    torch.testing.assert_close(D[0, index], slope * shown, rtol=0.05, atol=0.02)
+    torch.testing.assert_close(h[index], slope, rtol=0.05, atol=0.02)
+    torch.testing.assert_close(square[index], slope**2, rtol=0.1, atol=0.04)
+    torch.testing.assert_close(tilt, torch.zeros_like(tilt), rtol=0, atol=0.02)
+
+
+def test_the_signal_follows_a_response_that_changes_over_the_display() -> None:
+    layout = make_layout()
+    refiner = Refiner(layout, 1, False, True)
+    gain = 1 / (1.2 + 0.2 * refiner.x - 0.1 * refiner.y)  # g(i) = i / gain
+    T = len(refiner.levels)
+    shown = torch.cat([refiner.levels, torch.full((layout.n_bits,), 0.5).double()])
+    i = gain * shown
+    statistics = torch.cat([0 * i[:, None], moments_of(i)], dim=1)[None]
+    S, _, _, _ = refiner.design(statistics[:, :T], statistics[:, T:])
+    signal = S[0, T:, 0] / refiner.signal[0].exp()
+    torch.testing.assert_close(signal, gain[T:], rtol=0.1, atol=0)
 
 
 def test_noisier_frames_get_weaker_scores() -> None:
     strength = []
-    for noise in (0.5, 1.5, 4.5):
+    for noise in (1.0, 2.5, 6.0):
         tiles, blocks, bits = scene(noise, 3, 3)
         llr = Refiner(LAYOUT, 4, True, True)(tiles, blocks, 2 * bits[None] - 1)[0]
         strength.append(llr.abs().median().item())
@@ -138,6 +159,8 @@ def test_noisier_frames_get_weaker_scores() -> None:
 def test_refinement_has_the_right_gradient(switches: tuple[bool, bool]) -> None:
     tiles, blocks, _ = scene(0.5, 3, 4)
     refiner = Refiner(LAYOUT, 2, *switches).double()
+    with torch.no_grad():
+        refiner.block_noise[0] = -0.7  # as the scene has it
     scores = (0.3 * randn(1, LAYOUT.n_bits, seed=5)).requires_grad_()
     names = [name for name, _ in refiner.named_parameters()]
 

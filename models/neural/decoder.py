@@ -20,8 +20,11 @@ from models.neural.refine import MOMENTS, Refiner
 from models.neural.register import channel_mean, gradients, register
 from models.neural.solver import fit_head
 
-CHANNELS = {"luma": slice(0, 1), "rgb": slice(1, 4)}
-"""Of luma, R, G, B: luma, or Phi per colour channel with one shared head."""
+CHANNELS = {"luma": slice(0, 1), "quiet": slice(0, 1), "rgb": slice(1, 4)}
+"""Of intensity, R, G, B: one intensity, or Phi per colour channel with one shared head."""
+QUIET = (0.27, 0.5, 0.23)
+"""Weights of R, G, B where cameras' noise is least in their sum: a colour matrix subtracts what
+crosstalk added, so that neighbouring channels err against each other."""
 MAX_ROUNDS = 8
 
 
@@ -34,7 +37,7 @@ class DecoderConfig:
     drift_degree: int = 0
     """Of the polynomial of i_o beside Phi; 0 for none."""
     channels: str = "luma"
-    """"luma" or "rgb"."""
+    """What an intensity is: "luma", "quiet" (`QUIET`), or "rgb" for each by itself."""
     register: bool = False
     """Remove the motion between the frames first (`models.neural.register`)."""
     train_on: str = "tile"
@@ -69,6 +72,7 @@ class DecoderConfig:
 FULL = DecoderConfig(
     drift_degree=2,
     register=True,
+    channels="quiet",
     coarsen=2,
     texture=0.02,
     refine=3,
@@ -92,10 +96,8 @@ class PhiDecoder(nn.Module):
     """
 
     labels: Tensor
-    tile_y: Tensor
-    tile_x: Tensor
-    step_y: Tensor
-    step_x: Tensor
+    tile: Tensor
+    step: Tensor
     message_index: Tensor
     mix: Tensor
     kernel: Tensor
@@ -114,13 +116,13 @@ class PhiDecoder(nn.Module):
         self.refiner = None
         if config.refine:
             self.refiner = Refiner(layout, config.refine, config.rows, config.space)
-            kernel, bias = (torch.from_numpy(part) for part in legendre_kernel())
+            kernel, bias = (torch.from_numpy(part) for part in legendre_kernel(self.weights))
             self.register_buffer("kernel", kernel, persistent=False)
             self.register_buffer("bias", bias, persistent=False)
         else:
             self.log_temperature = nn.Parameter(torch.zeros(()))
         k = config.coarsen
-        weights = torch.cat([torch.tensor([LUMA]), torch.eye(3)])  # luma, R, G, B
+        weights = torch.cat([torch.tensor([self.weights]), torch.eye(3)])  # intensity, R, G, B
         mix = weights.reshape(4, 3, 1, 1).expand(4, 3, k, k) / (255 * k * k)
         self.register_buffer("mix", mix.contiguous(), persistent=False)
         grid = sample_grid(layout)
@@ -128,10 +130,8 @@ class PhiDecoder(nn.Module):
         repeats = 1 if config.train_on == "tile" else SAMPLES * SAMPLES
         for name, value in (
             ("labels", signs.repeat_interleave(repeats)),
-            ("tile_y", torch.from_numpy(grid.tile_y)),
-            ("tile_x", torch.from_numpy(grid.tile_x)),
-            ("step_y", torch.from_numpy(grid.step_y)),
-            ("step_x", torch.from_numpy(grid.step_x)),
+            ("tile", torch.from_numpy(np.stack([grid.tile_y, grid.tile_x]))),
+            ("step", torch.from_numpy(np.stack([grid.step_y, grid.step_x]))),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -196,6 +196,11 @@ class PhiDecoder(nn.Module):
         return scores.float(), head.float()
 
     @property
+    def weights(self) -> tuple[float, float, float]:
+        """Of R, G, B in an intensity."""
+        return QUIET if self.config.channels == "quiet" else LUMA
+
+    @property
     def channels(self) -> slice:
         """Those of luma, R, G, B that Phi takes: the intensities, of C = 1 or 3 channels."""
         return CHANNELS[self.config.channels]
@@ -206,7 +211,7 @@ class PhiDecoder(nn.Module):
 
     def luma_of(self, i: Tensor) -> Tensor:
         """Intensities (B, C, H, W) -> (B, 1, H, W)."""
-        return i if i.shape[1] == 1 else conv2d(i, i.new_tensor(LUMA).reshape(1, 3, 1, 1))
+        return i if i.shape[1] == 1 else conv2d(i, i.new_tensor(self.weights).reshape(1, 3, 1, 1))
 
     def moments(self, frame: Tensor) -> Tensor:
         """P_k(2 i - 1), k = 1 ... MOMENTS, weighted over channels as luma is: RGB -> MOMENTS."""
@@ -221,10 +226,10 @@ class PhiDecoder(nn.Module):
         Float64: the fit is small, and torch and onnxruntime then agree on the active set.
         """
         height, width = maps.shape[-2:]
-        y = sample_position(self.tile_y, self.step_y, self.layout.rows * TILES, height)
-        x = sample_position(self.tile_x, self.step_x, self.layout.cols * TILES, width)
-        index = y.clamp(max=height - 1) * width + x.clamp(max=width - 1)
-        u = maps.flatten(2)[:, :, index].double()  # (B, F, pixels)
+        tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
+        length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
+        y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
+        u = maps.flatten(2).index_select(2, y * width + x).double()  # (B, F, pixels)
         if self.config.train_on == "tile":
             u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
         return u.transpose(1, 2)
@@ -236,7 +241,7 @@ class PhiDecoder(nn.Module):
         cols = bin_mean(width, self.layout.cols, maps)
         total = rows @ weights @ cols.T
         means = (rows @ (maps * weights) @ cols.T) / total  # (B, F, rows, cols)
-        return means.flatten(2)[:, :, self.message_index].transpose(1, 2).double()
+        return means.flatten(2).index_select(2, self.message_index).transpose(1, 2).double()
 
     def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
         """g of a frame pair from the (n_features + 1,) head: captured [0, 1] -> displayed.
@@ -257,9 +262,11 @@ def bin_mean(length: int, count: int, like: Tensor) -> Tensor:
     return member / member.sum(1, keepdim=True)
 
 
-def legendre_kernel() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def legendre_kernel(
+    weights: tuple[float, float, float],
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Kernel (MOMENTS, 3 MOMENTS, 1, 1) and bias (MOMENTS,): powers of RGB -> luma of P_k."""
     polynomials = [leg2poly(np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1)]
     padded = np.stack([np.pad(c, (0, MOMENTS + 1 - len(c))) for c in polynomials])
-    kernel = (padded[:, 1:, None] * np.array(LUMA)).reshape(MOMENTS, 3 * MOMENTS, 1, 1)
+    kernel = (padded[:, 1:, None] * np.array(weights)).reshape(MOMENTS, 3 * MOMENTS, 1, 1)
     return kernel.astype(np.float32), padded[:, 0].astype(np.float32)

@@ -3,11 +3,13 @@
 A block's brightness change is modelled as
     y = b s + d + noise,    s = S a,    d = N c,
 with bit b, known columns S and N, and Gaussian a and c of known spread. S holds what kappa gray
-levels become in the capture, h(i) = 1 / g'(i); N what drift, flicker and fall-off add.
+levels become in the capture, h(i) = 1 / g'(i), and how that bends with intensity and place; N what
+drift, flicker and fall-off add.
 Given the bits, or their probabilities, a and c follow from one ridge solve; given a and c, the bits
 follow from a likelihood ratio. Ratex tiles enter the same solve with their known labels. The start
 is the SVM's decision; a block weighs more than a tile for it is larger, so two or three rounds
-bring far more than the tiles alone can.
+bring far more than the tiles alone can. Each round also says how large kappa, flicker and noise are
+in this frame pair, which is what the next one takes for their spread.
 """
 
 from typing import Any
@@ -28,10 +30,18 @@ GRID = np.linspace(0, 1, 65)
 SHARPNESS = 10.0
 """Of the soft floor that keeps g' above its least value."""
 GRAY_LEVELS = 255.0
+BENDS = 4
+"""Columns by which the signal may depart from h: along x, y, and the first two moments."""
+LEAST_SIGNAL = 0.4
+"""Of h, wherever on the display."""
+LEAST_AMPLITUDE = 0.1
+"""Gray levels."""
+LEAST_NOISE = 0.01
+"""Gray levels: what rounding to 8 bits leaves in the mean of some thousand pixels."""
 
 
 class Refiner(nn.Module):
-    """Soft-label ridge solves over tiles and blocks; about thirty learned numbers.
+    """Soft-label ridge solves over tiles and blocks; about fifty learned numbers.
 
     Args:
         layout: says where tiles and blocks lie.
@@ -44,8 +54,14 @@ class Refiner(nn.Module):
     labels: Tensor
     x: Tensor
     y: Tensor
-    of_row: Tensor
+    places: Tensor
+    waves: Tensor
+    frequency: Tensor
     is_tile: Tensor
+    kinds: Tensor
+    is_bend: Tensor
+    is_band: Tensor
+    diagonal: Tensor
     grid: Tensor
     project: Tensor
 
@@ -53,20 +69,35 @@ class Refiner(nn.Module):
         super().__init__()
         self.rounds, self.space = rounds, space
         # standard deviations of the coefficients; frames of [0, 255] gray levels
-        self.signal = _logs(3.0, 1.0)
-        self.nuisance = _logs(2.0, 2.0, 1.0, 0.5, 10.0)
-        self.space_nuisance = _logs(1.5, 1.5, 0.7, 0.7, 0.7, 0.3, 0.3) if space else None
-        self.row_nuisance = _logs(0.7) if rows else None
+        self.signal = _logs(1.0, 0.05)
+        self.bends = _logs(0.15, 0.05, 0.1, 0.2) if space else None  # relative to the amplitude
+        self.nuisance = _logs(20.0, 20.0, 20.0, 1.5, 30.0)
+        self.space_nuisance = _logs(0.1, 0.3, 0.2, 0.1, 20.0, 0.01, 0.02) if space else None
+        # of bands: log standard deviation of the mean, and how it falls with the frequency
+        self.bands = nn.Parameter(torch.tensor([0.0, -0.4])) if rows else None
+        # what a relative change of exposure adds, as Legendre coefficients in i_o: a camera's toe
+        # and shoulder make it a hump; the start is the mean of the cameras of data_gen/pairs.py
+        self.exposure = nn.Parameter(torch.tensor([0.7, 0.25, -0.5, -0.1, 0.0]))
         # log standard deviation of the noise: constant, linear and quadratic in i_o
-        self.tile_noise = nn.Parameter(torch.tensor([-0.5, 0.0, 0.0]))
-        self.block_noise = nn.Parameter(torch.tensor([-1.9, 0.0, 0.0]))
-        # observations that the learned noise counts for, beside this frame pair's
+        self.tile_noise = nn.Parameter(torch.tensor([-0.9, 0.0, 0.0]))
+        self.block_noise = nn.Parameter(torch.tensor([-3.5, 0.0, 0.0]))
+        # of the signal from block to block, relative
+        self.spread = _logs(0.03)
+        # observations that learned noise and learned bands count for, beside this frame pair's
         self.noise_trust = _logs(20.0, 20.0)
-        self.level_ridge = _logs(1e-3, 1e-2, 1e-1, 1e-1, 1e-3)
-        self.least_slope = _logs(0.25)
+        self.band_trust = _logs(8.0)
+        self.level_ridge = _logs(1e-4, 1e-3, 3e-2, 1e-1, 1.0)
+        self.least_slope = _logs(0.8)
         self.start = _logs(5.0)
         self.temperature = _logs(1.0)
         self.surprise = _logs(1e-5)
+        rest = 5 + (7 if space else 0)
+        kinds = "s" * 2 + "b" * (BENDS if space else 0) + "d" * rest
+        kinds += "r" * (layout.rows if rows else 0)
+        for name, letter in (("is_bend", "b"), ("is_band", "r")):
+            mask = torch.tensor([float(kind == letter) for kind in kinds], dtype=torch.float64)
+            self.register_buffer(name, mask, persistent=False)
+        self.register_buffer("diagonal", torch.diag(torch.ones_like(mask)), persistent=False)
         for name, value in {**_positions(layout), **_curves()}.items():
             self.register_buffer(name, torch.from_numpy(value), persistent=False)
         # kappa takes at most a few levels off their range, which the receiver need not know
@@ -87,59 +118,71 @@ class Refiner(nn.Module):
         Returns:
             (B, n_bits).
         """
-        h, D = self.calibrate(tiles)
-        S, N, y, var = self.design(torch.cat([tiles, blocks], dim=1), h, D)
+        S, N, y, var = self.design(tiles, blocks)
         T, n_bits = tiles.shape[1], blocks.shape[1]
         # rows: tiles with their labels, then blocks as bit 1, then the same blocks as bit 0
         S = torch.cat([S[:, :T] * self.labels.unsqueeze(1), S[:, T:], 0 * S[:, T:]], dim=1)
         F = torch.cat([S, torch.cat([N, N[:, T:]], dim=1)], dim=-1)  # (B, T + 2 n_bits, K)
         y, var = (torch.cat([v, v[:, T:]], dim=1) for v in (y, var))
-        prior = torch.eye(F.shape[-1], dtype=F.dtype, device=F.device)
-        trust_t, trust = self.noise_trust.exp().unbind()
-        known, noise = torch.ones_like(y[:, :T]), torch.ones_like(y)
+        known, count = torch.ones_like(y[:, :T]), y.new_tensor([T, n_bits])
+        noise, scatter = torch.ones_like(y), torch.zeros_like(y)
+        amplitude, flicker = known[:, :1], known[:, :1]
+        free, bands = 1 - self.is_bend - self.is_band, self.is_band.sum()
+        trust, trust_r = self.noise_trust.double().exp(), self.band_trust.double().exp()
+        relative = (2 * self.spread.double()).exp()
         llr = self.start.exp() * scores
         for _ in range(self.rounds):
             p = llr.sigmoid()
             q = torch.cat([known, p, 1 - p], dim=1)
-            weight = q / (noise * var)
+            variance = noise * var + LEAST_NOISE**2
+            total = variance + scatter
+            weight = q / total
             normal, right = _weighted(F, y, weight)
-            covariance = inverse(prior + normal)
+            prior = free + self.is_bend / amplitude**2 + self.is_band / flicker
+            covariance = inverse(self.diagonal * prior.unsqueeze(1) + normal)
+            coefficients = (covariance @ right.unsqueeze(-1)).squeeze(-1)
             projected = F @ covariance
-            mean = (projected @ right.unsqueeze(-1)).squeeze(-1)
-            variance = (projected * F).sum(-1)  # of the coefficients, without noise
-            # noise of this frame pair relative to the learned one, degrees of freedom allowed for
-            excess, used = q * (y - mean) ** 2 / var, weight * variance
-            noise_t = (trust_t + excess[:, :T].sum(1)) / (trust_t + T - used[:, :T].sum(1))
-            noise_b = (trust + excess[:, T:].sum(1)) / (trust + n_bits - used[:, T:].sum(1))
-            of_blocks = noise_b.unsqueeze(1).expand(-1, 2 * n_bits)
-            noise = torch.cat([noise_t.unsqueeze(1).expand(-1, T), of_blocks], dim=1)
+            mean = (F @ coefficients.unsqueeze(-1)).squeeze(-1)
+            doubt = (projected * F).sum(-1)  # variance that the coefficients leave in the mean
+            # what this frame pair says of its own: amplitude, flicker, and noise relative to the
+            # learned one, degrees of freedom allowed for
+            amplitude = (self.signal[0].exp() * coefficients[:, :1]).abs() + LEAST_AMPLITUDE
+            power = (coefficients**2 + (covariance * self.diagonal).sum(-1)) * self.is_band
+            flicker = (trust_r + power.sum(-1, keepdim=True)) / (trust_r + bands)
+            excess = trust + (q * variance * (y - mean) ** 2 / (total * var)) @ self.kinds
+            noise = (excess / (trust + count - (weight * doubt) @ self.kinds)) @ self.kinds.T
+            rise = mean[:, T : T + n_bits] - mean[:, T + n_bits :]
+            scatter = torch.cat([0 * known, relative * rise**2, 0 * rise], dim=1)
             shared = (projected[:, T : T + n_bits] * F[:, T + n_bits :]).sum(-1)
-            given = (v[:, T:] for v in (y, noise * var, mean, variance, weight))
+            total = noise * var + LEAST_NOISE**2 + scatter
+            given = (v[:, T:] for v in (y, total, mean, doubt, weight))
             llr = cavity_llr(shared, *given)
         return with_surprises(self.temperature.exp() * llr, self.surprise)
 
     def calibrate(self, tiles: Tensor) -> tuple[Tensor, Tensor]:
-        """Legendre coefficients (B, MOMENTS + 1) of h = 1 / g' and D = g / g'.
+        """What the captured levels of the tiles say of g, the inverse of the CDTF.
 
-        D is how a relative change of exposure shows in the capture.
+        Returns:
+            curves: (B, MOMENTS + 1, 2) Legendre coefficients of h = 1 / g' and of h^2.
+            tilt: (B, 3) what g' gains with x, y and x^2 + y^2; 0 without ``space``.
         """
         ones = torch.ones_like(tiles[..., :1])
         legendre = torch.cat([ones, tiles[..., 1:]], dim=-1)
         ridge = self.level_ridge.exp()
         scales = [torch.full_like(ridge[:1], 1e-6), ridge[:-1]]
         if self.space:
-            x, y = self.x[: tiles.shape[1]], self.y[: tiles.shape[1]]
             i = (1 + tiles[..., 1:2]) / 2
-            legendre = torch.cat([legendre, torch.stack([x, y, x * x + y * y], -1) * i], dim=-1)
+            legendre = torch.cat([legendre, self.places[: tiles.shape[1]] * i], dim=-1)
             scales.append(ridge[-1:].expand(3))
         ridges = 0.08 * torch.cat(scales)
         normal, right = _weighted(legendre, self.levels, torch.ones_like(tiles[..., 0]))
-        c = solve_spd(normal + torch.diag(ridges), right)[:, : MOMENTS + 1]
+        solution = solve_spd(normal + torch.diag(ridges), right)
+        c, tilt = solution[:, : MOMENTS + 1], solution[:, MOMENTS + 1 :]
         g = c @ self.grid.T  # (B, 65)
         rise = (g[:, 1:] - g[:, :-1]) * (len(GRID) - 1)
         slope = torch.cat([rise[:, :1], (rise[:, 1:] + rise[:, :-1]) / 2, rise[:, -1:]], dim=-1)
-        slope = self.soft_floor(slope)
-        return (1 / slope) @ self.project.T, (g.clamp(0, 1) / slope) @ self.project.T
+        h = 1 / self.soft_floor(slope)
+        return self.project @ torch.stack([h, h * h], dim=-1), tilt
 
     def soft_floor(self, slope: Tensor) -> Tensor:
         """softplus(slope - least) + least, in what onnxruntime has for float64."""
@@ -147,25 +190,34 @@ class Refiner(nn.Module):
         softplus = above.relu() + (1 + (-above.abs()).exp()).log()
         return self.least_slope.exp() + softplus / SHARPNESS
 
-    def design(
-        self, statistics: Tensor, h: Tensor, D: Tensor
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Columns S (B, R, 2) and N (B, R, K), change y (B, R) and its variance (B, R).
+    def design(self, tiles: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Columns S (B, R, 2 or 6) and N (B, R, K), change y (B, R) and its variance (B, R).
 
-        Rows are tiles, then blocks. Columns are scaled so that their coefficients have variance 1;
-        y is in gray levels.
+        Rows are tiles, then blocks. Columns are scaled so that their coefficients have variance 1
+        (those of the bends: the amplitude's square); y is in gray levels.
         """
+        curves, tilt = self.calibrate(tiles)
+        statistics = torch.cat([tiles, blocks], dim=1)
         x, y, one = self.x, self.y, torch.ones_like(statistics[..., 0])
         P = torch.cat([one.unsqueeze(-1), statistics[..., 1:]], dim=-1)
-        signal, gain = (P @ h.unsqueeze(-1)).squeeze(-1), (P @ D.unsqueeze(-1)).squeeze(-1)
-        S = torch.stack([signal, gain], dim=-1) * self.signal.exp()
+        # as one more curve: onnxruntime 1.31 gets a transposed matrix times a vector wrong
+        exposure = self.exposure.double().reshape(1, -1, 1).expand(len(P), -1, -1)
+        signal, square, gain = (P @ torch.cat([curves, exposure], dim=-1)).unbind(-1)
         columns = [torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()]
-        if self.space_nuisance is not None:
+        if self.bends is not None and self.space_nuisance is not None:
+            # g' grows by tilt . (x, y, x^2 + y^2), so h = 1 / g' falls by h^2 times that
+            least = LEAST_SIGNAL * signal
+            signal = least + (signal - (tilt @ self.places.T) * square - least).relu()
             where = torch.stack([x, y, x * x, x * y, y * y], dim=-1) * gain.unsqueeze(-1)
             plane = torch.stack([x, y], dim=-1) * one.unsqueeze(-1)
             columns.append(torch.cat([where, plane], dim=-1) * self.space_nuisance.exp())
-        if self.row_nuisance is not None:
-            columns.append(self.of_row * gain.unsqueeze(-1) * self.row_nuisance.exp())
+        S = torch.stack([signal, gain], dim=-1) * self.signal.exp()
+        if self.bends is not None:
+            bends = torch.stack([x * one, y * one, P[..., 1], P[..., 2]], dim=-1)
+            S = torch.cat([S, bends * signal.unsqueeze(-1) * self.bends.exp()], dim=-1)
+        if self.bands is not None:
+            scale = (self.bands[0] + self.bands[1] * self.frequency).exp()
+            columns.append(self.waves * gain.unsqueeze(-1) * scale)
         log_noise = self.is_tile * self.tile_noise + (1 - self.is_tile) * self.block_noise
         variance = (2 * (P[..., :3] * log_noise).sum(-1)).exp()
         return S, torch.cat(columns, dim=-1), GRAY_LEVELS * statistics[..., 0], variance
@@ -190,17 +242,17 @@ def cavity_llr(
         variance: of that prediction.
         weight: inverse variance.
     """
-    (y, _), (noise, _) = y.chunk(2, 1), noise.chunk(2, 1)
-    (m1, m0), (a11, a00), (p1, p0) = (v.chunk(2, 1) for v in (mean, variance, weight))
-    a10 = shared
-    # I - A P and its determinant
-    i11, i10, i01, i00 = 1 - a11 * p1, -a10 * p0, -a10 * p1, 1 - a00 * p0
-    determinant = (i11 * i00 - i10 * i01).clamp_min(1e-9)
-    r1, r0 = m1 - (a11 * p1 + a10 * p0) * y, m0 - (a10 * p1 + a00 * p0) * y
-    mean1, mean0 = (i00 * r1 - i10 * r0) / determinant, (i11 * r0 - i01 * r1) / determinant
-    var1 = noise + (i00 * a11 - i10 * a10) / determinant
-    var0 = noise + (i11 * a00 - i01 * a10) / determinant
-    return ((y - mean0) ** 2 / var0 - (y - mean1) ** 2 / var1 + (var0 / var1).log()) / 2
+    B, n_bits = shared.shape
+    rows = torch.stack([y, noise, mean, variance, weight], dim=-1)
+    rows = rows.reshape(B, 2, n_bits, 5).transpose(1, 2)  # (B, n_bits, 2, 5), bit 1 then bit 0
+    y, noise, mean, variance, weight = rows.unsqueeze(-1).unbind(-2)  # (B, n_bits, 2, 1) each
+    eye = torch.eye(2, dtype=y.dtype, device=y.device)
+    A = variance * eye + shared.reshape(B, n_bits, 1, 1) * (1 - eye)
+    AP = A * weight.transpose(2, 3)
+    moved = inverse(eye - AP) @ torch.cat([A, mean - AP @ y], dim=-1)  # A', m'
+    spread = noise + (moved[..., :2] * eye).sum(-1, keepdim=True)
+    cost = (y - moved[..., 2:]) ** 2 / spread + spread.log()
+    return (cost[:, :, 1, 0] - cost[:, :, 0, 0]) / 2
 
 
 def with_surprises(llr: Tensor, log_surprise: Tensor) -> Tensor:
@@ -224,7 +276,7 @@ def _weighted(F: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
-    """Of tiles, then message blocks: centres in -1 to 1, row of blocks one-hot, and kind."""
+    """Of tiles, then message blocks: centres in -1 to 1, kind, and cosines over the block rows."""
     row, col = np.nonzero(layout.message_mask)
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
     across = np.arange(TILES * TILES)
@@ -236,11 +288,17 @@ def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
     x, y = np.concatenate([tiles, blocks], axis=1) - 1
     rows = np.concatenate([np.repeat(cells[:, 0], TILES * TILES), row])
     is_tile = np.arange(len(rows)) < tile_y.size
+    n = layout.rows
+    frequency = np.arange(n, dtype=np.float64)  # half periods over the display
+    waves = np.sqrt(2 / n) * np.cos(np.pi * np.outer(rows + 0.5, frequency) / n)
     return {
         "x": x,
         "y": y,
-        "of_row": np.eye(layout.rows)[rows],
+        "places": np.stack([x, y, x * x + y * y], axis=-1),
+        "waves": waves,
+        "frequency": frequency,
         "is_tile": is_tile.astype(np.float64)[:, None],
+        "kinds": np.repeat(np.eye(2), [tile_y.size, 2 * len(row)], axis=0),
     }
 
 

@@ -9,7 +9,7 @@ affine in (x, y). A tenth of a pixel left between the frames costs more than all
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, grid_sample, pad
+from torch.nn.functional import avg_pool2d, conv2d, grid_sample, pad
 
 from models.neural.solver import solve_spd
 
@@ -23,22 +23,23 @@ COARSE = 2
 
 def gradients(image: Tensor) -> tuple[Tensor, Tensor]:
     """Central differences d/dx and d/dy of (B, C, H, W), smoothed across; the same shape."""
-    p = pad(image, (1, 1, 1, 1), mode="replicate")
-    smooth_y = (p[:, :, :-2] + 2 * p[:, :, 1:-1] + p[:, :, 2:]) / 4
-    smooth_x = (p[:, :, :, :-2] + 2 * p[:, :, :, 1:-1] + p[:, :, :, 2:]) / 4
-    return (
-        (smooth_y[:, :, :, 2:] - smooth_y[:, :, :, :-2]) / 2,
-        (smooth_x[:, :, 2:] - smooth_x[:, :, :-2]) / 2,
-    )
+    smooth, slope = image.new_tensor([1, 2, 1]) / 4, image.new_tensor([-1, 0, 1]) / 2
+    return _convolved(image, torch.outer(smooth, slope), torch.outer(slope, smooth))
 
 
 def curvatures(image: Tensor) -> tuple[Tensor, Tensor]:
     """Second differences along x and y of (B, C, H, W); the same shape."""
-    p = pad(image, (1, 1, 1, 1), mode="replicate")
-    return (
-        p[:, :, 1:-1, 2:] + p[:, :, 1:-1, :-2] - 2 * image,
-        p[:, :, 2:, 1:-1] + p[:, :, :-2, 1:-1] - 2 * image,
-    )
+    here, bend = image.new_tensor([0, 1, 0]), image.new_tensor([1, -2, 1])
+    return _convolved(image, torch.outer(here, bend), torch.outer(bend, here))
+
+
+def _convolved(image: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
+    """Each channel under two (3, 3) kernels; edges repeat."""
+    B, C, height, width = image.shape
+    padded = pad(image, (1, 1, 1, 1), mode="replicate").reshape(B * C, 1, height + 2, width + 2)
+    maps = conv2d(padded, torch.stack([first, second]).unsqueeze(1))
+    maps = maps.reshape(B, C, 2, height, width)
+    return maps[:, :, 0], maps[:, :, 1]
 
 
 def register(i_o: Tensor, i_e: Tensor) -> Tensor:

@@ -30,6 +30,8 @@ from reports.peers.adapters import PEERS, make_peers
 from reports.peers.page import plot, table, tally
 from reports.peers.study import Ours, Still, System, measure
 
+DECISIVE = ("adapters", "study")
+"""Files here that decide numbers."""
 PACKAGES = ("invisible-watermark", "blind-watermark", "PyWavelets")
 NOTE = """# Other systems on the same captures
 
@@ -124,7 +126,7 @@ def measured(
     """
     key = repr((source, config.pairs, config.views, config.frames, config.bits, versions()))
     key += fingerprint(source, config.frames, methods_for(config.ours, PRETRAINED))
-    key += digest_files(sorted(Path(__file__).parent.glob("*.py")))
+    key += digest_files([Path(__file__).with_name(f"{name}.py") for name in DECISIVE])
     folder = config.out / "cells" / hashlib.sha256(key.encode()).hexdigest()[:16]
     files = [folder / f"{s.name}, {s.strength}.json".replace(" ", "_") for s in systems]
     todo = [number for number, file in enumerate(files) if not file.is_file()]

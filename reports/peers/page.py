@@ -10,12 +10,15 @@ import matplotlib
 import numpy as np
 
 from link.images import make_folder
+from models import DECODERS
 from reports.metrics import clustered_interval, make_row
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-MARKERS = "osD^vP*X"
+MARKERS = "osD^vP*X<>"
+OURS = frozenset(DECODERS)
+"""Systems that show a pair of frames; the others mark one picture."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,16 @@ def _row(key: tuple[Any, ...], lines: list[dict[str, Any]]) -> PeerRow:
     )
 
 
+def best_readings(rows: Sequence[PeerRow]) -> list[PeerRow]:
+    """Of each (method, strength, condition) the reading that is right more often: the kind view."""
+    best: dict[tuple[str, str, str], PeerRow] = {}
+    for row in rows:
+        key = (row.method, row.strength, row.condition)
+        if key not in best or row.accuracy > best[key].accuracy:
+            best[key] = row
+    return list(best.values())
+
+
 def table(rows: Sequence[PeerRow]) -> str:
     """Systems x conditions: accuracy in per cent with half its interval."""
     conditions = list(dict.fromkeys(row.condition for row in rows))
@@ -116,11 +129,7 @@ def plot(rows: Sequence[PeerRow], path: Path) -> None:
     for axis, condition in zip(axes[0], conditions, strict=True):
         for number, method in enumerate(methods):
             here = [r for r in rows if (r.method, r.condition) == (method, condition)]
-            best = {
-                strength: max((r for r in here if r.strength == strength), key=lambda r: r.accuracy)
-                for strength in dict.fromkeys(row.strength for row in here)
-            }
-            points = sorted(best.values(), key=lambda row: row.psnr)
+            points = sorted(best_readings(here), key=lambda row: row.psnr)
             accuracy = [100 * row.accuracy for row in points]
             bars = [
                 [100 * (row.accuracy - row.ci_low) for row in points],
@@ -132,7 +141,7 @@ def plot(rows: Sequence[PeerRow], path: Path) -> None:
                 np.maximum(bars, 0),
                 marker=MARKERS[number % len(MARKERS)],
                 color=f"C{number}",
-                linestyle="-" if method in ("learned", "oorc", "blind") else "--",
+                linestyle="-" if method in OURS else "--",
                 markersize=5,
                 linewidth=1,
                 elinewidth=0.6,
