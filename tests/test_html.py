@@ -276,6 +276,32 @@ def test_a_run_with_predictions_alone_says_what_it_lacks(store: Store) -> None:
         assert "not in this run" in checker.text[anchor]
 
 
+def test_other_systems_show_their_better_reading(store: Store) -> None:
+    folder = store("peers", [line("oorc", 0, 1)])
+    usual = {"method": "toy <1>", "strength": "default", "condition": "0°", "message_bits": 32}
+    usual |= {"captures": 10, "bits": 320, "psnr": 36.2, "ssim": 0.99, "decode_ms": 12.0}
+    rows = [
+        {
+            **usual,
+            "frames_used": n,
+            "correct": c,
+            "accuracy": c / 320,
+            "ci_low": 0.4,
+            "ci_high": 0.9,
+        }
+        for n, c in ((1, 200), (2, 240))
+    ]
+    ours = {**rows[1], "method": "oorc", "strength": "κ 3", "message_bits": 59, "accuracy": 0.875}
+    meta = {**META, "command": "python -m reports.peers", "blind-watermark": "0.4.4"}
+    (folder / "reference").mkdir(exist_ok=True)
+    stored = {"meta": meta, "rows": [*rows, ours]}
+    (folder / "reference" / "peers.json").write_text(json.dumps(stored))
+    text = check_page(write_report(folder)).text["peers"]
+    assert "75.0" in text and "62.5" not in text  # of one frame and two
+    assert "toy <1>" in text and "blind-watermark 0.4.4" in text
+    assert " 32 " in text and " 29.5 " in text  # bits a displayed frame
+
+
 def test_names_are_escaped(store: Store) -> None:
     evil = '<img src=x onerror="alert(1)">&'
     lines = [line(evil, i, 1, pair="<i>") for i in range(6)]
@@ -520,8 +546,8 @@ def test_the_parts_of_a_frame_pair_add_up(layout: Layout) -> None:
             "arrives there as 0.20 gray levels, for the picture",
         ),
         ({"signal": 0.2, "level": 250.0}, "near saturation"),
-        ({"noise": 3.0}, "noise changes them by 3.00 gray levels, a bit by 2.00"),
-        ({"motion": -3.0}, "motion of 0.70 px over texture changes them by 3.00"),
+        ({"noise": 3.0}, "noise changes it by 3.00 gray levels, a bit by 2.00"),
+        ({"motion": -3.0}, "motion of 0.70 px over texture changes it by 3.00"),
         ({}, "nothing by half of that"),
     ],
 )
