@@ -7,6 +7,7 @@ from typing import Any
 
 from reports.delivery import readme_block as delivery_block
 from reports.metrics import read_metrics, wilson
+from reports.peers.page import OURS, PeerRow, best_readings
 from reports.tables import summary_table
 
 HARDER = {
@@ -49,7 +50,7 @@ def harder(docs: Path) -> str:
 def measured(docs: Path) -> str:
     """Single results with their sample, and the command of each."""
     lines = ["| question | measured (simulated) | bits | by |", "|---|---|---:|---|"]
-    for ask in (_against_oorc, _left_out, _repeated, _wrong_messages):
+    for ask in (_against_oorc, _left_out, _repeated, _other_systems, _wrong_messages):
         lines.append(ask(docs))
     return "\n".join(lines)
 
@@ -103,10 +104,26 @@ def _repeated(docs: Path) -> str:
     return _row(asked, [", ".join(parts), f"{bits:,}", _command(content)])
 
 
+def _other_systems(docs: Path) -> str:
+    content = _read(docs / "peers.json")
+    rows = best_readings([PeerRow(**row) for row in content["rows"]])
+    parts = []
+    for name in dict.fromkeys(row.method for row in rows):
+        usual = "κ 3" if name in OURS else "default"
+        mine = {r.condition: r for r in rows if (r.method, r.strength) == (name, usual)}
+        if mine:
+            front, side = mine["0°"], mine["45°"]
+            right = f"{100 * front.accuracy:.1f} and {100 * side.accuracy:.1f} %"
+            parts.append(f"{name} {right} ({front.psnr:.1f} dB)")
+    sizes = sorted({row.bits for row in rows if row.condition in ("0°", "45°")})
+    asked = "other systems at their default strength: right bits filmed at 0° and 45° (PSNR)"
+    return _row(asked, [", ".join(parts), f"{sizes[0]:,} – {sizes[-1]:,}", _command(content)])
+
+
 def _wrong_messages(docs: Path) -> str:
     content = _read(docs / "framing.json")
     parts = [
-        f"{line['wrong']} of {line['decodes']:,} decodes from {line['scores']}"
+        f"{line['wrong']} of {line['decodes']:,} decodes (scores: {line['scores']})"
         for line in content["wrong"]
     ]
     return _row("messages delivered that were not sent", ["; ".join(parts), "", _command(content)])

@@ -78,7 +78,7 @@ class PeersConfig:
     """Methods of this repository."""
     kappas: tuple[int, ...] = (1, 2, 3, 5, 10)
     """Strengths of ours."""
-    frames: int = 9
+    frames: int = 6
     """Pictures."""
     bits: int = 32
     """Message bits of the other systems; rivaGAN has 32."""
