@@ -117,6 +117,7 @@ def line_chart(
     lines: Sequence[Line],
     diagonal: bool = False,
     band: Html | None = None,
+    margin: float = RIGHT,
 ) -> Html:
     """Lines with intervals, each named at its right end.
 
@@ -127,15 +128,17 @@ def line_chart(
         lines: at least one; where points of several share an x they are set a little apart.
         diagonal: draw y = x.
         band: markup to draw below the lines.
+        margin: room for the names.
     """
+    right = WIDTH - margin
 
     def px(value: float) -> float:
-        return LEFT + x.place(value) * (WIDTH - LEFT - RIGHT)
+        return LEFT + x.place(value) * (right - LEFT)
 
     def py(value: float) -> float:
         return HEIGHT - BOTTOM - y.place(value) * (HEIGHT - TOP - BOTTOM)
 
-    parts: list[Html] = [tag("title", title), *_axes(x, y, px, py)]
+    parts: list[Html] = [tag("title", title), *_axes(x, y, right, px, py)]
     if diagonal:
         ends = {"x1": px(x.low), "y1": py(x.low), "x2": px(x.high), "y2": py(x.high)}
         parts.append(tag("line", class_="guide", **_rounded(ends)))
@@ -147,7 +150,6 @@ def line_chart(
         places = [(px(p.x) + shift, py(p.y), py(p.low), py(p.high), p.note) for p in line.points]
         parts.append(_drawn(line, places))
         ends_y.append(places[-1][1])
-    right = WIDTH - RIGHT
     for line, end, label in zip(lines, ends_y, spread(ends_y), strict=True):
         colour = line.colour or colour_of(line.name)
         parts.append(
@@ -246,9 +248,9 @@ def _rounded(places: dict[str, float]) -> dict[str, str]:
 
 
 def _axes(
-    x: Axis, y: Axis, px: Callable[[float], float], py: Callable[[float], float]
+    x: Axis, y: Axis, right: float, px: Callable[[float], float], py: Callable[[float], float]
 ) -> list[Html]:
-    bottom, right = HEIGHT - BOTTOM, WIDTH - RIGHT
+    bottom = HEIGHT - BOTTOM
     parts = []
     for value, label in y.ticks:
         parts.append(tag("path", d=f"M{LEFT} {py(value):.1f}H{right}", class_="grid"))

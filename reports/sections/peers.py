@@ -10,6 +10,8 @@ from reports.stored import Run
 from reports.svg import Axis, Line, Point, accuracy_axis, line_chart
 
 TICK_DB = 5
+NAMES_PX = 128
+"""Room for the longest name."""
 PACKAGES = ("invisible-watermark", "blind-watermark")
 
 
@@ -60,7 +62,7 @@ def _chart(condition: str, rows: Sequence[PeerRow], x: Axis) -> Html:
     return tag(
         "figure",
         tag("h3", condition),
-        line_chart(f"Accuracy by PSNR, {condition}", x, accuracy_axis(0.3), lines),
+        line_chart(f"Accuracy by PSNR, {condition}", x, accuracy_axis(0.3), lines, margin=NAMES_PX),
         tag("figcaption", f"{counts[0]} captures a point."),
     )
 
