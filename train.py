@@ -49,7 +49,7 @@ class TrainConfig:
     """Simulated frame pairs of training pictures."""
     rounds: int = 4
     """Times that all episodes are augmented anew."""
-    steps: int = 100
+    steps: int = 75
     """Optimiser steps a round."""
     batch: int = 256
     """Frame pairs a step."""
