@@ -56,14 +56,21 @@ def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | Non
         onnx.defs.register_schema(INVERSE)
     for name in ("torch.onnx", "torch.export"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
-    with warnings.catch_warnings():
+    # torch's cache of tensor shapes is slower than the shapes themselves where sizes are free
+    uncached = torch._dynamo.config.patch(fake_tensor_cache_enabled=False)
+    with warnings.catch_warnings(), uncached:
         warnings.simplefilter("ignore")  # of torch's own deprecations
-        program = torch.onnx.export(
+        captured = torch.export.export(
             module.eval(),
             (example, example.clone()),
+            dynamic_shapes=(free, free),
+            prefer_deferred_runtime_asserts_over_guards=True,
+        )
+        program = torch.onnx.export(
+            captured,
+            dynamic_shapes=(free, free),  # for the names of the free sizes
             input_names=["original", "embedded"],
             output_names=["scores", "head"],
-            dynamic_shapes=(free, free),
             dynamo=True,
             custom_translation_table={torch.ops.camera_display.inverse.default: _inverse},
             verbose=False,

@@ -130,8 +130,9 @@ class PhiDecoder(nn.Module):
         repeats = 1 if config.train_on == "tile" else SAMPLES * SAMPLES
         for name, value in (
             ("labels", signs.repeat_interleave(repeats)),
-            ("tile", torch.from_numpy(np.stack([grid.tile_y, grid.tile_x]))),
-            ("step", torch.from_numpy(np.stack([grid.step_y, grid.step_x]))),
+            # whole numbers in float64, which onnxruntime divides and rounds down quickest
+            ("tile", torch.from_numpy(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))),
+            ("step", torch.from_numpy(np.stack([grid.step_y, grid.step_x]).astype(np.float64))),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -229,7 +230,7 @@ class PhiDecoder(nn.Module):
         tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
         length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
         y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
-        u = maps.flatten(2).index_select(2, y * width + x).double()  # (B, F, pixels)
+        u = maps.flatten(2).index_select(2, (y * width + x).long()).double()  # (B, F, pixels)
         if self.config.train_on == "tile":
             u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
         return u.transpose(1, 2)

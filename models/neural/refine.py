@@ -201,7 +201,7 @@ class Refiner(nn.Module):
         x, y, one = self.x, self.y, torch.ones_like(statistics[..., 0])
         P = torch.cat([one.unsqueeze(-1), statistics[..., 1:]], dim=-1)
         # as one more curve: onnxruntime 1.31 gets a transposed matrix times a vector wrong
-        exposure = self.exposure.double().reshape(1, -1, 1).expand(len(P), -1, -1)
+        exposure = self.exposure.double().reshape(1, -1, 1).expand(P.shape[0], -1, -1)
         signal, square, gain = (P @ torch.cat([curves, exposure], dim=-1)).unbind(-1)
         columns = [torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()]
         if self.bends is not None and self.space_nuisance is not None:
@@ -243,16 +243,17 @@ def cavity_llr(
         weight: inverse variance.
     """
     B, n_bits = shared.shape
-    rows = torch.stack([y, noise, mean, variance, weight], dim=-1)
-    rows = rows.reshape(B, 2, n_bits, 5).transpose(1, 2)  # (B, n_bits, 2, 5), bit 1 then bit 0
-    y, noise, mean, variance, weight = rows.unsqueeze(-1).unbind(-2)  # (B, n_bits, 2, 1) each
-    eye = torch.eye(2, dtype=y.dtype, device=y.device)
-    A = variance * eye + shared.reshape(B, n_bits, 1, 1) * (1 - eye)
-    AP = A * weight.transpose(2, 3)
-    moved = inverse(eye - AP) @ torch.cat([A, mean - AP @ y], dim=-1)  # A', m'
-    spread = noise + (moved[..., :2] * eye).sum(-1, keepdim=True)
-    cost = (y - moved[..., 2:]) ** 2 / spread + spread.log()
-    return (cost[:, :, 1, 0] - cost[:, :, 0, 0]) / 2
+    # each (B, 2, n_bits): bit 1, then bit 0
+    y, noise, mean, A, P = (v.reshape(B, 2, n_bits) for v in (y, noise, mean, variance, weight))
+    shared = shared.unsqueeze(1)
+    own, cross = 1 - A * P, shared * P  # of I - A P: its diagonal, and minus the rest by columns
+    other, across = own.flip(1), cross.flip(1)
+    determinant = own[:, :1] * own[:, 1:] - cross[:, :1] * cross[:, 1:]
+    rest = mean + (own - across - 1) * y  # m - A P y
+    moved = (other * rest + across * rest.flip(1)) / determinant
+    spread = noise + (other * A + across * shared) / determinant
+    cost = (y - moved) ** 2 / spread + spread.log()
+    return (cost[:, 1] - cost[:, 0]) / 2
 
 
 def with_surprises(llr: Tensor, log_surprise: Tensor) -> Tensor:

@@ -10,8 +10,6 @@ from torch import Tensor
 MAX_STEPS = 50
 STEP_SIZES = (0.0, *(2.0 ** (-k / 2) for k in range(24)))
 """Of the search along Newton's direction; 0 stays."""
-TOLERANCE = 1e-10
-"""Relative decrease of the objective below which a frame has converged."""
 
 
 @torch.library.custom_op("camera_display::inverse", mutates_args=())
@@ -46,31 +44,29 @@ def solve_spd(A: Tensor, y: Tensor) -> Tensor:
     return (inverse(A) @ y.unsqueeze(-1)).squeeze(-1)
 
 
-def objective(w: Tensor, X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
-    """J(w) = 1/2 sum_j ridge_j (w_j - prior_j)^2 + C sum_n max(0, 1 - y_n w.x_n)^2.
+def objective(w: Tensor, Zt: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+    """J(w) / 2 C = 1/2 sum_j ridge_j (w_j - prior_j)^2 + 1/2 sum_n max(0, 1 - w.z_n)^2.
 
     Args:
         w: (B, S, D): S heads for each frame.
-        X: (B, N, D).
-        y: (N,).
-        C: ().
-        ridge: (D,).
+        Zt: (B, D, N), the features times their labels.
+        ridge: (D,), relative to 2 C.
         prior: (D,).
 
     Returns:
         (B, S).
     """
-    slack = torch.relu(1 - y * (w @ X.transpose(1, 2)))  # (B, S, N)
-    return 0.5 * (ridge * (w - prior) ** 2).sum(-1) + C * (slack**2).sum(-1)
+    slack, away = (1 - w @ Zt).relu(), w - prior  # (B, S, N), (B, S, D)
+    return ((slack * slack).sum(-1) + (ridge * away * away).sum(-1)) / 2
 
 
 def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
-    """Minimise `objective` for every frame of a batch.
+    """Minimise J(w) = 1/2 sum_j ridge_j (w_j - prior_j)^2 + C sum_n max(0, 1 - y_n w.x_n)^2.
 
     With ridge 1 and prior 0 this is scikit-learn's ``LinearSVC(loss="squared_hinge")`` with the
     intercept as a feature of ones. J is piecewise quadratic: Newton's step solves a ridge system on
-    the margin violators, and a search over step sizes keeps it from cycling. The last step is
-    taken with gradients: once the active set has settled it is the exact minimiser, and its
+    the margin violators, and a search over step sizes keeps it from cycling. A step that leaves the
+    violators what they were ends in the exact minimiser. It is taken once more with gradients: its
     derivative is that of the minimum.
 
     Args:
@@ -84,39 +80,42 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
         w: (B, D).
     """
 
-    def newton(w: Tensor, X: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
-        # X is transposed before it is weighted: onnxruntime 1.31 gets the transpose of a product
-        # wrong inside a Loop
-        active = (y * (X @ w.unsqueeze(-1)).squeeze(-1) < 1).to(X.dtype)
-        weighted = (2 * C) * X.transpose(1, 2) * active.unsqueeze(1)  # (B, D, N)
-        return solve_spd(torch.diag(ridge) + weighted @ X, ridge * prior + weighted @ y)
+    def newton(w: Tensor, Z: Tensor, Zt: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+        violators = Zt * violated(w.unsqueeze(1), Zt).to(Zt.dtype)  # (B, D, N)
+        # Zt comes transposed: onnxruntime 1.31 gets the transpose of a product wrong inside a Loop
+        return solve_spd(torch.diag(ridge) + violators @ Z, ridge * prior + violators.sum(-1))
 
-    fixed = [t.detach() for t in (X, C, ridge, prior)]
+    Z, ridge = y.unsqueeze(-1) * X, ridge / (2 * C)  # (B, N, D): margins are Z w
+    given = (Z, Z.transpose(1, 2).contiguous(), ridge, prior)
+    fixed = [t.detach() for t in given]
     sizes = torch.tensor(STEP_SIZES, dtype=X.dtype, device=X.device).unsqueeze(-1)  # (S, 1)
 
-    def loss(w: Tensor) -> Tensor:
-        return objective(w, fixed[0], y, *fixed[1:])
+    def unsettled(step: Tensor, w: Tensor, moving: Tensor) -> Tensor:
+        return (step < MAX_STEPS) & moving.any()
 
-    def unsettled(step: Tensor, w: Tensor, decrease: Tensor) -> Tensor:
-        return (step < MAX_STEPS) & (decrease > TOLERANCE).any()
-
-    def descend(step: Tensor, w: Tensor, decrease: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def descend(step: Tensor, w: Tensor, moving: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         direction = newton(w, *fixed) - w
-        losses = loss(w.unsqueeze(1) + sizes * direction.unsqueeze(1))  # (B, S)
-        best, chosen = losses.min(dim=1)
-        here = losses[:, 0]
-        return step + 1, w + sizes[chosen] * direction, (here - best) / here
+        trials = w.unsqueeze(1) + sizes * direction.unsqueeze(1)  # (B, S, D)
+        best = objective(trials, *fixed[1:]).argmin(1)
+        there = violated(trials[:, :2], fixed[1])  # staying, and the whole step
+        moving = (there[:, 0] != there[:, 1]).any(-1)
+        return step + 1, w + sizes[best] * direction, moving
 
     w = fixed[3].expand(X.shape[0], X.shape[2]).clone()
-    state = (torch.zeros((), dtype=torch.int64), w, torch.ones_like(w[:, 0]))
+    moving = torch.ones_like(w[:, 0], dtype=torch.bool)
+    state = (torch.zeros((), dtype=torch.int64), w, moving)
     with torch.no_grad():
         if torch.compiler.is_exporting():
             state = torch.while_loop(unsettled, descend, state)  # type: ignore[no-untyped-call]
         else:
             while unsettled(*state):
                 state = descend(*state)
-    w = state[1]
-    final = newton(w, X, C, ridge, prior)
-    ends = loss(torch.stack([final.detach(), w], dim=1))
-    settled = ends[:, :1] <= ends[:, 1:] * (1 + 1e-9)
-    return torch.where(settled, final, w)
+    _, w, moving = state
+    if torch.compiler.is_exporting():
+        return w
+    return torch.where(moving.unsqueeze(-1), w, newton(w, *given))
+
+
+def violated(w: Tensor, Zt: Tensor) -> Tensor:
+    """Which margins heads (B, S, D) leave below 1: (B, S, N), of ``Zt`` (B, D, N)."""
+    return w @ Zt < 1
