@@ -50,7 +50,7 @@ class CnnTrainConfig:
     """Standard deviation of a further relative gain of the embedded frame."""
     kappas: tuple[int, ...] = (1, 2, 3, 5)
     """Of the episodes."""
-    max_view: float = 65.0
+    max_view: float = 72.0
     """Views of the episodes are uniform from 0 to this, degrees."""
     seed: int = 0
     jobs: int = 1
