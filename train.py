@@ -6,7 +6,7 @@ that fit.
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import torch
@@ -95,7 +95,7 @@ def main() -> None:
     )
     train(module, episodes, config, folder)
     module.cpu()
-    settings = json.loads(json.dumps(asdict(config), default=str))
+    settings = json.loads(json.dumps(asdict(replace(config, out=None)), default=str))
     save_checkpoint(folder, module, {"train": settings})
     parity = export(module, folder / "decoder.onnx", folder.name, frames=30, training=settings)
     (folder / STATE).unlink(missing_ok=True)
@@ -134,7 +134,10 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
         bits = episodes.bits.to(config.device)
         for step in range(number * config.steps, (number + 1) * config.steps):
             index = torch.randint(len(bits), (config.batch,), generator=generator)
-            scores, _ = module.solve_and_score(ratex[index], blocks[index])
+            try:
+                scores, _ = module.solve_and_score(ratex[index], blocks[index])
+            except torch.linalg.LinAlgError:  # of parameters far off
+                raise InputError(f"step {step}: no solution; lower --lr") from None
             loss = binary_cross_entropy_with_logits(scores, bits[index].float())
             if not torch.isfinite(loss):
                 raise InputError(f"step {step}: the loss is not finite; lower --lr")

@@ -9,14 +9,13 @@ import pytest
 import torch
 from hypothesis import settings
 
+import train
 from data_gen.dataset import Cell, Source, simulate
 from export.runtime import Decoder
-from export.to_onnx import to_onnx
 from link.errors import run_cli
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
-from models.neural.checkpoint import save_checkpoint
-from models.neural.decoder import FULL, PhiDecoder
+from models.neural.decoder import FULL
 
 settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
 settings.load_profile("suite")
@@ -45,17 +44,17 @@ def rectified(captured: Captured) -> Rectified:
     return captured.rectified()
 
 
+TINY = ["--pair", "canon-lg", "--episodes", "6", "--rounds", "2", "--steps", "3", "--lr", "0.1"]
+TINY += ["--frames", "1", "--jobs", "1"]
+
+
 @pytest.fixture(scope="session")
-def run_folder(layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run: checkpoint with perturbed parameters, and its decoder.onnx."""
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What train.py leaves behind; every parameter has moved by up to half."""
     folder = tmp_path_factory.mktemp("runs") / "canon-lg"
-    module = PhiDecoder(layout, LEARNED)
-    generator = torch.Generator().manual_seed(0)
-    with torch.no_grad():
-        for parameter in module.parameters():
-            parameter += 0.3 * torch.randn(parameter.shape, generator=generator)
-    save_checkpoint(folder, module, {})
-    (folder / "decoder.onnx").write_bytes(to_onnx(module, folder.name))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
+        train.main()
     return folder
 
 

@@ -23,8 +23,6 @@ from train import TrainConfig
 
 LAYOUT = make_layout(4, 4, 192, 144, 2)
 CONFIG = TrainConfig(episodes=6, rounds=3, steps=3, batch=4, jobs=1, device="cpu")
-TINY = ["--pair", "canon-lg", "--episodes", "6", "--rounds", "2", "--steps", "3"]
-TINY += ["--frames", "1", "--jobs", "1"]
 
 
 @pytest.fixture(scope="module")
@@ -50,40 +48,31 @@ def read_log(folder: Path) -> list[dict[str, float]]:
 # The command
 
 
-@pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("train") / "canon-lg"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
-        train.main()
-    return folder
-
-
-def test_train_writes_a_run(run: Path) -> None:
-    names = {file.name for file in run.iterdir() if file.is_file()}
+def test_train_writes_a_run(run_folder: Path) -> None:
+    names = {file.name for file in run_folder.iterdir() if file.is_file()}
     assert names >= {"decoder.pt", "config.json", "decoder.onnx", "metrics.json", "log.jsonl"}
-    config = json.loads((run / "config.json").read_text())
+    config = json.loads((run_folder / "config.json").read_text())
     assert config["train"]["episodes"] == 6
     assert config["train"]["pair"] == "canon-lg"
-    module = load_checkpoint(run)
+    module = load_checkpoint(run_folder)
     assert module.layout == make_layout()
 
 
-def test_the_loss_is_finite_in_every_step(run: Path) -> None:
-    log = read_log(run)
+def test_the_loss_is_finite_in_every_step(run_folder: Path) -> None:
+    log = read_log(run_folder)
     assert [entry["step"] for entry in log] == list(range(6))
     assert np.isfinite([entry["loss"] for entry in log]).all()
     assert all(0 <= entry["bit_error"] <= 0.5 for entry in log)
 
 
-def test_training_changed_the_checkpoint(run: Path) -> None:
-    module = load_checkpoint(run)
+def test_training_changed_the_checkpoint(run_folder: Path) -> None:
+    module = load_checkpoint(run_folder)
     untrained = PhiDecoder(module.layout, module.config)
     assert parameters(module) != parameters(untrained)
 
 
-def test_metrics_compare_every_method_on_held_out_captures(run: Path) -> None:
-    metrics = json.loads((run / "metrics.json").read_text())
+def test_metrics_compare_every_method_on_held_out_captures(run_folder: Path) -> None:
+    metrics = json.loads((run_folder / "metrics.json").read_text())
     rows = metrics["rows"]
     cells = {(row["kappa"], row["view_deg"]) for row in rows}
     assert cells == {(5, 0.0), (5, 45.0), (3, 0.0), (3, 45.0)}
@@ -93,8 +82,10 @@ def test_metrics_compare_every_method_on_held_out_captures(run: Path) -> None:
     assert metrics["meta"]["simulated"] is True
 
 
-def test_the_exported_decoder_decodes_as_the_checkpoint(run: Path, captured: Captured) -> None:
-    decoder = Decoder(run / "decoder.onnx")
+def test_the_exported_decoder_decodes_as_the_checkpoint(
+    run_folder: Path, captured: Captured
+) -> None:
+    decoder = Decoder(run_folder / "decoder.onnx")
     assert decoder.metadata["run"] == "canon-lg"
     soft = decoder.decode(captured.original, captured.embedded, captured.corners)
     assert captured.bits is not None
@@ -181,8 +172,8 @@ def test_a_finished_run_is_not_trained_further(episodes: EpisodeSet, tmp_path: P
     assert read_log(tmp_path) == log
 
 
-def test_a_loss_that_is_not_finite_stops_training(episodes: EpisodeSet, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the loss is not finite; lower --lr"):
+def test_training_that_diverges_stops(episodes: EpisodeSet, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"(the loss is not finite|no solution); lower --lr"):
         trained(episodes, tmp_path, replace(CONFIG, lr=1e30))
     assert not (tmp_path / "decoder.pt").exists()
 
