@@ -136,7 +136,7 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
             index = torch.randint(len(bits), (config.batch,), generator=generator)
             try:
                 scores, _ = module.solve_and_score(ratex[index], blocks[index])
-            except torch.linalg.LinAlgError:  # of parameters far off
+            except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
                 raise InputError(f"step {step}: no solution; lower --lr") from None
             loss = binary_cross_entropy_with_logits(scores, bits[index].float())
             if not torch.isfinite(loss):
