@@ -97,12 +97,7 @@ class Receiver:
         self._buffer: deque[tuple[Shown, float]] = deque(maxlen=BUFFER)
         self._next: int | None = None
         self._seen_at = -np.inf
-        height, width = self.layout.height, self.layout.width
-        centres = [self.layout.cell_box(row, col) for row, col in self.layout.ratex]
-        self._patches = np.array(
-            [[(box[2] + box[3]) / 2, (box[0] + box[1]) / 2] for box in centres]
-        )
-        self._size = width, height
+        self._size = self.layout.width, self.layout.height
 
     def _fresh_clock(self) -> Synchroniser:
         cells = np.array(self.layout.ratex)[:, ::-1] + 0.5  # (row, col) -> (x, y)
