@@ -25,7 +25,9 @@ TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""
 NOISE = (10.0, 100.0)
 """Least and largest standard deviation of a pixel, gray levels: so much that most scores stay clear
-of their bound, where all are alike."""
+of their bound, where all are alike, at `FAINT`."""
+FAINT = 3
+"""Largest kappa."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def compare(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Par
     for index in tqdm(range(frames), desc="parity", unit="pair"):
         scale = rng.uniform(0.5, 1.5) if index % 3 == 2 else 1.0
         noise = np.exp(rng.uniform(*np.log(NOISE)))
-        pair = synthetic_pair(resized(module.layout, scale), rng, noise)
+        pair = synthetic_pair(resized(module.layout, scale), rng, noise, FAINT)
         ours, theirs = run(module, pair), decoder.decode(pair.original, pair.embedded)
         scores.append(np.abs(ours.scores))
         differences.append(np.abs(ours.scores - theirs.scores))
@@ -65,7 +67,9 @@ def compare(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Par
     return Parity(frames, score.size, different, worst, float(score.max()), float(np.median(score)))
 
 
-def synthetic_pair(layout: Layout, rng: np.random.Generator, noise: float = 1.5) -> Rectified:
+def synthetic_pair(
+    layout: Layout, rng: np.random.Generator, noise: float = 1.5, kappa_max: int = 10
+) -> Rectified:
     """A frame pair that looks filmed: clouds of colour behind a curve, drift, motion and noise.
 
     Enough to exercise every part of the graph; accuracy is measured on the channel, not here.
@@ -74,11 +78,12 @@ def synthetic_pair(layout: Layout, rng: np.random.Generator, noise: float = 1.5)
         layout: of the frames.
         rng: draws everything else.
         noise: standard deviation of a pixel, gray levels.
+        kappa_max: kappa is drawn from 1 to this.
     """
     size = (layout.width, layout.height)
     coarse = rng.integers(0, 256, (12, 16, 3), dtype=np.uint8)
     picture = cv2.resize(coarse, size, interpolation=cv2.INTER_CUBIC)
-    kappa = int(rng.integers(1, 4))
+    kappa = int(rng.integers(1, kappa_max + 1))
     shown = embed(np.asarray(picture, np.uint8), rng.integers(0, 2, layout.n_bits), layout, kappa)
     gamma, gain = rng.uniform(0.6, 1.6), np.exp(0.04 * rng.standard_normal())
     frames = []
