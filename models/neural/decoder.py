@@ -219,7 +219,9 @@ class PhiDecoder(nn.Module):
         powers = [2 * frame - 1]
         for _ in range(MOMENTS - 1):
             powers.append(powers[-1] * powers[0])
-        return conv2d(torch.cat(powers, dim=1), self.kernel, self.bias)
+        # a product, not a 1 x 1 convolution: onnxruntime pads 4 channels to 16
+        mixed = self.kernel @ torch.cat(powers, dim=1).flatten(2) + self.bias
+        return mixed.reshape(-1, MOMENTS, *frame.shape[2:])
 
     def ratex_samples(self, maps: Tensor) -> Tensor:
         """Features of the training samples: (B, F, H, W) -> (B, N, F) float64.
@@ -266,8 +268,8 @@ def bin_mean(length: int, count: int, like: Tensor) -> Tensor:
 def legendre_kernel(
     weights: tuple[float, float, float],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Kernel (MOMENTS, 3 MOMENTS, 1, 1) and bias (MOMENTS,): powers of RGB -> luma of P_k."""
+    """Kernel (MOMENTS, 3 MOMENTS) and bias (MOMENTS, 1): powers of RGB -> luma of P_k."""
     polynomials = [leg2poly(np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1)]
     padded = np.stack([np.pad(c, (0, MOMENTS + 1 - len(c))) for c in polynomials])
-    kernel = (padded[:, 1:, None] * np.array(weights)).reshape(MOMENTS, 3 * MOMENTS, 1, 1)
-    return kernel.astype(np.float32), padded[:, 0].astype(np.float32)
+    kernel = (padded[:, 1:, None] * np.array(weights)).reshape(MOMENTS, 3 * MOMENTS)
+    return kernel.astype(np.float32), padded[:, :1].astype(np.float32)

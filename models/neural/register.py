@@ -9,7 +9,7 @@ affine in (x, y). A tenth of a pixel left between the frames costs more than all
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, conv2d, grid_sample, pad
+from torch.nn.functional import conv2d, grid_sample, pad
 
 from models.neural.solver import solve_spd
 
@@ -57,7 +57,8 @@ def register(i_o: Tensor, i_e: Tensor) -> Tensor:
     x, y = axes(height, width, i_o)
     s_x, s_y = (m[:, 0] + m[:, 1] * x + m[:, 2] * y for m in (s_x, s_y))
     # bilinear interpolation blurs: at fraction f of a pixel it adds f (1 - f) / 2 of the curvature
-    blur_x, blur_y = ((s - s.floor()) * (s.ceil() - s) / 2 for s in (s_x, s_y))
+    f_x, f_y = s_x - s_x.floor(), s_y - s_y.floor()
+    blur_x, blur_y = f_x * (1 - f_x) / 2, f_y * (1 - f_y) / 2
     xx, yy = curvatures(i_o)
     return warp(i_e, s_x, s_y) - blur_x.unsqueeze(1) * xx - blur_y.unsqueeze(1) * yy
 
@@ -65,7 +66,7 @@ def register(i_o: Tensor, i_e: Tensor) -> Tensor:
 def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
     """(B, 3, 1, 1) each: s_x and s_y, pixels, as coefficients of 1, x and y in [-1, 1]."""
     # float64 and averages: torch and onnxruntime sum in different orders
-    o, e = (avg_pool2d(channel_mean(i), FINE, ceil_mode=True) for i in (i_o, i_e))
+    o, e = (shrink(channel_mean(i), FINE) for i in (i_o, i_e))
     coarse = translation(o, e).float()
     moved = warp(e, coarse[:, :1, None], coarse[:, 1:, None])
     gx, gy = (g[:, 0].double() for g in gradients((o + moved) / 2))
@@ -96,7 +97,7 @@ def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
 
 def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
     """(B, 2) translation (x, y) of the embedded frame, found on a coarse image, pixels."""
-    o, e = (avg_pool2d(channel_mean(i), COARSE, ceil_mode=True) for i in (i_o, i_e))
+    o, e = (shrink(channel_mean(i), COARSE) for i in (i_o, i_e))
     dx, dy = (g[:, 0].double() for g in gradients(o))
     return COARSE * least_squares([dx, dy], o[:, 0].double(), (e - o)[:, 0].double())
 
@@ -106,8 +107,16 @@ def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
     height, width = image.shape[-2:]
     x, y = axes(height, width, image)
     x, y = x + 2 / width * s_x, y + 2 / height * s_y
-    grid = torch.stack([x + 0 * y, y + 0 * x], dim=-1)  # (B, H, W, 2)
-    return grid_sample(image, grid, padding_mode="border", align_corners=False)
+    # clamped to the outermost centres: onnxruntime is quickest with zeros beyond the edges
+    x = (x + 0 * y).clamp(1 / width - 1, 1 - 1 / width)
+    y = (y + 0 * x).clamp(1 / height - 1, 1 - 1 / height)
+    grid = torch.stack([x, y], dim=-1)  # (B, H, W, 2)
+    return grid_sample(image, grid, padding_mode="zeros", align_corners=False)
+
+
+def shrink(image: Tensor, k: int) -> Tensor:
+    """(B, 1, H, W) averaged over k x k pixels, as a convolution: onnxruntime's pooling is slow."""
+    return conv2d(image, image.new_full((1, 1, k, k), 1 / k**2), stride=k)
 
 
 def channel_mean(maps: Tensor) -> Tensor:
