@@ -221,7 +221,7 @@ class PhiDecoder(nn.Module):
             powers.append(powers[-1] * powers[0])
         # a product, not a 1 x 1 convolution: onnxruntime pads 4 channels to 16
         mixed = self.kernel @ torch.cat(powers, dim=1).flatten(2) + self.bias
-        return mixed.reshape(-1, MOMENTS, *frame.shape[2:])
+        return mixed.reshape(-1, MOMENTS, *frame.shape[2:])  # (B, MOMENTS, H, W)
 
     def ratex_samples(self, maps: Tensor) -> Tensor:
         """Features of the training samples: (B, F, H, W) -> (B, N, F) float64.

@@ -200,7 +200,8 @@ class Refiner(nn.Module):
         statistics = torch.cat([tiles, blocks], dim=1)
         x, y, one = self.x, self.y, torch.ones_like(statistics[..., 0])
         P = torch.cat([one.unsqueeze(-1), statistics[..., 1:]], dim=-1)
-        # as one more curve: onnxruntime 1.31 gets a transposed matrix times a vector wrong
+        # as one more curve: onnxruntime 1.31 gets a transposed matrix times a vector wrong; and not
+        # len(P), which would pin the exported batch
         exposure = self.exposure.double().reshape(1, -1, 1).expand(P.shape[0], -1, -1)
         signal, square, gain = (P @ torch.cat([curves, exposure], dim=-1)).unbind(-1)
         columns = [torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()]
