@@ -6,7 +6,7 @@ that fit.
 """
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
@@ -24,7 +24,7 @@ from link.errors import InputError, at_least, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models import DECODERS
-from models.neural.checkpoint import resume_state, save_checkpoint, save_state
+from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
 from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
 from reports.compare import code_digest, decode_cells, methods_for, paper_cells
 from reports.metrics import provenance, score, write_metrics
@@ -95,7 +95,7 @@ def main() -> None:
     )
     train(module, episodes, config, folder)
     module.cpu()
-    settings = json.loads(json.dumps(asdict(replace(config, out=None)), default=str))
+    settings = training_settings(config)
     save_checkpoint(folder, module, {"train": settings})
     parity = export(module, folder / "decoder.onnx", folder.name, frames=30, training=settings)
     (folder / STATE).unlink(missing_ok=True)
@@ -136,10 +136,11 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
             index = torch.randint(len(bits), (config.batch,), generator=generator)
             try:
                 scores, _ = module.solve_and_score(ratex[index], blocks[index])
+                loss = binary_cross_entropy_with_logits(scores, bits[index].float())
+                finite = bool(torch.isfinite(loss))
             except torch.linalg.LinAlgError:  # type: ignore[attr-defined]
-                raise InputError(f"step {step}: no solution; lower --lr") from None
-            loss = binary_cross_entropy_with_logits(scores, bits[index].float())
-            if not torch.isfinite(loss):
+                finite = False
+            if not finite:
                 raise InputError(f"step {step}: the loss is not finite; lower --lr")
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]

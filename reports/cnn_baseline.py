@@ -5,7 +5,7 @@ those are, and flips besides. Its network is `models.neural.cnn`.
 """
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from data_gen.pairs import PAIRS
 from link.errors import InputError, at_least, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
-from models.neural.checkpoint import save_checkpoint
+from models.neural.checkpoint import save_checkpoint, training_settings
 from models.neural.cnn import PRETRAINED, BlockNet, CnnConfig, to_cells
 
 
@@ -71,8 +71,7 @@ def main() -> None:
     source = Source(layout, "train", config.seed)
     episodes = simulate_episodes(source, tuple(PAIRS), plan, config.jobs)
     module, log = train(episodes, layout, config)
-    settings = json.loads(json.dumps(asdict(config), default=str))
-    save_checkpoint(config.out, module, {"train": settings})
+    save_checkpoint(config.out, module, {"train": training_settings(config)})
     lines = "".join(json.dumps(entry) + "\n" for entry in log)
     write_bytes(config.out / "log.jsonl", lines.encode())
     print(f"written: {config.out}/decoder.pt, config.json, log.jsonl")

@@ -11,6 +11,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
@@ -126,12 +127,10 @@ def _errors(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> int:
 
 
 def _decoder(model: bytes) -> Decoder:
-    path = Path(f"/tmp/oorc-delivery-{os.getpid()}.onnx")
-    write_bytes(path, model)
-    try:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "decoder.onnx"
+        write_bytes(path, model)
         return Decoder(path, threads=1)
-    finally:
-        path.unlink()
 
 
 def model_for(layout: Layout) -> bytes:

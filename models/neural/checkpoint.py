@@ -4,8 +4,9 @@ import hashlib
 import io
 import json
 import pickle
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import torch
 from torch import nn
@@ -14,6 +15,9 @@ from link.errors import InputError, UnsuitedError
 from link.images import write_bytes
 from link.layout import Layout
 from models.neural.decoder import DecoderConfig, PhiDecoder
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError, LookupError)
 """What torch.load and load_state_dict raise on damaged files."""
@@ -39,6 +43,12 @@ def save_checkpoint(folder: Path, module: Saveable, extra: dict[str, Any]) -> No
     digest = hashlib.sha256(buffer.getvalue()).hexdigest()
     config = {**module.to_config(), **extra, "sha256": digest}
     write_bytes(folder / "config.json", (json.dumps(config, indent=2) + "\n").encode())
+
+
+def training_settings(config: "DataclassInstance") -> dict[str, Any]:
+    """What a checkpoint and its export say of their training: the flags as JSON, but no folder."""
+    settings: dict[str, Any] = json.loads(json.dumps(asdict(config), default=str))
+    return {name: value for name, value in settings.items() if name != "out"}
 
 
 def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
