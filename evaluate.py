@@ -19,7 +19,7 @@ from data_gen.optics import check_view
 from data_gen.pairs import PAIRS
 from link.captures import MANIFEST, read_manifest
 from link.embed import check_kappa
-from link.errors import InputError, at_least, choose, run_cli
+from link.errors import InputError, at_least, choose, each_once, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
@@ -199,14 +199,7 @@ def check(config: EvaluateConfig) -> None:
     make_backend(config.backend, config.jobs, config.scheduler)
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
-    for flag, values in (
-        ("pairs", config.pairs),
-        ("views", config.views),
-        ("kappas", config.kappas),
-        ("methods", config.methods),
-    ):
-        if not values or len(set(values)) != len(values):
-            raise InputError(f"--{flag}: name at least one, and none twice")
+    each_once(pairs=config.pairs, views=config.views, kappas=config.kappas, methods=config.methods)
 
 
 def source_of(config: EvaluateConfig) -> Source:

@@ -1,7 +1,7 @@
 """The one exception for input that the user can mend, and the wrapper that prints it."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -39,3 +39,10 @@ def at_least(low: int, **flags: int) -> None:
     for name, value in flags.items():
         if not value >= low:
             raise InputError(f"--{name.replace('_', '-')}: need at least {low}, got {value}")
+
+
+def each_once(**flags: Sequence[object]) -> None:
+    """Raise an `InputError` that names the first flag with no value, or with one value twice."""
+    for name, values in flags.items():
+        if not values or len(set(values)) != len(values):
+            raise InputError(f"--{name}: name at least one, and none twice")

@@ -16,7 +16,7 @@ import tyro
 
 from data_gen.dataset import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, choose, run_cli
+from link.errors import InputError, at_least, choose, each_once, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -97,8 +97,7 @@ def check(config: AblationConfig) -> None:
         names = getattr(config, flag)
         for name in names:
             choose(choices, name, f"name in --{flag}")
-        if not names or len(set(names)) != len(names):
-            raise InputError(f"--{flag}: name at least one, and none twice")
+        each_once(**{flag: names})
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     if config.learned:
