@@ -37,6 +37,12 @@ def _inverse(A: Any) -> Any:
     return Opset(INVERSE.domain, 1).Inverse(A)
 
 
+def _sum_pixels(frame: Any, weights: Any, stride: int) -> Any:
+    opset = Opset("", 18)
+    total = opset.ConvInteger(frame, weights, strides=[stride, stride])
+    return opset.Cast(total, to=onnx.TensorProto.FLOAT)
+
+
 def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | None = None) -> bytes:
     """The decoder as an ONNX model: batch, height and width free, the head fitted inside.
 
@@ -72,7 +78,10 @@ def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | Non
             input_names=["original", "embedded"],
             output_names=["scores", "head"],
             dynamo=True,
-            custom_translation_table={torch.ops.camera_display.inverse.default: _inverse},
+            custom_translation_table={
+                torch.ops.camera_display.inverse.default: _inverse,
+                torch.ops.camera_display.sum_pixels.default: _sum_pixels,
+            },
             verbose=False,
         )
     assert program is not None

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.polynomial.legendre import legval
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 from tolerances import (
@@ -29,10 +32,20 @@ from link.layout import Layout, make_layout
 from models import make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
-from models.neural.decoder import FULL, DecoderConfig, PhiDecoder, bin_mean
+from models.neural.decoder import (
+    CHANNELS,
+    FULL,
+    MARGIN,
+    DecoderConfig,
+    PhiDecoder,
+    bin_mean,
+    inner_mean,
+)
 from models.neural.methods import Phi, run
 from models.neural.phi import MAX_DEGREE, PhiPolynomial
-from models.neural.register import register
+from models.neural.reduce import Reduce, exported_sum
+from models.neural.refine import MOMENTS
+from models.neural.register import derivatives, register
 from models.neural.solver import fit_head, objective, solve_spd
 
 EVERY_CONFIG = [
@@ -115,7 +128,7 @@ def test_the_largest_degrees_are_accepted() -> None:
 def test_unknown_options_list_the_valid_ones() -> None:
     with pytest.raises(InputError, match=r"--decoder.channels 'hsv'.*luma, quiet, rgb"):
         DecoderConfig(channels="hsv")
-    with pytest.raises(InputError, match=r"--decoder.train-on 'frame'.*tile, pixel"):
+    with pytest.raises(InputError, match=r"--decoder.train-on 'frame'.*tile, area, pixel"):
         DecoderConfig(train_on="frame")
 
 
@@ -188,14 +201,14 @@ def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) ->
     assert abs(objective_gap(X, y, 10 ** rng.uniform(-2, 3))) < SVM_OBJECTIVE_GAP
 
 
-@pytest.mark.parametrize("train_on", ["tile", "pixel"])
+@pytest.mark.parametrize("train_on", ["tile", "area", "pixel"])
 def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
     layout: Layout, pairs: list[Rectified], train_on: str
 ) -> None:
     module = PhiDecoder(layout, DecoderConfig(drift_degree=2, train_on=train_on))
     original, embedded = batch(pairs)
     ratex = module.summarise(original, embedded)[0].numpy()
-    assert ratex.shape == (20, 80 if train_on == "tile" else 2880, 6)
+    assert ratex.shape == (20, 2880 if train_on == "pixel" else 80, 6)
     for k, u in enumerate(ratex):
         X = np.column_stack([u / np.sqrt((u**2).mean(axis=0)), np.ones(len(u))])
         gap = objective_gap(X, module.labels.numpy(), 10 ** (-2 + 5 * k / 19))
@@ -222,7 +235,8 @@ def test_ridge_and_prior_enter_the_minimum() -> None:
     C, ridge = torch.tensor(0.7).double(), torch.tensor([1.0, 20, 0.5, 0.1, 3]).double()
     prior = torch.tensor([0.3, -1, 0, 2, 5]).double()
     w = fit_head(X, y, C, ridge, prior).unsqueeze(1).requires_grad_()
-    J = 2 * C * objective(w, (y.unsqueeze(-1) * X).mT, ridge / (2 * C), prior)
+    margins = w @ (y.unsqueeze(-1) * X).mT
+    J = 2 * C * objective(w, margins, ridge / (2 * C), prior)
     (gradient,) = torch.autograd.grad(J.sum(), w)
     assert gradient.abs().max() < 1e-6  # of an objective of about 60
 
@@ -296,6 +310,22 @@ PHOTOMETRY: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 }
 
 
+def aligned(i_o: torch.Tensor, i_e: torch.Tensor) -> torch.Tensor:
+    return register(i_o, i_e, *derivatives(i_o)[2:])
+
+
+def test_derivatives_of_a_polynomial() -> None:
+    def f(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        return (2 + x + 3 * y + x * y - x * x + 2 * y * y) / 10_000
+
+    x, y = X[:8, :9], Y[:8, :9]
+    found = derivatives(torch.from_numpy(f(x, y))[None, None])
+    exact = (1 + y - 2 * x, 3 + x + 4 * y, -2 + 0 * x, 4 + 0 * x)
+    for one, other in zip(found, exact, strict=True):
+        inner = one[0, 0, 1:-1, 1:-1].numpy()
+        np.testing.assert_allclose(1e4 * inner, other[1:-1, 1:-1], rtol=0, atol=FLOAT64)
+
+
 @pytest.mark.parametrize("photometry", PHOTOMETRY)
 @pytest.mark.parametrize("shift", [(0.3, 0.0), (0.0, -0.3), (1.0, 0.8)])
 def test_registration_removes_a_shift_whatever_the_gain(
@@ -304,7 +334,7 @@ def test_registration_removes_a_shift_whatever_the_gain(
     change = PHOTOMETRY[photometry]
     still = change(smooth_scene(X, Y))
     moved = change(smooth_scene(X - shift[0], Y - shift[1]))
-    registered = register(as_maps(smooth_scene(X, Y)), as_maps(moved))[0, 0].double().numpy()
+    registered = aligned(as_maps(smooth_scene(X, Y)), as_maps(moved))[0, 0].double().numpy()
     assert motion_left(moved, still) > 0.25
     assert motion_left(registered, still) < RESIDUAL_PX
 
@@ -313,7 +343,7 @@ def test_registration_removes_a_zoom_and_a_turn() -> None:
     u, v = X - 128, Y - 96
     still = smooth_scene(X, Y)
     moved = smooth_scene(X - 0.003 * u + 0.002 * v, Y - 0.003 * v - 0.002 * u)
-    registered = register(as_maps(still), as_maps(moved))[0, 0].double().numpy()
+    registered = aligned(as_maps(still), as_maps(moved))[0, 0].double().numpy()
     for part in (np.s_[:96, :128], np.s_[96:, :128], np.s_[:96, 128:], np.s_[96:, 128:]):
         assert motion_left(moved[part], still[part]) > 0.1
         assert motion_left(registered[part], still[part]) < RESIDUAL_PX
@@ -323,12 +353,12 @@ def test_registration_removes_a_zoom_and_a_turn() -> None:
 def test_registration_leaves_still_frames_as_they_are(photometry: str) -> None:
     still = smooth_scene(X, Y)
     changed = as_maps(PHOTOMETRY[photometry](still))
-    torch.testing.assert_close(register(as_maps(still), changed), changed, rtol=0, atol=FLOAT32)
+    torch.testing.assert_close(aligned(as_maps(still), changed), changed, rtol=0, atol=FLOAT32)
 
 
 def test_registration_leaves_flat_frames_as_they_are() -> None:
     flat = torch.full((1, 3, 32, 48), 0.5)
-    torch.testing.assert_close(register(flat, 0.9 * flat), 0.9 * flat, rtol=0, atol=FLOAT32)
+    torch.testing.assert_close(aligned(flat, 0.9 * flat), 0.9 * flat, rtol=0, atol=FLOAT32)
 
 
 def test_a_message_is_not_taken_for_motion(captured: Captured) -> None:
@@ -431,6 +461,54 @@ def test_bin_mean_averages_the_pixels_of_each_bin(length: int, count: int) -> No
     expected = [values[index == k].mean() for k in range(count)]
     matrix = bin_mean(length, count, torch.zeros(0, dtype=torch.float64))
     np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT64)
+
+
+@given(st.integers(1, 300), st.integers(1, 40))
+def test_inner_mean_integrates_over_every_bin_however_small(length: int, count: int) -> None:
+    values = np.random.default_rng([length, count]).uniform(0, 1, length)
+    total = np.concatenate([[0], np.cumsum(values)])  # its difference quotients are exact means
+    start, stop = ((np.arange(count) + m) * length / count for m in (MARGIN, 1 - MARGIN))
+    edges = (np.interp(at, np.arange(length + 1), total) for at in (stop, start))
+    expected = np.subtract(*edges) / (stop - start)
+    matrix = inner_mean(length, count, torch.arange(count), torch.zeros(0, dtype=torch.float64))
+    np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT32)
+
+
+def test_inner_mean_leaves_the_margins_out() -> None:
+    matrix = inner_mean(12, 2, torch.tensor([1]), torch.zeros(0, dtype=torch.float64))
+    expected = [[0] * 7 + [1 / 4] * 4 + [0]]
+    np.testing.assert_allclose(matrix.numpy(), expected, rtol=0, atol=FLOAT64)
+
+
+@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize("k", [1, 2])
+def test_intensities_are_weighted_means_of_pixels(channels: str, k: int) -> None:
+    frame = np.random.default_rng(7).integers(0, 256, (2, 3, 6, 8), dtype=np.uint8)
+    means = frame.reshape(2, 3, 6 // k, k, 8 // k, k).mean(axis=(3, 5)) / 255
+    expected = np.einsum("kc,bchw->bkhw", CHANNELS[channels], means)
+    reduce = Reduce(CHANNELS[channels], k)
+    np.testing.assert_allclose(reduce(torch.from_numpy(frame)), expected, rtol=0, atol=FLOAT32)
+    assert reduce.whole == (channels != "luma")
+    exported = exported_sum(torch.from_numpy(frame), reduce.weights.to(torch.uint8), k)
+    if reduce.whole:
+        np.testing.assert_array_equal(exported, (100 * 255 * k * k * expected).round())
+
+
+@pytest.mark.parametrize("channels", CHANNELS)
+def test_the_refiner_sees_the_change_of_intensity_and_its_moments(channels: str) -> None:
+    layout = make_layout(4, 5, 160, 96, 2)
+    config = replace(FULL, channels=channels, register=False, texture=0.0, coarsen=1)
+    module = PhiDecoder(layout, config)
+    rng = np.random.default_rng(8)
+    frames = rng.integers(0, 256, (2, 1, 3, 96, 160), dtype=np.uint8)
+    _, blocks = module.summarise(*torch.from_numpy(frames))
+    i_o, i_e = np.einsum("kc,bchw->bkhw", CHANNELS[channels], frames[:, 0] / 255)
+    x = 2 * i_o - 1
+    maps = [i_e - i_o, *(legval(x, np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1))]
+    cells = np.stack(maps).mean(axis=1).reshape(-1, 4, 24, 5, 32).mean(axis=(2, 4))
+    expected = cells.reshape(MOMENTS + 1, -1).T[layout.message_mask.reshape(-1)]
+    found = module.statistics(blocks)[0].numpy()
+    np.testing.assert_allclose(found, expected, rtol=0, atol=FLOAT32)
 
 
 def test_the_torch_decoder_refuses_a_layout_without_patches() -> None:

@@ -1,15 +1,13 @@
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 from numpy.polynomial.legendre import legval
-from tolerances import FLOAT32, FLOAT64
+from tolerances import FLOAT64
 from torch import Tensor
 
-from link.layout import Layout, make_layout
-from models.neural.decoder import FULL, PhiDecoder
+from link.layout import make_layout
 from models.neural.refine import (
     MOMENTS,
     Refiner,
@@ -69,21 +67,6 @@ def test_surprises_flip_a_bit_with_half_their_probability(surprise: float) -> No
         torch.tensor([400.0]).double(), torch.tensor(surprise, dtype=torch.float64).log()
     )
     assert most.item() == pytest.approx(np.log(2 / surprise - 1))
-
-
-@pytest.mark.parametrize(
-    ("channels", "weights"), [("luma", (0.299, 0.587, 0.114)), ("quiet", (0.27, 0.5, 0.23))]
-)
-def test_moments_are_the_intensity_of_legendre_polynomials(
-    layout: Layout, channels: str, weights: tuple[float, float, float]
-) -> None:
-    frame = torch.rand((1, 3, 4, 5), generator=torch.Generator().manual_seed(0))
-    decoder = PhiDecoder(layout, replace(FULL, channels=channels))
-    found = decoder.moments(frame)[0].numpy()
-    for k in range(1, MOMENTS + 1):
-        each = legval(2 * frame[0].double().numpy() - 1, np.eye(MOMENTS + 1)[k])
-        expected = np.einsum("c,chw->hw", weights, each)
-        np.testing.assert_allclose(found[k - 1], expected, rtol=0, atol=FLOAT32)
 
 
 def moments_of(i: Tensor) -> Tensor:

@@ -182,7 +182,7 @@ def test_summarise_augments_anew_in_every_round(episodes: EpisodeSet) -> None:
     module = PhiDecoder(LAYOUT, LEARNED)
     generator = torch.Generator().manual_seed(0)
     first, second = (train.summarise(module, episodes, "cpu", generator) for _ in range(2))
-    features = module.phi.n_features + 1 + MOMENTS
+    features = LEARNED.degree + MOMENTS
     assert first[0].shape == (CONFIG.episodes, 16 * len(LAYOUT.ratex), features)
     assert first[1].shape == (CONFIG.episodes, LAYOUT.n_bits, features)
     assert not torch.equal(first[0], second[0])

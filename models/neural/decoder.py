@@ -5,26 +5,30 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import torch
 from numpy.polynomial import Legendre
-from numpy.polynomial.legendre import leg2poly
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import conv2d
 
 from link.errors import InputError, UnsuitedError, choose
 from link.images import LUMA
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
-from models.neural.phi import PhiPolynomial
+from models.neural.phi import PhiPolynomial, legendre
+from models.neural.reduce import Reduce
 from models.neural.refine import MOMENTS, Refiner
-from models.neural.register import channel_mean, gradients, register
+from models.neural.register import channel_mean, derivatives, register
 from models.neural.solver import fit_head
 
-CHANNELS = {"luma": slice(0, 1), "quiet": slice(0, 1), "rgb": slice(1, 4)}
-"""Of intensity, R, G, B: one intensity, or Phi per colour channel with one shared head."""
-QUIET = (0.27, 0.5, 0.23)
-"""Weights of R, G, B where cameras' noise is least in their sum: a colour matrix subtracts what
-crosstalk added, so that neighbouring channels err against each other."""
+CHANNELS = {
+    "luma": (LUMA,),
+    "quiet": ((0.27, 0.5, 0.23),),
+    "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+}
+"""Weights of R, G, B in each intensity: one, or Phi per colour channel with one shared head. quiet:
+where cameras' noise is least in their sum; a colour matrix subtracts what crosstalk added, so that
+neighbouring channels err against each other."""
+MARGIN = 1 / 6
+"""Of a tile, on each side, that "area" leaves out: the blur of its neighbours."""
 MAX_ROUNDS = 8
 
 
@@ -37,11 +41,12 @@ class DecoderConfig:
     drift_degree: int = 0
     """Of the polynomial of i_o beside Phi; 0 for none."""
     channels: str = "luma"
-    """What an intensity is: "luma", "quiet" (`QUIET`), or "rgb" for each by itself."""
+    """What an intensity is, of `CHANNELS`: "luma", "quiet", or "rgb" for each by itself."""
     register: bool = False
     """Remove the motion between the frames first (`models.neural.register`)."""
     train_on: str = "tile"
-    """Per-frame training samples: "tile" means (as quiet as a block), or single "pixel"."""
+    """Per-frame training samples: means over a "tile" (as quiet as a block) at 36 points of its
+    inner half or over its "area" but `MARGIN`, or each "pixel" of the 36."""
     coarsen: int = 1
     """Pixels averaged per axis before all else: 1, or 2, which takes a quarter of the time."""
     texture: float = 0.0
@@ -56,7 +61,7 @@ class DecoderConfig:
 
     def __post_init__(self) -> None:
         choose(CHANNELS, self.channels, "--decoder.channels")
-        choose({"tile": 0, "pixel": 0}, self.train_on, "--decoder.train-on")
+        choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "--decoder.train-on")
         for field, value in asdict(self).items():
             kind = type(getattr(DecoderConfig, field))
             if type(value) is not kind:
@@ -73,6 +78,7 @@ FULL = DecoderConfig(
     drift_degree=2,
     register=True,
     channels="quiet",
+    train_on="area",
     coarsen=2,
     texture=0.02,
     refine=3,
@@ -98,10 +104,10 @@ class PhiDecoder(nn.Module):
     labels: Tensor
     tile: Tensor
     step: Tensor
+    patch_rows: Tensor
+    patch_cols: Tensor
+    area_index: Tensor
     message_index: Tensor
-    mix: Tensor
-    kernel: Tensor
-    bias: Tensor
 
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
         super().__init__()
@@ -116,23 +122,22 @@ class PhiDecoder(nn.Module):
         self.refiner = None
         if config.refine:
             self.refiner = Refiner(layout, config.refine, config.rows, config.space)
-            kernel, bias = (torch.from_numpy(part) for part in legendre_kernel(self.weights))
-            self.register_buffer("kernel", kernel, persistent=False)
-            self.register_buffer("bias", bias, persistent=False)
         else:
             self.log_temperature = nn.Parameter(torch.zeros(()))
-        k = config.coarsen
-        weights = torch.cat([torch.tensor([self.weights]), torch.eye(3)])  # intensity, R, G, B
-        mix = weights.reshape(4, 3, 1, 1).expand(4, 3, k, k) / (255 * k * k)
-        self.register_buffer("mix", mix.contiguous(), persistent=False)
+        self.reduce = Reduce(CHANNELS[config.channels], config.coarsen)
         grid = sample_grid(layout)
+        rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
+        cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
         signs = torch.from_numpy(2.0 * tile_labels(layout).reshape(-1) - 1)
-        repeats = 1 if config.train_on == "tile" else SAMPLES * SAMPLES
+        repeats = SAMPLES * SAMPLES if config.train_on == "pixel" else 1
         for name, value in (
             ("labels", signs.repeat_interleave(repeats)),
             # whole numbers in float64, which onnxruntime divides and rounds down quickest
             ("tile", torch.from_numpy(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))),
             ("step", torch.from_numpy(np.stack([grid.step_y, grid.step_x]).astype(np.float64))),
+            ("patch_rows", torch.from_numpy(rows)),
+            ("patch_cols", torch.from_numpy(cols)),
+            ("area_index", torch.from_numpy(len(cols) * row + col)),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -157,22 +162,20 @@ class PhiDecoder(nn.Module):
         Returns:
             ratex: (B, N, F) float64, features of the training samples, tiles or pixels.
             blocks: (B, n_bits, F) float64, features averaged over message blocks. F is n_features,
-                and with refinement 1 + MOMENTS more (see `models.neural.refine`).
+                and with refinement `degree` + MOMENTS if that is more: P_k(i_o) go on up to there.
         """
-        mixed = self.reduce(original, slice(0, 4))
-        i_o, i_e = mixed[:, self.channels], self.reduce(embedded, self.channels)
+        i_o, i_e = self.reduce(original), self.reduce(embedded)
+        dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
-            i_e = register(i_o, i_e)
-        maps = [channel_mean(feature) for feature in self.phi(i_o, i_e)]
+            i_e = register(i_o, i_e, xx, yy)
+        maps = self.phi(i_o, i_e)
         if self.refiner is not None:
-            change = self.luma_of(i_e) - self.luma_of(i_o)
-            maps += [change, self.moments(mixed[:, 1:])]
-        weights = torch.ones_like(maps[0])
+            maps += legendre(i_o, MOMENTS)[self.config.drift_degree :]
+        stacked = torch.cat([channel_mean(each) for each in maps], dim=1)
+        weights = torch.ones_like(stacked[:, :1])
         if self.config.texture:
-            dx, dy = gradients(channel_mean(i_o + i_e) / 2)
             limit = (self.config.coarsen * self.config.texture) ** 2
-            weights = limit / (limit + dx**2 + dy**2)
-        stacked = torch.cat(maps, dim=1)
+            weights = limit / (limit + channel_mean(dx) ** 2 + channel_mean(dy) ** 2)
         return self.ratex_samples(stacked), self.block_means(stacked, weights)
 
     def solve_and_score(self, ratex: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
@@ -189,39 +192,20 @@ class PhiDecoder(nn.Module):
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
         else:
-            tiles = ratex[..., n:]
+            tiles = ratex
             if self.config.train_on == "pixel":
                 B, _, F = tiles.shape
                 tiles = tiles.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # (B, tiles, F)
-            scores = self.refiner(tiles, blocks[..., n:], scores)
+            scores = self.refiner(self.statistics(tiles), self.statistics(blocks), scores)
         return scores.float(), head.float()
 
-    @property
-    def weights(self) -> tuple[float, float, float]:
-        """Of R, G, B in an intensity."""
-        return QUIET if self.config.channels == "quiet" else LUMA
+    def statistics(self, features: Tensor) -> Tensor:
+        """Of `summarise`'s F features those that the refiner takes: (B, N, 1 + MOMENTS).
 
-    @property
-    def channels(self) -> slice:
-        """Those of luma, R, G, B that Phi takes: the intensities, of C = 1 or 3 channels."""
-        return CHANNELS[self.config.channels]
-
-    def reduce(self, frame: Tensor, channels: slice) -> Tensor:
-        """(B, 3, H, W) in [0, 255] -> chosen ones of luma, R, G, B: (B, C, H', W') in [0, 1]."""
-        return conv2d(frame.float(), self.mix[channels], stride=self.config.coarsen)
-
-    def luma_of(self, i: Tensor) -> Tensor:
-        """Intensities (B, C, H, W) -> (B, 1, H, W)."""
-        return i if i.shape[1] == 1 else conv2d(i, i.new_tensor(self.weights).reshape(1, 3, 1, 1))
-
-    def moments(self, frame: Tensor) -> Tensor:
-        """P_k(2 i - 1), k = 1 ... MOMENTS, weighted over channels as luma is: RGB -> MOMENTS."""
-        powers = [2 * frame - 1]
-        for _ in range(MOMENTS - 1):
-            powers.append(powers[-1] * powers[0])
-        # a product, not a 1 x 1 convolution: onnxruntime pads 4 channels to 16
-        mixed = self.kernel @ torch.cat(powers, dim=1).flatten(2) + self.bias
-        return mixed.reshape(-1, MOMENTS, *frame.shape[2:])  # (B, MOMENTS, H, W)
+        The change of intensity, i_e - i_o = (P_1(i_o) - P_1(i_e)) / -2, and P_k(i_o).
+        """
+        degree = self.config.degree
+        return torch.cat([features[..., :1] / -2, features[..., degree : degree + MOMENTS]], dim=-1)
 
     def ratex_samples(self, maps: Tensor) -> Tensor:
         """Features of the training samples: (B, F, H, W) -> (B, N, F) float64.
@@ -229,6 +213,12 @@ class PhiDecoder(nn.Module):
         Float64: the fit is small, and torch and onnxruntime then agree on the active set.
         """
         height, width = maps.shape[-2:]
+        if self.config.train_on == "area":
+            counts = TILES * self.layout.rows, TILES * self.layout.cols
+            rows = inner_mean(height, counts[0], self.patch_rows, maps)
+            cols = inner_mean(width, counts[1], self.patch_cols, maps)
+            means = (rows @ maps @ cols.T).flatten(2)  # (B, F, patch rows x patch cols)
+            return means.index_select(2, self.area_index).transpose(1, 2).double()
         tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
         length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
         y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
@@ -265,11 +255,13 @@ def bin_mean(length: int, count: int, like: Tensor) -> Tensor:
     return member / member.sum(1, keepdim=True)
 
 
-def legendre_kernel(
-    weights: tuple[float, float, float],
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Kernel (MOMENTS, 3 MOMENTS) and bias (MOMENTS, 1): powers of RGB -> luma of P_k."""
-    polynomials = [leg2poly(np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1)]
-    padded = np.stack([np.pad(c, (0, MOMENTS + 1 - len(c))) for c in polynomials])
-    kernel = (padded[:, 1:, None] * np.array(weights)).reshape(MOMENTS, 3 * MOMENTS)
-    return kernel.astype(np.float32), padded[:, :1].astype(np.float32)
+def inner_mean(length: int, count: int, bins: Tensor, like: Tensor) -> Tensor:
+    """(len(bins), length) matrix that averages each bin but its `MARGIN`s, in like's dtype.
+
+    A pixel counts by the share of it that lies inside, so every bin has some, however small.
+    """
+    start = (bins.unsqueeze(1) + MARGIN) * (length / count)
+    stop = (bins.unsqueeze(1) + 1 - MARGIN) * (length / count)
+    left = torch.arange(length, device=like.device)
+    inside = torch.minimum(left + 1, stop) - torch.maximum(left, start)
+    return (inside.clamp_min(0) / (stop - start)).to(like.dtype)

@@ -1,6 +1,5 @@
 """PhiPolynomial: the paper's feature space as a torch layer, numerically conditioned."""
 
-import torch
 from torch import Tensor, nn
 
 from link.errors import InputError
@@ -57,7 +56,7 @@ class PhiPolynomial(nn.Module):
 def legendre(i: Tensor, degree: int) -> list[Tensor]:
     """P_1 ... P_degree at 2 i - 1, by Bonnet's recursion; each of the shape of ``i``."""
     x = 2 * i - 1
-    terms = [torch.ones_like(x), x]
-    for k in range(1, degree):
-        terms.append(((2 * k + 1) / (k + 1)) * x * terms[k] - (k / (k + 1)) * terms[k - 1])
-    return terms[1 : degree + 1]
+    terms = [x, 1.5 * x * x - 0.5]
+    for k in range(2, degree):
+        terms.append(((2 * k + 1) / (k + 1)) * x * terms[-1] - (k / (k + 1)) * terms[-2])
+    return terms[:degree]

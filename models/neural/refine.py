@@ -110,8 +110,8 @@ class Refiner(nn.Module):
         """Log-likelihood ratios of the message bits.
 
         Args:
-            tiles: (B, tiles, 1 + MOMENTS) float64, as are all tensors here: mean change of luma in
-                [-1, 1] and moments P_k of i_o.
+            tiles: (B, tiles, 1 + MOMENTS) float64, as are all tensors here: mean change of
+                intensity, in [-1, 1], and moments P_k of i_o.
             blocks: (B, n_bits, 1 + MOMENTS).
             scores: (B, n_bits) of the SVM, margins of about 1; the start.
 

@@ -21,33 +21,27 @@ COARSE = 2
 """The same for the first, of the pixels of the last."""
 
 
-def gradients(image: Tensor) -> tuple[Tensor, Tensor]:
-    """Central differences d/dx and d/dy of (B, C, H, W), smoothed across; the same shape."""
+def derivatives(image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """d/dx, d/dy (smoothed across), d2/dx2, d2/dy2 of (B, C, H, W), in its shape; edges repeat."""
     smooth, slope = image.new_tensor([1, 2, 1]) / 4, image.new_tensor([-1, 0, 1]) / 2
-    return _convolved(image, torch.outer(smooth, slope), torch.outer(slope, smooth))
-
-
-def curvatures(image: Tensor) -> tuple[Tensor, Tensor]:
-    """Second differences along x and y of (B, C, H, W); the same shape."""
     here, bend = image.new_tensor([0, 1, 0]), image.new_tensor([1, -2, 1])
-    return _convolved(image, torch.outer(here, bend), torch.outer(bend, here))
-
-
-def _convolved(image: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
-    """Each channel under two (3, 3) kernels; edges repeat."""
+    pairs = ((smooth, slope), (slope, smooth), (here, bend), (bend, here))
+    kernels = torch.stack([torch.outer(*pair) for pair in pairs]).unsqueeze(1)  # (4, 1, 3, 3)
     B, C, height, width = image.shape
     padded = pad(image, (1, 1, 1, 1), mode="replicate").reshape(B * C, 1, height + 2, width + 2)
-    maps = conv2d(padded, torch.stack([first, second]).unsqueeze(1))
-    maps = maps.reshape(B, C, 2, height, width)
-    return maps[:, :, 0], maps[:, :, 1]
+    maps = conv2d(padded, kernels).reshape(B, C, 4, height, width)
+    dx, dy, xx, yy = maps.unbind(2)
+    return dx, dy, xx, yy
 
 
-def register(i_o: Tensor, i_e: Tensor) -> Tensor:
+def register(i_o: Tensor, i_e: Tensor, xx: Tensor, yy: Tensor) -> Tensor:
     """Move the embedded frame onto the original.
 
     Args:
         i_o: (B, C, H, W) float in [0, 1], encoded.
         i_e: the same shape.
+        xx: second derivative of i_o along x, the same shape.
+        yy: along y.
 
     Returns:
         i_e as it would be without the motion, the same shape.
@@ -59,7 +53,6 @@ def register(i_o: Tensor, i_e: Tensor) -> Tensor:
     # bilinear interpolation blurs: at fraction f of a pixel it adds f (1 - f) / 2 of the curvature
     f_x, f_y = s_x - s_x.floor(), s_y - s_y.floor()
     blur_x, blur_y = f_x * (1 - f_x) / 2, f_y * (1 - f_y) / 2
-    xx, yy = curvatures(i_o)
     return warp(i_e, s_x, s_y) - blur_x.unsqueeze(1) * xx - blur_y.unsqueeze(1) * yy
 
 
@@ -69,7 +62,7 @@ def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
     o, e = (shrink(channel_mean(i), FINE) for i in (i_o, i_e))
     coarse = translation(o, e).float()
     moved = warp(e, coarse[:, :1, None], coarse[:, 1:, None])
-    gx, gy = (g[:, 0].double() for g in gradients((o + moved) / 2))
+    gx, gy = (g[:, 0].double() for g in derivatives((o + moved) / 2)[:2])
     x, y = (axis.double() for axis in axes(o.shape[2], o.shape[3], o))
     terms = [gx, gx * x, gx * y, gy, gy * x, gy * y]
     m = least_squares(terms, o[:, 0].double(), (moved - o)[:, 0].double()).float()
@@ -98,7 +91,7 @@ def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
 def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
     """(B, 2) translation (x, y) of the embedded frame, found on a coarse image, pixels."""
     o, e = (shrink(channel_mean(i), COARSE) for i in (i_o, i_e))
-    dx, dy = (g[:, 0].double() for g in gradients(o))
+    dx, dy = (g[:, 0].double() for g in derivatives(o)[:2])
     return COARSE * least_squares([dx, dy], o[:, 0].double(), (e - o)[:, 0].double())
 
 
@@ -108,9 +101,9 @@ def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
     x, y = axes(height, width, image)
     x, y = x + 2 / width * s_x, y + 2 / height * s_y
     # clamped to the outermost centres: onnxruntime is quickest with zeros beyond the edges
-    x = (x + 0 * y).clamp(1 / width - 1, 1 - 1 / width)
-    y = (y + 0 * x).clamp(1 / height - 1, 1 - 1 / height)
-    grid = torch.stack([x, y], dim=-1)  # (B, H, W, 2)
+    x, y = x.clamp(1 / width - 1, 1 - 1 / width), y.clamp(1 / height - 1, 1 - 1 / height)
+    both = torch.broadcast_tensors(x, y)  # type: ignore[no-untyped-call]
+    grid = torch.stack(both, dim=-1)  # (B, H, W, 2)
     return grid_sample(image, grid, padding_mode="zeros", align_corners=False)
 
 

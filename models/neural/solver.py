@@ -44,19 +44,19 @@ def solve_spd(A: Tensor, y: Tensor) -> Tensor:
     return (inverse(A) @ y.unsqueeze(-1)).squeeze(-1)
 
 
-def objective(w: Tensor, Zt: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
+def objective(w: Tensor, margins: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
     """J(w) / 2 C = 1/2 sum_j ridge_j (w_j - prior_j)^2 + 1/2 sum_n max(0, 1 - w.z_n)^2.
 
     Args:
         w: (B, S, D): S heads for each frame.
-        Zt: (B, D, N), the features times their labels.
+        margins: (B, S, N), w.z_n with z the features times their labels.
         ridge: (D,), relative to 2 C.
         prior: (D,).
 
     Returns:
         (B, S).
     """
-    slack, away = (1 - w @ Zt).relu(), w - prior  # (B, S, N), (B, S, D)
+    slack, away = (1 - margins).relu(), w - prior  # (B, S, N), (B, S, D)
     return ((slack * slack).sum(-1) + (ridge * away * away).sum(-1)) / 2
 
 
@@ -81,7 +81,7 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     """
 
     def newton(w: Tensor, Z: Tensor, Zt: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
-        violators = Zt * violated(w.unsqueeze(1), Zt).to(Zt.dtype)  # (B, D, N)
+        violators = Zt * (w.unsqueeze(1) @ Zt < 1).to(Zt.dtype)  # (B, D, N)
         # Zt comes transposed: onnxruntime 1.31 gets the transpose of a product wrong inside a Loop
         return solve_spd(torch.diag(ridge) + violators @ Z, ridge * prior + violators.sum(-1))
 
@@ -96,9 +96,10 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     def descend(step: Tensor, w: Tensor, moving: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         direction = newton(w, *fixed) - w
         trials = w.unsqueeze(1) + sizes * direction.unsqueeze(1)  # (B, S, D)
-        best = objective(trials, *fixed[1:]).argmin(1)
-        there = violated(trials[:, :2], fixed[1])  # staying, and the whole step
-        moving = (there[:, 0] != there[:, 1]).any(-1)
+        margins = trials @ fixed[1]  # (B, S, N)
+        best = objective(trials, margins, *fixed[2:]).argmin(1)
+        violated = margins[:, :2] < 1  # by staying, and by the whole step
+        moving = (violated[:, 0] != violated[:, 1]).any(-1)
         return step + 1, w + sizes[best] * direction, moving
 
     w = fixed[3].expand(X.shape[0], X.shape[2]).clone()
@@ -114,8 +115,3 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     if torch.compiler.is_exporting():
         return w
     return torch.where(moving.unsqueeze(-1), w, newton(w, *given))
-
-
-def violated(w: Tensor, Zt: Tensor) -> Tensor:
-    """Which margins heads (B, S, D) leave below 1: (B, S, N), of ``Zt`` (B, D, N)."""
-    return w @ Zt < 1

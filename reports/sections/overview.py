@@ -30,6 +30,7 @@ PARTS = {
     "space": "calibration over the display",
     "drift": "drift terms",
     "texture": "texture weights",
+    "area": "whole tiles",
     "quiet": "least-noise intensity",
     "coarsen": "averaged pixels",
 }
