@@ -6,7 +6,6 @@ and show it all in report.html. --report DIR builds that again, --compare A B co
 
 import json
 import os
-import sys
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -17,28 +16,16 @@ from data_gen.dataset import Source
 from data_gen.effects import parse_settings
 from data_gen.optics import check_view
 from data_gen.pairs import PAIRS
-from link.captures import MANIFEST, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, run_cli
-from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
-from reports.annotated import show
 from reports.backends import make_backend
-from reports.compare import (
-    METHODS,
-    Method,
-    decode_captures,
-    decode_each,
-    digest_files,
-    methods_for,
-    paper_cells,
-)
-from reports.finish import Clock, close, finish_captures, finish_simulated
+from reports.compare import METHODS, Method, methods_for, paper_cells
 from reports.html import write_report
-from reports.metrics import provenance
 from reports.protocols import PROTOCOLS, apply
-from reports.scores import CONFIG, refuse_other_run, write_scores
+from reports.run import Task, run_captures, run_simulated
+from reports.scores import refuse_other_run
 from reports.sweeps import SWEEPS
 from reports.versus import compare_runs
 
@@ -115,61 +102,19 @@ def main() -> None:
     methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     settings = describe(config, methods)
     refuse_other_run(config.out, settings)
+    task = Task(config.out, methods, settings, config.seed, config.html)
     if config.captures is not None:
-        run_captures(config, config.captures, methods, settings)
-    else:
-        run_simulated(config, methods, settings)
-
-
-def run_captures(
-    config: EvaluateConfig, captures: Path, methods: list[Method], settings: bytes
-) -> None:
-    """Decode and score a folder of captures."""
-    clock = Clock()
-    with clock.time("decoding"):
-        predictions, notes = decode_captures(captures, methods, config.out)
-    print(*notes, sep="\n")
-    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
-    write_bytes(config.out / CONFIG, settings)
-    meta = provenance(config.seed, simulated)
-    kind = "simulated captures" if simulated else "real captures"
-    write_scores(config.out, predictions, meta, f"All cells ({kind})", False)
-    if config.html:
-        finish_captures(config.out, captures, predictions, clock)
-        digest = digest_files([captures / MANIFEST])[:16]
-        about = {**json.loads(settings), "captures": f"manifest {digest}"}
-        print(f"written: {close(config.out, meta, about, clock, notes)}")
-    if config.show is not None:
-        show(captures, methods, config.show)
-
-
-def run_simulated(config: EvaluateConfig, methods: list[Method], settings: bytes) -> None:
-    """Decode and score simulated captures, and the sweeps beside them."""
-    clock, source = Clock(), source_of(config)
-    cells = paper_cells(config.pairs, config.views, config.kappas)
-    backend = make_backend(config.backend, config.jobs, config.scheduler)
-    with clock.time("decoding"):
-        predictions, failed = decode_each(
-            source, cells, config.frames, methods, config.out, backend
-        )
-    write_bytes(config.out / CONFIG, settings)
-    meta = {**provenance(config.seed, True), "failed_cells": failed}
-    kind = "held-out pictures" if config.pictures is None else "your own pictures"
-    title = f"All cells (simulated captures, {kind})"
-    write_scores(config.out, predictions, meta, title, True)
-    if config.html:
-        failed += finish_simulated(
-            config.out, source, cells, predictions, methods, sweeps_of(config), config.frames,
-            config.quick, backend, clock,
-        )  # fmt: skip
-        print(f"written: {close(config.out, meta, json.loads(settings), clock, failed)}")
-    for line in failed:
-        print(f"failed: {line}", file=sys.stderr)
-    if failed:
-        raise InputError(
-            f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
-            "same command tries the failed ones again"
-        )
+        run_captures(task, config.captures, config.show)
+        return
+    run_simulated(
+        task,
+        source_of(config),
+        paper_cells(config.pairs, config.views, config.kappas),
+        config.frames,
+        sweeps_of(config),
+        config.quick,
+        make_backend(config.backend, config.jobs, config.scheduler),
+    )
 
 
 def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:

@@ -1,6 +1,8 @@
-"""After the main comparison: sweeps, pictures, responses, cost, and the report."""
+"""A run of evaluate.py: decode, score, then sweeps, pictures, responses, cost, and the report."""
 
 import contextlib
+import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,13 +10,18 @@ from time import perf_counter
 from typing import Any
 
 from data_gen.dataset import Cell, Source
+from link.captures import MANIFEST, read_manifest
+from link.errors import InputError
+from link.images import write_bytes
 from models import DECODERS, make_decoder
 from reports import cost, response
+from reports.annotated import show
 from reports.backends import Backend
-from reports.compare import Method
+from reports.compare import Method, decode_captures, decode_each, digest_files
 from reports.findings import REFERENCES, leaders_of
 from reports.html import write_report
-from reports.metrics import score
+from reports.metrics import provenance, score
+from reports.scores import CONFIG, write_scores
 from reports.stored import finish
 from reports.stories import save, tell, tell_captures
 from reports.sweeps import Place, decode_sweeps
@@ -34,6 +41,19 @@ class Amount:
 USUAL, QUICK = Amount(), Amount(2, 6, 2, 1, 8)
 
 
+@dataclass(frozen=True)
+class Task:
+    """What is compared, and where it goes."""
+
+    out: Path
+    methods: list[Method]
+    settings: bytes
+    """All that decides the result, as the text of config.json."""
+    seed: int
+    html: bool
+    """Write report.html, and what it shows beside the predictions."""
+
+
 @dataclass
 class Clock:
     """Seconds by what took them."""
@@ -48,12 +68,75 @@ class Clock:
         self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
+def run_captures(task: Task, captures: Path, pictures: Path | None) -> None:
+    """Decode and score a folder of captures; ``pictures``: folder for annotated ones."""
+    clock = Clock()
+    with clock.time("decoding"):
+        predictions, notes = decode_captures(captures, task.methods, task.out)
+    print(*notes, sep="\n")
+    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
+    write_bytes(task.out / CONFIG, task.settings)
+    meta = provenance(task.seed, simulated)
+    kind = "simulated captures" if simulated else "real captures"
+    write_scores(task.out, predictions, meta, f"All cells ({kind})", False)
+    if task.html:
+        finish_captures(task.out, captures, predictions, clock)
+        digest = digest_files([captures / MANIFEST])[:16]
+        about = {**json.loads(task.settings), "captures": f"manifest {digest}"}
+        print(f"written: {close(task.out, meta, about, clock, notes)}")
+    if pictures is not None:
+        show(captures, task.methods, pictures)
+
+
+def run_simulated(
+    task: Task,
+    source: Source,
+    cells: Sequence[Cell],
+    frames: int,
+    sweeps: Sequence[str],
+    quick: bool,
+    backend: Backend,
+) -> None:
+    """Decode and score simulated captures, and the sweeps beside them.
+
+    Args:
+        task: methods and folder.
+        source: of the main comparison.
+        cells: of the main comparison.
+        frames: frame pairs a cell.
+        sweeps: names of `sweeps.SWEEPS`.
+        quick: less of everything but the main comparison.
+        backend: where cells are decoded.
+
+    Raises:
+        InputError: cells failed; all others are decoded and reported.
+    """
+    clock = Clock()
+    with clock.time("decoding"):
+        predictions, failed = decode_each(source, cells, frames, task.methods, task.out, backend)
+    write_bytes(task.out / CONFIG, task.settings)
+    meta = {**provenance(task.seed, True), "failed_cells": failed}
+    kind = "held-out pictures" if source.pictures is None else "your own pictures"
+    write_scores(task.out, predictions, meta, f"All cells (simulated captures, {kind})", True)
+    if task.html:
+        failed += finish_simulated(
+            task, source, cells, predictions, sweeps, frames, quick, backend, clock
+        )
+        print(f"written: {close(task.out, meta, json.loads(task.settings), clock, failed)}")
+    for line in failed:
+        print(f"failed: {line}", file=sys.stderr)
+    if failed:
+        raise InputError(
+            f"{len(failed)} cells failed, as listed above; the others are in {task.out}, and the "
+            "same command tries the failed ones again"
+        )
+
+
 def finish_simulated(
-    folder: Path,
+    task: Task,
     source: Source,
     cells: Sequence[Cell],
     predictions: list[dict[str, Any]],
-    methods: Sequence[Method],
     sweeps: Sequence[str],
     frames: int,
     quick: bool,
@@ -62,18 +145,10 @@ def finish_simulated(
 ) -> list[str]:
     """Decode the sweeps and write all that the report shows; a line for each cell that failed.
 
-    Args:
-        folder: of the run.
-        source: of the main comparison.
-        cells: of the main comparison.
-        predictions: of the main comparison.
-        methods: that were compared.
-        sweeps: names of `sweeps.SWEEPS`.
-        frames: frame pairs a cell of the main comparison; sweeps have two thirds of it.
-        quick: less of everything.
-        backend: where cells are decoded.
-        clock: to which times are added.
+    Arguments as of `run_simulated`, and the main comparison's ``predictions``; sweeps have two
+    thirds of its ``frames``. ``clock`` gets the times.
     """
+    folder, methods = task.out, task.methods
     amount = QUICK if quick else USUAL
     with clock.time("sweeps"):
         swept = max(1, 2 * frames // 3)
