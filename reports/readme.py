@@ -83,7 +83,7 @@ STEPS = {
 """In the order in which they are run; by name."""
 STEPS |= {
     f"delivery_{name}": Step(
-        f"reports.delivery --runs 1 {THREE} {flags} --out runs/delivery",
+        f"reports.delivery --runs 4 {THREE} {flags} --out runs/delivery",
         {"runs/delivery": "delivery"},
     )
     for name, flags in {

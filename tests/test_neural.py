@@ -35,11 +35,9 @@ from models.neural.checkpoint import load_checkpoint, save_checkpoint
 from models.neural.decoder import (
     CHANNELS,
     FULL,
-    MARGIN,
     DecoderConfig,
     PhiDecoder,
     bin_mean,
-    inner_mean,
 )
 from models.neural.methods import Phi, run
 from models.neural.phi import MAX_DEGREE, PhiPolynomial
@@ -454,30 +452,27 @@ def test_every_learned_parameter_receives_a_gradient(
         assert parameter.grad.abs().sum() > 0, name
 
 
-@pytest.mark.parametrize(("length", "count"), [(32, 8), (33, 8), (61, 7)])
-def test_bin_mean_averages_the_pixels_of_each_bin(length: int, count: int) -> None:
-    values = np.random.default_rng(6).uniform(0, 1, length)
-    index = np.arange(length) * count // length
-    expected = [values[index == k].mean() for k in range(count)]
-    matrix = bin_mean(length, count, torch.zeros(0, dtype=torch.float64))
-    np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT64)
-
-
-@given(st.integers(1, 300), st.integers(1, 40))
-def test_inner_mean_integrates_over_every_bin_however_small(length: int, count: int) -> None:
+@given(st.integers(1, 300), st.integers(1, 40), st.floats(0, 0.45))
+def test_bin_mean_integrates_over_every_bin_however_small(
+    length: int, count: int, margin: float
+) -> None:
     values = np.random.default_rng([length, count]).uniform(0, 1, length)
     total = np.concatenate([[0], np.cumsum(values)])  # its difference quotients are exact means
-    start, stop = ((np.arange(count) + m) * length / count for m in (MARGIN, 1 - MARGIN))
+    start, stop = ((np.arange(count) + m) * length / count for m in (margin, 1 - margin))
     edges = (np.interp(at, np.arange(length + 1), total) for at in (stop, start))
     expected = np.subtract(*edges) / (stop - start)
-    matrix = inner_mean(length, count, torch.arange(count), torch.zeros(0, dtype=torch.float64))
+    like = torch.zeros(0, dtype=torch.float64)
+    matrix = bin_mean(length, count, torch.arange(count), margin, like)
     np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT32)
 
 
-def test_inner_mean_leaves_the_margins_out() -> None:
-    matrix = inner_mean(12, 2, torch.tensor([1]), torch.zeros(0, dtype=torch.float64))
-    expected = [[0] * 7 + [1 / 4] * 4 + [0]]
-    np.testing.assert_allclose(matrix.numpy(), expected, rtol=0, atol=FLOAT64)
+@pytest.mark.parametrize(
+    ("margin", "expected"), [(0.0, [1 / 6] * 6), (1 / 6, [0, *[1 / 4] * 4, 0])]
+)
+def test_bin_mean_leaves_the_margins_out(margin: float, expected: list[float]) -> None:
+    like = torch.zeros(0, dtype=torch.float64)
+    matrix = bin_mean(12, 2, torch.tensor([1]), margin, like)
+    np.testing.assert_allclose(matrix.numpy(), [[0] * 6 + expected], rtol=0, atol=FLOAT64)
 
 
 @pytest.mark.parametrize("channels", CHANNELS)

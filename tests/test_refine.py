@@ -43,8 +43,8 @@ def test_cavity_is_the_fit_without_the_block() -> None:
     both = torch.cat([one, zero])
     variance = torch.einsum("nk,kl,nl->n", both, covariance, both)
     shared = torch.einsum("nk,kl,nl->n", one, covariance, zero)
-    twice = (torch.cat([v, v]) for v in (y, var))
-    given = (*twice, both @ w, variance, torch.cat([p1, p0]))
+    twice = torch.cat([y, y]), torch.cat([var, var])
+    given = (twice[0] - both @ w, twice[1], variance, torch.cat([p1, p0]))
     llr = cavity_llr(shared[None], *(v[None] for v in given))[0]
     for n in range(N):
         covariance, w = posterior(torch.tensor([k for k in range(N) if k != n]))

@@ -104,9 +104,11 @@ class PhiDecoder(nn.Module):
     labels: Tensor
     tile: Tensor
     step: Tensor
-    patch_rows: Tensor
-    patch_cols: Tensor
-    area_index: Tensor
+    rows: Tensor
+    cols: Tensor
+    tile_rows: Tensor
+    tile_cols: Tensor
+    tile_index: Tensor
     message_index: Tensor
 
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
@@ -135,9 +137,11 @@ class PhiDecoder(nn.Module):
             # whole numbers in float64, which onnxruntime divides and rounds down quickest
             ("tile", torch.from_numpy(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))),
             ("step", torch.from_numpy(np.stack([grid.step_y, grid.step_x]).astype(np.float64))),
-            ("patch_rows", torch.from_numpy(rows)),
-            ("patch_cols", torch.from_numpy(cols)),
-            ("area_index", torch.from_numpy(len(cols) * row + col)),
+            ("rows", torch.arange(layout.rows)),
+            ("cols", torch.arange(layout.cols)),
+            ("tile_rows", torch.from_numpy(rows)),
+            ("tile_cols", torch.from_numpy(cols)),
+            ("tile_index", torch.from_numpy(len(cols) * row + col)),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -214,11 +218,10 @@ class PhiDecoder(nn.Module):
         """
         height, width = maps.shape[-2:]
         if self.config.train_on == "area":
-            counts = TILES * self.layout.rows, TILES * self.layout.cols
-            rows = inner_mean(height, counts[0], self.patch_rows, maps)
-            cols = inner_mean(width, counts[1], self.patch_cols, maps)
-            means = (rows @ maps @ cols.T).flatten(2)  # (B, F, patch rows x patch cols)
-            return means.index_select(2, self.area_index).transpose(1, 2).double()
+            rows = bin_mean(height, TILES * self.layout.rows, self.tile_rows, MARGIN, maps)
+            cols = bin_mean(width, TILES * self.layout.cols, self.tile_cols, MARGIN, maps)
+            means = (rows @ maps @ cols.T).flatten(2)  # (B, F, tile rows x tile cols)
+            return means.index_select(2, self.tile_index).transpose(1, 2).double()
         tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
         length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
         y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
@@ -230,8 +233,8 @@ class PhiDecoder(nn.Module):
     def block_means(self, maps: Tensor, weights: Tensor) -> Tensor:
         """Weighted mean over each message block: (B, F, H, W) -> (B, n_bits, F) float64."""
         height, width = maps.shape[-2:]
-        rows = bin_mean(height, self.layout.rows, maps)
-        cols = bin_mean(width, self.layout.cols, maps)
+        rows = bin_mean(height, self.layout.rows, self.rows, 0.0, maps)
+        cols = bin_mean(width, self.layout.cols, self.cols, 0.0, maps)
         total = rows @ weights @ cols.T
         means = (rows @ (maps * weights) @ cols.T) / total  # (B, F, rows, cols)
         return means.flatten(2).index_select(2, self.message_index).transpose(1, 2).double()
@@ -248,20 +251,20 @@ class PhiDecoder(nn.Module):
         return {"layout": self.layout.to_dict(), "decoder": asdict(self.config)}
 
 
-def bin_mean(length: int, count: int, like: Tensor) -> Tensor:
-    """(count, length) matrix that averages the pixels of each bin, in the dtype of ``like``."""
-    index = torch.arange(length, device=like.device) * count // length
-    member = (index == torch.arange(count, device=like.device).unsqueeze(1)).to(like.dtype)
-    return member / member.sum(1, keepdim=True)
-
-
-def inner_mean(length: int, count: int, bins: Tensor, like: Tensor) -> Tensor:
-    """(len(bins), length) matrix that averages each bin but its `MARGIN`s, in like's dtype.
+def bin_mean(length: int, count: int, bins: Tensor, margin: float, like: Tensor) -> Tensor:
+    """(len(bins), length) matrix that averages the pixels of each bin, in the dtype of ``like``.
 
     A pixel counts by the share of it that lies inside, so every bin has some, however small.
+
+    Args:
+        length: pixels.
+        count: equal bins over them.
+        bins: (N,) those that are averaged.
+        margin: share of a bin that is left out at each end, below 1/2.
+        like: says dtype and device.
     """
-    start = (bins.unsqueeze(1) + MARGIN) * (length / count)
-    stop = (bins.unsqueeze(1) + 1 - MARGIN) * (length / count)
+    start = (bins.double().unsqueeze(1) + margin) * (length / count)
+    stop = (bins.double().unsqueeze(1) + (1 - margin)) * (length / count)
     left = torch.arange(length, device=like.device)
     inside = torch.minimum(left + 1, stop) - torch.maximum(left, start)
     return (inside.clamp_min(0) / (stop - start)).to(like.dtype)

@@ -125,6 +125,7 @@ class Refiner(nn.Module):
         F = torch.cat([S, torch.cat([N, N[:, T:]], dim=1)], dim=-1)  # (B, T + 2 n_bits, K)
         y, var = (torch.cat([v, v[:, T:]], dim=1) for v in (y, var))
         known, count = torch.ones_like(y[:, :T]), y.new_tensor([T, n_bits])
+        still = torch.zeros_like(known), torch.zeros_like(y[:, T : T + n_bits])
         noise, scatter = torch.ones_like(y), torch.zeros_like(y)
         amplitude, flicker = known[:, :1], known[:, :1]
         free, bands = 1 - self.is_bend - self.is_band, self.is_band.sum()
@@ -140,22 +141,23 @@ class Refiner(nn.Module):
             normal, right = _weighted(F, y, weight)
             prior = free + self.is_bend / amplitude**2 + self.is_band / flicker
             covariance = inverse(self.diagonal * prior.unsqueeze(1) + normal)
-            coefficients = (covariance @ right.unsqueeze(-1)).squeeze(-1)
+            solution = covariance @ right.unsqueeze(-1)  # (B, K, 1)
+            coefficients, mean = solution.squeeze(-1), (F @ solution).squeeze(-1)
             projected = F @ covariance
-            mean = (F @ coefficients.unsqueeze(-1)).squeeze(-1)
             doubt = (projected * F).sum(-1)  # variance that the coefficients leave in the mean
             # what this frame pair says of its own: amplitude, flicker, and noise relative to the
             # learned one, degrees of freedom allowed for
             amplitude = (self.signal[0].exp() * coefficients[:, :1]).abs() + LEAST_AMPLITUDE
             power = (coefficients**2 + (covariance * self.diagonal).sum(-1)) * self.is_band
             flicker = (trust_r + power.sum(-1, keepdim=True)) / (trust_r + bands)
-            excess = trust + (q * variance * (y - mean) ** 2 / (total * var)) @ self.kinds
+            residual = y - mean
+            excess = trust + (q * variance * residual**2 / (total * var)) @ self.kinds
             noise = (excess / (trust + count - (weight * doubt) @ self.kinds)) @ self.kinds.T
             rise = mean[:, T : T + n_bits] - mean[:, T + n_bits :]
-            scatter = torch.cat([0 * known, relative * rise**2, 0 * rise], dim=1)
+            scatter = torch.cat([still[0], relative * rise**2, still[1]], dim=1)
             shared = (projected[:, T : T + n_bits] * F[:, T + n_bits :]).sum(-1)
             total = noise * var + LEAST_NOISE**2 + scatter
-            given = (v[:, T:] for v in (y, total, mean, doubt, weight))
+            given = (v[:, T:] for v in (residual, total, doubt, weight))
             llr = cavity_llr(shared, *given)
         return with_surprises(self.temperature.exp() * llr, self.surprise)
 
@@ -225,35 +227,34 @@ class Refiner(nn.Module):
 
 
 def cavity_llr(
-    shared: Tensor, y: Tensor, noise: Tensor, mean: Tensor, variance: Tensor, weight: Tensor
+    shared: Tensor, residual: Tensor, noise: Tensor, variance: Tensor, weight: Tensor
 ) -> Tensor:
     """LLR of each block's bit given all others: the fit without that block, in closed form.
 
-    With A the 2 x 2 covariance of the two predictions (``shared`` off its diagonal), m their means
-    and P the diagonal of weights with which the block entered, the cavity (Minka 2001, expectation
-    propagation) is
-        A' = (I - A P)^-1 A,  m' = (I - A P)^-1 (m - A P y).
+    With A the 2 x 2 covariance of the two predictions (``shared`` off its diagonal), r the
+    residuals and P the diagonal of weights with which the block entered, the cavity (Minka 2001,
+    expectation propagation) is
+        A' = (I - A P)^-1 A,  r' = (I - A P)^-1 r.
     Otherwise a block that sways the fit would confirm its own label.
 
     Args:
         shared: (B, n_bits).
-        y: (B, 2 n_bits), as are all others: first of the blocks as bit 1, then as bit 0.
+        residual: y less its prediction, (B, 2 n_bits), as are all others: first of the blocks as
+            bit 1, then as bit 0.
         noise: variance.
-        mean: predicted y.
-        variance: of that prediction.
+        variance: of the prediction.
         weight: inverse variance.
     """
     B, n_bits = shared.shape
     # each (B, 2, n_bits): bit 1, then bit 0
-    y, noise, mean, A, P = (v.reshape(B, 2, n_bits) for v in (y, noise, mean, variance, weight))
+    residual, noise, A, P = (v.reshape(B, 2, n_bits) for v in (residual, noise, variance, weight))
     shared = shared.unsqueeze(1)
     own, cross = 1 - A * P, shared * P  # of I - A P: its diagonal, and minus the rest by columns
     other, across = own.flip(1), cross.flip(1)
-    determinant = own[:, :1] * own[:, 1:] - cross[:, :1] * cross[:, 1:]
-    rest = mean + (own - across - 1) * y  # m - A P y
-    moved = (other * rest + across * rest.flip(1)) / determinant
+    determinant = own * other - cross * across
+    moved = (other * residual + across * residual.flip(1)) / determinant
     spread = noise + (other * A + across * shared) / determinant
-    cost = (y - moved) ** 2 / spread + spread.log()
+    cost = moved**2 / spread + spread.log()
     return (cost[:, 1] - cost[:, 0]) / 2
 
 

@@ -62,10 +62,10 @@ def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
     o, e = (shrink(channel_mean(i), FINE) for i in (i_o, i_e))
     coarse = translation(o, e).float()
     moved = warp(e, coarse[:, :1, None], coarse[:, 1:, None])
-    gx, gy = (g[:, 0].double() for g in derivatives((o + moved) / 2)[:2])
+    gx, gy = (g.double() for g in derivatives((o + moved) / 2)[:2])
     x, y = (axis.double() for axis in axes(o.shape[2], o.shape[3], o))
     terms = [gx, gx * x, gx * y, gy, gy * x, gy * y]
-    m = least_squares(terms, o[:, 0].double(), (moved - o)[:, 0].double()).float()
+    m = least_squares(terms, o.double(), (moved - o).double()).float()
     s_x = torch.cat([m[:, :1] + coarse[:, :1], m[:, 1:3]], dim=1)
     s_y = torch.cat([m[:, 3:4] + coarse[:, 1:], m[:, 4:6]], dim=1)
     return FINE * s_x.reshape(-1, 3, 1, 1), FINE * s_y.reshape(-1, 3, 1, 1)
@@ -79,9 +79,9 @@ def axes(height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
-    """(B, len(motion)) motion s from its gradient terms; all arguments (B, H, W) float64."""
+    """(B, len(motion)) motion s from its gradient terms; all arguments (B, 1, H, W) float64."""
     columns = [*motion, torch.ones_like(i_o), i_o, i_o * i_o]
-    A = torch.stack(columns, dim=1).flatten(2)  # (B, terms, H W)
+    A = torch.cat(columns, dim=1).flatten(2)  # (B, terms, H W)
     normal = A @ A.transpose(1, 2)
     right = (A @ change.flatten(1).unsqueeze(-1)).squeeze(-1)
     ridge = RIDGE * A.shape[-1] * torch.eye(A.shape[1], dtype=A.dtype, device=A.device)
@@ -91,8 +91,8 @@ def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
 def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
     """(B, 2) translation (x, y) of the embedded frame, found on a coarse image, pixels."""
     o, e = (shrink(channel_mean(i), COARSE) for i in (i_o, i_e))
-    dx, dy = (g[:, 0].double() for g in derivatives(o)[:2])
-    return COARSE * least_squares([dx, dy], o[:, 0].double(), (e - o)[:, 0].double())
+    dx, dy = (g.double() for g in derivatives(o)[:2])
+    return COARSE * least_squares([dx, dy], o.double(), (e - o).double())
 
 
 def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
