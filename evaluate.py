@@ -45,7 +45,8 @@ class EvaluateConfig:
     kappas: tuple[int, ...] = (5, 3)
     """Gray levels added for a bit 1."""
     methods: tuple[str, ...] = tuple(DECODERS)
-    """Decoders to compare; "ideal" is the floor under them, slow and for the simulation alone."""
+    """Decoders to compare; "ideal" and "ideal_change" are floors under them, slow and
+    for the simulation alone (data_gen/ideal.py)."""
     frames: int = 15
     """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
     sweeps: tuple[str, ...] | None = None

@@ -8,7 +8,12 @@ It is the floor up to three simplifications. Of all statistics of a block it tak
 pixels, at the low spatial frequencies where bit and noise of a block lie. Its moments are estimated
 from draws of the noise. And blocks are told apart by captures of all zeros and of all ones: where
 blur or JPEG mix a block's outermost pixels with a neighbour's, they count as if both had one bit.
+
+`observe_change` is the floor of decoders that do not know the picture: it sees of a block only how
+it changed from the original frame, whose noise is in that too. All else it knows as well.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -34,8 +39,30 @@ ALIGN_PX = 16
 """Captures are cut at multiples of this, so that mosaic and JPEG fall as in the whole."""
 
 
-def observe(
+@dataclass(frozen=True)
+class Before:
+    """The original frame, captured and as the channel may show it; as in the ratios' arguments."""
+
+    seen: NDArray[np.uint8]
+    draws: NDArray[np.uint8]
+    """(n, H, W, 3)."""
+    blocks: NDArray[np.int16]
+
+
+def observe_change(
     captured: Captured, source: Source, cell: Cell, index: int, draws: int = DRAWS
+) -> SoftBits:
+    """`observe`, of the change between the frames alone."""
+    return observe(captured, source, cell, index, draws, change=True)
+
+
+def observe(
+    captured: Captured,
+    source: Source,
+    cell: Cell,
+    index: int,
+    draws: int = DRAWS,
+    change: bool = False,
 ) -> SoftBits:
     """Decide frame pair ``index`` of a cell with its true channel.
 
@@ -45,13 +72,14 @@ def observe(
         cell: as of `simulate`.
         index: as of `simulate`.
         draws: of the noise, for each bit; at least 4.
+        change: see `observe_change`.
 
     Returns:
         scores that are natural log-likelihood ratios.
     """
     layout = source.layout
     channel_rng = prepare(source, cell, index).channel_rng
-    shot = draw(layout, source.pair(cell.pair), cell.view_deg, channel_rng)[1]
+    first, shot = draw(layout, source.pair(cell.pair), cell.view_deg, channel_rng)
     blocks = captured_blocks(layout, shot.H_captured_from_display, captured.embedded.shape)
     seen = np.argwhere(blocks >= 0)
     (top, left), (bottom, right) = (
@@ -64,9 +92,17 @@ def observe(
         exposure = shot.expose(prepare(source, cell, index, bits=message).displayed.embedded)
         rngs = (np.random.default_rng([source.seed, index, number]) for number in range(draws))
         developed.append([shot.develop(exposure[inside], rng) for rng in rngs])
-    ratios = log_likelihood_ratios(
-        captured.embedded[inside], np.array(developed), blocks[inside], layout.message_mask.size
-    )
+    before = None
+    if change:
+        exposure = first.expose(prepare(source, cell, index).displayed.original)[inside]
+        rngs = (np.random.default_rng([source.seed, index, draws + n]) for n in range(draws))
+        before = Before(
+            captured.original[inside],
+            np.array([first.develop(exposure, rng) for rng in rngs]),
+            captured_blocks(layout, first.H_captured_from_display, blocks.shape)[inside],
+        )
+    given = np.array(developed), blocks[inside], layout.message_mask.size
+    ratios = log_likelihood_ratios(captured.embedded[inside], *given, before)
     return SoftBits(ratios[layout.message_mask.ravel()])
 
 
@@ -90,7 +126,11 @@ def captured_blocks(
 
 
 def log_likelihood_ratios(
-    seen: NDArray[np.uint8], draws: NDArray[np.uint8], blocks: NDArray[np.int16], count: int
+    seen: NDArray[np.uint8],
+    draws: NDArray[np.uint8],
+    blocks: NDArray[np.int16],
+    count: int,
+    before: Before | None = None,
 ) -> NDArray[np.float64]:
     """Bit 1 against bit 0 of every block, by a statistic taken for Gaussian.
 
@@ -104,6 +144,7 @@ def log_likelihood_ratios(
             same noise for both bits, which so cancels in d.
         blocks: (H, W) number of each pixel's block, -1 for none.
         count: number of blocks.
+        before: if given, t is less what the same sum is in the original frame.
 
     Returns:
         (count,) natural logarithms; 0 where both bits look alike.
@@ -112,17 +153,21 @@ def log_likelihood_ratios(
     mean = shaping.mean(axis=1, dtype=np.float32)
     difference = cv2.GaussianBlur(mean[1] - mean[0], (0, 0), SIGNAL_SIGMA_PX)
     weights = np.linalg.solve(_covariance(shaping, mean), difference[..., None])[..., 0]
-    label = blocks.ravel() + 1
 
-    def pool(image: NDArray[np.uint8] | Light) -> NDArray[np.float64]:
+    def pool(image: NDArray[np.uint8] | Light, where: NDArray[np.int16]) -> NDArray[np.float64]:
         summed = (weights * image).sum(axis=2).ravel()
-        return np.asarray(np.bincount(label, summed, count + 1)[1:], np.float64)
+        return np.asarray(np.bincount(where.ravel() + 1, summed, count + 1)[1:], np.float64)
 
-    t = np.array([[pool(image) for image in images] for images in probing])
+    t = np.array([[pool(image, blocks) for image in images] for images in probing])
     signal = t[1].mean(axis=0) - t[0].mean(axis=0)
-    variance = t.var(axis=1, ddof=1).mean(axis=0) + ROUNDING * pool(weights)
+    variance = t.var(axis=1, ddof=1).mean(axis=0) + ROUNDING * pool(weights, blocks)
+    surplus = pool(seen, blocks) - t.mean(axis=(0, 1))
+    if before is not None:
+        t = np.array([pool(image, before.blocks) for image in before.draws])
+        variance += t.var(axis=0, ddof=1) + ROUNDING * pool(weights, before.blocks)
+        surplus -= pool(before.seen, before.blocks) - t.mean(axis=0)
     ratios = np.zeros(count)
-    np.divide(signal * (pool(seen) - t.mean(axis=(0, 1))), variance, out=ratios, where=variance > 0)
+    np.divide(signal * surplus, variance, out=ratios, where=variance > 0)
     return ratios
 
 

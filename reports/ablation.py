@@ -22,14 +22,14 @@ from link.layout import make_layout
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from reports.ablation_page import Entry, Standing, against_oorc, measure, plot, tables
-from reports.compare import decode_cells
+from reports.compare import OBSERVERS, decode_cells
 from reports.conditions import CONDITIONS, cells, source
 from reports.metrics import provenance, score
 from reports.paired import Outcomes, behind, outcomes
 from reports.reliability import diagram, pooled, reliability_page
 from reports.variants import ROWS, method_for
 
-APART = ("learned", "ideal")
+APART = ("learned", *OBSERVERS)
 """Decoded into folders of their own: a new checkpoint costs no other row its results."""
 WHOLE = ("full", "learned")
 """Rows that are decoders to use: compared with OORC cell by cell; their scores are LLRs."""
@@ -46,7 +46,8 @@ class AblationConfig:
     learned: bool = True
     """Add the trained decoder."""
     ideal: bool = False
-    """Add the floor under every decoder: takes about four times as long as all else."""
+    """Add the floors, under every decoder and under those that do not know the picture: takes some
+    ten times as long as all else."""
     pairs: tuple[str, ...] = tuple(PAIRS)
     """Camera-display pairs."""
     frames: int = 20
@@ -65,7 +66,7 @@ def main() -> None:
     config = tyro.cli(AblationConfig)
     check(config)
     rows = [row for row in ROWS if row in ("oorc", "full", *config.rows)]
-    rows += [row for row in APART if getattr(config, row)]
+    rows += ["learned"] * config.learned + [*OBSERVERS] * config.ideal
     predictions = {name: decode(config, name, rows) for name in config.conditions}
     entries, standings = [], []
     for name, lines in predictions.items():

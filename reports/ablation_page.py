@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 
 from link.images import make_folder
+from reports.compare import OBSERVERS
 from reports.metrics import Row, clustered_interval
 from reports.paired import MIN_FRAMES, Frame, Outcomes, Paired, compare, tally
 from reports.variants import ADDED, REMOVED
@@ -18,8 +19,8 @@ from matplotlib.ticker import FixedLocator, NullLocator
 
 REFERENCES = ("oorc", "full", "ideal")
 TABLES = {
-    "Added to plain OORC": ("oorc", ("oorc", "phi", *ADDED, "full", "learned", "ideal")),
-    "Removed from the full decoder": ("full", ("full", *REMOVED, "learned", "ideal")),
+    "Added to plain OORC": ("oorc", ("oorc", "phi", *ADDED, "full", "learned", *OBSERVERS)),
+    "Removed from the full decoder": ("full", ("full", *REMOVED, "learned", *OBSERVERS)),
 }
 """By title: the reference, and the rows compared with it."""
 TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
@@ -135,7 +136,7 @@ def plot(path: Path, entries: Sequence[Entry]) -> None:
     conditions = list(dict.fromkeys(entry.condition for entry in entries))
     order = list(dict.fromkeys(entry.row for entry in entries))
     shown = {
-        reference: [row for row in order if row in rows and row not in (reference, "ideal")]
+        reference: [row for row in order if row in rows and row not in (reference, *OBSERVERS)]
         for reference, rows in TABLES.values()
     }
     shown = {reference: rows for reference, rows in shown.items() if rows}

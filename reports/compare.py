@@ -13,7 +13,7 @@ from typing import Any
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, simulate
-from data_gen.ideal import observe
+from data_gen.ideal import observe, observe_change
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, UnsuitedError
 from link.frames import Captured, Rectified, SoftBits
@@ -22,8 +22,10 @@ from models import DECODERS, PRETRAINED, Decoder, make_decoder
 from reports.backends import Backend, one_thread, run_tasks
 
 PREDICTIONS = "predictions.jsonl"
-METHODS = {**DECODERS, "ideal": "data_gen.ideal:observe"}
-"""Methods by name: the decoders, and the floor under them on simulated captures."""
+OBSERVERS = {"ideal": observe, "ideal_change": observe_change}
+"""Floors under the decoders, on simulated captures."""
+METHODS = {**DECODERS, **dict.fromkeys(OBSERVERS, "data_gen.ideal")}
+"""Methods by name."""
 SHIPPED = {"cnn": PRETRAINED.with_name("pretrained_cnn")}
 """Checkpoints of methods that find their own."""
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-learn", "torch")
@@ -31,9 +33,12 @@ PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-
 
 
 class Ideal:
-    """Stands for `data_gen.ideal.observe` among decoders: it decides from the draw, not a pair."""
+    """Stands for one of `OBSERVERS` among decoders: it decides from the draw, not a pair."""
 
     needs_ratex = True
+
+    def __init__(self, name: str) -> None:
+        self.name = name
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Raise an `UnsuitedError`."""
@@ -58,7 +63,9 @@ class Method:
 
     def build(self) -> Decoder:
         """The decoder itself."""
-        return Ideal() if self.name == "ideal" else make_decoder(self.name, **dict(self.options))
+        if self.name in OBSERVERS:
+            return Ideal(self.name)
+        return make_decoder(self.name, **dict(self.options))
 
 
 def digest_files(files: Iterable[Path]) -> str:
@@ -116,7 +123,7 @@ def decode_cell(
             for name, decoder in chosen:
                 try:
                     if isinstance(decoder, Ideal):
-                        soft = observe(captured, source, cell, index)
+                        soft = OBSERVERS[decoder.name](captured, source, cell, index)
                     else:
                         soft = decoder.decode(pair)
                     lines.append({**to_entry(name, soft, captured), "index": index})

@@ -19,6 +19,7 @@ HARDER = {
     "jpeg": "JPEG 70",
 }
 ROWS = {"oorc": "oorc", "full": "learned, untrained", "learned": "learned"}
+FLOORS = {"ideal_change": "ideal observer of the change alone", "ideal": "ideal observer"}
 Entries = dict[tuple[str, str], dict[str, Any]]
 
 
@@ -41,9 +42,10 @@ def harder(docs: Path) -> str:
     for row, name in ROWS.items():
         lines.append(_row(name, [_error(entries[row, c]) for c in HARDER]))
     lines.append(_row("bits", [f"{entries['oorc', c]['bits']:,}" for c in HARDER]))
-    floor = [ideal.get(("ideal", c)) for c in HARDER]
-    lines.append(_row("ideal observer", [_error(e) if e else "–" for e in floor]))
-    lines.append(_row("its bits", [f"{e['bits']:,}" if e else "–" for e in floor]))
+    for row, name in FLOORS.items():
+        floor = [ideal.get((row, c)) for c in HARDER]
+        lines.append(_row(name, [_error(e) if e else "–" for e in floor]))
+    lines.append(_row("their bits", [f"{e['bits']:,}" if e else "–" for e in floor]))
     return "\n".join(lines)
 
 

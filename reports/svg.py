@@ -26,6 +26,7 @@ COLOURS = {
     "learned": "#d4520a",
     "cnn": "#c28a00",
     "ideal": "#8a6d5a",
+    "ideal_change": "#4f6a5e",
     "rivaGAN": "#b04a3a",
     "DWT-DCT": "#5a7d8c",
     "DWT-DCT in Y": "#7a8a2a",

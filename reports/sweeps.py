@@ -11,14 +11,14 @@ from data_gen.optics import CAPTURE_WIDTH, FILL
 from link.images import write_bytes
 from link.layout import make_layout
 from reports.backends import Backend
-from reports.compare import Method, decode_each
+from reports.compare import OBSERVERS, Method, decode_each
 
 PAIRS = ("canon-imac", "nikon-lg", "sony-samsung", "canon-lg", "nikon-samsung", "sony-imac")
 """Every camera and every display twice; the first three have each once."""
 QUICK_PAIRS = PAIRS[:3]
 VIEW, KAPPA = 45.0, 3
 """Where a sweep sets nothing else."""
-LEFT_OUT = ("phi", "ideal")
+LEFT_OUT = ("phi", *OBSERVERS)
 """Methods that no sweep decodes: OORC's twin, and the slow floor."""
 SWEEPS_JSON = "sweeps.json"
 

@@ -9,7 +9,13 @@ import evaluate
 from data_gen.channel import draw
 from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.effects import EFFECTS
-from data_gen.ideal import captured_blocks, log_likelihood_ratios, observe
+from data_gen.ideal import (
+    Before,
+    captured_blocks,
+    log_likelihood_ratios,
+    observe,
+    observe_change,
+)
 from link.captures import save_captures
 from link.layout import Layout, make_layout
 from models import make_decoder
@@ -43,6 +49,29 @@ def test_log_likelihood_ratios_of_white_noise_are_those_of_the_formula() -> None
     assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
 
 
+def test_the_change_alone_has_the_noise_of_both_frames() -> None:
+    """A floor of its own: error rates of white noise are those of twice the variance."""
+    rng = np.random.default_rng(1)
+    side, count, sigma, step, trials = 16, 64, 8.0, 0.75, 12
+    blocks = np.kron(np.arange(count).reshape(8, 8), np.ones((side, side), np.int16))
+    shape = (*blocks.shape, 3)
+    noise = sigma * rng.standard_normal((64, *shape))
+    other = (128 + sigma * rng.standard_normal((64, *shape))).round().astype(np.uint8)
+    draws = np.stack([128 + noise, 128 + step + noise]).round().astype(np.uint8)
+    bits, errors = rng.integers(0, 2, (trials, count)), 0
+    for message in bits:
+        mean = 128 + step * message[blocks][..., None]
+        original, embedded = (
+            (level + sigma * rng.standard_normal(shape)).round().astype(np.uint8)
+            for level in (128.0, mean)
+        )
+        before = Before(original, other, blocks.astype(np.int16))
+        found = log_likelihood_ratios(embedded, draws, blocks.astype(np.int16), count, before)
+        errors += int(((found > 0) != message).sum())
+    d_prime = step * np.sqrt(3 * side**2 / 2) / sigma
+    assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
+
+
 def test_bits_that_look_alike_are_left_undecided() -> None:
     burnt = np.full((2, 4, 32, 32, 3), 255, np.uint8)
     blocks = np.zeros((32, 32), np.int16)
@@ -54,19 +83,22 @@ def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     source = Source(layout, "train", without=tuple(EFFECTS))
     cell = Cell("canon-lg", 20.0, 1)
     captured = simulate(source, cell, 0)
-    soft = observe(captured, source, cell, 0, 4)
-    assert np.array_equal(soft.bits, captured.bits)
-    assert np.isfinite(soft.scores).all()
+    for observer in (observe, observe_change):
+        soft = observer(captured, source, cell, 0, 4)
+        assert np.array_equal(soft.bits, captured.bits)
+        assert np.isfinite(soft.scores).all()
 
 
 def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
     source = Source(layout, "train", 7)
-    ideal, oorc = 0, 0
+    ideal, change, oorc = 0, 0, 0
     for index in range(2):
         captured = simulate(source, HARD, index)
         ideal += int((observe(captured, source, HARD, index, 8).bits != captured.bits).sum())
+        seen = observe_change(captured, source, HARD, index, 8)
+        change += int((seen.bits != captured.bits).sum())
         oorc += int((make_decoder("oorc").decode(captured.rectified()).bits != captured.bits).sum())
-    assert ideal < oorc / 4
+    assert ideal <= change < oorc / 4
 
 
 def test_scores_are_calibrated(layout: Layout) -> None:
@@ -110,9 +142,9 @@ def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> Non
 
 def test_the_comparison_knows_it_as_a_method(tmp_path: Path, command: Command) -> None:
     flags = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
-    result = command(evaluate.main, *flags, "--methods", "oorc", "ideal", "--out", tmp_path)
+    result = command(evaluate.main, *flags, "--methods", "ideal", "ideal_change", "--out", tmp_path)
     assert result.status == 0, result.stderr
-    assert "ideal" in (tmp_path / "tables.md").read_text()
+    assert "| ideal_change |" in (tmp_path / "tables.md").read_text()
     assert "ideal" not in evaluate.EvaluateConfig().methods
 
 

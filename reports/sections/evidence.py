@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from reports.compare import OBSERVERS
 from reports.markup import Html, join, table, tag
 from reports.paired import MIN_FRAMES
 from reports.reliability import SHOWN_BITS, calibration_error, pooled
@@ -14,7 +15,7 @@ from reports.svg import (
     line_chart,
 )
 
-LLR = ("learned", "cnn", "blind", "ideal")
+LLR = ("learned", "cnn", "blind", *OBSERVERS)
 """Methods whose scores are log-likelihood ratios."""
 
 

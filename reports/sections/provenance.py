@@ -20,6 +20,8 @@ def cost(run: Run) -> Html:
     ratios: dict[str, list[float]] = run.cost["ratios"]
     reference = run.cost["reference"]
     order = sorted((n for n in ratios if n != reference), key=lambda name: ratios[name][1])
+    if not order:
+        return absent("Cost", "No receiver could do what was compared here.")
     high = max(ratios[name][2] for name in order)
     ticks = [(v, f"{v:g}") for v in (0.3, 1, 3, 10, 30, 100, 300) if v <= high * 1.2]
     low = min([0.8, *(ratios[name][0] for name in order)])
