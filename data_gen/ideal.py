@@ -9,8 +9,8 @@ pixels, at the low spatial frequencies where bit and noise of a block lie. Its m
 from draws of the noise. And blocks are told apart by captures of all zeros and of all ones: where
 blur or JPEG mix a block's outermost pixels with a neighbour's, they count as if both had one bit.
 
-`observe_change` is the floor of decoders that do not know the picture: it sees of a block only how
-it changed from the original frame, whose noise is in that too. All else it knows as well.
+With ``change`` it is the floor of decoders that do not know the picture: it sees of a block only
+how it changed from the original frame, whose noise is in that too. All else it knows as well.
 """
 
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel import draw
+from data_gen.channel import Shot, draw
 from data_gen.dataset import Cell, Source, prepare
 from data_gen.display import Light
 from link.frames import Captured, SoftBits
@@ -49,13 +49,6 @@ class Before:
     blocks: NDArray[np.int16]
 
 
-def observe_change(
-    captured: Captured, source: Source, cell: Cell, index: int, draws: int = DRAWS
-) -> SoftBits:
-    """`observe`, of the change between the frames alone."""
-    return observe(captured, source, cell, index, draws, change=True)
-
-
 def observe(
     captured: Captured,
     source: Source,
@@ -72,37 +65,40 @@ def observe(
         cell: as of `simulate`.
         index: as of `simulate`.
         draws: of the noise, for each bit; at least 4.
-        change: see `observe_change`.
+        change: decide from the change between the frames alone.
 
     Returns:
         scores that are natural log-likelihood ratios.
     """
     layout = source.layout
-    channel_rng = prepare(source, cell, index).channel_rng
-    first, shot = draw(layout, source.pair(cell.pair), cell.view_deg, channel_rng)
-    blocks = captured_blocks(layout, shot.H_captured_from_display, captured.embedded.shape)
+    take = prepare(source, cell, index)
+    first, second = draw(layout, source.pair(cell.pair), cell.view_deg, take.channel_rng)
+    blocks = captured_blocks(layout, second.H_captured_from_display, captured.embedded.shape)
     seen = np.argwhere(blocks >= 0)
     (top, left), (bottom, right) = (
         edge // ALIGN_PX * ALIGN_PX for edge in (seen.min(axis=0), seen.max(axis=0) + ALIGN_PX)
     )
     inside = np.s_[top:bottom, left:right]
-    developed = []
-    for bit in (0, 1):
-        message = np.full(layout.n_bits, bit)
-        exposure = shot.expose(prepare(source, cell, index, bits=message).displayed.embedded)
-        rngs = (np.random.default_rng([source.seed, index, number]) for number in range(draws))
-        developed.append([shot.develop(exposure[inside], rng) for rng in rngs])
+
+    def developed(shot: Shot, frame: NDArray[np.uint8], start: int = 0) -> list[NDArray[np.uint8]]:
+        exposure = shot.expose(frame)[inside]
+        numbers = range(start, start + draws)
+        rngs = (np.random.default_rng([source.seed, index, number]) for number in numbers)
+        return [shot.develop(exposure, rng) for rng in rngs]
+
+    messages = (np.full(layout.n_bits, bit) for bit in (0, 1))
+    shown = (prepare(source, cell, index, bits=message).displayed for message in messages)
+    both = np.array([developed(second, displayed.embedded) for displayed in shown])
     before = None
     if change:
-        exposure = first.expose(prepare(source, cell, index).displayed.original)[inside]
-        rngs = (np.random.default_rng([source.seed, index, draws + n]) for n in range(draws))
         before = Before(
             captured.original[inside],
-            np.array([first.develop(exposure, rng) for rng in rngs]),
+            np.array(developed(first, take.displayed.original, draws)),
             captured_blocks(layout, first.H_captured_from_display, blocks.shape)[inside],
         )
-    given = np.array(developed), blocks[inside], layout.message_mask.size
-    ratios = log_likelihood_ratios(captured.embedded[inside], *given, before)
+    ratios = log_likelihood_ratios(
+        captured.embedded[inside], both, blocks[inside], layout.message_mask.size, before
+    )
     return SoftBits(ratios[layout.message_mask.ravel()])
 
 

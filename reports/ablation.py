@@ -66,7 +66,7 @@ def main() -> None:
     config = tyro.cli(AblationConfig)
     check(config)
     rows = [row for row in ROWS if row in ("oorc", "full", *config.rows)]
-    rows += ["learned"] * config.learned + [*OBSERVERS] * config.ideal
+    rows += [row for row in APART if (config.ideal if row in OBSERVERS else config.learned)]
     predictions = {name: decode(config, name, rows) for name in config.conditions}
     entries, standings = [], []
     for name, lines in predictions.items():

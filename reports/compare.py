@@ -3,7 +3,7 @@
 import hashlib
 import json
 import platform
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from importlib.metadata import version
@@ -13,7 +13,7 @@ from typing import Any
 from tqdm import tqdm
 
 from data_gen.dataset import Cell, Source, simulate
-from data_gen.ideal import observe, observe_change
+from data_gen.ideal import observe
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, UnsuitedError
 from link.frames import Captured, Rectified, SoftBits
@@ -22,7 +22,10 @@ from models import DECODERS, PRETRAINED, Decoder, make_decoder
 from reports.backends import Backend, one_thread, run_tasks
 
 PREDICTIONS = "predictions.jsonl"
-OBSERVERS = {"ideal": observe, "ideal_change": observe_change}
+OBSERVERS: dict[str, Callable[..., SoftBits]] = {
+    "ideal": observe,
+    "ideal_change": partial(observe, change=True),
+}
 """Floors under the decoders, on simulated captures."""
 METHODS = {**DECODERS, **dict.fromkeys(OBSERVERS, "data_gen.ideal")}
 """Methods by name."""

@@ -42,10 +42,10 @@ def harder(docs: Path) -> str:
     for row, name in ROWS.items():
         lines.append(_row(name, [_error(entries[row, c]) for c in HARDER]))
     lines.append(_row("bits", [f"{entries['oorc', c]['bits']:,}" for c in HARDER]))
+    floors = {row: [ideal.get((row, c)) for c in HARDER] for row in FLOORS}
     for row, name in FLOORS.items():
-        floor = [ideal.get((row, c)) for c in HARDER]
-        lines.append(_row(name, [_error(e) if e else "–" for e in floor]))
-    lines.append(_row("their bits", [f"{e['bits']:,}" if e else "–" for e in floor]))
+        lines.append(_row(name, [_error(e) if e else "–" for e in floors[row]]))
+    lines.append(_row("their bits", [f"{e['bits']:,}" if e else "–" for e in floors["ideal"]]))
     return "\n".join(lines)
 
 

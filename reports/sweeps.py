@@ -19,7 +19,7 @@ QUICK_PAIRS = PAIRS[:3]
 VIEW, KAPPA = 45.0, 3
 """Where a sweep sets nothing else."""
 LEFT_OUT = ("phi", *OBSERVERS)
-"""Methods that no sweep decodes: OORC's twin, and the slow floor."""
+"""Methods that no sweep decodes: OORC's twin, and the slow floors."""
 SWEEPS_JSON = "sweeps.json"
 
 

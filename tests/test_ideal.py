@@ -3,19 +3,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Command
+from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
 import evaluate
 from data_gen.channel import draw
 from data_gen.dataset import Cell, Source, prepare, simulate
 from data_gen.effects import EFFECTS
-from data_gen.ideal import (
-    Before,
-    captured_blocks,
-    log_likelihood_ratios,
-    observe,
-    observe_change,
-)
+from data_gen.ideal import Before, captured_blocks, log_likelihood_ratios, observe
 from link.captures import save_captures
 from link.layout import Layout, make_layout
 from models import make_decoder
@@ -25,50 +20,54 @@ SMALL = make_layout(4, 4, 256, 192, 2)
 HARD = Cell("canon-samsung", 45.0, 1)
 
 
+SIDE, COUNT, SIGMA, LOW, STEP, TRIALS = 16, 64, 8.0, 128.0, 0.75, 12
+BLOCKS = np.kron(np.arange(COUNT).reshape(8, 8), np.ones((SIDE, SIDE), np.int16)).astype(np.int16)
+SHAPE = (*BLOCKS.shape, 3)
+
+
+def noisy(
+    level: float | NDArray[np.float64], rng: np.random.Generator, *many: int
+) -> NDArray[np.uint8]:
+    """Captures of ``level`` under white noise: (*many, H, W, 3)."""
+    noise = SIGMA * rng.standard_normal((*many, *SHAPE))
+    return np.asarray((level + noise).round().astype(np.uint8))
+
+
+def draws_of_both_bits(rng: np.random.Generator) -> NDArray[np.uint8]:
+    noise = SIGMA * rng.standard_normal((64, *SHAPE))
+    return np.stack([LOW + noise, LOW + STEP + noise]).round().astype(np.uint8)
+
+
 def test_log_likelihood_ratios_of_white_noise_are_those_of_the_formula() -> None:
     rng = np.random.default_rng(0)
-    side, count, sigma, step, trials = 16, 64, 8.0, 0.75, 12
-    blocks = np.kron(np.arange(count).reshape(8, 8), np.ones((side, side), np.int16))
-    shape = (*blocks.shape, 3)
-    noise = sigma * rng.standard_normal((64, *shape))
-    low, high = 128.0, 128.0 + step
-    draws = np.stack([low + noise, high + noise]).round().astype(np.uint8)
-    bits = rng.integers(0, 2, (trials, count))
+    draws = draws_of_both_bits(rng)
+    bits = rng.integers(0, 2, (TRIALS, COUNT))
     errors, slopes = 0, []
     for message in bits:
-        mean = low + step * message[blocks][..., None]
-        seen = (mean + sigma * rng.standard_normal(shape)).round().astype(np.uint8)
-        found = log_likelihood_ratios(seen, draws, blocks.astype(np.int16), count)
-        each = norm.logpdf(seen, high, sigma) - norm.logpdf(seen, low, sigma)
-        exact = np.bincount(blocks.ravel(), each.sum(axis=2).ravel())
+        seen = noisy(LOW + STEP * message[BLOCKS][..., None], rng)
+        found = log_likelihood_ratios(seen, draws, BLOCKS, COUNT)
+        each = norm.logpdf(seen, LOW + STEP, SIGMA) - norm.logpdf(seen, LOW, SIGMA)
+        exact = np.bincount(BLOCKS.ravel(), each.sum(axis=2).ravel())
         errors += int(((found > 0) != message).sum())
         slopes.append(np.polyfit(exact, found, 1)[0])
         assert np.corrcoef(exact, found)[0, 1] > 0.9
     assert np.mean(slopes) == pytest.approx(1, abs=0.15)
-    d_prime = step * np.sqrt(3 * side**2) / sigma
+    d_prime = STEP * np.sqrt(3 * SIDE**2) / SIGMA
     assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
 
 
 def test_the_change_alone_has_the_noise_of_both_frames() -> None:
-    """A floor of its own: error rates of white noise are those of twice the variance."""
+    """Error rates are those of twice the variance."""
     rng = np.random.default_rng(1)
-    side, count, sigma, step, trials = 16, 64, 8.0, 0.75, 12
-    blocks = np.kron(np.arange(count).reshape(8, 8), np.ones((side, side), np.int16))
-    shape = (*blocks.shape, 3)
-    noise = sigma * rng.standard_normal((64, *shape))
-    other = (128 + sigma * rng.standard_normal((64, *shape))).round().astype(np.uint8)
-    draws = np.stack([128 + noise, 128 + step + noise]).round().astype(np.uint8)
-    bits, errors = rng.integers(0, 2, (trials, count)), 0
+    draws, other = draws_of_both_bits(rng), noisy(LOW, rng, 64)
+    bits = rng.integers(0, 2, (TRIALS, COUNT))
+    errors = 0
     for message in bits:
-        mean = 128 + step * message[blocks][..., None]
-        original, embedded = (
-            (level + sigma * rng.standard_normal(shape)).round().astype(np.uint8)
-            for level in (128.0, mean)
-        )
-        before = Before(original, other, blocks.astype(np.int16))
-        found = log_likelihood_ratios(embedded, draws, blocks.astype(np.int16), count, before)
+        before = Before(noisy(LOW, rng), other, BLOCKS)
+        embedded = noisy(LOW + STEP * message[BLOCKS][..., None], rng)
+        found = log_likelihood_ratios(embedded, draws, BLOCKS, COUNT, before)
         errors += int(((found > 0) != message).sum())
-    d_prime = step * np.sqrt(3 * side**2 / 2) / sigma
+    d_prime = STEP * np.sqrt(3 * SIDE**2 / 2) / SIGMA
     assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
 
 
@@ -83,8 +82,8 @@ def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     source = Source(layout, "train", without=tuple(EFFECTS))
     cell = Cell("canon-lg", 20.0, 1)
     captured = simulate(source, cell, 0)
-    for observer in (observe, observe_change):
-        soft = observer(captured, source, cell, 0, 4)
+    for change in (False, True):
+        soft = observe(captured, source, cell, 0, 4, change)
         assert np.array_equal(soft.bits, captured.bits)
         assert np.isfinite(soft.scores).all()
 
@@ -95,7 +94,7 @@ def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
     for index in range(2):
         captured = simulate(source, HARD, index)
         ideal += int((observe(captured, source, HARD, index, 8).bits != captured.bits).sum())
-        seen = observe_change(captured, source, HARD, index, 8)
+        seen = observe(captured, source, HARD, index, 8, change=True)
         change += int((seen.bits != captured.bits).sum())
         oorc += int((make_decoder("oorc").decode(captured.rectified()).bits != captured.bits).sum())
     assert ideal <= change < oorc / 4
@@ -140,11 +139,15 @@ def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> Non
 # The comparison
 
 
-def test_the_comparison_knows_it_as_a_method(tmp_path: Path, command: Command) -> None:
+@pytest.mark.parametrize("methods", [("oorc", "ideal"), ("ideal", "ideal_change")])
+def test_the_comparison_knows_it_as_a_method(
+    methods: tuple[str, ...], tmp_path: Path, command: Command
+) -> None:
     flags = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
-    result = command(evaluate.main, *flags, "--methods", "ideal", "ideal_change", "--out", tmp_path)
+    result = command(evaluate.main, *flags, "--methods", *methods, "--out", tmp_path)
     assert result.status == 0, result.stderr
-    assert "| ideal_change |" in (tmp_path / "tables.md").read_text()
+    tables = (tmp_path / "tables.md").read_text()
+    assert all(f"| {method} |" in tables for method in methods)
     assert "ideal" not in evaluate.EvaluateConfig().methods
 
 

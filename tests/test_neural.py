@@ -463,7 +463,7 @@ def test_bin_mean_integrates_over_every_bin_however_small(
     expected = np.subtract(*edges) / (stop - start)
     like = torch.zeros(0, dtype=torch.float64)
     matrix = bin_mean(length, count, torch.arange(count), margin, like)
-    np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT32)
+    np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT64)
 
 
 @pytest.mark.parametrize(

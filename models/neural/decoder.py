@@ -169,7 +169,8 @@ class PhiDecoder(nn.Module):
                 and with refinement `degree` + MOMENTS if that is more: P_k(i_o) go on up to there.
         """
         i_o, i_e = self.reduce(original), self.reduce(embedded)
-        dx, dy, xx, yy = derivatives(i_o)
+        if self.config.register or self.config.texture:
+            dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
             i_e = register(i_o, i_e, xx, yy)
         maps = self.phi(i_o, i_e)
