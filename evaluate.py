@@ -12,22 +12,22 @@ from typing import Literal
 
 import tyro
 
-from data_gen.dataset import Source
+from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
-from data_gen.optics import check_view
+from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, run_cli
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
-from reports.backends import make_backend
-from reports.compare import METHODS, Method, methods_for, paper_cells
-from reports.html import write_report
-from reports.protocols import PROTOCOLS, apply
-from reports.run import Task, run_captures, run_simulated
-from reports.scores import refuse_other_run
-from reports.sweeps import SWEEPS
-from reports.versus import compare_runs
+from reports.engine.backends import make_backend
+from reports.engine.predict import METHODS, Method, methods_for, paper_cells
+from reports.engine.protocols import PROTOCOLS, apply
+from reports.engine.scores import refuse_other_run
+from reports.evaluation.comparison import Task, run_captures, run_simulated
+from reports.evaluation.versus import compare_runs
+from reports.render.page import write_report
+from reports.studies.sweeps import SWEEPS
 
 QUICK_FRAMES = 4
 UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
@@ -50,13 +50,14 @@ class EvaluateConfig:
     frames: int = 15
     """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
     sweeps: tuple[str, ...] | None = None
-    """Of reports/sweeps.py; by default all beside the paper's 36 cells, and none beside others."""
+    """Of reports/studies/sweeps.py; by default all beside the paper's 36 cells, and none beside
+    others."""
     quick: bool = False
     """At most 4 frame pairs a cell, fewer values a sweep: three minutes on two cores."""
     seed: int = 0
     protocol: str = "fair"
     """How thresholds are set: "fair" (in each frame pair), "paper", or another of
-    reports/protocols.py."""
+    reports/engine/protocols.py."""
     without: tuple[str, ...] = ()
     """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
     set: tuple[str, ...] = ()

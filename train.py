@@ -14,9 +14,9 @@ import tyro
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import tqdm
 
-from data_gen.dataset import Source
+from data_gen.channel.optics import check_view
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented, simulate_episodes
-from data_gen.optics import check_view
+from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export
 from link.embed import check_kappa
@@ -26,9 +26,9 @@ from link.layout import make_layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
 from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
-from reports.compare import code_digest, decode_cells, methods_for, paper_cells
-from reports.metrics import provenance, score, write_metrics
-from reports.tables import summary_table
+from reports.engine.predict import code_digest, decode_cells, methods_for, paper_cells
+from reports.render.tables import summary_table
+from reports.score.metrics import provenance, score, write_metrics
 
 STATE = "state.pt"
 DEVICES = {"cpu": lambda: True, "cuda": torch.cuda.is_available}

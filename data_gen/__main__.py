@@ -9,9 +9,9 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
-from data_gen.optics import check_view
+from data_gen.frame_pair import Cell, Source, prepare, simulate
 from link.captures import MANIFEST, save_captures
 from link.embed import check_kappa, psnr, ssim
 from link.errors import InputError, at_least, run_cli

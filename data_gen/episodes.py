@@ -12,8 +12,8 @@ from torch import Tensor
 from tqdm import tqdm, trange
 
 from data_gen.augment import augment
-from data_gen.dataset import Cell, Source, simulate
 from data_gen.effects import EFFECTS
+from data_gen.frame_pair import Cell, Source, simulate
 from link.errors import choose
 
 

@@ -19,9 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel import Shot, draw
-from data_gen.dataset import Cell, Source, prepare
-from data_gen.display import Light
+from data_gen.channel.composition import Shot, draw
+from data_gen.channel.display import Light
+from data_gen.frame_pair import Cell, Source, prepare
 from link.frames import Captured, SoftBits
 from link.layout import Layout, block_index
 

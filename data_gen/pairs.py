@@ -1,8 +1,8 @@
 """The paper's nine pairs: three cameras x three displays, every number with its source.
 
 Each number is *measured* (citation), *datasheet*, *assumed* (bounds in brackets) or *fitted*
-(`data_gen.calibrate`, in nuisances.json). Sources:
-SPECTRA: `data_gen.spectra` on rawtoaces-data sensitivities (Apache-2.0) and isetbio (MIT) and
+(`reports.lab.calibrate`, in nuisances.json). Sources:
+SPECTRA: `reports.lab.spectra` on rawtoaces-data sensitivities (Apache-2.0) and isetbio (MIT) and
 vistadisp display spectra. DARKTABLE: base curves and noise profiles of darktable. LENSFUN: lens
 database (CC BY-SA 3.0). PRAD: prad.de's reviews of the Samsung 2493HM and 2494HM, sisters of the
 2494SW. PTC: published sensor tests, D50 30,490 e at ISO 200, Canon 40D 41,400 e at ISO 100.
@@ -31,7 +31,7 @@ def _curve(x: tuple[float, ...], y: tuple[float, ...]) -> Curve:
 
 
 # white_level puts frontal white at 245 of 255 in the file, just below clipping, through each tone
-# curve [0.8 to 1.2 times]. color_matrix: printed by data_gen.spectra (SPECTRA). Assumed: blur_px
+# curve [0.8 to 1.2 times]. color_matrix: printed by reports.lab.spectra (SPECTRA). Assumed: blur_px
 # [0.3 to 1; the more native pixels, the less], native_blur_px [0.5 to 1], sharpening [0 to 0.6],
 # breathing [0 to 5e-4], jpeg_quality [85 to 97], shutter 1/60 s on the dial (1/64 by whole stops).
 CAMERAS = {
@@ -170,7 +170,7 @@ DISPLAYS = {
 FALLOFF_BOUNDS = {"imac": (1.5, 3.0), "lg": (2.0, 3.6), "samsung": (2.8, 4.8)}
 """Of the green exponent of ``falloff``."""
 
-# Printed by data_gen.spectra (SPECTRA): stand-in cameras and displays as listed there. Two
+# Printed by reports.lab.spectra (SPECTRA): stand-in cameras and displays as listed there. Two
 # laboratories differ by up to 0.11 in the red row of Canon (400D 0.63, 600D 0.52 with LCD-Apple).
 CROSSTALK: dict[str, Matrix] = {
     "canon-imac": ((0.632, 0.336, 0.032), (0.052, 0.762, 0.186), (0.016, 0.197, 0.788)),
@@ -190,7 +190,7 @@ SETUP = Setup(name="setup", perspective=True, metering=0.0, corner_px=0.5)
 
 FITTED_FILE = Path(__file__).with_name("nuisances.json")
 FITTED = json.loads(FITTED_FILE.read_text())
-"""Written by `data_gen.calibrate`: values of `Nuisance` by camera and view, and ``falloff``."""
+"""Written by `reports.lab.calibrate`: values of `Nuisance` by camera and view, and ``falloff``."""
 
 
 def _pair(camera: str, display: str) -> Pair:

@@ -178,7 +178,7 @@ class Setup(Limited):
 
 @dataclass(frozen=True)
 class Nuisance(Limited):
-    """What no data sheet tells; `data_gen.calibrate` fits it within bounds."""
+    """What no data sheet tells; `reports.lab.calibrate` fits it within bounds."""
 
     name: str
     drift: Annotated[float, Limits(0.0, 0.5)]

@@ -21,20 +21,20 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from data_gen.camera import collect
-from data_gen.dataset import Source, shuffled_pictures
-from data_gen.display import Light
+from data_gen.channel.camera import collect
+from data_gen.channel.display import Light
+from data_gen.channel.optics import check_view
+from data_gen.channel.timing import shares
+from data_gen.channel.viewpoint import Viewpoint
 from data_gen.effects import parse_settings
-from data_gen.optics import check_view
+from data_gen.film.passer import Passer, draw_passer
+from data_gen.film.scenes import Scene, SceneSettings, draw_scene
+from data_gen.film.shake import Exposure, Hand
+from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.parameters import Pair
-from data_gen.passer import Passer, draw_passer
-from data_gen.scenes import Scene, SceneSettings, draw_scene
-from data_gen.shake import Exposure, Hand
-from data_gen.timing import shares
-from data_gen.viewpoint import Viewpoint
+from link.code.framing import encode
 from link.embed import check_kappa
 from link.errors import InputError, at_least, run_cli
-from link.framing import encode
 from link.geometry import frame_corners, transform
 from link.images import make_folder, write_bytes, write_image
 from link.layout import Layout, make_layout

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from export.send.pictures import Pictures, fit
+from link.code.framing import capacity
 from link.embed import embed, psnr, ssim
 from link.errors import InputError
 from link.frames import Displayed
-from link.framing import capacity
 from link.layout import Layout
-from link.pictures import Pictures, fit
 
 MAX_PAIRS = 4096
 
@@ -30,7 +30,7 @@ class Loop:
     layout: Layout
     kappa: int
     bits: NDArray[np.uint8]
-    """(frames, n_bits) 0 or 1, of `link.framing.encode`."""
+    """(frames, n_bits) 0 or 1, of `link.code.framing.encode`."""
     pictures: Pictures
     pyramid_level: int = 0
     seen: list[tuple[float, float]] = field(default_factory=list)

@@ -15,18 +15,18 @@ from pathlib import Path
 
 import tyro
 
-from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, Source, prepare, simulate
 from data_gen.pairs import PAIRS
 from link.errors import InputError, at_least, choose, run_cli
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
 from models.neural.decoder import FULL
-from reports.compare import Method, decode_cells, methods_for, paper_cells
-from reports.figures import overview, plot_inverse_responses
-from reports.metrics import provenance, score, write_metrics
-from reports.readme_blocks import BLOCKS
-from reports.tables import replace_block
+from reports.engine.predict import Method, decode_cells, methods_for, paper_cells
+from reports.render.figures import overview, plot_inverse_responses
+from reports.render.readme_blocks import BLOCKS
+from reports.render.tables import replace_block
+from reports.score.metrics import provenance, score, write_metrics
 
 DOCS = Path("docs")
 METRICS = DOCS / "metrics.json"
@@ -45,45 +45,47 @@ THREE = "--pairs canon-lg nikon-imac sony-samsung"
 ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "reliability.png")
 STEPS = {
     "table": Step(""),
-    "channel": Step("reports.channel"),
-    "prediction": Step("reports.prediction"),
+    "channel": Step("reports.studies.channel"),
+    "prediction": Step("reports.studies.prediction"),
     "ablation": Step(
-        "reports.ablation --out runs/ablation",
+        "reports.studies.ablation --out runs/ablation",
         {f"runs/ablation/{name}": name for name in ABLATION},
     ),
     "ideal": Step(
-        "reports.ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
+        "reports.studies.ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
         "--frames 8 --out runs/ideal",
         {"runs/ideal/ablation.json": "ideal.json"},
     ),
     "paper": Step(
-        "reports.ablation --conditions paper --rows oorc full --frames 170 --out runs/paper",
+        "reports.studies.ablation --conditions paper --rows oorc full --frames 170 "
+        "--out runs/paper",
         {"runs/paper/ablation.json": "paper.json"},
     ),
     "leave_one_out": Step(
-        "reports.leave_one_out --episodes 630 --steps 200 --frames 20 --out runs/leave_one_out",
+        "reports.studies.leave_one_out --episodes 630 --steps 200 --frames 20 "
+        "--out runs/leave_one_out",
         {"runs/leave_one_out/leave_one_out.json": "leave_one_out.json"},
     ),
     "repeats": Step(
-        "reports.repeats --frames 6 --out runs/repeats",
+        "reports.studies.repeats --frames 6 --out runs/repeats",
         {"runs/repeats/repeats.json": "repeats.json"},
     ),
     "peers": Step(
-        "reports.peers --out runs/peers",
+        "reports.studies.peers --out runs/peers",
         {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "md", "png")},
     ),
     "framing": Step(
-        "reports.framing --wrong --out runs/framing",
+        "reports.studies.framing --wrong --out runs/framing",
         {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},
     ),
     "delivery": Step(
-        "reports.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
+        "reports.studies.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
     ),
 }
 """In the order in which they are run; by name."""
 STEPS |= {
     f"delivery_{name}": Step(
-        f"reports.delivery --runs 4 {THREE} {flags} --out runs/delivery",
+        f"reports.studies.delivery --runs 4 {THREE} {flags} --out runs/delivery",
         {"runs/delivery": "delivery"},
     )
     for name, flags in {

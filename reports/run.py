@@ -1,209 +1,167 @@
-"""A run of evaluate.py: decode, score, then sweeps, pictures, responses, cost, and the report."""
+"""A finished run as it lies in its folder: all that the report and the comparison of runs need."""
 
-import contextlib
 import json
-import sys
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import os
+import platform
+import shutil
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
-from data_gen.dataset import Cell, Source
-from link.captures import MANIFEST, read_manifest
 from link.errors import InputError
 from link.images import write_bytes
-from models import DECODERS, make_decoder
-from reports import cost, response
-from reports.annotated import show
-from reports.backends import Backend
-from reports.compare import Method, decode_captures, decode_each, digest_files
-from reports.findings import REFERENCES, leaders_of
-from reports.html import write_report
-from reports.metrics import provenance, score
-from reports.scores import CONFIG, write_scores
-from reports.stored import finish
-from reports.stories import save, tell, tell_captures
-from reports.sweeps import Place, decode_sweeps
+from reports.engine.predict import PREDICTIONS, read_predictions
+from reports.evaluation.cost import read_cost
+from reports.evaluation.response import Response, read_responses
+from reports.evaluation.stories import Story, read_stories
+from reports.score.metrics import Row, read_metrics, score
+from reports.studies.sweeps import SWEEPS_JSON, read_sweeps
+
+RUN_JSON = "run.json"
+ROOT = Path(__file__).parent.parent
+REFERENCES = {
+    "ablation": "docs/ablation.json",
+    "peers": "docs/peers.json",
+    "prediction": "docs/prediction.json",
+}
+"""Results of other commands that the report shows; copied beside the run's own."""
 
 
 @dataclass(frozen=True)
-class Amount:
-    """How much goes into a report beside the predictions."""
+class SweepPoint:
+    """One value of a sweep, decoded."""
 
-    strips: int = 3
-    failures: int = 8
-    response_cells: int = 6
-    response_frames: int = 3
-    cost_rounds: int = 30
-
-
-USUAL, QUICK = Amount(), Amount(2, 6, 2, 1, 8)
+    sweep: str
+    value: float
+    view_deg: float
+    kappa: int
+    predictions: list[dict[str, Any]]
+    rows: list[Row]
 
 
 @dataclass(frozen=True)
-class Task:
-    """What is compared, and where it goes."""
+class Run:
+    """Everything of one finished run."""
 
-    out: Path
-    methods: list[Method]
-    settings: bytes
-    """All that decides the result, as the text of config.json."""
-    seed: int
-    html: bool
-    """Write report.html, and what it shows beside the predictions."""
+    folder: Path
+    about: dict[str, Any]
+    """run.json: command, versions, machine, commit, settings, notes."""
+    predictions: list[dict[str, Any]]
+    rows: list[Row]
+    sweeps: list[SweepPoint]
+    sweep_texts: dict[str, dict[str, Any]]
+    """By sweep: title, axis, note, as of `sweeps.Sweep`."""
+    stories: list[Story]
+    responses: list[Response]
+    cost: dict[str, Any] | None
+    references: dict[str, dict[str, Any]]
 
+    @property
+    def simulated(self) -> bool:
+        """Whether the captures are."""
+        return bool(self.about["meta"]["simulated"])
 
-@dataclass
-class Clock:
-    """Seconds by what took them."""
+    @property
+    def from_folder(self) -> bool:
+        """Whether the captures lay in a folder (`--captures`): their channel is not known here."""
+        return bool(self.about["settings"].get("captures"))
 
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextlib.contextmanager
-    def time(self, name: str) -> Iterator[None]:
-        """Add what the block takes."""
-        start = perf_counter()
-        yield
-        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
-
-
-def run_captures(task: Task, captures: Path, pictures: Path | None) -> None:
-    """Decode and score a folder of captures; ``pictures``: folder for annotated ones."""
-    clock = Clock()
-    with clock.time("decoding"):
-        predictions, notes = decode_captures(captures, task.methods, task.out)
-    print(*notes, sep="\n")
-    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
-    write_bytes(task.out / CONFIG, task.settings)
-    meta = provenance(task.seed, simulated)
-    kind = "simulated captures" if simulated else "real captures"
-    write_scores(task.out, predictions, meta, f"All cells ({kind})", False)
-    if task.html:
-        finish_captures(task.out, captures, predictions, clock)
-        digest = digest_files([captures / MANIFEST])[:16]
-        about = {**json.loads(task.settings), "captures": f"manifest {digest}"}
-        print(f"written: {close(task.out, meta, about, clock, notes)}")
-    if pictures is not None:
-        show(captures, task.methods, pictures)
+    @property
+    def methods(self) -> list[str]:
+        """As they were named on the command line."""
+        return list(dict.fromkeys(row.method for row in self.rows))
 
 
-def run_simulated(
-    task: Task,
-    source: Source,
-    cells: Sequence[Cell],
-    frames: int,
-    sweeps: Sequence[str],
-    quick: bool,
-    backend: Backend,
-) -> None:
-    """Decode and score simulated captures, and the sweeps beside them.
-
-    Args:
-        task: methods and folder.
-        source: of the main comparison.
-        cells: of the main comparison.
-        frames: frame pairs a cell.
-        sweeps: names of `sweeps.SWEEPS`.
-        quick: less of everything but the main comparison.
-        backend: where cells are decoded.
-
-    Raises:
-        InputError: cells failed; all others are decoded and reported.
-    """
-    clock = Clock()
-    with clock.time("decoding"):
-        predictions, failed = decode_each(source, cells, frames, task.methods, task.out, backend)
-    write_bytes(task.out / CONFIG, task.settings)
-    meta = {**provenance(task.seed, True), "failed_cells": failed}
-    kind = "held-out pictures" if source.pictures is None else "your own pictures"
-    write_scores(task.out, predictions, meta, f"All cells (simulated captures, {kind})", True)
-    if task.html:
-        failed += finish_simulated(
-            task, source, cells, predictions, sweeps, frames, quick, backend, clock
-        )
-        print(f"written: {close(task.out, meta, json.loads(task.settings), clock, failed)}")
-    for line in failed:
-        print(f"failed: {line}", file=sys.stderr)
-    if failed:
-        raise InputError(
-            f"{len(failed)} cells failed, as listed above; the others are in {task.out}, and the "
-            "same command tries the failed ones again"
-        )
-
-
-def finish_simulated(
-    task: Task,
-    source: Source,
-    cells: Sequence[Cell],
-    predictions: list[dict[str, Any]],
-    sweeps: Sequence[str],
-    frames: int,
-    quick: bool,
-    backend: Backend,
-    clock: Clock,
-) -> list[str]:
-    """Decode the sweeps and write all that the report shows; a line for each cell that failed.
-
-    Arguments as of `run_simulated`, and the main comparison's ``predictions``; sweeps have two
-    thirds of its ``frames``. ``clock`` gets the times.
-    """
-    folder, methods = task.out, task.methods
-    amount = QUICK if quick else USUAL
-    with clock.time("sweeps"):
-        swept = max(1, 2 * frames // 3)
-        places, failed = decode_sweeps(source, sweeps, methods, swept, quick, folder, backend)
-    places.insert(0, Place("", None, source, predictions))
-    with clock.time("pictures"):
-        best = leaders_of(predictions, [score(place.predictions) for place in places[1:]])
-        names = {method.label or method.name: method for method in methods}
-        shown = [m for m in REFERENCES[:1] if m in names and m not in best] + best[::-1]
-        hidden = [n for n in shown if n in names and _is_hidden(names[n])]
-        tell(places, shown, best, hidden, folder, amount.strips, amount.failures)
-    with clock.time("responses"):
-        if source.layout.ratex:
-            where = response_cells(cells)[: amount.response_cells]
-            response.measure(source, where, amount.response_frames, methods, folder)
-    with clock.time("cost"):
-        cost.measure(source, cells[0], amount.cost_rounds, methods, folder)
-    return failed
-
-
-def response_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Cells of the largest kappa: for each of some unlike pairs every view."""
-    kappa = max(cell.kappa for cell in cells)
-    mine = [cell for cell in cells if cell.kappa == kappa]
-    pairs = list(dict.fromkeys(cell.pair for cell in mine))
-    wanted = pairs[:: max(1, len(pairs) // 3 + 1)] if len(pairs) > 3 else pairs
-    return [cell for pair in wanted for cell in mine if cell.pair == pair]
-
-
-def finish_captures(
-    folder: Path, captures: Path, predictions: list[dict[str, Any]], clock: Clock
-) -> None:
-    """Write the pictures of a folder of captures."""
-    with clock.time("pictures"):
-        decoded = list(dict.fromkeys(line["method"] for line in predictions))
-        best = leaders_of(predictions, [])[:1] or decoded[-1:]
-        shown = [m for m in REFERENCES if m in decoded and m not in best][:1] + best
-        tell_captures(captures, predictions, shown, folder, USUAL.strips, USUAL.failures)
-
-
-def close(
+def finish(
     folder: Path,
     meta: Mapping[str, Any],
     settings: Mapping[str, Any],
-    clock: Clock,
-    notes: Sequence[str],
-) -> Path:
-    """Mark the run as finished and write its report."""
-    if not (folder / "stories.json").is_file():
-        save(folder, [])
-    finish(folder, meta, settings, clock.seconds, notes)
-    return write_report(folder)
+    seconds: Mapping[str, float],
+    notes: Sequence[str] = (),
+) -> None:
+    """Write run.json, the mark of a finished run, and copy the results of `REFERENCES`."""
+    for name, source in REFERENCES.items():
+        if (ROOT / source).is_file():
+            target = folder / "reference" / f"{name}.json"
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / source, target)
+    about = {
+        "meta": dict(meta),
+        "commit": commit(),
+        "machine": machine(),
+        "settings": dict(settings),
+        "seconds": {name: round(value, 1) for name, value in seconds.items()},
+        "notes": list(notes),
+    }
+    write_bytes(folder / RUN_JSON, (json.dumps(about, indent=1, default=str) + "\n").encode())
 
 
-def _is_hidden(method: Method) -> bool:
-    if method.name not in DECODERS:
-        return False
-    return not make_decoder(method.name, **dict(method.options)).needs_ratex
+def read_run(folder: Path) -> Run:
+    """Read a folder that `finish` closed.
+
+    Raises:
+        InputError: it is not there, not finished, or damaged.
+    """
+    if not (folder / RUN_JSON).is_file() or not (folder / PREDICTIONS).is_file():
+        raise InputError(
+            f"{folder}: holds no finished run; first python evaluate.py --out {folder}"
+        )
+    try:
+        about = json.loads((folder / RUN_JSON).read_text())
+        predictions = list(read_predictions(folder))
+        rows = score(predictions)
+        stored, _ = read_metrics(folder / "metrics.json")
+        sweeps = [
+            SweepPoint(p["sweep"], p["value"], p["view_deg"], p["kappa"], lines, score(lines))
+            for p, lines in read_sweeps(folder)
+        ]
+        texts = {}
+        if (folder / SWEEPS_JSON).is_file():
+            texts = json.loads((folder / SWEEPS_JSON).read_text())["sweeps"]
+        references = {
+            name: json.loads(file.read_text())
+            for name in REFERENCES
+            if (file := folder / "reference" / f"{name}.json").is_file()
+        }
+        run = Run(
+            folder, about, predictions, rows, sweeps, texts, read_stories(folder),
+            read_responses(folder), read_cost(folder), references,
+        )  # fmt: skip
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder}: a file of the run is missing or damaged ({error})") from None
+    if stored != rows:
+        raise InputError(f"{folder}: metrics.json does not score predictions.jsonl; run it again")
+    return run
+
+
+def commit() -> str:
+    """Of the checkout, with a word if tracked files differ from it; empty without git."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    try:
+        head = git("rev-parse", "--short=12", "HEAD")
+        changed = head and git("status", "--porcelain", "--untracked-files=no")
+    except OSError:
+        return ""
+    return f"{head}, with changes" if changed else head
+
+
+def machine() -> dict[str, Any]:
+    """System, processor and number of cores; no name of the host."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        lines = cpuinfo.read_text(errors="replace").splitlines()
+        model = next((line.split(":")[1].strip() for line in lines if "model name" in line), model)
+    return {
+        "system": f"{platform.system()} {platform.machine()}",
+        "processor": model,
+        "cores": os.cpu_count() or 1,
+    }

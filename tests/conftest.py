@@ -10,7 +10,7 @@ import torch
 from hypothesis import settings
 
 import train
-from data_gen.dataset import Cell, Source, simulate
+from data_gen.frame_pair import Cell, Source, simulate
 from export.runtime import Decoder
 from link.errors import run_cli
 from link.frames import Captured, Rectified

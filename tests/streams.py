@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.code.framing import encode
 from link.embed import embed
-from link.framing import encode
 from link.geometry import homography_from_corners
 from link.layout import Layout
 

@@ -8,16 +8,16 @@ from typing import Any
 import pytest
 from conftest import Command
 
-from data_gen.dataset import Source
+from data_gen.frame_pair import Source
 from link.layout import Layout
 from models.neural.checkpoint import save_checkpoint
 from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
-from reports import ablation
-from reports.ablation_page import measure, table
-from reports.conditions import CONDITIONS, cells, source
-from reports.metrics import score
-from reports.paired import outcomes
-from reports.variants import ADDED, REMOVED, ROWS, method_for
+from reports.engine.conditions import CONDITIONS, cells, source
+from reports.score.metrics import score
+from reports.score.paired import outcomes
+from reports.studies import ablation
+from reports.studies.ablation_page import measure, table
+from reports.studies.variants import ADDED, REMOVED, ROWS, method_for
 
 NOWHERE = Path("nowhere")
 QUICK = ["--frames", "1", "--pairs", "canon-lg", "--jobs", "1"]

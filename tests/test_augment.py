@@ -8,7 +8,7 @@ from tolerances import AUGMENT_LEVELS
 
 import data_gen.augment
 from data_gen.augment import augment
-from data_gen.dataset import Source, shuffled_pictures
+from data_gen.frame_pair import Source, shuffled_pictures
 from link.layout import make_layout
 
 SMALL = make_layout(4, 4, 256, 192, 2)

@@ -18,12 +18,13 @@ from conftest import Command
 from threadpoolctl import threadpool_info
 
 import evaluate
-from data_gen.dataset import Cell, Source
+from data_gen.frame_pair import Cell, Source
 from link.errors import InputError
 from link.layout import make_layout
-from reports import backends, compare
-from reports.backends import Backend, make_backend, one_thread, run_tasks
-from reports.compare import Method, decode_cells, decode_each
+from reports.engine import backends
+from reports.engine import predict as compare
+from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
+from reports.engine.predict import Method, decode_cells, decode_each
 
 ROOT = Path(__file__).parents[1]
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
@@ -78,7 +79,7 @@ def test_two_dask_workers_write_the_bytes_of_one_process(
     assert done.status == 0, done.stderr
     assert results(tmp_path) == results(alone)
     with distributed.Client(scheduler, set_as_default=False) as client:
-        loaded = client.run(lambda: "reports.compare" in sys.modules)
+        loaded = client.run(lambda: "reports.engine.predict" in sys.modules)
     assert list(loaded.values()) == [True, True]  # both took part
 
 

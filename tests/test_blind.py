@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_gen.channel import capture
-from data_gen.dataset import Cell, Source, shuffled_pictures, simulate
+from data_gen.channel.composition import capture
+from data_gen.frame_pair import Cell, Source, shuffled_pictures, simulate
 from data_gen.pairs import get_pair
 from link.embed import embed
 from link.frames import Captured, Rectified
 from link.images import intensity
 from link.layout import Layout, make_layout
-from link.register import REACH_PX, align, edges, whole_pixel_shift
 from models import make_decoder
 from models.classical.blind import SPREAD, fit, log_odds
+from models.classical.register import REACH_PX, align, edges, whole_pixel_shift
 from models.classical.tones import TONES, cut_into_tones
 
 NO_PATCHES = make_layout(ratex=0)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_gen import calibrate
-from data_gen.calibrate import BOUNDS, GRID, NOMINAL, Task
-from data_gen.dataset import Cell
+from data_gen.frame_pair import Cell
 from data_gen.pairs import FITTED_FILE
-from reports.paper import paper_accuracy
+from reports.lab import calibrate
+from reports.lab.calibrate import BOUNDS, GRID, NOMINAL, Task
+from reports.score.paper import paper_accuracy
 
 CELL = Cell("canon-lg", 45.0, 3)
 TASK = Task(CELL, (("drift", 0.02),))

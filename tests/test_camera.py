@@ -13,7 +13,7 @@ from tolerances import (
     NOISE_RELATIVE,
 )
 
-from data_gen.camera import RESPONSE_STEPS, develop, expose, jpeg, response_curve
+from data_gen.channel.camera import RESPONSE_STEPS, develop, expose, jpeg, response_curve
 from data_gen.pairs import CAMERAS, PAIRS
 from data_gen.parameters import IDENTITY, LINEAR, Camera
 

@@ -8,9 +8,9 @@ import pytest
 from filming import even_scene, film, levels, only, scene
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
 
-from data_gen.channel import capture, cdtf, metered_gain
+from data_gen.channel.composition import capture, cdtf, metered_gain
+from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.effects import EFFECTS, switch_off, with_parameter
-from data_gen.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import Pair
 from link.embed import embed

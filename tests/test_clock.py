@@ -5,8 +5,8 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from export.clock import Clock, Synchroniser, embedded_share, explained, toggle
-from export.states import Shown, compose
+from export.receive.clock import Clock, Synchroniser, embedded_share, explained, toggle
+from export.receive.states import Shown, compose
 from link.embed import embed
 from link.layout import make_layout
 

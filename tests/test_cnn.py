@@ -8,16 +8,16 @@ import pytest
 import torch
 from conftest import Command
 
-import reports.cnn_baseline as cnn_baseline
-from data_gen.dataset import Source
+import reports.lab.cnn_baseline as cnn_baseline
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.frame_pair import Source
 from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.layout import make_layout
 from models import make_decoder
 from models.neural.checkpoint import save_checkpoint
 from models.neural.cnn import PRETRAINED, BlockNet, Cnn, CnnConfig, load_cnn
-from reports.cnn_baseline import CnnTrainConfig
+from reports.lab.cnn_baseline import CnnTrainConfig
 
 LAYOUT = make_layout(4, 4, 192, 144, 2)
 SMALL = CnnConfig(width=16, rounds=1)
@@ -144,7 +144,7 @@ def not_finite(folder: Path) -> None:
         (not_finite, "not finite"),
         (
             lambda folder: (folder / "decoder.pt").unlink(),
-            "not found; train first: python -m reports.cnn_baseline",
+            "not found; train first: python -m reports.lab.cnn_baseline",
         ),
         (lambda folder: (folder / "config.json").write_text("{"), "not a decoder configuration"),
         (

@@ -8,9 +8,9 @@ import torch
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
-from data_gen.dataset import Cell, Source, prepare, shuffled_pictures, simulate
 from data_gen.effects import EFFECTS, switch_off, with_parameter
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.frame_pair import Cell, Source, prepare, shuffled_pictures, simulate
 from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
 from link.errors import InputError

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32
 
-from data_gen.display import emitted_light, fall_to_corners, room_light
+from data_gen.channel.display import emitted_light, fall_to_corners, room_light
 from data_gen.effects import with_parameter
 from data_gen.pairs import DISPLAYS, PAIRS
 from data_gen.parameters import Display

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT64, IDENTITY_LEVELS
 
-from data_gen.camera import jpeg
+from data_gen.channel.camera import jpeg
+from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.effects import EFFECTS, with_parameter
-from data_gen.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.pairs import PAIRS, get_pair
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners

@@ -12,10 +12,10 @@ import evaluate
 from data_gen.pairs import PAIRS
 from link.frames import Rectified, SoftBits
 from link.layout import Layout, make_layout
-from reports.figures import RIGHT, UNKNOWN, WRONG, annotate
-from reports.metrics import Row, clustered_interval, make_row, score, wilson, write_metrics
-from reports.paper import METHODS, paper_accuracy
-from reports.tables import paper_tables, summary_table
+from reports.render.figures import RIGHT, UNKNOWN, WRONG, annotate
+from reports.render.tables import paper_tables, summary_table
+from reports.score.metrics import Row, clustered_interval, make_row, score, wilson, write_metrics
+from reports.score.paper import METHODS, paper_accuracy
 
 ONE_PAIR = ["--pairs", "canon-lg", "--kappas", "5", "--no-html"]
 TINY = [*ONE_PAIR, "--views", "0", "--frames", "2", "--methods"]

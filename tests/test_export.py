@@ -13,7 +13,7 @@ from conftest import LEARNED
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
-from data_gen.dataset import Cell, Source, simulate
+from data_gen.frame_pair import Cell, Source, simulate
 from data_gen.pairs import PAIRS
 from export import to_onnx
 from export.parity import Parity, compare

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from link.collect import Collector, Message
-from link.errors import InputError
-from link.framing import (
+from link.code.collect import Collector, Message
+from link.code.framing import (
     MAX_FRAMES,
     SIGNATURE,
     capacity,
@@ -19,6 +18,7 @@ from link.framing import (
     frames_needed,
     signatures,
 )
+from link.errors import InputError
 
 N_BITS = 59
 CERTAIN = 6.0

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
-from export.locate import locate
-from export.receiver import Receiver
+from export.locate.find import locate
+from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from link.errors import InputError
 from link.images import read_image, write_image
@@ -29,9 +29,9 @@ TEXT = b"right"
 FEED = """
 import json, sys
 from pathlib import Path
-from export.receiver import Receiver
+from export.receive.receiver import Receiver
 from export.runtime import Decoder
-from export.sources import open_source
+from export.receive.sources import open_source
 from link.errors import InputError
 results = []
 for model, source in json.loads(sys.argv[1]):

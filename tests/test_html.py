@@ -17,23 +17,32 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import evaluate
-from data_gen.dataset import Cell, Source, simulate
+from data_gen.frame_pair import Cell, Source, simulate
 from data_gen.pairs import PAIRS as ALL_PAIRS
 from link.captures import save_captures
 from link.geometry import homography_from_corners
 from link.layout import Layout, make_layout
 from link.ratex import training_pixels
-from reports.compare import Method
-from reports.findings import groups, leaders_of
-from reports.html import SECTIONS, write_report
-from reports.markup import VOID, Html, tag
-from reports.metrics import score, write_metrics
-from reports.paired import outcomes
-from reports.reasons import Parts, blocks, explain, take_apart
-from reports.response import one
-from reports.stored import finish, read_run
-from reports.svg import BOTTOM, HEIGHT, LABEL_PX, MARKERS, TOP, accuracy_axis, marker_of, spread
-from reports.sweeps import PAIRS, QUICK_PAIRS, SWEEPS, spoken
+from reports.engine.predict import Method
+from reports.evaluation.reasons import Parts, blocks, explain, take_apart
+from reports.evaluation.response import one
+from reports.render.markup import VOID, Html, tag
+from reports.render.page import SECTIONS, write_report
+from reports.render.svg import (
+    BOTTOM,
+    HEIGHT,
+    LABEL_PX,
+    MARKERS,
+    TOP,
+    accuracy_axis,
+    marker_of,
+    spread,
+)
+from reports.run import finish, read_run
+from reports.score.findings import groups, leaders_of
+from reports.score.metrics import score, write_metrics
+from reports.score.paired import outcomes
+from reports.studies.sweeps import PAIRS, QUICK_PAIRS, SWEEPS, spoken
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 TINY = ["--pairs", "canon-lg", "nikon-imac", "--views", "45", "--kappas", "3", "--jobs", "1"]
@@ -150,9 +159,9 @@ def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
     def forbidden(*_: Any, **__: Any) -> None:
         raise AssertionError("decoded or simulated")
 
-    for name in ("reports.compare.make_decoder", "reports.compare.simulate"):
+    for name in ("reports.engine.predict.make_decoder", "reports.engine.predict.simulate"):
         monkeypatch.setattr(name, forbidden)
-    monkeypatch.setattr("reports.stories.simulate", forbidden)
+    monkeypatch.setattr("reports.evaluation.stories.simulate", forbidden)
     before = (tiny / "report.html").read_bytes()
     (tiny / "report.html").unlink()
     done = command(evaluate.main, "--report", tiny)
@@ -292,7 +301,7 @@ def test_other_systems_show_their_better_reading(store: Store) -> None:
         for n, c in ((1, 200), (2, 240))
     ]
     ours = {**rows[1], "method": "oorc", "strength": "κ 3", "message_bits": 59, "accuracy": 0.875}
-    meta = {**META, "command": "python -m reports.peers", "blind-watermark": "0.4.4"}
+    meta = {**META, "command": "python -m reports.studies.peers", "blind-watermark": "0.4.4"}
     (folder / "reference").mkdir(exist_ok=True)
     stored = {"meta": meta, "rows": [*rows, ours]}
     (folder / "reference" / "peers.json").write_text(json.dumps(stored))

@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
 import evaluate
-from data_gen.channel import draw
-from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.channel.composition import draw
 from data_gen.effects import EFFECTS
+from data_gen.frame_pair import Cell, Source, prepare, simulate
 from data_gen.ideal import Before, captured_blocks, log_likelihood_ratios, observe
 from link.captures import save_captures
 from link.layout import Layout, make_layout
 from models import make_decoder
-from reports.compare import METHODS
+from reports.engine.predict import METHODS
 
 SMALL = make_layout(4, 4, 256, 192, 2)
 HARD = Cell("canon-samsung", 45.0, 1)

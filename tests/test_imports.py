@@ -26,8 +26,8 @@ MAY_IMPORT = {
     "evaluate": {"reports", "export", "models", "data_gen", "link"},
 }
 SCRIPTS = {
-    "data_gen/calibrate.py": MAY_IMPORT["evaluate"],
-    "reports/leave_one_out.py": {*MAY_IMPORT["evaluate"], "train"},
+    "reports/lab/calibrate.py": MAY_IMPORT["evaluate"],
+    "reports/studies/leave_one_out.py": {*MAY_IMPORT["evaluate"], "train"},
 }
 """Commands that stand at the top of the arrow, like evaluate.py; nothing imports them."""
 MINIMAL = {"numpy", "cv2", "onnxruntime"}
@@ -203,6 +203,6 @@ def test_every_module_that_should_imports_without_torch() -> None:
 
 
 def test_sender_and_receiver_need_numpy_opencv_and_onnxruntime_alone() -> None:
-    commands = ("export.receive", "export.locate", "export.bench_receive", "link.send")
+    commands = ("export.receive", "export.locate", "export.receive.bench", "export.send")
     result = run_without(LAB_ONLY, "\n".join(f"import {name}" for name in commands))
     assert result.returncode == 0, result.stderr

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from link.ldpc import Code, make_code, scrambled
+from link.code.ldpc import Code, make_code, scrambled
 
 
 def parity_check_matrix(code: Code) -> NDArray[np.int64]:

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from data_gen.pictures import load_pictures
-from export.locate import candidates, draw, locate, main, refine
+from data_gen.pictures.library import load_pictures
+from export.locate.find import candidates, draw, locate, main, refine
 from link.embed import embed
 from link.geometry import homography_from_corners, transform
 from link.images import read_image, write_image

@@ -9,7 +9,7 @@ from conftest import Command
 
 from link.errors import InputError
 from link.images import write_image
-from reports.locate import Outcome, groups, main, measure_photos, overlap, summary
+from reports.lab.locate import Outcome, groups, main, measure_photos, overlap, summary
 
 SQUARE = np.array([[10.0, 10.0], [110.0, 10.0], [110.0, 110.0], [10.0, 110.0]])
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, MOIRE_AMPLITUDE, MOIRE_MEAN
 
+from data_gen.channel.moire import moire_gain
 from data_gen.effects import with_parameter
-from data_gen.moire import moire_gain
 from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
 from link.layout import make_layout

@@ -23,7 +23,7 @@ from tolerances import (
 )
 from torch import Tensor
 
-from data_gen.dataset import Cell, Source, simulate
+from data_gen.frame_pair import Cell, Source, simulate
 from data_gen.pairs import PAIRS
 from link.errors import InputError
 from link.frames import Captured, Rectified

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, SUBPIXEL_PX
 
-from data_gen.optics import (
+from data_gen.channel.optics import (
     CAPTURE_HEIGHT,
     CAPTURE_WIDTH,
     FILL,

@@ -8,7 +8,7 @@ from scipy.stats import binomtest
 from tolerances import FLOAT64
 
 from link.errors import InputError
-from reports.paired import Counts, behind, compare, outcomes, tally
+from reports.score.paired import Counts, behind, compare, outcomes, tally
 
 CELL = {"pair": "canon-lg", "view_deg": 45.0, "kappa": 3}
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from tolerances import FLOAT64
 
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED, PAIRS, get_pair
-from data_gen.spectra import (
+from link.errors import InputError
+from reports.lab.spectra import (
     DISPLAY_FILES,
     SSF_FILES,
     XYZ_TO_SRGB,
@@ -25,7 +26,6 @@ from data_gen.spectra import (
     load_ssf,
     main,
 )
-from link.errors import InputError
 
 Array = NDArray[np.float64]
 

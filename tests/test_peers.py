@@ -14,17 +14,17 @@ import pytest
 from conftest import Command
 from numpy.typing import NDArray
 
-from data_gen.dataset import Cell, Source, prepare, simulate
-from data_gen.pictures import load_pictures
+from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.pictures.library import load_pictures
 from link.embed import psnr, with_head_room
 from link.frames import Rectified
 from link.layout import make_layout
-from reports.compare import Method
-from reports.peers import adapters
-from reports.peers.__main__ import main
-from reports.peers.adapters import PACKAGES, Peer, make_peers
-from reports.peers.page import PeerRow, table, tally
-from reports.peers.study import JPEG, NO_CHANNEL, Ours, Shown, Still, measure, received
+from reports.engine.predict import Method
+from reports.studies.peers import adapters
+from reports.studies.peers.__main__ import main
+from reports.studies.peers.adapters import PACKAGES, Peer, make_peers
+from reports.studies.peers.page import PeerRow, table, tally
+from reports.studies.peers.study import JPEG, NO_CHANNEL, Ours, Shown, Still, measure, received
 
 SOURCE = Source(make_layout())
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_gen.drawn import draw
-from data_gen.pictures import SPLITS, Picture, load_folder, load_pictures
+from data_gen.pictures.drawings import draw
+from data_gen.pictures.library import SPLITS, Picture, load_folder, load_pictures
 from link.errors import InputError
 
 SIZE = (320, 240)

@@ -10,13 +10,13 @@ import pytest
 from chromium import NAMES, Chromium, find
 from numpy.typing import NDArray
 
-from export.receiver import Receiver
+from export.receive.receiver import Receiver
 from export.runtime import Decoder
-from link import framing
-from link.collect import Collector
+from export.send.player import write_player
+from link.code import framing
+from link.code.collect import Collector
 from link.layout import Layout, make_layout
 from link.loop import Loop
-from link.player import write_player
 
 PRETRAINED = Path(__file__).parents[1] / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"

@@ -7,10 +7,11 @@ from tolerances import FLOAT64
 from link.errors import InputError
 from models.classical.naive import Naive
 from models.classical.two_step import TwoStep
-from reports import prediction, protocols, sensitivity
-from reports.compare import Method
-from reports.metrics import Row, make_row
-from reports.paper import METHODS, paper_accuracy
+from reports.engine import protocols
+from reports.engine.predict import Method
+from reports.score.metrics import Row, make_row
+from reports.score.paper import METHODS, paper_accuracy
+from reports.studies import prediction, sensitivity
 
 CELL = ("canon-lg", 45.0, 3)
 BITS = 10_000

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from reports.metrics import read_metrics
-from reports.prediction import readme_block
 from reports.readme import DOCS, METRICS, STEPS
-from reports.readme_blocks import BLOCKS
-from reports.tables import paper_tables
+from reports.render.readme_blocks import BLOCKS
+from reports.render.tables import paper_tables
+from reports.score.metrics import read_metrics
+from reports.studies.prediction import readme_block
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()

@@ -7,7 +7,7 @@ import pytest
 from conftest import Command
 from tolerances import FLOAT32
 
-from reports import noise, reality
+from reports.lab import noise, reality
 
 SHAPE = (256, 320)
 

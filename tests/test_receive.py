@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
-from export.receiver import Receiver, as_uint8
+from export.receive.receiver import Receiver, as_uint8
 from export.runtime import Decoder
 from link.errors import InputError
 from link.images import write_image

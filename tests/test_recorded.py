@@ -8,24 +8,24 @@ import pytest
 from conftest import Command
 
 import evaluate
-from data_gen.channel import capture
+from data_gen.channel.composition import capture
 from data_gen.pairs import get_pair
-from data_gen.pictures import load_pictures
-from link import send
+from data_gen.pictures.library import load_pictures
+from export.send import __main__ as send
 from link.captures import read_manifest
+from link.code.framing import encode
 from link.embed import embed
 from link.frames import Captured, Displayed
-from link.framing import encode
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
-from reports import recorded
+from reports.lab import recorded
 
 MESSAGE = "hidden"
 
 
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Captured]]:
-    """What link.send wrote, and the simulated photographs of it, in two folders."""
+    """What export.send wrote, and the simulated photographs of it, in two folders."""
     folder, layout = tmp_path_factory.mktemp("recorded"), make_layout()
     picture = load_pictures("test", layout.width, layout.height)[0].rgb
     write_image(folder / "picture.png", picture)

@@ -10,7 +10,7 @@ from scipy.special import expit
 from tolerances import FLOAT64
 
 from link.errors import InputError
-from reports.reliability import (
+from reports.score.reliability import (
     calibration_error,
     diagram,
     known_scores,

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 from tolerances import FLOAT64
 
-from data_gen.channel import capture, draw, reduced
-from data_gen.dataset import Cell, Source, prepare, simulate
+from data_gen.channel.composition import capture, draw, reduced
+from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.effects import EFFECTS
-from data_gen.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
+from data_gen.frame_pair import Cell, Source, prepare, simulate
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout

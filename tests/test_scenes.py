@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32, SUBPIXEL_PX
 
-from data_gen.channel import draw
-from data_gen.moire import moire_gain
-from data_gen.optics import (
+from data_gen.channel.composition import draw
+from data_gen.channel.moire import moire_gain
+from data_gen.channel.optics import (
     CAPTURE_HEIGHT,
     CAPTURE_WIDTH,
     SURROUNDINGS,
@@ -22,12 +22,12 @@ from data_gen.optics import (
     project,
     scene_camera,
 )
+from data_gen.channel.viewpoint import Viewpoint
+from data_gen.film.passer import draw_passer
+from data_gen.film.rooms import ROOMS
+from data_gen.film.scenes import Scene, SceneSettings, draw_scene, photograph
 from data_gen.pairs import get_pair
-from data_gen.passer import draw_passer
-from data_gen.pictures import Picture
-from data_gen.rooms import ROOMS
-from data_gen.scenes import Scene, SceneSettings, draw_scene, photograph
-from data_gen.viewpoint import Viewpoint
+from data_gen.pictures.library import Picture
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import make_layout

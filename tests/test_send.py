@@ -18,16 +18,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-import link.send as send_cli
-from link import framing
-from link.collect import Collector
+import export.send.__main__ as send_cli
+from export.send.pictures import fit, open_pictures
+from export.send.player import write_player
+from link.code import framing
+from link.code.collect import Collector
 from link.embed import with_head_room
 from link.errors import InputError
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
 from link.loop import Loop
-from link.pictures import fit, open_pictures
-from link.player import write_player
 from link.video import read_video, write_video
 
 ROOT = Path(__file__).parents[1]
@@ -334,7 +334,7 @@ def test_opencv_adds_no_lines_of_its_own(inputs: Path, tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(400))
     for first in (inputs / "cut.avi", tmp_path / "text.mp4"):
         done = subprocess.run(
-            [sys.executable, "-m", "link.send", first, *words[1:]],
+            [sys.executable, "-m", "export.send", first, *words[1:]],
             cwd=ROOT,
             capture_output=True,
             text=True,

@@ -6,9 +6,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from tolerances import FLOAT32, FLOAT64, PHASE_MEAN
 
+from data_gen.channel.shutter import pwm_gain
 from data_gen.pairs import CAMERAS, DISPLAYS
 from data_gen.parameters import Camera, Display
-from data_gen.shutter import pwm_gain
 
 ROWS = 40
 hz, duty, depth = st.floats(60, 1000), st.floats(0.05, 1.0), st.floats(0.0, 1.0)

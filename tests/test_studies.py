@@ -13,8 +13,8 @@ from data_gen.pairs import PAIRS
 from export import bench
 from link.errors import InputError
 from link.frames import SoftBits, combined
-from reports import leave_one_out, repeats
-from reports.leave_one_out import without
+from reports.studies import leave_one_out, repeats
+from reports.studies.leave_one_out import without
 
 
 def test_combined_adds_log_likelihood_ratios() -> None:

@@ -8,8 +8,8 @@ import torch
 from conftest import LEARNED, Command
 
 import train
-from data_gen.dataset import Source
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.frame_pair import Source
 from export.parity import Parity
 from export.runtime import Decoder
 from link.errors import InputError

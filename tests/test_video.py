@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64
 
+from data_gen.channel.timing import shares
+from data_gen.channel.viewpoint import Viewpoint
+from data_gen.film.scenes import SceneSettings, draw_scene
+from data_gen.film.shake import LIMIT, Exposure, Hand, Wander
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
-from data_gen.scenes import SceneSettings, draw_scene
-from data_gen.shake import LIMIT, Exposure, Hand, Wander
-from data_gen.timing import shares
 from data_gen.video import VideoFrame, VideoSettings, film, main
-from data_gen.viewpoint import Viewpoint
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.images import read_image

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from link.frames import Rectified
 from link.images import intensity
 from link.layout import block_index
-from link.register import align
+from models.classical.register import align
 
 Array = NDArray[np.float64]
 

@@ -142,7 +142,7 @@ def load_cnn(folder: Path) -> BlockNet:
     Raises:
         InputError: a file is missing, damaged, or does not fit the other.
     """
-    config = read_config(folder, "python -m reports.cnn_baseline")
+    config = read_config(folder, "python -m reports.lab.cnn_baseline")
     try:
         module = BlockNet(CnnConfig(**config["cnn"]))
     except (ValueError, KeyError, TypeError) as error:
@@ -162,7 +162,7 @@ class Cnn:
     """One network for all cameras and displays; nothing is calibrated on the frame pair."""
 
     checkpoint: Path = PRETRAINED
-    """Folder with decoder.pt and config.json, written by ``python -m reports.cnn_baseline``."""
+    """Folder with decoder.pt and config.json, written by ``python -m reports.lab.cnn_baseline``."""
     needs_ratex: ClassVar[bool] = True
     """It uses no patches, but is shown the captures that it was trained on and others get."""
 

@@ -1,0 +1,1 @@
+"""The physical channel: display, optics and camera, and the one place that composes them."""

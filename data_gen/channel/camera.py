@@ -1,0 +1,140 @@
+"""Camera: linear light at the sensor -> 8-bit pixels of a file (Eq. camerapixel, response f)."""
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from data_gen.channel.display import Light
+from data_gen.parameters import IDENTITY, Camera, Curve, Matrix
+
+RESPONSE_STEPS = 65535
+PEDESTAL = 1 / 16
+"""Raw level of no light, so that noise below it is not cut off; relative to saturation."""
+
+
+@lru_cache(maxsize=16)
+def response_curve(tone_curve: Curve, encoding: str = "srgb") -> NDArray[np.float32]:
+    """The response f as a table: (RESPONSE_STEPS + 1,) float32 in [0, 255] over exposure [0, 1].
+
+    The camera's tone curve (linear to linear), then the transfer function: sRGB (IEC 61966-2-1) or
+    none.
+    """
+    nodes = np.array(tone_curve)
+    exposure = np.linspace(0, 1, RESPONSE_STEPS + 1)
+    if len(nodes) > 2:
+        linear = np.clip(PchipInterpolator(nodes[:, 0], nodes[:, 1])(exposure), 0, 1)
+    else:
+        linear = exposure
+    if encoding == "srgb":
+        linear = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    return np.asarray(255 * linear, np.float32)
+
+
+def collect(
+    irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
+) -> Light:
+    """What the sensor's channels collect: white_level gain M light, not yet clipped.
+
+    Args:
+        irradiance: (H, W, 3) float32 linear, display primaries; frontal white is 1.
+        camera: parameters.
+        crosstalk: M of Eq. redpixel, rows camera R, G, B.
+        gain: broadcastable to (H, W, 3): exposure, vignetting, banding, moire.
+
+    Returns:
+        (H, W, 3) float32, linear, without noise; 1 is saturation.
+    """
+    return _transform(irradiance, crosstalk) * (np.float32(camera.white_level) * gain)
+
+
+def expose(
+    irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
+) -> Light:
+    """`collect`, clipped at saturation: (H, W, 3) float32 in [0, 1]; arguments as there."""
+    light = collect(irradiance, camera, crosstalk, gain)
+    return np.asarray(np.minimum(light, 1.0), np.float32)
+
+
+def develop(
+    exposure: Light, camera: Camera, rng: np.random.Generator, noise_scale: float, iso: float = 1.0
+) -> NDArray[np.uint8]:
+    """Sensor and image processor: from exposure to the file's pixels.
+
+    Mosaic; electrons = Normal(N, s^2 (N + read_noise^2)) with N = exposure full_well / iso and
+    s = noise_scale; demosaicing (edge-aware); colour matrix; response f; unsharp mask; rounding;
+    JPEG. Noise and mosaic are those of the reduced capture: its pixels pool native pixels of one
+    colour.
+
+    Args:
+        exposure: (H, W, 3) float32 in [0, 1], linear.
+        camera: parameters.
+        rng: source of the noise.
+        noise_scale: standard deviation relative to a native pixel's; 0 for no noise.
+        iso: amplification relative to the ISO of ``full_well_e``, at least 1.
+
+    Returns:
+        (H, W, 3) uint8, encoded RGB.
+    """
+    raw = _mosaic(exposure) if camera.bayer else exposure
+    if noise_scale > 0:
+        well = camera.full_well_e / iso
+        read = (camera.read_noise_e * iso / camera.full_well_e) ** 2
+        sigma = raw * np.float32(1 / well)
+        sigma += np.float32(read)
+        noise = np.float32(noise_scale) * np.sqrt(sigma, out=sigma)
+        noise *= rng.standard_normal(raw.shape, np.float32)
+        raw = np.add(noise, raw, out=noise)
+    linear = _demosaic(raw) if camera.bayer else raw.copy()
+    linear = _transform(np.clip(linear, 0, 1, out=linear), camera.color_matrix)
+    table = response_curve(camera.tone_curve, camera.encoding)
+    np.clip(linear, 0, 1, out=linear)
+    linear *= np.float32(RESPONSE_STEPS)
+    linear += np.float32(0.5)
+    index = linear.astype(np.uint16)
+    if camera.sharpening > 0:
+        encoded = table.take(index)
+        soft = cv2.GaussianBlur(encoded, (0, 0), 1.0)
+        encoded = cv2.addWeighted(encoded, 1 + camera.sharpening, soft, -camera.sharpening, 0.5)
+        pixels = np.clip(encoded, 0, 255, out=encoded).astype(np.uint8)
+    else:
+        pixels = (table + np.float32(0.5)).astype(np.uint8).take(index)
+    return jpeg(pixels, camera.jpeg_quality) if camera.jpeg_quality else pixels
+
+
+def _transform(image: Light, matrix: Matrix) -> Light:
+    if matrix == IDENTITY:
+        return image
+    return np.asarray(cv2.transform(image, np.array(matrix, np.float32)))
+
+
+def _mosaic(exposure: Light) -> Light:
+    """One colour a pixel, rows RGRG, GBGB: (H, W, 3) -> (H, W)."""
+    raw = exposure[:, :, 1].copy()
+    raw[0::2, 0::2] = exposure[0::2, 0::2, 0]
+    raw[1::2, 1::2] = exposure[1::2, 1::2, 2]
+    return raw
+
+
+def _demosaic(raw: Light) -> Light:
+    """(H, W) float32 -> (H, W, 3) float32; through 16-bit integers, as OpenCV wants."""
+    full = np.float32(65535 / (1 + 2 * PEDESTAL))
+    counts = np.clip(raw + PEDESTAL, 0, 1 + 2 * PEDESTAL)
+    counts *= full
+    counts += np.float32(0.5)
+    colour = cv2.demosaicing(counts.astype(np.uint16), cv2.COLOR_BayerRGGB2RGB_EA)
+    colour = colour.astype(np.float32)
+    colour /= full
+    colour -= np.float32(PEDESTAL)
+    return np.asarray(colour)
+
+
+def jpeg(pixels: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
+    """Store and reload an RGB frame as JPEG of this quality; same shape and dtype."""
+    bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+    _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(
+        cv2.cvtColor(cv2.imdecode(data, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB), np.uint8
+    )

@@ -1,0 +1,297 @@
+"""Cluttered surroundings of a display, as linear light, and stills of it in them.
+
+The camera exposes for the display, as `Setup.metering` says, not for the room. Bodies are
+rectangles without shadows; depth of field is one blur of all that lies behind the display.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel.display import Light, emitted_light
+from data_gen.channel.optics import Pose, check_view, plane_from_display, scene_camera, view_angles
+from data_gen.channel.viewpoint import Viewpoint
+from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, Canvas, Painter
+from data_gen.parameters import Pair
+from data_gen.pictures.library import Picture
+from link.errors import InputError, choose
+from link.geometry import frame_corners, transform
+from link.layout import Layout
+
+COVERAGE = (0.05, 0.9)
+"""Smallest and largest share of the image that the picture covers."""
+FIELD_DEG = (45.0, 70.0)
+"""Angle of view along the image's longer side: phones' main cameras, webcams (assumed)."""
+MIN_DISTANCE, MAX_DISTANCE = 0.7, 30.0
+"""Of the camera, in longer sides of the picture."""
+MIN_SIDE = 64
+"""Fewest pixels of the image along an axis."""
+
+
+@dataclass(frozen=True)
+class SceneSettings:
+    """What may be chosen of a scene; None is drawn at random."""
+
+    size: tuple[int, int] = (1280, 720)
+    """(width, height) of the capture, pixels."""
+    coverage: float | None = None
+    """Share of the image that the picture covers, 0.05 to 0.9; less where so much does not fit."""
+    turn_deg: float | None = None
+    """Rotation of the camera about its axis; drawn: 0, 90, 180 or 270 within 5 degrees."""
+    room: str | None = None
+    """"dark", "office" or "bright"."""
+    centred: bool = False
+    """Whether the camera aims at the picture's centre."""
+    window: bool | None = None
+    """Whether the screen is larger than the picture, with a plain surround."""
+    second_display: bool | None = None
+    """Whether another lit display stands beside, with no ratex on it; drawn: one in five."""
+    pictures: Sequence[Picture] = ()
+    """Photographs for posters, windows and the second display: of the split's own."""
+    free: float = 0.01
+    """Share of the image that stays free at each side of the picture."""
+    margin_px: int = 48
+    """Drawn beyond the image on each side, for a camera that moves."""
+
+    def __post_init__(self) -> None:
+        if min(self.size) < MIN_SIDE:
+            raise InputError(f"--size: need at least {MIN_SIDE}x{MIN_SIDE} pixels, got {self.size}")
+        if self.coverage is not None and not COVERAGE[0] <= self.coverage <= COVERAGE[1]:
+            raise InputError(f"--coverage: need a share from 0.05 to 0.9, got {self.coverage:g}")
+        if self.turn_deg is not None and not abs(self.turn_deg) <= 360:
+            raise InputError(f"--turn: need degrees within ±360, got {self.turn_deg:g}")
+        if not 0 <= self.free <= 0.2:
+            raise InputError(f"free: need a share from 0 to 0.2, got {self.free:g}")
+        if self.room is not None:
+            choose(ROOMS, self.room, "room")
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A display in a room and a camera before it."""
+
+    layout: Layout
+    pair: Pair
+    """With the haze of this room."""
+    view_deg: float
+    """Nominal."""
+    pose: Pose
+    room: str
+    level: float
+    """Light of a white sheet in the room relative to the display's frontal white."""
+    size: tuple[int, int]
+    """(width, height) of the capture."""
+    H_captured_from_display: NDArray[np.float64]
+    """(3, 3)."""
+    canvas: Light
+    """(height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1: all but the
+    picture, in whose place the casing or the surround goes on."""
+    margin: int
+    """Pixels of ``canvas`` beyond the image on each side."""
+
+    @property
+    def background(self) -> Light:
+        """(height, width, 3): the canvas within the image."""
+        width, height = self.size
+        return self.canvas[self.margin : self.margin + height, self.margin : self.margin + width]
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """(4, 2) captured pixels, convention of `link.geometry`."""
+        shape = frame_corners(self.layout.width, self.layout.height)
+        return transform(self.H_captured_from_display, shape)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the image that the picture covers."""
+        return _area(self.corners) / (self.size[0] * self.size[1])
+
+    @cached_property
+    def theta(self) -> Light:
+        """See `view_angles`."""
+        return view_angles(self.pose, self.layout.width, self.layout.height)
+
+
+def draw_scene(
+    layout: Layout,
+    pair: Pair,
+    view_deg: float,
+    rng: np.random.Generator,
+    settings: SceneSettings | None = None,
+) -> Scene:
+    """Draw a room, a display in it, and where the camera stands; the whole picture is in view.
+
+    Args:
+        layout: of the picture.
+        pair: camera and display; its haze is that of 150 lux and is changed to the room's.
+        view_deg: nominal angle of observation, degrees; kept within 1.
+        rng: every random draw comes from here.
+        settings: what is not drawn.
+
+    Raises:
+        InputError: ``view_deg`` is out of range, or the pair is without perspective.
+    """
+    settings = settings or SceneSettings()
+    check_view(view_deg)
+    if not pair.setup.perspective:
+        raise InputError("a scene needs perspective; do not switch it off")
+    pose_rng, room_rng, paint_rng = rng.spawn(3)
+    size = settings.size
+    pose, camera = place(layout, view_deg, pose_rng, settings)
+    H = camera[:, [0, 1, 3]] @ plane_from_display(layout.width, layout.height)
+    H /= H[2, 2]
+
+    drawn = str(room_rng.choice(list(ROOMS)))
+    room = settings.room or drawn
+    low, high = ROOMS[room]
+    level = float(np.exp(room_rng.uniform(np.log(low), np.log(high))))
+    tint = (1 + room_rng.uniform(-0.12, 0.12) * np.array([1.0, 0.0, -1.0])).astype(np.float32)
+    haze = min(0.5, pair.display.haze * level / HAZE_ROOM)
+    lit = replace(pair, display=replace(pair.display, haze=haze))
+
+    margin = settings.margin_px
+    shifted = np.array([[1, 0, margin], [0, 1, margin], [0, 0, 1.0]]) @ camera
+    shape = (size[1] + 2 * margin, size[0] + 2 * margin, 3)
+    canvas = Canvas(np.zeros(shape, np.float32), shifted)
+    painter = Painter(canvas, paint_rng, settings.pictures, np.float32(level) * tint)
+    _paint(painter, layout, lit, view_deg, settings)
+    return Scene(layout, lit, view_deg, pose, room, level, size, H, canvas.light, margin)
+
+
+def place(
+    layout: Layout, view_deg: float, rng: np.random.Generator, settings: SceneSettings
+) -> tuple[Pose, NDArray[np.float64]]:
+    """Pose and (3, 4) `scene_camera` such that the picture covers what is asked for, and is whole.
+
+    Arguments as of `draw_scene`.
+    """
+    turn = rng.choice([0.0, 90.0, 180.0, 270.0], p=[0.55, 0.15, 0.15, 0.15]) + rng.uniform(-5, 5)
+    side = rng.uniform(*np.sqrt(COVERAGE))
+    wanted = side**2 if settings.coverage is None else settings.coverage
+    field = np.radians(rng.uniform(*FIELD_DEG))
+    away = rng.uniform(-1, 1, 2) * (not settings.centred)
+    pose = Pose(
+        view_deg=float(np.clip(view_deg + rng.uniform(-1, 1), -76, 76)),
+        pitch_deg=float(rng.uniform(-8, 8)),
+        roll_deg=float(turn if settings.turn_deg is None else settings.turn_deg),
+        distance=MAX_DISTANCE,
+    )
+    size = np.array(settings.size)
+    focal = max(size) / 2 / np.tan(field / 2)
+    shape = frame_corners(layout.width, layout.height)
+    plane = plane_from_display(layout.width, layout.height)
+
+    def corners(camera: NDArray[np.float64]) -> NDArray[np.float64]:
+        return transform(camera[:, [0, 1, 3]] @ plane, shape)
+
+    def whole(points: NDArray[np.float64]) -> bool:
+        return bool(
+            (points > settings.free * size).all()
+            and (points < (1 - settings.free) * size - 1).all()
+        )
+
+    def aimed(distance: float) -> tuple[Pose, NDArray[np.float64], bool]:
+        """As far from the image's centre as was drawn, or as fits."""
+        there = replace(pose, distance=distance)
+        middle = (size - 1) / 2
+        box = np.ptp(corners(scene_camera(there, focal, settings.size, tuple(middle))), axis=0)
+        free = np.maximum(0, (1 - 2 * settings.free) * size - box) / 2
+        for share in np.linspace(1, 0, 11):
+            camera = scene_camera(there, focal, settings.size, tuple(middle + share * away * free))
+            if whole(corners(camera)):
+                return there, camera, True
+        return there, camera, False
+
+    near, far = MIN_DISTANCE, MAX_DISTANCE
+    for _ in range(24):
+        distance = float(np.sqrt(near * far))
+        _, camera, fits = aimed(distance)
+        if not fits or _area(corners(camera)) > wanted * size[0] * size[1]:
+            near = distance
+        else:
+            far = distance
+    return aimed(far)[:2]
+
+
+def _area(points: NDArray[np.float64]) -> float:
+    return float(cv2.contourArea(points.astype(np.float32)))
+
+
+def _paint(
+    painter: Painter, layout: Layout, pair: Pair, view_deg: float, settings: SceneSettings
+) -> None:
+    """Room, casing, and the screen beside the picture."""
+    rng = painter.rng
+    side = max(layout.width, layout.height)
+    half = np.array([layout.width, layout.height]) / side / 2
+    windowed, grow = rng.random() < 0.3, rng.uniform(0.02, 0.25, 4)
+    white_surround, gray = rng.random() < 0.5, int(rng.integers(5, 60))
+    if settings.window is not None:
+        windowed = settings.window
+    box = np.concatenate([-half, half])
+    if windowed:
+        box += grow * np.array([-1, -1, 1, 1])
+    thick = rng.uniform(0.01, 0.07) * rng.uniform(0.8, 1.4, 4)
+    thick[3] *= rng.choice([1.0, 2.5])  # a chin
+    colour = np.full(3, rng.choice([0.02, 0.04, 0.2, 0.45, 0.8]), np.float32)
+    on_desk, depth = rng.random() < 0.65, float(rng.uniform(0.02, 1.2))
+    second, beside = rng.random() < 0.2, rng.uniform(0.05, 0.3)
+    side_of = rng.choice([-1.0, 1.0])
+    if settings.second_display is not None:
+        second = settings.second_display
+
+    painter.backdrop()
+    painter.wall(depth)
+    foot = float(box[3] + thick[3])
+    desk_y = foot + DESK_Y * float(rng.uniform(0.3, 1.5))
+    if on_desk:
+        painter.desk(desk_y, depth)
+    blur = rng.uniform(0.3, 1.8) * settings.size[0] / 1280
+    light = painter.canvas.light
+    light[:] = cv2.GaussianBlur(light, (0, 0), blur)
+    loss = np.cos(np.radians(view_deg)) ** pair.display.falloff[1]
+    if second:
+        edge = box[2] + thick[2] if side_of > 0 else -(thick[0] - box[0])
+        painter.other_display(float(edge + side_of * beside), float(box[1]), float(loss))
+    if on_desk:
+        painter.stand(0.0, foot - 0.01, desk_y, colour)
+    painter.frame(box, thick, colour)
+    if windowed:
+        level = np.full((1, 1, 3), 250 if white_surround else gray, np.uint8)
+        emitted = emitted_light(level, pair.display, np.full((1, 1), np.radians(view_deg)))
+        lit = np.asarray(emitted + pair.display.haze, np.float32)
+        width, height = box[2:] - box[:2]
+        painter.canvas.paint(lit, (*box[:2], 0), (width, 0, 0), (0, height, 0))
+
+
+def photograph(
+    frame: NDArray[np.uint8],
+    scene: Scene,
+    rng: np.random.Generator,
+    H_captured_from_display: NDArray[np.float64] | None = None,
+) -> NDArray[np.uint8]:
+    """One still of a displayed frame in a scene; exposure drift, flicker and noise are drawn.
+
+    Args:
+        frame: (height, width) or (height, width, 3) uint8, encoded, of the scene's layout.
+        scene: room, display and camera.
+        rng: every random draw comes from here.
+        H_captured_from_display: (3, 3) of a camera that has moved a little since; by default the
+            scene's.
+
+    Returns:
+        (H, W, 3) uint8, encoded RGB.
+    """
+    view = Viewpoint.draw(scene, rng)
+    drift = float(np.exp(scene.pair.nuisance(scene.view_deg).drift * rng.standard_normal()))
+    H = (
+        scene.H_captured_from_display
+        if H_captured_from_display is None
+        else H_captured_from_display
+    )
+    exposure = view.expose([view.emitted(frame)], None, H, drift, float(rng.random()))
+    return view.develop(exposure, rng)

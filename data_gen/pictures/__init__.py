@@ -1,0 +1,1 @@
+"""Pictures to hide messages in: photographs, drawings, and their split into train and test."""

@@ -1,0 +1,178 @@
+"""The pictures that the display shows: photographs, generated slides, and the user's own.
+
+The photographs ship inside the scikit-image and scikit-learn wheels, so nothing is downloaded.
+A photograph belongs to one split only; the crops taken from it never cross over.
+"""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.pictures.drawings import draw
+from link.errors import InputError, choose
+from link.images import MIN_SIDE_PX, read_image
+
+SPLITS = ("train", "test")
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+MIN_SOURCE_SIDE = 64
+"""Smallest width and height, px, of an image in the user's folder."""
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A picture to display."""
+
+    name: str
+    """Unique and stable: "photo/<source>/<crop>", "<kind>/<number>", or the user's file name."""
+    rgb: NDArray[np.uint8]
+    """(H, W, 3), RGB encoded."""
+
+
+@dataclass(frozen=True)
+class _Crop:
+    """A window of the displayed aspect inside a photograph."""
+
+    size: float = 1.0
+    """Size relative to the largest window of that aspect, in (0, 1]."""
+    x: float = 0.5
+    """Share of the free width left of the window, in [0, 1]."""
+    y: float = 0.5
+    """Share of the free height above the window, in [0, 1]."""
+
+
+_PHOTOS: dict[str, dict[str, tuple[_Crop, ...]]] = {
+    "train": {
+        "skimage/data/chelsea.png": (_Crop(), _Crop(0.7, 0.45, 0.0)),
+        "skimage/data/motorcycle_left.png": (_Crop(), _Crop(0.7, 0.0, 0.55)),
+        "sklearn/datasets/images/flower.jpg": (_Crop(), _Crop(0.7, 0.6, 0.4)),
+        "skimage/data/retina.jpg": (_Crop(), _Crop(0.65, 0.1, 0.5)),
+        "skimage/data/brick.png": (_Crop(),),
+        "skimage/data/color.png": (_Crop(),),
+        "skimage/data/grass.png": (_Crop(),),
+        "skimage/data/moon.png": (_Crop(),),
+    },
+    "test": {
+        "skimage/data/astronaut.png": (_Crop(y=0.0),),
+        "skimage/data/camera.png": (_Crop(y=0.3),),
+        "sklearn/datasets/images/china.jpg": (_Crop(),),
+        "skimage/data/coffee.png": (_Crop(),),
+        "skimage/data/coins.png": (_Crop(),),
+        "skimage/data/gravel.png": (_Crop(),),
+        "skimage/data/hubble_deep_field.jpg": (_Crop(),),
+        "skimage/data/ihc.png": (_Crop(),),
+        "skimage/data/rocket.jpg": (_Crop(),),
+    },
+}
+_DRAWN: dict[str, dict[str, range]] = {
+    "train": {"slide": range(0, 4), "map": range(0, 2), "poster": range(0, 2)},
+    "test": {"slide": range(4, 6), "map": range(2, 4), "poster": range(2, 4)},
+}
+
+
+def load_pictures(split: str, width: int, height: int) -> list[Picture]:
+    """Load the built-in pictures of a split: photographs, then slides, maps and posters.
+
+    Args:
+        split: "train" or "test"; no photograph and no drawing is in both.
+        width: of every picture, px.
+        height: of every picture, px.
+
+    Returns:
+        Pictures with `rgb` (height, width, 3) uint8, RGB encoded; the same bytes and the same
+        order on every call.
+
+    Raises:
+        InputError: an unknown split, a width or height below 16, or a photograph that the
+            installed scikit-image or scikit-learn does not hold.
+    """
+    photos = choose(_PHOTOS, split, "split")
+    _check_size(width, height)
+    pictures = []
+    for resource, crops in photos.items():
+        path = _installed(resource)
+        source = read_image(path)
+        for i, crop in enumerate(crops):
+            rgb = _crop_and_resize(source, width, height, crop)
+            pictures.append(Picture(f"photo/{path.stem}/{i}", rgb))
+    for kind, numbers in _DRAWN[split].items():
+        for number in numbers:
+            pictures.append(Picture(f"{kind}/{number}", draw(kind, number, width, height)))
+    return pictures
+
+
+def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
+    """Load the user's own pictures, sorted by file name, centre-cropped and resized.
+
+    Files with other suffixes than `SUFFIXES` (in either case), hidden files and subfolders are
+    passed over.
+
+    Args:
+        folder: holds the image files.
+        width: of every picture, px.
+        height: of every picture, px.
+
+    Returns:
+        Pictures with `rgb` (height, width, 3) uint8, RGB encoded, named by their files.
+
+    Raises:
+        InputError: no such folder, no image in it, an image that cannot be read or is smaller
+            than 64x64, or a width or height below 16.
+    """
+    _check_size(width, height)
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    paths = _image_files(folder)
+    if not paths:
+        raise InputError(f"{folder}: no image in this folder; looked for {', '.join(SUFFIXES)}")
+    pictures = []
+    for path in paths:
+        source = read_image(path)
+        if min(source.shape[:2]) < MIN_SOURCE_SIDE:
+            size = f"{source.shape[1]}x{source.shape[0]}"
+            need = f"{MIN_SOURCE_SIDE}x{MIN_SOURCE_SIDE}"
+            raise InputError(f"{path}: image is {size}, need at least {need} pixels")
+        pictures.append(Picture(path.name, _crop_and_resize(source, width, height, _Crop())))
+    return pictures
+
+
+def _check_size(width: int, height: int) -> None:
+    if min(width, height) < MIN_SIDE_PX:
+        need = f"{MIN_SIDE_PX}x{MIN_SIDE_PX}"
+        raise InputError(f"pictures of {width}x{height} asked for, need at least {need} pixels")
+
+
+def _image_files(folder: Path) -> list[Path]:
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.is_file() and path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+    )
+
+
+def _installed(resource: str) -> Path:
+    """Find "package/path" in site-packages without importing the package."""
+    package, _, inner = resource.partition("/")
+    spec = find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        raise InputError(f"{resource} is needed for the built-in pictures: install {package}")
+    return Path(spec.submodule_search_locations[0]) / inner
+
+
+def _crop_and_resize(
+    rgb: NDArray[np.uint8], width: int, height: int, crop: _Crop
+) -> NDArray[np.uint8]:
+    """Cut the window out of (H, W, 3) and resize it to (height, width, 3)."""
+    source_height, source_width = rgb.shape[:2]
+    scale = crop.size * min(source_width / width, source_height / height)
+    window_width = max(1, round(scale * width))
+    window_height = max(1, round(scale * height))
+    x = round((source_width - window_width) * crop.x)
+    y = round((source_height - window_height) * crop.y)
+    window = rgb[y : y + window_height, x : x + window_width]
+    shrinks = window_width >= width and window_height >= height
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(window, (width, height), interpolation=how), np.uint8)

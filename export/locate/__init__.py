@@ -1,0 +1,1 @@
+"""Finding the display in a photograph."""

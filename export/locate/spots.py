@@ -1,0 +1,226 @@
+"""Quadrilaterals from the ratex patches alone, for a picture whose border shows no edges.
+
+A dark picture in a dark bezel, or one on a page of its own colour, has no edges around it, and its
+patches stand out all the more. Where the image is steep at a patch's size, a bank of turned and
+foreshortened patches is correlated; patches that fit together make a quadrilateral.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.quads import distinct, is_sound
+from link.layout import Layout
+from link.ratex import TILES, tile_levels
+
+PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
+"""Sides of a patch that are tried, px of the small image."""
+SEEN_PX, WINDOW_PX = 15, 15
+"""A patch's side on the resized image, and that of the window compared."""
+SPOTS = 80
+"""Steepest places of one size that are compared."""
+SHIFTS = (-4, -2, 0, 2, 4)
+TURNS = 24
+SHAPES = (
+    (1.0, 1.0, 0.0),
+    (0.65, 1.0, 0.0),
+    (1.0, 0.65, 0.0),
+    (0.42, 1.0, 0.0),
+    (1.0, 0.42, 0.0),
+    (0.75, 0.75, 0.45),
+    (0.75, 0.75, -0.45),
+)
+"""Foreshortening of a patch's two axes, and its shear."""
+MIN_MATCH = 0.55
+"""Correlation of a patch that is kept."""
+KEPT = 16
+"""Matches kept for each patch."""
+MAX_TURN_DEG, MAX_RATIO = 35.0, 1.8
+"""Largest differences of a patch's turn and size from what the quadrilateral has there."""
+MISSING = 0.35
+"""Match that stands for a patch that is not seen and is put where the three others say."""
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """Where one patch may be; arrays of one length."""
+
+    at: NDArray[np.float64]
+    """(N, 2)."""
+    turn: NDArray[np.float64]
+    """(N,) direction of the display's x axis in the image, radians."""
+    size: NDArray[np.float64]
+    match: NDArray[np.float64]
+
+
+def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[np.float64]:
+    """(N, 4, 2) quadrilaterals, top-left of the displayed picture first, the likeliest first.
+
+    Args:
+        gray: (h, w) uint8.
+        layout: with patches in the four corners; else nothing is found.
+        limit: largest number returned.
+    """
+    last = (layout.rows - 1, layout.cols - 1)
+    cells = [(0, 0), (0, last[1]), last, (last[0], 0)]
+    nothing = np.empty((0, 4, 2))
+    if not set(cells) <= set(layout.ratex):
+        return nothing
+    patches = tuple(layout.ratex.index(cell) for cell in cells)
+    found = _matches(gray, layout, patches)
+    quads, ranks = [], []
+    for missing in (None, 0, 1, 2, 3):
+        lists = [range(len(m.match)) if i != missing else range(1) for i, m in enumerate(found)]
+        picked = np.array(list(product(*lists)), np.intp).reshape(-1, 4)
+        there = [i for i in range(4) if i != missing]
+        if not len(picked):
+            continue
+        points = np.zeros((len(picked), 4, 2))
+        for i in there:
+            points[:, i] = found[i].at[picked[:, i]]
+        if missing is not None:
+            around = [(missing + k) % 4 for k in (1, 2, 3)]
+            points[:, missing] = points[:, around[0]] - points[:, around[1]] + points[:, around[2]]
+        sound = is_sound(points, gray.shape[1], gray.shape[0])
+        points, picked = points[sound], picked[sound]
+        if not len(points):
+            continue
+        size, turn = _expected(points, layout)
+        rank, fits = np.zeros(len(points)), np.ones(len(points), bool)
+        for i in there:
+            chosen = picked[:, i]
+            off = np.angle(np.exp(1j * (found[i].turn[chosen] - turn[:, i])))
+            ratio = np.abs(np.log(found[i].size[chosen] / size[:, i]))
+            fits &= (np.abs(off) < np.radians(MAX_TURN_DEG)) & (ratio < np.log(MAX_RATIO))
+            rank += found[i].match[chosen]
+        quads.append(points[fits])
+        ranks.append(rank[fits] + (MISSING if missing is not None else 0))
+    if not sum(map(len, quads)):
+        return nothing
+    points, rank = np.concatenate(quads), np.concatenate(ranks)
+    points = points[distinct(points, rank, limit, 4.0)]
+    centres = [[(col + 0.5) / layout.cols, (row + 0.5) / layout.rows] for row, col in cells]
+    unit = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]], np.float32)
+    grown = [
+        cv2.perspectiveTransform(
+            unit,
+            cv2.getPerspectiveTransform(np.array(centres, np.float32), quad.astype(np.float32)),
+        )[0]
+        for quad in points
+    ]
+    return np.array(grown, np.float64).reshape(-1, 4, 2)
+
+
+def _expected(
+    points: NDArray[np.float64], layout: Layout
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N, 4) sizes and turns that patches have at the corners of (N, 4, 2) patch centres.
+
+    By the homography of the unit square to the quadrilateral (Heckbert 1989): its area element
+    falls with the cube of w.
+    """
+    p0, p1, p2, p3 = (points[:, i] for i in range(4))
+    bend, one, two = p0 - p1 + p2 - p3, p1 - p2, p3 - p2
+    below = one[:, 0] * two[:, 1] - two[:, 0] * one[:, 1]
+    g = (bend[:, 0] * two[:, 1] - two[:, 0] * bend[:, 1]) / below
+    h = (one[:, 0] * bend[:, 1] - bend[:, 0] * one[:, 1]) / below
+    w = np.stack([np.ones_like(g), 1 + g, 1 + g + h, 1 + h], axis=1)
+    right, down = p1 - p0 + g[:, None] * p1, p3 - p0 + h[:, None] * p3
+    H = np.stack(
+        [
+            np.column_stack([right, g]),
+            np.column_stack([down, h]),
+            np.column_stack([p0, np.ones_like(g)]),
+        ],
+        axis=2,
+    )
+    element = np.abs(np.linalg.det(H))[:, None] / np.maximum(np.abs(w), 1e-3) ** 3
+    size = np.sqrt(element / ((layout.rows - 1) * (layout.cols - 1)))
+    top, bottom = p1 - p0, p2 - p3
+    turns = [np.arctan2(side[:, 1], side[:, 0]) for side in (top, top, bottom, bottom)]
+    return size, np.stack(turns, axis=1)
+
+
+def _matches(gray: NDArray[np.uint8], layout: Layout, patches: tuple[int, ...]) -> list[_Matches]:
+    """The best matches of each patch, over all sizes."""
+    bank, turns = _bank(layout, patches)
+    rows: list[list[tuple[float, ...]]] = [[] for _ in patches]
+    for size in PATCH_PX:
+        factor = SEEN_PX / size
+        how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+        image = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=how).astype(np.float32)
+        if min(image.shape) < 3 * WINDOW_PX:
+            continue
+        spots = _steepest(image)
+        if not len(spots):
+            continue
+        shifts = np.array(list(product(SHIFTS, SHIFTS)))  # (T, 2): y, x
+        corner = spots[:, None] + shifts - WINDOW_PX // 2  # (N, T, 2)
+        corner = np.clip(corner, 0, np.array(image.shape) - WINDOW_PX)
+        windows = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
+        seen = windows[corner[..., 0], corner[..., 1]].reshape(-1, WINDOW_PX * WINDOW_PX)
+        seen = seen - seen.mean(axis=1, keepdims=True)
+        seen /= np.linalg.norm(seen, axis=1, keepdims=True) + 5
+        match = (seen @ bank.T).reshape(len(spots), len(shifts), len(patches), -1)
+        for i in range(len(patches)):
+            flat = match[:, :, i].reshape(len(spots), -1)
+            best = flat.argmax(axis=1)
+            shift, shape = np.divmod(best, match.shape[3])
+            at = corner[np.arange(len(spots)), shift] + WINDOW_PX // 2
+            for k in range(len(spots)):
+                x, y = (at[k, 1] + 0.5) / factor - 0.5, (at[k, 0] + 0.5) / factor - 0.5
+                rows[i].append((x, y, turns[shape[k]], size, flat[k, best[k]]))
+    return [_best(np.array(listed, np.float64).reshape(-1, 5)) for listed in rows]
+
+
+def _best(rows: NDArray[np.float64]) -> _Matches:
+    """The `KEPT` best of (N, 5) rows x, y, turn, size, match that are not at one place."""
+    rows = rows[rows[:, 4] >= MIN_MATCH]
+    rows = rows[np.argsort(-rows[:, 4])]
+    kept: list[NDArray[np.float64]] = []
+    while len(rows) and len(kept) < KEPT:
+        kept.append(rows[0])
+        rows = rows[np.linalg.norm(rows[:, :2] - rows[0, :2], axis=1) > 0.4 * rows[0, 3]]
+    table = np.array(kept).reshape(-1, 5)
+    return _Matches(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
+
+
+def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
+    """(N, 2) y, x of the places where the logarithm of the image is steep in all directions."""
+    light = np.log(cv2.GaussianBlur(image, (0, 0), 0.8) + 4)
+    steep = cv2.cornerMinEigenVal(light, WINDOW_PX)
+    y, x = np.nonzero((steep >= cv2.dilate(steep, np.ones((7, 7), np.uint8))) & (steep > 1e-6))
+    best = np.argsort(-steep[y, x])[:SPOTS]
+    return np.column_stack([y[best], x[best]])
+
+
+@lru_cache(maxsize=8)
+def _bank(
+    layout: Layout, patches: tuple[int, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Templates (patches * shapes, WINDOW_PX**2), zero-mean and of norm 1, and (shapes,) turns."""
+    half = WINDOW_PX // 2
+    y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
+    levels = tile_levels(layout, 3).astype(np.float64)
+    templates, turns = [], []
+    for i in patches:
+        fine = cv2.resize(levels[i], (8 * TILES,) * 2, interpolation=cv2.INTER_NEAREST)
+        fine = cv2.GaussianBlur(fine, (0, 0), 1.6, borderType=cv2.BORDER_REPLICATE)
+        fine -= fine.mean()
+        for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
+            for wide, high, shear in SHAPES:
+                across = np.cos(turn) * x + np.sin(turn) * y
+                down = -np.sin(turn) * x + np.cos(turn) * y
+                u = (across - shear * down) / (SEEN_PX * wide)
+                v = (down - shear * across) / (SEEN_PX * high)
+                at = [((t + 0.5) * 8 * TILES - 0.5).astype(np.float32) for t in (u, v)]
+                drawn = cv2.remap(fine, at[0], at[1], cv2.INTER_LINEAR, borderValue=0)
+                drawn = drawn - drawn.mean()
+                templates.append(drawn.ravel() / np.linalg.norm(drawn))
+                if i == patches[0]:
+                    turns.append(turn)
+    return np.array(templates, np.float32), np.array(turns)

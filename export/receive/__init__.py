@@ -1,0 +1,1 @@
+"""The receiver: camera frames to a message."""

@@ -1,0 +1,79 @@
+"""Camera frames a second of the whole receiver: python -m export.receive.bench INPUT.
+
+INPUT is a folder of images or a video, such as `python -m data_gen.video` writes. All frames are
+read before; then each is pushed through the receiver, and one cv2.warpPerspective of the frame to
+the layout's size is timed beside it, so that what else the machine does meets both.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from time import perf_counter
+
+import cv2
+import numpy as np
+
+from export.receive.receiver import Receiver
+from export.receive.sources import open_source
+from export.runtime import Decoder
+from link.errors import InputError, at_least, run_cli
+
+MODEL = Path(__file__).parents[2] / "models" / "neural" / "pretrained" / "decoder.onnx"
+H = np.array([[2.0, 0.1, 100], [0.05, 1.8, 60], [1e-4, 1e-4, 1]])
+
+
+def main() -> None:
+    """Print a table of stages and one JSON line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m export.receive.bench", description="Speed of the whole receiver."
+    )
+    parser.add_argument("input", metavar="INPUT", help="a folder of images or a video file")
+    parser.add_argument("--model", type=Path, default=MODEL, help="an .onnx file")
+    parser.add_argument("--fps", type=float, help="camera frames a second, where INPUT is silent")
+    parser.add_argument("--frames", type=int, default=300, help="at most")
+    parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")
+    args = parser.parse_args()
+    at_least(1, threads=args.threads, frames=args.frames)
+    cv2.setNumThreads(args.threads)
+    source = open_source(args.input, args.fps)
+    frames = [frame for _, frame in zip(range(args.frames), source.frames, strict=False)]
+    receiver = Receiver(Decoder(args.model, args.threads), source.fps)
+    size = receiver.layout.width, receiver.layout.height
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    pushed, warped = [], []
+    for frame in frames:
+        start = perf_counter()
+        cv2.warpPerspective(frame.image, H, size, flags=flags)
+        warped.append(perf_counter() - start)
+        start = perf_counter()
+        receiver.push(frame.image, frame.time)
+        pushed.append(perf_counter() - start)
+    if receiver.decoded == 0:
+        raise InputError(f"{args.input}: no frame pair was decoded; nothing to time")
+    warp = float(np.median(warped))
+    height, width = frames[0].image.shape[:2]
+    print(f"{len(frames)} frames of {width}x{height}, {args.threads} threads; ", end="")
+    print(f"one warpPerspective: {1e3 * warp:.2f} ms\n")
+    print("| stage | ms a call | calls | ms a camera frame | warps a camera frame |")
+    print("|---|---:|---:|---:|---:|")
+    stages = {}
+    for stage, seconds in receiver.timing.spent.items():
+        count = receiver.timing.count[stage]
+        each, share = seconds / count, seconds / len(frames)
+        stages[stage] = round(share / warp, 2)
+        print(f"| {stage} | {1e3 * each:.2f} | {count} | {1e3 * share:.2f} | {share / warp:.2f} |")
+    rates = len(frames) / np.sum(pushed)
+    steady = 1 / np.mean(pushed[len(pushed) // 4 :])
+    result = {
+        "frames": len(frames),
+        "frames_per_second": round(float(rates), 1),
+        "after_synchronising": round(float(steady), 1),
+        "slowest_frame_ms": round(1e3 * float(np.max(pushed)), 1),
+        "warp_ms": round(1e3 * warp, 3),
+        "warps_a_frame": stages,
+    }
+    print(f"\n{json.dumps(result)}")
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,285 @@
+"""From camera frames to the message: track, rectify, synchronise, decode, collect."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.receive.clock import Synchroniser, toggle
+from export.receive.occlusion import Occlusion
+from export.receive.states import MESH, Shown, State, block_purity, compose
+from export.receive.track import Tracked, Tracker
+from export.runtime import Decoder
+from link.code.collect import Collector, Message
+from link.errors import InputError
+from link.frames import Captured, SoftBits
+
+BUFFER = 256
+"""Rectified frames kept; before the clock is known, or in a folder of single images."""
+LOST_S = 2.0
+"""A display out of view for longer has to be synchronised anew."""
+PURE_FROM, PURE_TO = 0.6, 0.95
+"""Purity of a block's exposure at which its score begins to count, and counts in full."""
+STILL = 2.0
+"""Change of the toggles between two images, in standard errors over patches, that counts."""
+APART = 4.0
+"""Distance of the two levels of the toggles, in standard deviations, to go without a clock."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A decoded frame pair."""
+
+    number: int
+    """Of the frame pair on the display, from an arbitrary start."""
+    time: float
+    """Seconds, of the camera's clock."""
+    soft: SoftBits
+    """Scores as they went to the collector: 0 for an erased block."""
+    original: State
+    embedded: State
+    progress: float
+    """Information received / needed for the message."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one camera frame brought."""
+
+    tracked: Tracked | None
+    pairs: list[Pair]
+    message: Message | None
+    """Where it became whole with this frame."""
+
+
+@dataclass
+class Timing:
+    """Seconds spent in each stage, and how often."""
+
+    spent: dict[str, float] = field(default_factory=dict)
+    count: dict[str, int] = field(default_factory=dict)
+
+    def add(self, stage: str, since: float) -> None:
+        """Add the time since ``since`` (of `perf_counter`) to a stage."""
+        self.spent[stage] = self.spent.get(stage, 0.0) + perf_counter() - since
+        self.count[stage] = self.count.get(stage, 0) + 1
+
+
+class Receiver:
+    """Reads a message from the frames of a camera that films the display.
+
+    Args:
+        decoder: its layout says what to look for.
+        fps: nominal rate of the camera.
+
+    Raises:
+        InputError: the layout has no ratex patches, or too few message blocks for a message.
+    """
+
+    def __init__(self, decoder: Decoder, fps: float = 30.0) -> None:
+        self.decoder = decoder
+        self.layout = decoder.layout
+        self.timing = Timing()
+        self.found = 0
+        """Frames in which the display was found."""
+        self.frames = 0
+        """Frames taken."""
+        self.decoded = 0
+        """Frame pairs decoded."""
+        self._fps = fps
+        self._tracker = Tracker(self.layout)
+        self._collector = Collector(self.layout.n_bits)
+        self._sync = self._fresh_clock()
+        self._slips = 0
+        self._occlusion = Occlusion(self.layout)
+        self._buffer: deque[tuple[Shown, float]] = deque(maxlen=BUFFER)
+        self._next: int | None = None
+        self._seen_at = -np.inf
+        self._size = self.layout.width, self.layout.height
+
+    def _fresh_clock(self) -> Synchroniser:
+        cells = np.array(self.layout.ratex)[:, ::-1] + 0.5  # (row, col) -> (x, y)
+        return Synchroniser(self._fps, cells / [self.layout.cols, self.layout.rows])
+
+    @property
+    def progress(self) -> float:
+        """Information received / needed, about 1 when the message is whole."""
+        return self._collector.progress
+
+    @property
+    def synchronised(self) -> bool:
+        """Whether the display's clock is known."""
+        return self._sync.clock is not None
+
+    @property
+    def state_hz(self) -> float | None:
+        """States a second, once known."""
+        return None if self._sync.clock is None else 1 / self._sync.clock.period
+
+    def push(self, image: NDArray[np.generic], time: float) -> Step:
+        """Take the next camera frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB.
+            time: seconds, rising.
+
+        Raises:
+            InputError: not an image.
+        """
+        frame = as_uint8(image)
+        self.frames += 1
+        start = perf_counter()
+        tracked = self._tracker.follow(frame)
+        self.timing.add("track", start)
+        if tracked is None:
+            return Step(None, [], None)
+        self.found += 1
+        if time - self._seen_at > LOST_S and np.isfinite(self._seen_at):
+            self._restart()
+        self._seen_at = time
+        start = perf_counter()
+        toggles = toggle(tracked.rectified, self.layout)
+        self._sync.add(time, toggles)
+        level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
+        self._buffer.append((Shown(time, tracked.rectified), float(level)))
+        if self._sync.slips != self._slips:
+            self._slips, self._next = self._sync.slips, None
+            self._collector.start_run()
+        self.timing.add("synchronise", start)
+        return Step(tracked, *self._decode_ready(time))
+
+    def pair(
+        self,
+        first: NDArray[np.generic],
+        second: NDArray[np.generic],
+        corners_first: NDArray[np.float64],
+        corners_second: NDArray[np.float64],
+    ) -> Pair:
+        """Decode two images of one frame pair, in either order; corners as of `Captured`.
+
+        Raises:
+            InputError: images of unlike size, corners that do not fit, or patches that do not
+                differ between the images.
+        """
+        frames = [as_uint8(image) for image in (first, second)]
+        captured = Captured(frames[0], frames[1], self.layout, corners_first, corners_second)
+        rectified = captured.rectified()
+        images = [rectified.original, rectified.embedded]
+        gain = toggle(images[1], self.layout) - toggle(images[0], self.layout)
+        gain = gain[np.isfinite(gain)]
+        if gain.size == 0 or abs(gain.mean()) <= STILL * gain.std() / np.sqrt(gain.size):
+            raise InputError("the two images show the same state; take one of each")
+        original, embedded = images if gain.mean() > 0 else images[::-1]
+        whole = np.ones((MESH, MESH))
+        states = State(original, whole, 1), State(embedded, whole, 1)
+        return Pair(0, 0.0, self.decoder.decode(original, embedded), *states, 0.0)
+
+    def finish(self) -> Step:
+        """Decode what is left when the frames have ended; images without a clock by their order."""
+        if self._sync.clock is not None:
+            return Step(None, *self._decode_ready(np.inf))
+        return Step(None, *self._decode_unclocked())
+
+    def _restart(self) -> None:
+        self._sync = self._fresh_clock()
+        self._slips, self._next = 0, None
+        self._buffer.clear()
+        self._collector.start_run()
+
+    def _decode_ready(self, now: float) -> tuple[list[Pair], Message | None]:
+        """Decode all frame pairs that are over."""
+        clock = self._sync.clock
+        pairs: list[Pair] = []
+        if clock is None or not self._buffer:
+            return pairs, None
+        if self._next is None:
+            self._next = int(np.ceil(clock.number(self._buffer[0][0].time) / 2))
+        last = self._buffer[-1][0].time
+        over = last + clock.latest if np.isinf(now) else now + clock.earliest
+        end = clock.number(over)
+        while end >= 2 * self._next + 2:
+            number, self._next = self._next, self._next + 1
+            start = perf_counter()
+            frames = [shown for shown, _ in self._buffer]
+            states = [compose(frames, clock, 2 * number + which) for which in (0, 1)]
+            while self._buffer and clock.number(self._buffer[0][0].time + clock.latest) < 2 * (
+                number + 1
+            ):
+                self._buffer.popleft()
+            self.timing.add("compose", start)
+            if states[0] is None or states[1] is None:
+                continue
+            pair, message = self._decode(number, last, states[0], states[1])
+            pairs.append(pair)
+            if message is not None:
+                return pairs, message
+        return pairs, None
+
+    def _decode(
+        self, number: int, time: float, original: State, embedded: State
+    ) -> tuple[Pair, Message | None]:
+        start = perf_counter()
+        soft = self.decoder.decode(original.image, embedded.image)
+        pure = block_purity(np.minimum(original.purity, embedded.purity), self.layout)
+        trust = np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
+        trust = trust * ~self._occlusion.covered(original.image)
+        soft = SoftBits(soft.scores * trust, soft.head)
+        self.decoded += 1
+        self.timing.add("decode", start)
+        start = perf_counter()
+        message = self._collector.add(soft.scores, number)
+        self.timing.add("collect", start)
+        return Pair(number, time, soft, original, embedded, self.progress), message
+
+    def _decode_unclocked(self) -> tuple[list[Pair], Message | None]:
+        """Frames in order, each of one state; a state ends where the toggles change level."""
+        pairs: list[Pair] = []
+        seen = [(shown, level) for shown, level in self._buffer if np.isfinite(level)]
+        levels = np.array([level for _, level in seen])
+        if levels.size < 2:
+            return pairs, None
+        high = levels > (levels.max() + levels.min()) / 2
+        spread = max(levels[high].std(), levels[~high].std(), 1e-6) if (~high).any() else np.inf
+        if levels[high].mean() - levels[~high].mean() < APART * spread:
+            return pairs, None
+        states: list[tuple[bool, list[Shown]]] = []
+        for (shown, _), up in zip(seen, high, strict=True):
+            if not states or states[-1][0] != up:
+                states.append((bool(up), []))
+            states[-1][1].append(shown)
+        for at in range(len(states) - 1):
+            if not states[at][0]:
+                original, embedded = (merge(states[at + which][1]) for which in (0, 1))
+                time = states[at][1][0].time
+                pair, message = self._decode(at // 2, time, original, embedded)
+                pairs.append(pair)
+                if message is not None:
+                    return pairs, message
+        return pairs, None
+
+
+def merge(frames: list[Shown]) -> State:
+    """Frames of one state, all pure."""
+    images = np.stack([frame.rectified for frame in frames])
+    mean = np.asarray(images.mean(axis=0) + 0.5, np.uint8)
+    return State(mean, np.ones((MESH, MESH)), len(frames))
+
+
+def as_uint8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """(H, W), (H, W, 1) or (H, W, 3) uint8 or uint16 -> (H, W) or (H, W, 3) uint8.
+
+    Raises:
+        InputError: any other shape or type.
+    """
+    array = np.asarray(image)
+    if array.ndim == 3 and array.shape[2] == 1:
+        array = array[:, :, 0]
+    if array.ndim not in (2, 3) or array.shape[2:] not in ((), (3,)) or min(array.shape[:2]) < 16:
+        raise InputError(f"frames must be (H, W) or (H, W, 3) of 16 px or more, got {array.shape}")
+    if array.dtype == np.uint16:
+        return np.asarray((array.astype(np.uint32) + 128) // 257, np.uint8)
+    if array.dtype != np.uint8:
+        raise InputError(f"frames must be uint8 or uint16, got {array.dtype}")
+    return np.asarray(array, np.uint8)

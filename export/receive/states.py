@@ -1,0 +1,90 @@
+"""Group rectified camera frames into display states, and states into frame pairs."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.receive.clock import Clock
+from link.layout import Layout
+
+PURE = 0.97
+"""Share of an exposure in one state from which a pixel counts as pure."""
+MESH = 16
+"""Exposure is worked out at this many points along each side of the display."""
+PLACES = np.stack(np.meshgrid(*2 * [(np.arange(MESH) + 0.5) / MESH]), axis=-1).reshape(
+    -1, 2
+)  # (MESH, MESH, 2) -> (MESH MESH, 2)
+"""Those points, (x, y) in [0, 1]."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A rectified camera frame."""
+
+    time: float
+    """Seconds of the camera's clock."""
+    rectified: NDArray[np.uint8]
+    """(height, width) or (height, width, 3) uint8, encoded."""
+
+
+@dataclass(frozen=True)
+class State:
+    """What one display state looked like."""
+
+    image: NDArray[np.uint8]
+    """(height, width) or (height, width, 3) uint8, encoded, rectified."""
+    purity: NDArray[np.float64]
+    """(MESH, MESH) best share of an exposure that fell into this state, in [0, 1]."""
+    frames: int
+    """Camera frames averaged."""
+
+
+def compose(frames: list[Shown], clock: Clock, number: int) -> State | None:
+    """The state of this number, averaged over what the camera frames hold of it.
+
+    Each point of the display takes the frames whose exposure there is pure; where none is, it takes
+    the purest.
+
+    Returns:
+        None where no frame holds any of it.
+    """
+    shares = [
+        clock.shares(frame.time, PLACES, number).reshape(MESH, MESH) for frame in frames
+    ]  # (MESH MESH,) -> (MESH, MESH)
+    used = [(frame, share) for frame, share in zip(frames, shares, strict=True) if share.max() > 0]
+    if not used:
+        return None
+    purity = np.max([share for _, share in used], axis=0)
+    pure = [frame for frame, share in used if share.min() >= PURE]
+    if pure:
+        images = [frame.rectified for frame in pure]
+        return State(_mean(images), purity, len(images))
+    limit = np.minimum(purity, PURE) - 1e-6
+    height, width = used[0][0].rectified.shape[:2]
+    total = np.zeros(used[0][0].rectified.shape, np.float32)
+    weights = np.zeros((height, width), np.float32)
+    for frame, share in used:
+        chosen = (share >= limit).astype(np.float32)
+        weight = cv2.resize(chosen, (width, height), interpolation=cv2.INTER_LINEAR)
+        total += frame.rectified * (weight if total.ndim == 2 else weight[:, :, None])
+        weights += weight
+    weights = np.maximum(weights, 1e-3)
+    mean = total / (weights if total.ndim == 2 else weights[:, :, None])
+    return State(np.asarray(mean + 0.5, np.uint8), purity, len(used))
+
+
+def _mean(images: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    if len(images) == 1:
+        return images[0]
+    total = images[0].astype(np.float32)
+    for image in images[1:]:
+        cv2.accumulate(image, total)
+    return np.asarray(cv2.convertScaleAbs(total, alpha=1 / len(images)), np.uint8)
+
+
+def block_purity(purity: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
+    """(MESH, MESH) -> (n_bits,) of the message blocks."""
+    blocks = cv2.resize(purity, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(blocks[layout.message_mask])

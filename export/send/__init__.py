@@ -1,0 +1,1 @@
+"""The sender: pictures and a message to what a display shows."""

@@ -1,0 +1,1 @@
+"""What is compared, where, and how predictions are made, stored and resumed."""

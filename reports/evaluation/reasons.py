@@ -1,0 +1,145 @@
+"""Why a simulated frame pair was misread: its draw, taken apart into gray levels a block.
+
+The channel is run again without noise, so that signal, drift, motion and noise are measured, each
+by itself, in the same captured gray levels.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel.composition import Shot, draw
+from data_gen.frame_pair import Cell, Source, prepare, simulate
+from link.geometry import frame_corners, rectify, transform
+from link.images import intensity
+from link.layout import Layout, block_mean
+
+Array = NDArray[np.float64]
+DARK, BRIGHT = 40.0, 225.0
+"""Captured levels below and above which a block is called dark or bright."""
+FAINT = 0.5
+"""Captured gray levels: less than one rounding step hides half of it."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Of one frame pair; arrays are (rows, cols) means over blocks, captured gray levels."""
+
+    level: Array
+    """Luma of the original."""
+    signal: Array
+    """By which a bit 1 is captured brighter than a bit 0."""
+    drift: Array
+    """Change between the frames by exposure and backlight, without message and motion."""
+    motion: Array
+    """Change that the motion between the frames leaves in the block."""
+    noise: Array
+    """Difference of the two frames' noise, JPEG's included."""
+    shift_px: float
+    """Motion of the picture's centre between the frames, captured pixels."""
+
+    def uneven_drift(self) -> Array:
+        """What is left of the drift when a straight line of the level is taken off."""
+        design = np.stack([np.ones(self.level.size), self.level.ravel()], axis=1)
+        solution = np.linalg.lstsq(design, self.drift.ravel(), rcond=None)[0]
+        return np.asarray(self.drift - (design @ solution).reshape(self.drift.shape))
+
+
+def take_apart(source: Source, cell: Cell, index: int, hidden: bool) -> Parts:
+    """Measure the parts of a simulated frame pair."""
+    take = prepare(source, cell, index, hidden)
+    layout = take.displayed.layout
+    original, embedded = draw(layout, source.pair(cell.pair), cell.view_deg, take.channel_rng)
+    H_o, H_e = original.H_captured_from_display, embedded.H_captured_from_display
+
+    def frame(bit: int) -> NDArray[np.uint8]:
+        bits = np.full(layout.n_bits, bit)
+        return prepare(source, cell, index, hidden, bits).displayed.embedded
+
+    zeros = _clean(embedded, frame(0))
+    signal = blocks(_clean(embedded, frame(1)), H_e, layout) - blocks(zeros, H_e, layout)
+    still = _clean(original, take.displayed.original)
+    level = blocks(still, H_o, layout)
+    captured = simulate(source, cell, index, hidden)
+    sent = _clean(embedded, take.displayed.embedded)
+    noise = blocks(captured.embedded, H_e, layout) - blocks(sent, H_e, layout)
+    noise -= blocks(captured.original, H_o, layout) - level
+    # the receiver reads the embedded frame where the original was
+    motion = blocks(zeros, H_o, layout) - blocks(zeros, H_e, layout)
+    centre = frame_corners(layout.width, layout.height).mean(axis=0, keepdims=True)
+    shift = float(np.linalg.norm(transform(H_e, centre) - transform(H_o, centre)))
+    return Parts(level, signal, blocks(zeros, H_e, layout) - level, motion, noise, shift)
+
+
+def blocks(image: NDArray[np.uint8], H_captured_from_display: Array, layout: Layout) -> Array:
+    """Mean captured luma of each block, (rows, cols) in [0, 255]."""
+    rectified = rectify(image, H_captured_from_display, layout.width, layout.height)
+    luma = 255.0 * intensity(rectified).astype(np.float64)
+    return np.asarray(block_mean(luma, layout.rows, layout.cols), np.float64)
+
+
+def _clean(shot: Shot, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A frame as the camera stores it, without noise."""
+    quiet = replace(shot, noise_scale=0.0)
+    return quiet.develop(quiet.expose(frame), np.random.default_rng(0))
+
+
+def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tuple[float, float]]]:
+    """Name the largest obstacle in the blocks that were misread.
+
+    Args:
+        parts: of the frame pair.
+        wrong: (rows, cols), at least one of them; ratex patches count as right.
+
+    Returns:
+        a sentence, and by quantity its mean size in wrong and in the other blocks, gray levels.
+    """
+    sizes = {
+        "captured level": parts.level,
+        "signal of a bit": parts.signal,
+        "drift, uneven part": np.abs(parts.uneven_drift()),
+        "motion left": np.abs(parts.motion),
+        "noise": np.abs(parts.noise),
+    }
+    found = {
+        name: (float(values[wrong].mean()), float(values[~wrong].mean()) if (~wrong).any() else 0.0)
+        for name, values in sizes.items()
+    }
+    count, total = int(wrong.sum()), wrong.size
+    them = "it" if count == 1 else "them"
+    signal, level = found["signal of a bit"][0], found["captured level"][0]
+    rivals: Mapping[str, str] = {
+        "motion left": f"motion of {parts.shift_px:.2f} px over texture",
+        "drift, uneven part": "drift that differs over the picture",
+        "noise": "noise",
+    }
+    worst = max(rivals, key=lambda name: found[name][0])
+    size = found[worst][0]
+    if count > total / 2:
+        reason = (
+            "more than half of the bits are wrong, so the decision is inverted; a bit arrives as "
+            f"{signal:.2f} gray levels{_where(level)}"
+        )
+    elif signal < FAINT:
+        reason = f"a bit arrives there as {signal:.2f} gray levels{_where(level)}"
+    elif size > signal / 2:
+        reason = f"{rivals[worst]} changes {them} by {size:.2f} gray levels, a bit by {signal:.2f}"
+    else:
+        reason = (
+            f"a bit changes {them} by {signal:.2f} gray levels and nothing by half of that (most: "
+            f"{rivals[worst]}, {size:.2f}); the calibration of this frame pair is off there"
+        )
+    drift = float(np.median(parts.drift))
+    if abs(drift) > signal:
+        reason += f"; the whole picture drifts by {drift:+.1f}"
+    return f"{count} wrong block{'' if count == 1 else 's'}: {reason}.", found
+
+
+def _where(level: float) -> str:
+    if level < DARK:
+        return f", for the picture is dark there (level {level:.0f})"
+    if level > BRIGHT:
+        return f", near saturation (level {level:.0f})"
+    return ""

@@ -1,0 +1,1 @@
+"""What needs private data, or fits constants."""

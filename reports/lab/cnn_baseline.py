@@ -1,0 +1,189 @@
+"""Train the calibration-free baseline `cnn`: python -m reports.lab.cnn_baseline --out DIR.
+
+It gets the captures that the method ``learned`` is trained on, augmented anew in each round as
+those are, and flips besides. Its network is `models.neural.cnn`.
+"""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+import tyro
+from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
+from tqdm import tqdm
+
+from data_gen.episodes import EpisodePlan, EpisodeSet, augmented, simulate_episodes
+from data_gen.frame_pair import Source
+from data_gen.pairs import PAIRS
+from link.errors import InputError, at_least, run_cli
+from link.images import make_folder, write_bytes
+from link.layout import Layout, make_layout
+from models.neural.checkpoint import save_checkpoint, training_settings
+from models.neural.cnn import PRETRAINED, BlockNet, CnnConfig, to_cells
+
+
+@dataclass(frozen=True)
+class CnnTrainConfig:
+    """All nine pairs, the episodes of ``train.py --pair all --episodes 900``."""
+
+    out: Path = PRETRAINED
+    """Folder for decoder.pt, config.json and log.jsonl."""
+    cnn: CnnConfig = field(default_factory=CnnConfig)
+    episodes: int = 900
+    """Simulated frame pairs of training pictures."""
+    rounds: int = 6
+    """Times that all episodes are augmented anew."""
+    epochs: int = 8
+    """Passes over them a round."""
+    batch: int = 9
+    """Frame pairs a step."""
+    lr: float = 3e-3
+    """AdamW's learning rate at its highest: it rises in the first twentieth of the steps, then
+    falls to zero on a cosine."""
+    weight_decay: float = 0.05
+    strength: float = 0.2
+    """Standard deviation of the log factor by which a message is made stronger or weaker."""
+    drift: float = 0.02
+    """Standard deviation of a further relative gain of the embedded frame."""
+    kappas: tuple[int, ...] = (1, 2, 3, 5)
+    """Of the episodes."""
+    max_view: float = 72.0
+    """Views of the episodes are uniform from 0 to this, degrees."""
+    seed: int = 0
+    jobs: int = 1
+    """Processes that simulate."""
+
+
+def main() -> None:
+    """Simulate, train, save."""
+    config = tyro.cli(CnnTrainConfig)
+    at_least(1, episodes=config.episodes, rounds=config.rounds, epochs=config.epochs)
+    at_least(1, batch=config.batch, jobs=config.jobs)
+    at_least(0, seed=config.seed)
+    if not 0 < config.lr < 1:
+        raise InputError("--lr: between 0 and 1")
+    make_folder(config.out)
+    layout = make_layout()
+    plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
+    source = Source(layout, "train", config.seed)
+    episodes = simulate_episodes(source, tuple(PAIRS), plan, config.jobs)
+    module, log = train(episodes, layout, config)
+    save_checkpoint(config.out, module, {"train": training_settings(config)})
+    lines = "".join(json.dumps(entry) + "\n" for entry in log)
+    write_bytes(config.out / "log.jsonl", lines.encode())
+    print(f"written: {config.out}/decoder.pt, config.json, log.jsonl")
+
+
+def train(
+    episodes: EpisodeSet, layout: Layout, config: CnnTrainConfig
+) -> tuple[BlockNet, list[dict[str, float]]]:
+    """Fit the network to the message bits' cross-entropy; every draw comes from the seed.
+
+    Returns:
+        the network, and for each epoch its mean loss and bit error.
+    """
+    with torch.random.fork_rng():
+        torch.manual_seed(config.seed)
+        module = BlockNet(config.cnn)
+    generator = torch.Generator().manual_seed(config.seed)
+    decayed = [p for p in module.parameters() if p.ndim > 1]
+    free = [p for p in module.parameters() if p.ndim == 1]
+    groups: list[dict[str, Any]] = [
+        {"params": decayed},
+        {"params": free, "weight_decay": 0.0},
+    ]
+    optimiser = torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay)
+    steps = config.rounds * config.epochs * -(-len(episodes.bits) // config.batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, config.lr, steps, pct_start=0.05, cycle_momentum=False
+    )
+    labels, mask = block_maps(episodes.bits, layout)
+    log = []
+    progress = tqdm(total=steps, desc="train", unit="step")
+    for _ in range(config.rounds):
+        cells = augmented_cells(episodes, layout, generator)
+        for _ in range(config.epochs):
+            losses, wrong = [], []
+            order = torch.randperm(len(labels), generator=generator)
+            for index in torch.split(order, config.batch):
+                maps = cells[0][index], cells[1][index], labels[index]
+                original, embedded, wanted, kept = vary(*maps, mask, config, generator)
+                logits = module.decide(original, embedded)[kept]
+                loss = binary_cross_entropy_with_logits(logits, wanted[kept])
+                if not torch.isfinite(loss):
+                    raise InputError("the loss is not finite; lower --lr")
+                optimiser.zero_grad()
+                loss.backward()  # type: ignore[no-untyped-call]
+                torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
+                optimiser.step()
+                schedule.step()
+                losses.append(loss.item())
+                wrong.append(((logits > 0) != (wanted[kept] > 0)).float().mean().item())
+                progress.update()
+            log.append({"loss": sum(losses) / len(losses), "bit_error": sum(wrong) / len(wrong)})
+            progress.set_postfix(
+                loss=f"{log[-1]['loss']:.4f}", errors=f"{log[-1]['bit_error']:.2%}"
+            )
+    progress.close()
+    return module.eval(), log
+
+
+def block_maps(bits: Tensor, layout: Layout) -> tuple[Tensor, Tensor]:
+    """(N, n_bits) -> labels (N, rows, cols) float32, 0 at ratex patches; mask (rows, cols)."""
+    mask = torch.from_numpy(layout.message_mask)
+    labels = torch.zeros(len(bits), layout.rows, layout.cols)
+    labels[:, mask] = bits.float()
+    return labels, mask
+
+
+@torch.no_grad()
+def augmented_cells(
+    episodes: EpisodeSet, layout: Layout, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
+    """Every original and embedded frame, augmented as for ``learned`` and averaged to cells."""
+    batches = augmented(episodes, "cpu", generator)
+    parts = ([to_cells(frame, layout.rows, layout.cols) for frame in pair] for pair in batches)
+    original, embedded = (torch.cat(frames) for frames in zip(*parts, strict=True))
+    return original, embedded
+
+
+def vary(
+    original: Tensor,
+    embedded: Tensor,
+    labels: Tensor,
+    mask: Tensor,
+    config: CnnTrainConfig,
+    generator: torch.Generator,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Flip a batch with its labels; vary the strength of the message and the drift.
+
+    Args:
+        original: (B, 3, H, W) cells.
+        embedded: the same shape.
+        labels: (B, rows, cols).
+        mask: (rows, cols), true at message blocks.
+        config: for the strengths.
+        generator: of every draw.
+
+    Returns:
+        the frames and labels, varied, and the mask as (B, rows, cols).
+    """
+    B = len(labels)
+    strength, gain = torch.randn(2, B, 1, 1, 1, generator=generator)
+    change = (config.strength * strength).exp() * (embedded - original)
+    embedded = (original + change) * (1 + config.drift * gain)
+    kept = mask.expand_as(labels)
+    for axis in (-1, -2):
+        flip = torch.rand(B, generator=generator) < 0.5
+        original, embedded, labels, kept = (
+            torch.where(flip.reshape(-1, *[1] * (maps.ndim - 1)), maps.flip(axis), maps)
+            for maps in (original, embedded, labels, kept)
+        )
+    return original, embedded, labels, kept
+
+
+if __name__ == "__main__":
+    run_cli(main)

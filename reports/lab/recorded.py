@@ -1,0 +1,129 @@
+"""Photographs of a display -> manifest.jsonl: python -m reports.lab.recorded PHOTOS --sent DIR.
+
+The display showed, one after another, the states that `python -m export.send --out DIR` wrote. What
+was sent in each frame pair is read from these states, and where the display is from the photographs
+(docs/recording.md).
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from export.locate.find import locate
+from export.send.__main__ import REPORT
+from link.captures import MANIFEST
+from link.errors import InputError, run_cli
+from link.images import intensity, read_image, write_bytes
+from link.layout import Layout, block_mean
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+@dataclass(frozen=True)
+class RecordedConfig:
+    """Photographs of states that were shown one after another, two a frame pair."""
+
+    photos: tyro.conf.Positional[Path]
+    """Folder of the photographs; by name they follow the states. The manifest is written there."""
+    sent: Path
+    """Folder that `python -m export.send` wrote: state_00000.png, ..., and sent.json."""
+    pair: str = "own"
+    """Name of camera and display, by which tables group."""
+    view: Annotated[float | None, tyro.conf.arg(name="view")] = None
+    """Angle of observation, degrees."""
+    handheld: bool = False
+    """Look for the display in every photograph, not in the first of each pair alone."""
+    unknown: bool = False
+    """Leave out what was sent."""
+
+
+def main() -> None:
+    """Locate, read what was sent, write the manifest."""
+    config = tyro.cli(RecordedConfig)
+    layout, kappa = read_sent(config.sent)
+    states = sorted(config.sent.glob("state_*.png"))
+    photos = sorted(p for p in listed(config.photos) if p.suffix.lower() in SUFFIXES)
+    if not states or len(photos) % len(states) or not photos:
+        raise InputError(
+            f"{config.photos}: {len(photos)} photographs of {len(states)} states; give one of each "
+            "state, or the same number of each round"
+        )
+    lines = []
+    for number in tqdm(range(0, len(photos), 2), unit="pair", desc="locate"):
+        original, embedded = photos[number : number + 2]
+        first = number % len(states)
+        entry: dict[str, Any] = {
+            "original": original.name,
+            "embedded": embedded.name,
+            "layout": layout.to_dict(),
+            "corners": corners_in(original, layout),
+            "kappa": kappa,
+            "pair": config.pair,
+            "picture": states[first].name,
+        }
+        if config.handheld:
+            entry["corners_embedded"] = corners_in(embedded, layout)
+        if config.view is not None:
+            entry["view_deg"] = config.view
+        if not config.unknown:
+            entry["bits"] = sent_bits(states[first : first + 2], layout, kappa).tolist()
+        lines.append(json.dumps(entry))
+    write_bytes(config.photos / MANIFEST, ("\n".join(lines) + "\n").encode())
+    print(f"{len(lines)} frame pairs: {config.photos / MANIFEST}")
+
+
+def listed(folder: Path) -> list[Path]:
+    """Files of a folder, or an `InputError`."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder of photographs")
+    return [path for path in folder.iterdir() if path.is_file()]
+
+
+def read_sent(folder: Path) -> tuple[Layout, int]:
+    """Layout and kappa of sent.json.
+
+    Raises:
+        InputError: the file is not there or not one of `export.send`.
+    """
+    file = folder / REPORT
+    try:
+        report = json.loads(file.read_text())
+        return Layout.from_dict(report["layout"]), int(report["kappa"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            f"--sent: {file} is missing or damaged; python -m export.send PICTURE --message TEXT "
+            f"--out {folder} writes it"
+        ) from None
+
+
+def sent_bits(states: Sequence[Path], layout: Layout, kappa: int) -> NDArray[np.intp]:
+    """(n_bits,) 0 or 1 of a frame pair, from the two states: where the second is brighter."""
+    original, embedded = (intensity(read_image(state)) for state in states)
+    change = block_mean((255 * (embedded - original)).astype(np.float64), layout.rows, layout.cols)
+    bits = (change > kappa / 2)[layout.message_mask]
+    return np.asarray(bits, np.intp)
+
+
+def corners_in(photo: Path, layout: Layout) -> list[list[float]]:
+    """Where a photograph shows the display: 4 x 2 pixels.
+
+    Raises:
+        InputError: it shows none.
+    """
+    found = locate(read_image(photo), layout)
+    if found is None:
+        raise InputError(f"{photo}: no display found; retake it, or write its corners by hand")
+    return np.round(found.corners, 2).tolist()  # type: ignore[no-any-return]
+
+
+if __name__ == "__main__":
+    run_cli(main)

@@ -1,0 +1,1 @@
+"""Results to tables, charts, pictures and one page."""

@@ -1,0 +1,1 @@
+"""Predictions to accuracies, intervals and paired comparisons."""
