@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import MANIFEST, save_captures
 from link.embed import check_kappa, psnr, ssim
 from link.errors import InputError, at_least, run_cli
@@ -83,10 +83,10 @@ def main() -> None:
 
     def captures() -> Iterator[Captured]:
         for index in tqdm(range(config.frames), unit="pair"):
-            shown = prepare(source, cell, index, config.hidden).displayed
-            frames = shown.original, shown.embedded
+            pair = FramePair(source, cell, index, config.hidden)
+            frames = pair.displayed.original, pair.displayed.embedded
             visibility.append((psnr(*frames), ssim(*frames)))
-            yield simulate(source, cell, index, config.hidden)
+            yield pair.captured
 
     count = save_captures(config.out, captures())
     psnr_db, similarity = np.mean(visibility, axis=0)

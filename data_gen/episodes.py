@@ -13,7 +13,7 @@ from tqdm import tqdm, trange
 
 from data_gen.augment import augment
 from data_gen.effects import EFFECTS
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.errors import choose
 
 
@@ -104,7 +104,5 @@ def _rectified(
     source: Source, cell: Cell, index: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.intp]]:
     cv2.setNumThreads(1)
-    captured = simulate(source, cell, index)
-    pair = captured.rectified()
-    assert captured.bits is not None
-    return pair.original, pair.embedded, captured.bits
+    pair = FramePair(source, cell, index)
+    return pair.rectified.original, pair.rectified.embedded, pair.displayed.bits

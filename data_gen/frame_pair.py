@@ -1,27 +1,27 @@
-"""Which picture, message and channel draw make up frame pair number ``index`` of a cell.
+"""One simulated frame pair: which picture, message and channel draw make it up, and what is filmed.
 
-Train and test are split twice: by picture (`pictures.load_pictures`) and by channel draw, since the
-split's name seeds every draw.
+Train and test are split twice: by picture (`data_gen.pictures.library.load_pictures`) and by
+channel draw, since the split's name seeds every draw.
 """
 
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import capture
+from data_gen.channel.composition import Shot, draw_shots, film
 from data_gen.effects import switch_off, with_parameter
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.embed import embed
 from link.equalise import equalise
-from link.frames import Captured, Displayed
+from link.frames import Captured, Displayed, Rectified
 from link.layout import Layout
 
 
@@ -76,70 +76,103 @@ def _shuffled(split: str, folder: Path | None, width: int, height: int) -> Seque
 
 
 @dataclass(frozen=True)
-class Take:
-    """One frame pair before it is filmed."""
+class FramePair:
+    """Frame pair number ``index`` of a cell: what the display shows, and what the camera stores.
 
-    displayed: Displayed
-    picture: str
-    """Name of the picture."""
-    channel_rng: np.random.Generator
-    """Draws pose, exposure, motion and noise."""
+    Everything is made when it is first asked for, and once. The draw depends on seed, split, cell
+    and index alone, so frame pairs can be made in any order, by any number of processes. Number i
+    shows picture i modulo the number of pictures.
 
+    >>> pair = FramePair(Source(make_layout()), Cell("canon-lg", view_deg=45.0, kappa=3), index=0)
+    >>> pair.captured.original.shape
+    (576, 768, 3)
+    >>> pair.rectified.original.shape
+    (384, 512, 3)
 
-def prepare(
-    source: Source,
-    cell: Cell,
-    index: int,
-    hidden: bool = False,
-    bits: NDArray[np.intp] | None = None,
-) -> Take:
-    """What the display shows as frame pair ``index`` of a cell; arguments as of `simulate`.
-
-    ``bits`` (n_bits,) take the place of the drawn message and change no other draw.
+    Properties raise an `InputError` where the camera-display pair or the folder of pictures is
+    unknown, or kappa or the view out of range.
     """
-    name = f"{source.split}/{cell.pair}/{cell.view_deg:g}/{cell.kappa}/{index}"
-    seeds = np.random.SeedSequence([source.seed, zlib.crc32(name.encode())]).spawn(2)
-    message_rng, channel_rng = (np.random.default_rng(seed) for seed in seeds)
-    pictures = shuffled_pictures(source)
-    picture = pictures[index % len(pictures)]
-    layout = replace(source.layout, ratex=()) if hidden else source.layout
-    displayed = embed(
-        equalise(picture.rgb) if hidden else picture.rgb,
-        message_rng.integers(0, 2, layout.n_bits) if bits is None else bits,
-        layout,
-        cell.kappa,
-        source.pyramid_level,
-        source.ratex_kappa,
-    )
-    return Take(displayed, picture.name, channel_rng)
 
+    source: Source
+    cell: Cell
+    index: int
+    hidden: bool = False
+    """Show the equalised picture without ratex patches, as the method hidden_ratex wants it; pose,
+    exposure and motion are those of the same index with patches."""
+    message: tuple[int, ...] | None = None
+    """Bits, 0 or 1, in place of the drawn ones; they change no other draw."""
 
-def simulate(source: Source, cell: Cell, index: int, hidden: bool = False) -> Captured:
-    """Film frame pair ``index`` of a cell.
+    @property
+    def layout(self) -> Layout:
+        """The source's layout, without ratex patches where the pair is ``hidden``."""
+        return replace(self.source.layout, ratex=()) if self.hidden else self.source.layout
 
-    The draw depends on seed, split, cell and index alone, so cells can be made in any order, by any
-    number of processes. Index i shows picture i modulo the number of pictures.
+    @cached_property
+    def picture(self) -> Picture:
+        """The picture that carries the message."""
+        pictures = shuffled_pictures(self.source)
+        return pictures[self.index % len(pictures)]
 
-    Args:
-        source: pictures and seed.
-        cell: the condition.
-        index: 0, 1, 2, ...
-        hidden: show the equalised picture with no ratex patch, for the method hidden_ratex; pose,
-            exposure and motion are those of the same index with patches.
+    @cached_property
+    def displayed(self) -> Displayed:
+        """Both frames as the display shows them."""
+        drawn = self._generators()[0].integers(0, 2, self.layout.n_bits)
+        return self.displayed_with(drawn if self.message is None else np.array(self.message))
 
-    Raises:
-        InputError: the pair or the picture folder is unknown, or kappa or the view out of range.
-    """
-    pair = source.pair(cell.pair)
-    take = prepare(source, cell, index, hidden)
-    captured = capture(take.displayed, pair, cell.view_deg, take.channel_rng)
-    meta = {
-        "picture": take.picture,
-        "seed": source.seed,
-        "simulated": True,
-        "split": source.split if source.pictures is None else "own",
-        "equalised": hidden,
-        **({"without": list(source.without)} if source.without else {}),
-        **({"parameters": dict(source.parameters)} if source.parameters else {}),
-    }
-    return replace(captured, meta={**captured.meta, **meta})
+    def displayed_with(self, bits: NDArray[np.intp]) -> Displayed:
+        """Both frames with other bits, (n_bits,) 0 or 1, in place of the pair's own."""
+        return embed(
+            equalise(self.picture.rgb) if self.hidden else self.picture.rgb,
+            bits,
+            self.layout,
+            self.cell.kappa,
+            self.source.pyramid_level,
+            self.source.ratex_kappa,
+        )
+
+    @property
+    def shots(self) -> tuple[Shot, Shot]:
+        """The channel of the original and of the embedded frame, drawn."""
+        return self._channel[0]
+
+    @cached_property
+    def captured(self) -> Captured:
+        """Both frames as the camera stores them, with the display's corners and the true bits."""
+        shots, corner_rng = self._channel
+        pair = self.source.pair(self.cell.pair)
+        captured = film(self.displayed, shots, pair, self.cell.view_deg, corner_rng)
+        source = self.source
+        meta = {
+            "picture": self.picture.name,
+            "seed": source.seed,
+            "simulated": True,
+            "split": source.split if source.pictures is None else "own",
+            "equalised": self.hidden,
+            **({"without": list(source.without)} if source.without else {}),
+            **({"parameters": dict(source.parameters)} if source.parameters else {}),
+        }
+        return replace(captured, meta={**captured.meta, **meta})
+
+    @cached_property
+    def rectified(self) -> Rectified:
+        """Both captured frames resampled to the layout's frame; what decoders take."""
+        return self.captured.rectified()
+
+    def channel_rng(self) -> np.random.Generator:
+        """A new generator, in its first state, of the draws that make up this pair's channel."""
+        return self._generators()[1]
+
+    @cached_property
+    def _channel(self) -> tuple[tuple[Shot, Shot], np.random.Generator]:
+        """The shots, and the generator that goes on to draw the error of the reported corners."""
+        rng = self.channel_rng()
+        pair = self.source.pair(self.cell.pair)
+        return draw_shots(self.layout, pair, self.cell.view_deg, rng), rng
+
+    def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
+        """New generators of the message and of the channel."""
+        cell = self.cell
+        name = f"{self.source.split}/{cell.pair}/{cell.view_deg:g}/{cell.kappa}/{self.index}"
+        seed = np.random.SeedSequence([self.source.seed, zlib.crc32(name.encode())])
+        message, channel = (np.random.default_rng(child) for child in seed.spawn(2))
+        return message, channel

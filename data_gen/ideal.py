@@ -19,10 +19,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import Shot, draw
+from data_gen.channel.composition import Shot
 from data_gen.channel.display import Light
-from data_gen.frame_pair import Cell, Source, prepare
-from link.frames import Captured, SoftBits
+from data_gen.frame_pair import FramePair
+from link.frames import SoftBits
 from link.layout import Layout, block_index
 
 DRAWS = 32
@@ -49,30 +49,19 @@ class Before:
     blocks: NDArray[np.int16]
 
 
-def observe(
-    captured: Captured,
-    source: Source,
-    cell: Cell,
-    index: int,
-    draws: int = DRAWS,
-    change: bool = False,
-) -> SoftBits:
-    """Decide frame pair ``index`` of a cell with its true channel.
+def observe(pair: FramePair, draws: int = DRAWS, change: bool = False) -> SoftBits:
+    """Decide a simulated frame pair with its true channel.
 
     Args:
-        captured: what `dataset.simulate` gives for the same source, cell and index, not hidden.
-        source: as of `simulate`.
-        cell: as of `simulate`.
-        index: as of `simulate`.
+        pair: not hidden.
         draws: of the noise, for each bit; at least 4.
         change: decide from the change between the frames alone.
 
     Returns:
         scores that are natural log-likelihood ratios.
     """
-    layout = source.layout
-    take = prepare(source, cell, index)
-    first, second = draw(layout, source.pair(cell.pair), cell.view_deg, take.channel_rng)
+    layout, captured = pair.layout, pair.captured
+    first, second = pair.shots
     blocks = captured_blocks(layout, second.H_captured_from_display, captured.embedded.shape)
     seen = np.argwhere(blocks >= 0)
     (top, left), (bottom, right) = (
@@ -83,17 +72,17 @@ def observe(
     def developed(shot: Shot, frame: NDArray[np.uint8], start: int = 0) -> list[NDArray[np.uint8]]:
         exposure = shot.expose(frame)[inside]
         numbers = range(start, start + draws)
-        rngs = (np.random.default_rng([source.seed, index, number]) for number in numbers)
+        rngs = (np.random.default_rng([pair.source.seed, pair.index, number]) for number in numbers)
         return [shot.develop(exposure, rng) for rng in rngs]
 
     messages = (np.full(layout.n_bits, bit) for bit in (0, 1))
-    shown = (prepare(source, cell, index, bits=message).displayed for message in messages)
+    shown = (pair.displayed_with(message) for message in messages)
     both = np.array([developed(second, displayed.embedded) for displayed in shown])
     before = None
     if change:
         before = Before(
             captured.original[inside],
-            np.array(developed(first, take.displayed.original, draws)),
+            np.array(developed(first, pair.displayed.original, draws)),
             captured_blocks(layout, first.H_captured_from_display, blocks.shape)[inside],
         )
     ratios = log_likelihood_ratios(

@@ -1,5 +1,6 @@
-"""Decoders by name. Importing this package imports no torch; the modules load on use."""
+"""Decoders by name, a card each. Importing this package imports no torch; modules load on use."""
 
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -7,33 +8,72 @@ from typing import Any, Protocol
 from link.errors import choose
 from link.frames import Rectified, SoftBits
 
-PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
-"""The shipped checkpoint of ``learned``, trained on all pairs."""
+NEURAL = Path(__file__).parent / "neural"
+PRETRAINED = NEURAL / "pretrained"
+"""The shipped checkpoint of the method ``learned``, trained on all nine camera-display pairs."""
+
+
+@dataclass(frozen=True)
+class Card:
+    """All that is known of a method before it decodes anything."""
+
+    target: str
+    """Where its class is, "module:class"; imported when the method is first built."""
+    colour: str
+    """Colour in every chart, "#rrggbb"; told apart with the common kinds of colour blindness."""
+    marker: str = "o"
+    """Marker in every chart, as matplotlib names it."""
+    hidden: bool = False
+    """Whether a simulated display shows it equalised pictures without ratex patches."""
+    llr: bool = False
+    """Whether its scores are natural log-likelihood ratios of the bits."""
+    checkpoint: Path | None = None
+    """Folder of the checkpoint that it loads where no other is named; None for untrained methods."""
+    inverse_response_weights: int = 0
+    """Number of leading weights of its head that are the coefficients of g in the paper's Φ."""
+    needs_truth: bool = False
+    """Whether it knows the simulation's true channel: a floor for decoders, and no decoder."""
+    in_sweeps: bool = True
+    """Whether sweeps decode it; slow floors and twins of other methods are left out."""
+
+
 DECODERS = {
-    "naive": "models.classical.naive:Naive",
-    "two_step": "models.classical.two_step:TwoStep",
-    "oorc": "models.classical.oorc:OORC",
-    "hidden_ratex": "models.classical.hidden_ratex:HiddenRatex",
-    "blind": "models.classical.blind:Blind",
-    "phi": "models.neural.methods:Phi",
-    "learned": "models.neural.methods:Learned",
-    "cnn": "models.neural.cnn:Cnn",
+    "naive": Card("models.classical.naive:Naive", "#8a8f98", "o"),
+    "two_step": Card("models.classical.two_step:TwoStep", "#3a9fd6", "s"),
+    "oorc": Card("models.classical.oorc:OORC", "#1166b0", "D", inverse_response_weights=4),
+    "hidden_ratex": Card("models.classical.hidden_ratex:HiddenRatex", "#b8589a", "^", hidden=True),
+    "blind": Card("models.classical.blind:Blind", "#0a9468", "v", hidden=True, llr=True),
+    "phi": Card(
+        "models.neural.methods:Phi", "#7b61c9", "o", inverse_response_weights=4, in_sweeps=False
+    ),
+    "learned": Card(
+        "models.neural.methods:Learned",
+        "#d4520a",
+        "s",
+        llr=True,
+        checkpoint=PRETRAINED,
+        inverse_response_weights=4,
+    ),
+    "cnn": Card(
+        "models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=NEURAL / "pretrained_cnn"
+    ),
 }
+"""Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
 
 
 class Decoder(Protocol):
-    """The one interface of all methods: calibrate on this frame pair alone, score its blocks."""
-
-    needs_ratex: bool
-    """True where the method trains on ratex patches; the others are shown equalised pictures."""
+    """The one interface of all decoders: calibrate on this frame pair alone, score its blocks."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; positive means bit 1."""
+        """Score every message block of a frame pair; a positive score means bit 1."""
         ...
 
 
 def make_decoder(name: str, **options: Any) -> Decoder:
     """Build the decoder called ``name``.
+
+    >>> make_decoder("oorc", C=1.0)
+    OORC(C=1.0, solver='explicit', pooling='mean', train_on='tile')
 
     Args:
         name: a key of `DECODERS`.
@@ -42,6 +82,6 @@ def make_decoder(name: str, **options: Any) -> Decoder:
     Raises:
         InputError: the name is unknown (the message lists the valid ones).
     """
-    module, _, attribute = choose(DECODERS, name, "method").partition(":")
+    module, _, attribute = choose(DECODERS, name, "method").target.partition(":")
     decoder: Decoder = getattr(import_module(module), attribute)(**options)
     return decoder

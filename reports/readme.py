@@ -15,7 +15,7 @@ from pathlib import Path
 
 import tyro
 
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.errors import InputError, at_least, choose, run_cli
 from link.images import write_image
@@ -164,15 +164,14 @@ def draw_pictures(source: Source, checkpoint: Path) -> None:
     """docs/overview.jpg and docs/inverse_response.png."""
     learned = make_decoder("learned", checkpoint=checkpoint)
     cell = Cell("canon-lg", 45.0, 3)
-    index = next(i for i in range(15) if prepare(source, cell, i).picture == "photo/astronaut/0")
-    captured = simulate(source, cell, index)
-    pair = captured.rectified()
-    shown = prepare(source, cell, index).displayed.original
-    picture = overview(shown, captured, pair, learned.decode(pair))
+    pairs = (FramePair(source, cell, index) for index in range(15))
+    shown = next(pair for pair in pairs if pair.picture.name == "photo/astronaut/0")
+    soft = learned.decode(shown.rectified)
+    picture = overview(shown.displayed.original, shown.captured, shown.rectified, soft)
     write_image(Path("docs/overview.jpg"), picture)
     cases = {}
     for name, view in (("canon-lg", 0.0), ("canon-lg", 45.0), ("canon-samsung", 45.0)):
-        pair = simulate(source, Cell(name, view, 5), 0).rectified()
+        pair = FramePair(source, Cell(name, view, 5), 0).rectified
         heads = {}
         for method, decoder in (("oorc", make_decoder("oorc")), ("learned", learned)):
             head = decoder.decode(pair).head

@@ -1,31 +1,40 @@
-"""What several tests need, made once a session."""
+"""What several tests need, made once a session, and one thread for each worker of pytest-xdist."""
 
+import os
+
+for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(pool, "1")  # read when numpy and torch load, here and in child processes
+
+import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+import cv2
 import pytest
 import torch
+from filelock import FileLock
 from hypothesis import settings
 
-import train
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from export.runtime import Decoder
 from link.errors import run_cli
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
 from models.neural.decoder import FULL
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
 settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
 settings.load_profile("suite")
 
+torch.set_num_threads(1)  # the suite's tensors are small, and the workers share the cores
+cv2.setNumThreads(1)
+
 LEARNED = FULL
-
-
-torch.set_num_threads(
-    1
-)  # the suite's tensors are small, and threads on 2 cores wait for each other
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +45,7 @@ def layout() -> Layout:
 @pytest.fixture(scope="session")
 def captured(layout: Layout) -> Captured:
     """One simulated frame pair, canon-lg, 45 degrees, kappa 5."""
-    return simulate(Source(layout), Cell("canon-lg", 45.0, 5), 0)
+    return FramePair(Source(layout), Cell("canon-lg", 45.0, 5), 0).captured
 
 
 @pytest.fixture(scope="session")
@@ -44,23 +53,59 @@ def rectified(captured: Captured) -> Rectified:
     return captured.rectified()
 
 
+# Folders that take long to make
+
+MakeOnce = Callable[[str, Callable[[Path], None]], Path]
+
+
+@pytest.fixture(scope="session")
+def make_once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> MakeOnce:
+    """Make a folder once for all workers, which then only read it.
+
+    Called with the folder's name and a function that fills an empty folder. The first worker that
+    asks fills it, and the others wait for it.
+    """
+    base = tmp_path_factory.getbasetemp()
+    if worker_id != "master":
+        base = base.parent  # a worker's own folder lies within that of the session
+
+    def make(name: str, fill: Callable[[Path], None]) -> Path:
+        folder, unfinished = base / name, base / f"{name}.unfinished"
+        with FileLock(base / f"{name}.lock"):
+            if not folder.exists():
+                shutil.rmtree(unfinished, ignore_errors=True)
+                unfinished.mkdir()
+                fill(unfinished)
+                unfinished.rename(folder)
+        return folder
+
+    return make
+
+
 TINY = ["--pair", "canon-lg", "--episodes", "6", "--rounds", "2", "--steps", "3", "--lr", "0.1"]
 TINY += ["--frames", "1", "--jobs", "1"]
 
 
 @pytest.fixture(scope="session")
-def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run_folder(make_once: MakeOnce) -> Path:
     """What train.py leaves behind; every parameter has moved by up to half."""
-    folder = tmp_path_factory.mktemp("runs") / "canon-lg"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
-        train.main()
-    return folder
+
+    def fill(folder: Path) -> None:
+        import train  # seconds, which most tests need not wait for
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("sys.argv", ["train.py", *TINY, "--out", str(folder)])
+            train.main()
+
+    return make_once("canon-lg", fill)
 
 
 @pytest.fixture(scope="session")
 def onnx_decoder(run_folder: Path) -> Decoder:
     return Decoder(run_folder / "decoder.onnx")
+
+
+# Commands
 
 
 @dataclass(frozen=True)
@@ -90,3 +135,61 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         return Finished(status, *capsys.readouterr())
 
     return run
+
+
+# A browser
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+BROWSER_FLAGS = [
+    "--no-sandbox",  # tests may run as root
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+]
+
+
+@pytest.fixture(scope="module")
+def browser() -> "Iterator[Browser]":
+    """The machine's Chromium without a window; tests that need it are skipped where there is none.
+
+    One for each module, not for the session: Playwright keeps an event loop in this thread while it
+    runs, and Dask's tests should not meet it.
+    """
+    executable = next((path for path in map(shutil.which, BROWSERS) if path), None)
+    if executable is None:
+        pytest.skip(f"needs a browser: found none of {', '.join(BROWSERS)}")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=executable, args=BROWSER_FLAGS)
+        yield chromium
+        chromium.close()
+
+
+OpenWindow = Callable[..., "Page"]
+
+
+@pytest.fixture
+def open_window(browser: "Browser") -> Iterator[OpenWindow]:
+    """Open a window of ``width`` by ``height`` CSS pixels, which is closed after the test.
+
+    ``ratio`` is the number of device pixels to a CSS pixel, and ``mobile`` lays pages out as a
+    phone does.
+    """
+    contexts = []
+
+    def open_it(width: int, height: int, ratio: float = 1, mobile: bool = False) -> "Page":
+        context = browser.new_context(
+            viewport={"width": width, "height": height},
+            device_scale_factor=ratio,
+            is_mobile=mobile,
+        )
+        contexts.append(context)
+        return context.new_page()
+
+    yield open_it
+    for context in contexts:
+        context.close()

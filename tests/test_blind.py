@@ -6,7 +6,7 @@ import pytest
 from numpy.typing import NDArray
 
 from data_gen.channel.composition import capture
-from data_gen.frame_pair import Cell, Source, shuffled_pictures, simulate
+from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import get_pair
 from link.embed import embed
 from link.frames import Captured, Rectified
@@ -23,7 +23,7 @@ NO_PATCHES = make_layout(ratex=0)
 @pytest.fixture(scope="module")
 def filmed() -> Captured:
     """A frame pair without patches, canon-lg, 45 degrees, kappa 3."""
-    return simulate(Source(NO_PATCHES), Cell("canon-lg", 45.0, 3), 4, hidden=True)
+    return FramePair(Source(NO_PATCHES), Cell("canon-lg", 45.0, 3), 4, hidden=True).captured
 
 
 @pytest.fixture(scope="module")

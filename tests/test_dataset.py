@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from data_gen.effects import EFFECTS, switch_off, with_parameter
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
-from data_gen.frame_pair import Cell, Source, prepare, shuffled_pictures, simulate
+from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
 from link.errors import InputError
@@ -38,17 +38,25 @@ def same(a: Captured, b: Captured) -> bool:
 # Cells
 
 
+def filmed(source: Source, cell: Cell, index: int) -> Captured:
+    return FramePair(source, cell, index).captured
+
+
 def test_cells_do_not_depend_on_the_order(layout: Layout) -> None:
     source = Source(layout)
-    there = [simulate(source, cell, index) for cell in (FRONTAL, OBLIQUE) for index in (0, 1)]
-    back = [simulate(source, cell, index) for cell in (OBLIQUE, FRONTAL) for index in (1, 0)]
+    there = [
+        FramePair(source, cell, index).captured for cell in (FRONTAL, OBLIQUE) for index in (0, 1)
+    ]
+    back = [
+        FramePair(source, cell, index).captured for cell in (OBLIQUE, FRONTAL) for index in (1, 0)
+    ]
     assert all(same(a, b) for a, b in zip(there, reversed(back), strict=True))
 
 
 def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
     calls = [(Source(layout), cell, index) for cell in (FRONTAL, OBLIQUE) for index in (1, 0)]
-    here = [simulate(*call) for call in calls]
-    elsewhere = Parallel(n_jobs=2)(delayed(simulate)(*call) for call in calls)
+    here = [filmed(*call) for call in calls]
+    elsewhere = Parallel(n_jobs=2)(delayed(filmed)(*call) for call in calls)
     assert all(same(a, b) for a, b in zip(here, elsewhere, strict=True))
 
 
@@ -67,22 +75,22 @@ def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
 def test_everything_that_names_a_frame_pair_changes_its_draw(
     source: Source, cell: Cell, index: int
 ) -> None:
-    usual, other = prepare(Source(SMALL), FRONTAL, 0), prepare(source, cell, index)
+    usual, other = FramePair(Source(SMALL), FRONTAL, 0), FramePair(source, cell, index)
     assert not np.array_equal(usual.displayed.bits, other.displayed.bits)
-    assert usual.channel_rng.random() != other.channel_rng.random()
+    assert usual.channel_rng().random() != other.channel_rng().random()
 
 
 def test_message_bits_are_balanced() -> None:
     source = Source(SMALL)
-    bits = np.array([prepare(source, FRONTAL, index).displayed.bits for index in range(100)])
+    bits = np.array([FramePair(source, FRONTAL, index).displayed.bits for index in range(100)])
     assert set(np.unique(bits)) == {0, 1}
     assert abs(bits.mean() - 0.5) < 0.05  # 1400 bits: 3.7 standard errors
 
 
 def test_the_hidden_variant_shares_the_pose_and_the_picture(layout: Layout) -> None:
     for index in range(3):
-        plain = simulate(Source(layout), OBLIQUE, index)
-        hidden = simulate(Source(layout), OBLIQUE, index, hidden=True)
+        plain = FramePair(Source(layout), OBLIQUE, index).captured
+        hidden = FramePair(Source(layout), OBLIQUE, index, hidden=True).captured
         assert np.array_equal(plain.corners, hidden.corners)
         assert {**plain.meta, "equalised": True} == hidden.meta
         assert (plain.layout.n_bits, hidden.layout.n_bits) == (59, 64)
@@ -115,7 +123,7 @@ def test_captures_say_where_they_come_from(captured: Captured) -> None:
 )
 def test_wrong_cells_and_sources_are_refused(source: Source, cell: Cell, message: str) -> None:
     with pytest.raises(InputError, match=message):
-        simulate(source, cell, 0)
+        filmed(source, cell, 0)
 
 
 # The channel of a source
@@ -135,7 +143,10 @@ def test_parameters_are_set_after_effects_are_switched_off() -> None:
 
 def test_a_source_without_any_effect_films_what_it_displays() -> None:
     source = Source(SMALL, without=tuple(EFFECTS))
-    shown, captured = prepare(source, OBLIQUE, 1).displayed, simulate(source, OBLIQUE, 1)
+    shown, captured = (
+        FramePair(source, OBLIQUE, 1).displayed,
+        FramePair(source, OBLIQUE, 1).captured,
+    )
     assert np.array_equal(captured.original, shown.original)
     assert np.array_equal(captured.embedded, shown.embedded)
 
@@ -150,7 +161,10 @@ def test_a_source_without_any_effect_films_what_it_displays() -> None:
     ids=["without", "parameters", "ratex_kappa"],
 )
 def test_a_changed_channel_keeps_the_draws_and_changes_the_frames(other: Source) -> None:
-    usual, changed = simulate(Source(SMALL), FRONTAL, 0), simulate(other, FRONTAL, 0)
+    usual, changed = (
+        FramePair(Source(SMALL), FRONTAL, 0).captured,
+        FramePair(other, FRONTAL, 0).captured,
+    )
     assert not np.array_equal(usual.embedded, changed.embedded)
     assert usual.bits is not None
     assert changed.bits is not None
@@ -159,13 +173,15 @@ def test_a_changed_channel_keeps_the_draws_and_changes_the_frames(other: Source)
 
 
 def test_kappa_of_the_ratex_patches_reaches_the_receiver() -> None:
-    captured = simulate(Source(SMALL, ratex_kappa=12), FRONTAL, 0)
+    captured = FramePair(Source(SMALL, ratex_kappa=12), FRONTAL, 0).captured
     assert (captured.kappa, captured.ratex_kappa) == (5, 12)
     assert captured.rectified().ratex_toggle == 12
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
-    first, again, other = (simulate(Source(SMALL, seed=seed), OBLIQUE, 0) for seed in (1, 1, 2))
+    first, again, other = (
+        FramePair(Source(SMALL, seed=seed), OBLIQUE, 0).captured for seed in (1, 1, 2)
+    )
     assert same(first, again)
     for frames in ((first.original, other.original), (first.embedded, other.embedded)):
         assert frames[0].tobytes() != frames[1].tobytes()
@@ -182,7 +198,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
 )
 def test_a_wrong_channel_is_refused_in_one_clear_line(source: Source, message: str) -> None:
     with pytest.raises(InputError, match=message) as error:
-        simulate(source, FRONTAL, 0)
+        filmed(source, FRONTAL, 0)
     assert "\n" not in str(error.value)
 
 
@@ -208,7 +224,7 @@ def test_the_first_pictures_mix_photographs_and_drawings(split: str) -> None:
 def test_the_index_wraps_around_the_pictures_with_a_new_message() -> None:
     source = Source(SMALL)
     pictures = shuffled_pictures(source)
-    first, again = prepare(source, FRONTAL, 2), prepare(source, FRONTAL, 2 + len(pictures))
+    first, again = FramePair(source, FRONTAL, 2), FramePair(source, FRONTAL, 2 + len(pictures))
     assert first.picture == again.picture == pictures[2].name
     assert np.array_equal(first.displayed.original, again.displayed.original)
     assert not np.array_equal(first.displayed.bits, again.displayed.bits)
@@ -218,7 +234,7 @@ def test_the_users_pictures_replace_the_built_in_ones(tmp_path: Path) -> None:
     for name in ("b.png", "a.png"):
         assert cv2.imwrite(str(tmp_path / name), np.full((192, 256, 3), 90, np.uint8))
     source = Source(SMALL, pictures=tmp_path)
-    names = [prepare(source, FRONTAL, index).picture for index in range(3)]
+    names = [FramePair(source, FRONTAL, index).picture.name for index in range(3)]
     assert names == ["a.png", "b.png", "a.png"]
 
 

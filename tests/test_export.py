@@ -13,7 +13,7 @@ from conftest import LEARNED
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from export import to_onnx
 from export.parity import Parity, compare
@@ -49,7 +49,7 @@ def unseen(layout: Layout) -> list[Rectified]:
     for index in range(24):
         cell = Cell(list(PAIRS)[index % 9], 5.0 * (index % 12), 1 + index % 6)
         width, height = SIZES[index // 8]
-        captured = simulate(source, cell, index)
+        captured = FramePair(source, cell, index).captured
         pairs.append(replace(captured, layout=replace(layout, width=width, height=height)))
     return [captured.rectified() for captured in pairs]
 

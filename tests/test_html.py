@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import evaluate
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS as ALL_PAIRS
 from link.captures import save_captures
 from link.geometry import homography_from_corners
@@ -431,7 +431,7 @@ def filmed(tmp_path: Path) -> Callable[[bool], Path]:
 
     def film(known: bool) -> Path:
         source, cell = Source(make_layout()), Cell("nikon-samsung", 60.0, 2)
-        captures = [replace(simulate(source, cell, i), meta={}) for i in range(3)]
+        captures = [replace(FramePair(source, cell, i).captured, meta={}) for i in range(3)]
         if not known:
             captures = [replace(captured, bits=None) for captured in captures]
         save_captures(tmp_path / "captures", iter(captures))
@@ -520,7 +520,7 @@ def test_every_value_of_a_sweep_can_be_filmed(name: str, layout: Layout) -> None
     settings = [sweep.setting(name, value, base) for value in sweep.values]
     assert len(set(settings)) == len(settings)
     for source, view, kappa in settings:
-        assert simulate(source, Cell("canon-lg", view, kappa), 0).kappa == kappa
+        assert FramePair(source, Cell("canon-lg", view, kappa), 0).captured.kappa == kappa
     assert len({spoken(name, value) for value in sweep.values}) == len(sweep.values)
 
 
@@ -533,7 +533,7 @@ def test_sweeps_use_every_camera_and_display_alike() -> None:
 
 def test_the_parts_of_a_frame_pair_add_up(layout: Layout) -> None:
     source, cell = Source(layout), Cell("canon-lg", 45.0, 5)
-    parts, captured = take_apart(source, cell, 0, False), simulate(source, cell, 0)
+    parts, captured = take_apart(source, cell, 0, False), FramePair(source, cell, 0).captured
     message = layout.message_mask
     assert np.all(parts.signal[message] > 0)
     assert np.all(np.abs(parts.signal[~message]) < 0.2)  # patches carry no bit
@@ -586,6 +586,6 @@ def test_the_true_response_rises_and_lies_in_its_band(layout: Layout) -> None:
     assert np.all((low <= median) & (median <= high))
     assert set(found.found) == set(found.error) == {"naive", "two_step"}
     pixels = training_pixels(layout, 5)
-    pair = simulate(source, cell, 0).rectified()
+    pair = FramePair(source, cell, 0).rectified
     seen = pair.original[pixels.y, pixels.x].mean()
     assert found.found["naive"][0][1] <= seen <= found.found["naive"][-1][1]

@@ -9,7 +9,7 @@ from scipy.stats import binomtest, norm
 import evaluate
 from data_gen.channel.composition import draw
 from data_gen.effects import EFFECTS
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.ideal import Before, captured_blocks, log_likelihood_ratios, observe
 from link.captures import save_captures
 from link.layout import Layout, make_layout
@@ -81,10 +81,10 @@ def test_bits_that_look_alike_are_left_undecided() -> None:
 def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     source = Source(layout, "train", without=tuple(EFFECTS))
     cell = Cell("canon-lg", 20.0, 1)
-    captured = simulate(source, cell, 0)
+    pair = FramePair(source, cell, 0)
     for change in (False, True):
-        soft = observe(captured, source, cell, 0, 4, change)
-        assert np.array_equal(soft.bits, captured.bits)
+        soft = observe(pair, 4, change)
+        assert np.array_equal(soft.bits, pair.displayed.bits)
         assert np.isfinite(soft.scores).all()
 
 
@@ -92,11 +92,11 @@ def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
     source = Source(layout, "train", 7)
     ideal, change, oorc = 0, 0, 0
     for index in range(2):
-        captured = simulate(source, HARD, index)
-        ideal += int((observe(captured, source, HARD, index, 8).bits != captured.bits).sum())
-        seen = observe(captured, source, HARD, index, 8, change=True)
-        change += int((seen.bits != captured.bits).sum())
-        oorc += int((make_decoder("oorc").decode(captured.rectified()).bits != captured.bits).sum())
+        pair = FramePair(source, HARD, index)
+        bits = pair.displayed.bits
+        ideal += int((observe(pair, 8).bits != bits).sum())
+        change += int((observe(pair, 8, change=True).bits != bits).sum())
+        oorc += int((make_decoder("oorc").decode(pair.rectified).bits != bits).sum())
     assert ideal <= change < oorc / 4
 
 
@@ -105,9 +105,9 @@ def test_scores_are_calibrated(layout: Layout) -> None:
     cell = Cell("nikon-samsung", 60.0, 1)
     wrong, expected = 0, 0.0
     for index in range(4):
-        captured = simulate(source, cell, index)
-        soft = observe(captured, source, cell, index, 16)
-        wrong += int((soft.bits != captured.bits).sum())
+        pair = FramePair(source, cell, index)
+        soft = observe(pair, 16)
+        wrong += int((soft.bits != pair.displayed.bits).sum())
         expected += float((1 / (1 + np.exp(np.abs(soft.scores)))).sum())
     assert wrong > 0
     assert expected == pytest.approx(wrong, abs=3 * np.sqrt(expected))
@@ -115,10 +115,10 @@ def test_scores_are_calibrated(layout: Layout) -> None:
 
 def test_the_observer_draws_the_channel_of_the_capture(layout: Layout) -> None:
     source = Source(layout, "train", 7, parameters=(("jitter_px", 1.0), ("drift", 0.1)))
-    captured = simulate(source, HARD, 3)
-    take = prepare(source, HARD, 3)
-    shot = draw(layout, source.pair(HARD.pair), HARD.view_deg, take.channel_rng)[1]
-    exposure = shot.expose(take.displayed.embedded)
+    captured = FramePair(source, HARD, 3).captured
+    again = FramePair(source, HARD, 3)
+    shot = again.shots[1]
+    exposure = shot.expose(again.displayed.embedded)
     assert np.array_equal(shot.develop(exposure, shot.noise_rng), captured.embedded)
     mean = np.mean([shot.develop(exposure, np.random.default_rng(i)) for i in range(6)], axis=0)
     assert abs(float((captured.embedded - mean).mean())) < 0.02
@@ -129,11 +129,11 @@ def test_the_observer_draws_the_channel_of_the_capture(layout: Layout) -> None:
 
 def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> None:
     source, cell = Source(SMALL), Cell("canon-lg", 0.0, 5)
-    usual = prepare(source, cell, 1)
-    given = prepare(source, cell, 1, bits=1 - usual.displayed.bits)
+    usual = FramePair(source, cell, 1)
+    given = FramePair(source, cell, 1, message=tuple(1 - usual.displayed.bits))
     assert np.array_equal(given.displayed.original, usual.displayed.original)
     assert np.array_equal(given.displayed.bits, 1 - usual.displayed.bits)
-    assert given.channel_rng.random() == usual.channel_rng.random()
+    assert given.channel_rng().random() == usual.channel_rng().random()
 
 
 # The comparison
@@ -154,7 +154,9 @@ def test_the_comparison_knows_it_as_a_method(
 def test_captures_without_a_simulation_leave_it_out(
     layout: Layout, tmp_path: Path, command: Command
 ) -> None:
-    save_captures(tmp_path / "real", iter([simulate(Source(layout), Cell("canon-lg", 0.0, 5), 0)]))
+    save_captures(
+        tmp_path / "real", iter([FramePair(Source(layout), Cell("canon-lg", 0.0, 5), 0).captured])
+    )
     flags = ["--captures", tmp_path / "real", "--out", tmp_path / "out"]
     result = command(evaluate.main, *flags, "--methods", "oorc", "ideal")
     assert result.status == 0, result.stderr

@@ -23,7 +23,7 @@ from tolerances import (
 )
 from torch import Tensor
 
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.errors import InputError
 from link.frames import Captured, Rectified
@@ -60,7 +60,7 @@ def pairs(layout: Layout) -> list[Rectified]:
     """Twenty simulated frame pairs, every camera and display among them."""
     names = list(PAIRS)
     return [
-        simulate(Source(layout), Cell(names[k % 9], 3.0 * k, 1 + k % 8), k).rectified()
+        FramePair(Source(layout), Cell(names[k % 9], 3.0 * k, 1 + k % 8), k).rectified
         for k in range(20)
     ]
 
@@ -370,7 +370,7 @@ def test_a_message_is_not_taken_for_motion(captured: Captured) -> None:
 def test_registration_saves_the_messages_of_moved_frames(layout: Layout) -> None:
     wrong = np.zeros(2, int)
     for index in range(4):
-        captured = simulate(Source(layout), Cell("nikon-imac", 0.0, 2), index)
+        captured = FramePair(Source(layout), Cell("nikon-imac", 0.0, 2), index).captured
         moved = replace(captured, corners_embedded=captured.corners_embedded + 0.8).rectified()
         for i, on in enumerate((False, True)):
             bits = Phi(DecoderConfig(register=on)).decode(moved).bits

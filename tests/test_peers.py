@@ -14,7 +14,7 @@ import pytest
 from conftest import Command
 from numpy.typing import NDArray
 
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pictures.library import load_pictures
 from link.embed import psnr, with_head_room
 from link.frames import Rectified
@@ -85,7 +85,7 @@ def test_what_is_read_is_what_was_shown(lines: list[dict[str, Any]]) -> None:
 
 
 def prepare_picture(index: int) -> NDArray[np.uint8]:
-    name = prepare(SOURCE, Cell("canon-lg", 0.0, 5), index).picture
+    name = FramePair(SOURCE, Cell("canon-lg", 0.0, 5), index).picture.name
     pictures = load_pictures("test", SOURCE.layout.width, SOURCE.layout.height)
     return next(picture.rgb for picture in pictures if picture.name == name)
 
@@ -104,11 +104,11 @@ def test_the_mean_of_two_frames_is_read_where_two_were_filmed() -> None:
 
 def test_every_system_gets_the_draws_of_the_channel_that_evaluate_has() -> None:
     cell = Cell("sony-imac", 45.0, 5)
-    displayed = prepare(SOURCE, cell, 1).displayed
+    displayed = FramePair(SOURCE, cell, 1).displayed
     shown = Shown(displayed.original, displayed)
     *_, (condition, pair, view, filmed) = received(SOURCE, shown, ["sony-imac"], [45.0], 1)
     assert (condition, pair, view) == ("45°", "sony-imac", 45.0)
-    expected = simulate(SOURCE, cell, 1).rectified()
+    expected = FramePair(SOURCE, cell, 1).rectified
     assert np.array_equal(filmed.original, expected.original)
     assert np.array_equal(filmed.embedded, expected.embedded)
 

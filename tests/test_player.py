@@ -1,14 +1,14 @@
 """The player in a real browser: screenshots taken while it plays show exactly what was sent."""
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from chromium import NAMES, Chromium, find
+from conftest import OpenWindow
 from numpy.typing import NDArray
+from playwright.sync_api import Page
 
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
@@ -21,15 +21,6 @@ from link.loop import Loop
 PRETRAINED = Path(__file__).parents[1] / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"
 PATIENCE_S = 60.0
-
-pytestmark = pytest.mark.skipif(find() is None, reason=f"needs one of {', '.join(NAMES)}")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
-    chromium = Chromium(tmp_path_factory.mktemp("profile"))
-    yield chromium
-    chromium.close()
 
 
 def make_loop(layout: Layout, kappa: int, picture: NDArray[np.uint8]) -> Loop:
@@ -46,23 +37,35 @@ def small() -> Loop:
 
 
 @pytest.fixture(scope="module")
-def page(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def player(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("player") / "player.html"
     write_player(file, small.pairs(), hold=4)
     return file
 
 
-def start(browser: Chromium, page: Path) -> None:
-    """Open a page and play without waiting for the reader."""
-    browser.open(page)
-    browser.wait_for("window.player && player.ready")
-    browser.run("player.play()")
+def load(page: Page, player: Path) -> None:
+    """Open a player, and wait until it can play."""
+    page.goto(player.resolve().as_uri())
+    page.wait_for_function("window.player && player.ready")
 
 
-def cut_out(browser: Chromium, layout: Layout, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def start(page: Page, player: Path) -> None:
+    """Open a player and play without waiting for the reader."""
+    load(page, player)
+    page.evaluate("player.play()")
+
+
+def screenshot(page: Page) -> NDArray[np.uint8]:
+    """What the window shows now, (H, W, 3) uint8, encoded RGB, in device pixels."""
+    image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def cut_out(page: Page, layout: Layout, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The picture in a screenshot, in device pixels; all around it is black."""
     script = "(({x, y}) => [x, y, player.scale, devicePixelRatio])(canvas.getBoundingClientRect())"
-    x, y, scale, ratio = browser.run(script)
+    x, y, scale, ratio = page.evaluate(script)
     left, top = round(x * ratio), round(y * ratio)
     box = slice(top, top + scale * layout.height), slice(left, left + scale * layout.width)
     around = shot.copy()
@@ -82,30 +85,32 @@ WINDOWS = {
 
 @pytest.mark.parametrize("name", WINDOWS)
 def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
-    name: str, browser: Chromium, page: Path, small: Loop
+    name: str, open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
     width, height, ratio, scale = WINDOWS[name]
-    browser.resize(width, height, ratio, mobile="phone" in name)
-    start(browser, page)
-    assert browser.run("player.scale") == scale
+    page = open_window(width, height, ratio, mobile="phone" in name)
+    start(page, player)
+    assert page.evaluate("player.scale") == scale
     enlarged = [np.kron(s, np.ones((scale, scale, 1), np.uint8)) for s in small.states()]
     wanted = {state.tobytes() for state in enlarged}
     seen: set[bytes] = set()
     deadline = time.monotonic() + PATIENCE_S
     while seen != wanted and time.monotonic() < deadline:
-        shown = cut_out(browser, small.layout, browser.screenshot()).tobytes()
+        shown = cut_out(page, small.layout, screenshot(page)).tobytes()
         assert shown in wanted, "a screenshot shows no state that was sent"
         seen.add(shown)
     assert seen == wanted
 
 
-def test_each_state_stays_for_its_refreshes(browser: Chromium, page: Path, small: Loop) -> None:
-    browser.resize(300, 200)
-    start(browser, page)
-    browser.run("window.log = [], player.draw = player.show, 0")
-    browser.run("player.show = (k) => { log.push([stats.refreshes, k]); player.draw(k); }, 0")
-    browser.wait_for("log.length > 40")
-    log, dropped = browser.run("[log, stats.dropped]")
+def test_each_state_stays_for_its_refreshes(
+    open_window: OpenWindow, player: Path, small: Loop
+) -> None:
+    page = open_window(300, 200)
+    start(page, player)
+    page.evaluate("window.log = [], player.draw = player.show, 0")
+    page.evaluate("player.show = (k) => { log.push([stats.refreshes, k]); player.draw(k); }, 0")
+    page.wait_for_function("log.length > 40")
+    log, dropped = page.evaluate("[log, stats.dropped]")
     refreshes, states = np.array(log).T
     count = 2 * len(small.bits)
     np.testing.assert_array_equal(states, refreshes // 4 % count)
@@ -116,10 +121,12 @@ def test_each_state_stays_for_its_refreshes(browser: Chromium, page: Path, small
     assert np.mean(held == 4) > 0.5
 
 
-def test_a_skipped_refresh_is_counted_and_the_rate_kept(browser: Chromium, page: Path) -> None:
-    browser.resize(300, 200)
-    start(browser, page)
-    browser.wait_for("stats.refreshes > 20")
+def test_a_skipped_refresh_is_counted_and_the_rate_kept(
+    open_window: OpenWindow, player: Path
+) -> None:
+    page = open_window(300, 200)
+    start(page, player)
+    page.wait_for_function("stats.refreshes > 20")
     script = """new Promise((done) => requestAnimationFrame((first) => {
         const before = { ...stats };
         const until = performance.now() + 250;
@@ -128,38 +135,39 @@ def test_a_skipped_refresh_is_counted_and_the_rate_kept(browser: Chromium, page:
             done([before, { ...stats }, (last - first) / 1000])
         )), 200);
     }))"""
-    before, after, seconds = browser.run(script)
+    before, after, seconds = page.evaluate(script)
     assert after["dropped"] - before["dropped"] >= 0.2 * before["hz"]
     passed = after["refreshes"] - before["refreshes"]
     assert passed == pytest.approx(seconds * after["hz"], abs=4)
 
 
-def test_it_starts_by_itself_and_nothing_covers_the_picture(browser: Chromium, page: Path) -> None:
-    browser.resize(300, 200)
-    browser.open(page)
-    browser.wait_for("window.player && player.ready")
-    assert "states/s" in browser.run("document.querySelector('p').textContent")
-    browser.wait_for("player.playing")
+def test_it_starts_by_itself_and_nothing_covers_the_picture(
+    open_window: OpenWindow, player: Path
+) -> None:
+    page = open_window(300, 200)
+    load(page, player)
+    assert "states/s" in page.evaluate("document.querySelector('p').textContent")
+    page.wait_for_function("player.playing")
     script = "getComputedStyle(document.querySelector('p')).display"
-    assert browser.run(script) == "none"
-    browser.run("player.pause()")
-    assert browser.run(script) == "block"
-    at = browser.run("player.count")
+    assert page.evaluate(script) == "none"
+    page.evaluate("player.pause()")
+    assert page.evaluate(script) == "block"
+    at = page.evaluate("player.count")
     time.sleep(0.2)
-    assert browser.run("player.count") == at
+    assert page.evaluate("player.count") == at
 
 
-def test_a_window_that_is_too_small_is_told(browser: Chromium, page: Path) -> None:
-    browser.resize(100, 200)
-    start(browser, page)
-    assert "needs 120 × 80 pixels" in browser.run("document.querySelector('p').textContent")
-    assert browser.run("stats.refreshes") == 0
-    browser.resize(300, 200)
-    browser.wait_for("stats.refreshes > 0")
+def test_a_window_that_is_too_small_is_told(open_window: OpenWindow, player: Path) -> None:
+    page = open_window(100, 200)
+    start(page, player)
+    assert "needs 120 × 80 pixels" in page.evaluate("document.querySelector('p').textContent")
+    assert page.evaluate("stats.refreshes") == 0
+    page.set_viewport_size({"width": 300, "height": 200})
+    page.wait_for_function("stats.refreshes > 0")
 
 
 @pytest.fixture(scope="module")
-def slow_page(decoder: Decoder, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def slow_player(decoder: Decoder, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The pretrained decoder's layout, a smooth picture, 3 states a second."""
     layout = decoder.layout
     coarse = np.random.default_rng(4).uniform(0, 255, (7, 9, 3)).astype(np.float32)
@@ -175,19 +183,19 @@ def decoder() -> Decoder:
 
 
 def test_screenshots_decode_to_the_message(
-    browser: Chromium, slow_page: Path, decoder: Decoder
+    open_window: OpenWindow, slow_player: Path, decoder: Decoder
 ) -> None:
-    browser.resize(640, 480)
-    start(browser, slow_page)
+    page = open_window(640, 480)
+    start(page, slow_player)
     collector, message = Collector(decoder.layout.n_bits), None
     shots: dict[int, NDArray[np.uint8]] = {}
     deadline = time.monotonic() + PATIENCE_S
     while message is None and time.monotonic() < deadline:
-        before = browser.run("player.count")
-        shot = browser.screenshot()
-        if browser.run("player.count") != before or before in shots:
+        before = page.evaluate("player.count")
+        shot = screenshot(page)
+        if page.evaluate("player.count") != before or before in shots:
             continue  # taken while the state changed
-        shots[before] = cut_out(browser, decoder.layout, shot)
+        shots[before] = cut_out(page, decoder.layout, shot)
         if before % 2 == 1 and before - 1 in shots:
             soft = decoder.decode(shots[before - 1], shots[before])
             message = collector.add(soft.scores, before // 2)
@@ -196,17 +204,17 @@ def test_screenshots_decode_to_the_message(
 
 
 def test_the_receiver_reads_a_film_of_screenshots(
-    browser: Chromium, slow_page: Path, decoder: Decoder
+    open_window: OpenWindow, slow_player: Path, decoder: Decoder
 ) -> None:
     """It finds the display, its clock, the frame pairs and their place in the loop by itself."""
-    browser.resize(700, 520)
-    start(browser, slow_page)
+    page = open_window(700, 520)
+    start(page, slow_player)
     receiver, message = Receiver(decoder, fps=10), None
     deadline = time.monotonic() + PATIENCE_S
     while message is None and time.monotonic() < deadline:
-        before = browser.run("performance.now()")
-        shot = browser.screenshot()
-        middle = (before + browser.run("performance.now()")) / 2
+        before = page.evaluate("performance.now()")
+        shot = screenshot(page)
+        middle = (before + page.evaluate("performance.now()")) / 2
         message = receiver.push(shot, middle / 1000).message
     message = message or receiver.finish().message
     assert message is not None

@@ -11,7 +11,7 @@ from tolerances import FLOAT64
 from data_gen.channel.composition import capture, draw, reduced
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.effects import EFFECTS
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
@@ -24,7 +24,10 @@ def source(resolution: float) -> Source:
 
 
 def test_at_one_nothing_changes() -> None:
-    usual, same = simulate(Source(make_layout()), CELL, 0), simulate(source(1.0), CELL, 0)
+    usual, same = (
+        FramePair(Source(make_layout()), CELL, 0).captured,
+        FramePair(source(1.0), CELL, 0).captured,
+    )
     assert np.array_equal(usual.original, same.original)
     assert np.array_equal(usual.embedded, same.embedded)
     assert np.array_equal(usual.corners, same.corners)
@@ -44,7 +47,7 @@ def test_the_picture_is_that_of_the_usual_capture_reduced(
     pair, smaller = (
         replace(without, parameters=(("resolution", r),)).pair(CELL.pair) for r in (1.0, resolution)
     )
-    take = prepare(without, CELL, 0)
+    take = FramePair(without, CELL, 0)
     usual, small = (
         capture(take.displayed, p, 30.0, np.random.default_rng(3)) for p in (pair, smaller)
     )
@@ -75,4 +78,4 @@ def test_noise_and_motion_shrink_with_the_image(layout: Layout) -> None:
 
 def test_more_pixels_than_the_usual_capture_are_refused() -> None:
     with pytest.raises(InputError, match=r"setup: resolution must lie in \[0.2, 1\]"):
-        simulate(source(1.5), CELL, 0)
+        _ = FramePair(source(1.5), CELL, 0).captured

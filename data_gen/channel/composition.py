@@ -66,10 +66,10 @@ class Shot:
         return develop(exposure, self.pair.camera, rng, self.noise_scale, self.iso)
 
 
-def draw(
+def draw_shots(
     layout: Layout, pair: Pair, view_deg: float, rng: np.random.Generator
 ) -> tuple[Shot, Shot]:
-    """Draw the channel of the original and of the embedded frame; arguments as of `capture`.
+    """Draw the channel of the original and of the embedded frame.
 
     Pose, exposure, room light and CDTF are common to both frames. Between them the exposure drifts
     by a factor exp(Normal(0, drift)), the backlight's phase is drawn anew, and the camera moves by
@@ -115,28 +115,29 @@ def reduced(size: tuple[int, int]) -> NDArray[np.float64]:
     return np.array([[a, 0, (a - 1) / 2], [0, b, (b - 1) / 2], [0, 0, 1]])
 
 
-def capture(
-    displayed: Displayed, pair: Pair, view_deg: float, rng: np.random.Generator
+def film(
+    displayed: Displayed,
+    shots: tuple[Shot, Shot],
+    pair: Pair,
+    view_deg: float,
+    corner_rng: np.random.Generator,
 ) -> Captured:
-    """Film one frame pair.
+    """Film one frame pair through a channel that is drawn already.
 
     The embedded frame keeps the original's corners: the motion is what registration left.
 
     Args:
         displayed: uint8 frames, gray or RGB.
-        pair: camera, display, setup and nuisances.
+        shots: of the original and of the embedded frame; the noise is drawn from their generators.
+        pair: camera and display, for the error of the reported corners.
         view_deg: nominal angle of observation, degrees.
-        rng: every random draw comes from here.
+        corner_rng: draws that error.
 
     Returns:
         `Captured` with RGB frames (of CAPTURE_HEIGHT x CAPTURE_WIDTH, times the setup's resolution;
         of the display's size without perspective), the reported corners, and the true bits.
-
-    Raises:
-        InputError: ``view_deg`` is out of range.
     """
     layout = displayed.layout
-    shots = draw(layout, pair, view_deg, rng)
     original, embedded = (
         shot.develop(shot.expose(frame), shot.noise_rng)
         for shot, frame in zip(shots, (displayed.original, displayed.embedded), strict=True)
@@ -144,7 +145,7 @@ def capture(
     corners = transform(
         shots[0].H_captured_from_display, frame_corners(layout.width, layout.height)
     )
-    corners += pair.setup.corner_px * rng.standard_normal((4, 2))
+    corners += pair.setup.corner_px * corner_rng.standard_normal((4, 2))
     corners = np.clip(corners, -0.5, np.array(original.shape[1::-1]) - 0.5)
     return Captured(
         original=original,
@@ -157,6 +158,24 @@ def capture(
         ratex_kappa=displayed.ratex_kappa,
         meta={"pair": pair.name, "view_deg": view_deg},
     )
+
+
+def capture(
+    displayed: Displayed, pair: Pair, view_deg: float, rng: np.random.Generator
+) -> Captured:
+    """Draw a channel and film one frame pair through it; see `draw_shots` and `film`.
+
+    Args:
+        displayed: uint8 frames, gray or RGB.
+        pair: camera, display, setup and nuisances.
+        view_deg: nominal angle of observation, degrees.
+        rng: every random draw comes from here.
+
+    Raises:
+        InputError: ``view_deg`` is out of range.
+    """
+    shots = draw_shots(displayed.layout, pair, view_deg, rng)
+    return film(displayed, shots, pair, view_deg, rng)
 
 
 def metered_gain(pair: Pair, view_deg: float) -> float:

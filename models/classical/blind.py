@@ -184,8 +184,6 @@ def starts(tones: Tones) -> Iterator[tuple[Array, Array]]:
 class Blind:
     """Decode without ratex patches, kappa, the picture or the balance of bits; see the module."""
 
-    needs_ratex: ClassVar[bool] = False
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block, in log odds."""
         tones = cut_into_tones(pair)

@@ -52,8 +52,6 @@ class HiddenRatex:
     """"clusters" (found in each frame) or "constant" (half of kappa, the paper's)."""
     shrinkage: float = 1.0
     """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but two equal blocks make a class."""
-    needs_ratex: ClassVar[bool] = False
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block, in equalised gray levels above the threshold."""
         choose({"clusters": 0, "constant": 0}, self.threshold, "threshold")

@@ -30,8 +30,6 @@ class Naive:
     """"tile" or "pixel"."""
     threshold: float | None = None
     """Fixed, in captured gray levels; None learns it on each pair's ratex patches."""
-    needs_ratex: ClassVar[bool] = True
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches."""
         pixels = require_ratex(pair)

@@ -80,8 +80,6 @@ class OORC:
     """"mean" or "vote"."""
     train_on: str = "tile"
     """"tile" or "pixel"."""
-    needs_ratex: ClassVar[bool] = True
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches."""
         pixels = require_ratex(pair)

@@ -50,8 +50,6 @@ class TwoStep:
     """Fixed, in displayed gray levels; None learns it on each pair's ratex patches."""
     threshold_kappa: float | None = None
     """Fixed, in shares of kappa."""
-    needs_ratex: ClassVar[bool] = True
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches or kappa."""
         pixels = require_ratex(pair)

@@ -163,7 +163,6 @@ class Cnn:
 
     checkpoint: Path = PRETRAINED
     """Folder with decoder.pt and config.json, written by ``python -m reports.lab.cnn_baseline``."""
-    needs_ratex: ClassVar[bool] = True
     """It uses no patches, but is shown the captures that it was trained on and others get."""
 
     def decode(self, pair: Rectified) -> SoftBits:

@@ -40,8 +40,6 @@ class Phi:
 
     config: DecoderConfig = field(default_factory=DecoderConfig)
     """Of the graph."""
-    needs_ratex: ClassVar[bool] = True
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches."""
         return run(_untrained(pair.layout, self.config), pair)
@@ -53,8 +51,6 @@ class Learned:
 
     checkpoint: Path | None = None
     """Folder with decoder.pt and config.json, such as runs/canon-lg."""
-    needs_ratex: ClassVar[bool] = True
-
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `InputError` without ratex patches or checkpoint."""
         if self.checkpoint is None:

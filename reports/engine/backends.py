@@ -1,19 +1,19 @@
-"""Where independent tasks run: processes of this machine, or a Dask cluster.
+"""Where independent tasks run: processes of this machine, or the workers of a Dask cluster.
 
-Both go through joblib. A task that fails is reported, and the others go on.
+A task that fails is reported, and the others go on.
 """
 
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any, Generic, TypeVar
 
 import cv2
 from joblib import Parallel, delayed, parallel_config
-from joblib.externals.loky.process_executor import TerminatedWorkerError
 from threadpoolctl import threadpool_limits
 
 from link.errors import InputError
@@ -43,11 +43,12 @@ class Failure:
     reason: str
     """One line."""
     trace: str = ""
+    """Python's traceback; empty where there is none."""
 
 
 @dataclass(frozen=True)
 class Outcome(Generic[R]):
-    """What became of the task number ``index``."""
+    """What became of the task number ``index``: its result, or its failure."""
 
     index: int
     result: R | None = None
@@ -93,68 +94,59 @@ def run_tasks(task: Callable[[T], R], items: Sequence[T], backend: Backend) -> I
     Raises:
         InputError: Dask is not installed, or no scheduler or worker answers.
     """
+    attempt = partial(_attempt, task)
+    if backend.scheduler is None:
+        yield from _in_processes(attempt, items, backend.jobs)
+    else:
+        yield from _on_cluster(attempt, items, backend.scheduler)
 
-    def attempt(index: int, item: T) -> Outcome[R]:
-        try:
-            return Outcome(index, result=task(item))
-        except InputError as error:
-            return Outcome(index, failure=Failure(str(error), traceback.format_exc()))
-        except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            return Outcome(index, failure=Failure(reason, traceback.format_exc()))
 
-    def finished(indices: Sequence[int], jobs: int | None) -> Iterator[Outcome[R]]:
+def _attempt(task: Callable[[T], R], index: int, item: T) -> Outcome[R]:
+    """Run one task; what it raises becomes a `Failure`."""
+    try:
+        return Outcome(index, result=task(item))
+    except InputError as error:
+        return Outcome(index, failure=Failure(str(error), traceback.format_exc()))
+    except Exception as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return Outcome(index, failure=Failure(reason, traceback.format_exc()))
+
+
+def _in_processes(
+    attempt: Callable[[int, T], Outcome[R]], items: Sequence[T], jobs: int
+) -> Iterator[Outcome[R]]:
+    """Run tasks in processes of this machine."""
+
+    def finished(indices: Sequence[int], jobs: int) -> Iterator[Outcome[R]]:
+        parallel = Parallel(
+            n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
+        )
         try:
-            parallel = Parallel(
-                n_jobs=jobs, return_as="generator_unordered", batch_size=1, pre_dispatch="all"
-            )
             yield from parallel(delayed(attempt)(index, items[index]) for index in indices)
-        except TerminatedWorkerError:  # of one task, but loky drops them all
+        except BrokenProcessPool:  # one process died, and all tasks under way are lost with it
             return
 
     waiting = set(range(len(items)))
-    with _started(backend):
-        for outcome in finished(range(len(items)), None):
-            if isinstance(outcome, Outcome):
-                waiting.remove(outcome.index)
-                yield outcome
-        for index in sorted(waiting):
-            alone = [] if backend.scheduler else list(finished([index], 2))  # 1 would be this one
-            yield alone[0] if alone else Outcome(index, failure=DIED)
+    with parallel_config("loky", inner_max_num_threads=1):
+        for outcome in finished(range(len(items)), jobs):
+            waiting.remove(outcome.index)
+            yield outcome
+        for index in sorted(waiting):  # each alone, in a process that is not this one
+            yield next(finished([index], 2), Outcome(index, failure=DIED))
 
 
-@contextmanager
-def _started(backend: Backend) -> Iterator[None]:
-    """A context in which joblib uses the backend."""
-    if backend.scheduler is None:
-        with parallel_config("loky", n_jobs=backend.jobs, inner_max_num_threads=1):
-            yield
-        return
-    with _connect(backend.scheduler) as client, parallel_config(_reporting(client)):
-        yield
-
-
-def _reporting(client: Any) -> Any:
-    """joblib's Dask backend, mended for a task whose workers died, and for a single worker.
-
-    It would wait for ever for the one, and stay in this process for the other.
-    """
-    base = import_module("joblib._dask").DaskDistributedBackend
-
-    class Reporting(base):  # type: ignore[misc, valid-type]
-        def effective_n_jobs(self, n_jobs: int) -> int:
-            return max(2, int(super().effective_n_jobs(n_jobs)))
-
-        def submit(self, func: Any, callback: Any = None) -> Any:
-            future = super().submit(func, callback)
-            future.add_done_callback(lambda done: done.exception() and callback(done.exception()))
-            return future
-
-        def retrieve_result_callback(self, out: Any) -> Any:
-            lost = isinstance(out, BaseException)
-            return [None] if lost else super().retrieve_result_callback(out)
-
-    return Reporting(client=client)
+def _on_cluster(
+    attempt: Callable[[int, T], Outcome[R]], items: Sequence[T], scheduler: str
+) -> Iterator[Outcome[R]]:
+    """Run tasks on the workers of a Dask cluster."""
+    with _connect(scheduler) as client:
+        futures = {
+            client.submit(attempt, index, item, pure=False): index
+            for index, item in enumerate(items)
+        }
+        for future in import_module("distributed").as_completed(futures):
+            died = future.exception() is not None  # a task's own exception is in its outcome
+            yield Outcome(futures[future], failure=DIED) if died else future.result()
 
 
 def _connect(scheduler: str) -> Any:

@@ -1,285 +1,275 @@
-"""Decode once -> predictions; scoring them is `reports.score.metrics`."""
+"""The one loop of every study: conditions x methods -> predictions, stored cell by cell.
+
+Each cell of each method is one file, named after all that decides what it holds (`fingerprint`).
+A run that was cut off goes on with the cells that are missing, and a method that is new or has
+changed costs no other method its results.
+"""
 
 import hashlib
-import json
 import platform
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from importlib.metadata import version
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from tqdm import tqdm
 
-from data_gen.frame_pair import Cell, Source, simulate
-from data_gen.ideal import observe
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, UnsuitedError
-from link.frames import Captured, Rectified, SoftBits
 from link.images import write_bytes
-from models import DECODERS, PRETRAINED, Decoder, make_decoder
-from reports.engine.backends import Backend, one_thread, run_tasks
+from reports.engine.backends import Backend, Outcome, one_thread, run_tasks
+from reports.engine.digest import code_digest, file_digest, package_versions
+from reports.engine.methods import Method
+from reports.engine.records import read_lines, to_line, to_records, write_lines
 
-PREDICTIONS = "predictions.jsonl"
-OBSERVERS: dict[str, Callable[..., SoftBits]] = {
-    "ideal": observe,
-    "ideal_change": partial(observe, change=True),
-}
-"""Floors under the decoders, on simulated captures."""
-METHODS = {**DECODERS, **dict.fromkeys(OBSERVERS, "data_gen.ideal")}
-"""Methods by name."""
-SHIPPED = {"cnn": PRETRAINED.with_name("pretrained_cnn")}
-"""Checkpoints of methods that find their own."""
-PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-learn", "torch")
-"""Those that decide the result of a cell."""
-
-
-class Ideal:
-    """Stands for one of `OBSERVERS` among decoders: it decides from the draw, not a pair."""
-
-    needs_ratex = True
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-
-    def decode(self, pair: Rectified) -> SoftBits:
-        """Raise an `UnsuitedError`."""
-        raise UnsuitedError("needs the simulation's true channel")
+STORED_VERSION = 1
+"""Raise it when `decode_cell` changes what it stores, so that older files are not read again."""
+Line = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Method:
-    """A decoder by name, with its options: cheap to send to another process."""
+class Condition:
+    """Cells of the comparison under one setting of the channel."""
 
     name: str
-    options: tuple[tuple[str, Any], ...] = ()
-    label: str = ""
-    """In tables, in place of the name."""
-
-    def digest(self) -> str:
-        """Of the checkpoint's files, where the method has a checkpoint; else empty."""
-        folder = dict(self.options).get("checkpoint", SHIPPED.get(self.name))
-        if folder is None:
-            return ""
-        return digest_files([Path(folder) / name for name in ("config.json", "decoder.pt")])
-
-    def build(self) -> Decoder:
-        """The decoder itself."""
-        if self.name in OBSERVERS:
-            return Ideal(self.name)
-        return make_decoder(self.name, **dict(self.options))
+    """Tells conditions of a study apart; "" where there is one."""
+    source: Source
+    """Pictures, seed, and the channel as it is set."""
+    cells: tuple[Cell, ...]
+    frames: int
+    """Frame pairs of each cell."""
 
 
-def digest_files(files: Iterable[Path]) -> str:
-    """SHA-256 over the files that exist, in the order given."""
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.read_bytes() if file.is_file() else b"missing")
-    return digest.hexdigest()
+@dataclass(frozen=True)
+class Predicted:
+    """What a study decoded."""
+
+    records: pd.DataFrame
+    """See `records.to_records`; conditions, cells, frame pairs and methods in the order given."""
+    failed: list[str]
+    """One line for each cell that failed, with the file of its traceback."""
 
 
-def methods_for(names: Sequence[str], checkpoint: Path) -> list[Method]:
-    """The named methods; ``learned`` gets the checkpoint."""
-    options = {"learned": (("checkpoint", checkpoint),)}
-    return [Method(name, options.get(name, ())) for name in names]
+@dataclass(frozen=True)
+class _Task:
+    """One cell, and the methods whose predictions of it are not stored yet."""
+
+    condition: Condition
+    cell: Cell
+    methods: tuple[Method, ...]
+    marks: tuple[str, ...]
+    """The methods' fingerprints on the machine that asks; empty where that machine decodes."""
 
 
 def paper_cells(
     pairs: Sequence[str], views: Sequence[float] = (0.0, 45.0), kappas: Sequence[int] = (5, 3)
-) -> list[Cell]:
+) -> tuple[Cell, ...]:
     """The paper's protocol: every pair at every view and kappa, ordered as its tables are."""
-    return [Cell(pair, view, kappa) for kappa in kappas for view in views for pair in pairs]
+    return tuple(Cell(pair, view, kappa) for kappa in kappas for view in views for pair in pairs)
 
 
-def to_entry(name: str, soft: SoftBits, captured: Captured) -> dict[str, Any]:
-    """One line of predictions.jsonl."""
-    unknown = [-1] * captured.layout.n_bits
-    return {
-        "method": name,
-        "pair": captured.meta.get("pair", "captures"),
-        "view_deg": captured.meta.get("view_deg"),
-        "kappa": captured.kappa,
-        "picture": captured.meta.get("picture"),
-        "scores": [float(f"{score:.6g}") for score in soft.scores],
-        "bits": unknown if captured.bits is None else [int(bit) for bit in captured.bits],
-    }
-
-
-def decode_cell(
-    source: Source, cell: Cell, frames: int, methods: Sequence[Method]
-) -> list[dict[str, Any]]:
-    """Simulate a cell's captures and decode each with every method.
-
-    Methods that train on ratex patches and those that want an equalised picture see the same draws.
-    """
-    decoders = [(method.label or method.name, method.build()) for method in methods]
-    one_thread()
-    lines = []
-    for index in range(frames):
-        for hidden in (False, True):
-            chosen = [(name, d) for name, d in decoders if d.needs_ratex != hidden]
-            if not chosen:
-                continue
-            captured = simulate(source, cell, index, hidden)
-            pair = captured.rectified()
-            for name, decoder in chosen:
-                try:
-                    if isinstance(decoder, Ideal):
-                        soft = OBSERVERS[decoder.name](captured, source, cell, index)
-                    else:
-                        soft = decoder.decode(pair)
-                    lines.append({**to_entry(name, soft, captured), "index": index})
-                except UnsuitedError as error:
-                    raise InputError(f"method {name}: {error}") from None
-    return lines
-
-
-def decode_cells(
-    source: Source,
-    cells: Sequence[Cell],
-    frames: int,
-    methods: Sequence[Method],
-    folder: Path,
-    jobs: int,
-) -> list[dict[str, Any]]:
-    """`decode_each` by ``jobs`` processes; an `InputError` where a cell failed."""
-    lines, failed = decode_each(source, cells, frames, methods, folder, Backend(jobs))
-    if failed:
-        raise InputError(f"{len(failed)} of {len(cells)} cells failed: {failed[0]}")
-    return lines
-
-
-def decode_each(
-    source: Source,
-    cells: Sequence[Cell],
-    frames: int,
+def predict(
+    conditions: Sequence[Condition],
     methods: Sequence[Method],
     folder: Path,
     backend: Backend,
-) -> tuple[list[dict[str, Any]], list[str]]:
-    """Decode every cell, in parallel; a run that was cut off goes on where it stopped.
+) -> Predicted:
+    """Decode every cell of every condition with every method; a run that was cut off goes on.
 
-    Each cell is one file in a subfolder of ``folder``/cells that is named after all that decides
-    the result, and is written when the cell is done. At the end predictions.jsonl holds them all,
-    in the order of ``cells``: the same bytes from any backend. Workers need not see ``folder``.
+    Files are written as cells are done, into ``folder``/cells. The result is the same from any
+    backend, and workers need not see ``folder``. Methods that are shown the same thing see the same
+    captures.
+
+    Args:
+        conditions: with different names.
+        methods: with different labels.
+        folder: of the stored cells.
+        backend: where cells are decoded.
 
     Returns:
-        the predictions, and a line for each cell that failed; its traceback is beside the others'
-        files, and the next run tries it again.
+        the table of predictions without the cells that failed, and what failed; the next run tries
+        those again.
 
     Raises:
         InputError: no cell could be decoded, or the backend cannot be had.
     """
-    mark = fingerprint(source, frames, methods)
-    cache = folder / "cells" / mark[:16]
-    files = [cache / f"{c.pair}_{c.view_deg:g}_{c.kappa}.jsonl" for c in cells]
-    expected = frames * len(methods)
-    todo = [i for i, file in enumerate(files) if not _is_whole(file, expected)]
-    task = partial(_decode_to_bytes, source, frames, methods, mark if backend.scheduler else None)
-    failed: dict[int, str] = {}
-    outcomes = run_tasks(task, [cells[i] for i in todo], backend)
-    done = len(cells) - len(todo)
-    for outcome in tqdm(outcomes, total=len(cells), initial=done, unit="cell", desc="decode"):
-        number = todo[outcome.index]
+    marks = {
+        (condition.name, method.label): fingerprint(condition.source, condition.frames, method)
+        for condition in conditions
+        for method in methods
+    }
+
+    def file_of(condition: Condition, cell: Cell, method: Method) -> Path:
+        mark = marks[condition.name, method.label][:16]
+        return folder / "cells" / mark / f"{cell.pair}_{cell.view_deg:g}_{cell.kappa}.jsonl"
+
+    tasks = []
+    for condition in conditions:
+        for cell in condition.cells:
+            missing = tuple(
+                m for m in methods if not _is_whole(file_of(condition, cell, m), condition.frames)
+            )
+            if missing:
+                own = tuple(marks[condition.name, m.label] for m in missing)
+                tasks.append(_Task(condition, cell, missing, own if backend.scheduler else ()))
+    total = sum(len(condition.cells) for condition in conditions)
+    failed: dict[tuple[str, Cell], str] = {}
+    progress = tqdm(total=total, initial=total - len(tasks), unit="cell", desc="decode")
+    for outcome in run_tasks(decode_cell, tasks, backend):
+        task = tasks[outcome.index]
+        trace = folder / "failed" / _trace_name(task)
         if outcome.failure is not None:
-            failed[number] = outcome.failure.reason
-            write_bytes(files[number].with_suffix(".txt"), outcome.failure.trace.encode())
-            continue
-        assert outcome.result is not None
-        write_bytes(files[number], outcome.result)
-        files[number].with_suffix(".txt").unlink(missing_ok=True)
-    if len(failed) == len(cells):
-        raise InputError(failed[0])
-    whole = [file for i, file in enumerate(files) if i not in failed]
-    write_bytes(folder / PREDICTIONS, b"".join(file.read_bytes() for file in whole))
+            write_bytes(trace, outcome.failure.trace.encode())
+            failed[task.condition.name, task.cell] = f"{outcome.failure.reason} ({trace})"
+        else:
+            _store(outcome, [file_of(task.condition, task.cell, m) for m in task.methods])
+            trace.unlink(missing_ok=True)
+        progress.update()
+    progress.close()
+    if total and len(failed) == total:
+        raise InputError(next(iter(failed.values())))
+    tables = []
+    for condition in conditions:
+        lines = [
+            line
+            for cell in condition.cells
+            if (condition.name, cell) not in failed
+            for line in _read_cell({m.label: file_of(condition, cell, m) for m in methods})
+        ]
+        tables.append(to_records(lines, condition.name))
     reports = [
-        f"{cells[i].pair}, {cells[i].view_deg:g}°, kappa {cells[i].kappa}: {failed[i]} "
-        f"({files[i].with_suffix('.txt')})"
-        for i in sorted(failed)
+        f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}: {why}"
+        for (name, cell), why in failed.items()
     ]
-    return list(read_predictions(folder)), reports
+    return Predicted(pd.concat(tables, ignore_index=True), sorted(reports))
 
 
-def _decode_to_bytes(
-    source: Source, frames: int, methods: Sequence[Method], mark: str | None, cell: Cell
-) -> bytes:
-    """A cell's file; an `InputError` on a machine whose `fingerprint` is not ``mark``."""
-    if mark is not None and fingerprint(source, frames, methods) != mark:
-        raise InputError(
-            f"worker {platform.node()} has other code, packages, checkpoints or pictures at these "
-            "paths than this machine; install the same there and restart its worker"
-        )
-    return _to_lines(decode_cell(source, cell, frames, methods))
+def predict_all(
+    conditions: Sequence[Condition], methods: Sequence[Method], folder: Path, jobs: int
+) -> pd.DataFrame:
+    """`predict` by ``jobs`` processes of this machine, for studies that need every cell.
 
-
-def fingerprint(source: Source, frames: int, methods: Sequence[Method]) -> str:
-    """SHA-256 of all that decides what a cell's file holds, except the processor's rounding."""
-    key = [repr((source, frames, [(method, method.digest()) for method in methods])), code_digest()]
-    key += [f"{package} {version(package)}" for package in PACKAGES]
-    key += [digest_files(sorted(source.pictures.glob("*")) if source.pictures else [])]
-    return hashlib.sha256("\n".join(key).encode()).hexdigest()
-
-
-@lru_cache(maxsize=1)
-def code_digest() -> str:
-    """Of the code that makes and decodes captures, and of the fitted parameters.
-
-    Read once a process: a worker that runs on keeps the code that it started with.
+    Raises:
+        InputError: a cell failed; the others are stored.
     """
-    root = Path(__file__).parents[2]
-    files = sorted(f for p in ("link", "data_gen", "models") for f in (root / p).rglob("*.py"))
-    here = [Path(__file__), Path(__file__).with_name("backends.py")]
-    return digest_files([*files, root / "data_gen" / "nuisances.json", *here])
+    predicted = predict(conditions, methods, folder, Backend(jobs))
+    if predicted.failed:
+        total = sum(len(condition.cells) for condition in conditions)
+        raise InputError(f"{len(predicted.failed)} of {total} cells failed: {predicted.failed[0]}")
+    return predicted.records
 
 
-def _is_whole(file: Path, lines: int) -> bool:
-    """Whether a cell's file is there and readable to the end."""
-    try:
-        return len([json.loads(line) for line in file.read_text().splitlines()]) == lines
-    except (OSError, ValueError):
-        return False
+def decode_cell(task: _Task) -> list[list[Line]]:
+    """Simulate a cell's frame pairs and decode each with the methods, in this process.
+
+    Returns:
+        for each method its predictions, one a frame pair.
+
+    Raises:
+        InputError: this machine differs from the one that asks, or a method does not suit.
+    """
+    source, frames = task.condition.source, task.condition.frames
+    for method, mark in zip(task.methods, task.marks, strict=False):
+        if fingerprint(source, frames, method) != mark:
+            raise InputError(
+                f"worker {platform.node()} has other code, packages, checkpoints or pictures at "
+                "these paths than this machine; install the same there and restart its worker"
+            )
+    deciders = [method.decide() for method in task.methods]
+    one_thread()
+    lines: list[list[Line]] = [[] for _ in task.methods]
+    for index in range(frames):
+        for hidden in {method.card.hidden for method in task.methods}:
+            pair = FramePair(source, task.cell, index, hidden)
+            for method, decide, mine in zip(task.methods, deciders, lines, strict=True):
+                if method.card.hidden != hidden:
+                    continue
+                try:
+                    mine.append(to_line(method.label, index, decide(pair), pair.captured))
+                except UnsuitedError as error:
+                    raise InputError(f"method {method.label}: {error}") from None
+    return lines
 
 
-def decode_captures(
-    captures: Path, methods: Sequence[Method], folder: Path
-) -> tuple[list[dict[str, Any]], list[str]]:
+def fingerprint(source: Source, frames: int, method: Method) -> str:
+    """SHA-256 of all that decides what a method's file of a cell holds, processors apart."""
+    options = [option for option in method.options if option[0] != "checkpoint"]
+    parts = [
+        repr((STORED_VERSION, source, frames, method.name, options)),
+        code_digest("data_gen.frame_pair", method.card.target.partition(":")[0]),
+        checkpoint_digest(method),
+        file_digest(sorted(source.pictures.glob("*")) if source.pictures else []),
+        *package_versions(),
+    ]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def checkpoint_digest(method: Method) -> str:
+    """SHA-256 of the files of a method's checkpoint; empty where it has none."""
+    if method.checkpoint is None:
+        return ""
+    return file_digest([method.checkpoint / name for name in ("config.json", "decoder.pt")])
+
+
+def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataFrame, list[str]]:
     """Decode a folder of captures.
 
     Returns:
-        the predictions, and a line for each method that was left out or does not suit.
+        the table of predictions, and a line for each method that was left out or does not suit.
 
     Raises:
         InputError: the folder or a frame pair is no good, or no method suits it.
     """
     entries = read_manifest(captures)
-    lines: list[dict[str, Any]] = []
+    lines: list[Line] = []
     notes: dict[str, str] = {}
     left_out: dict[str, int] = {}
-    decoders = [(method.label or method.name, method.build()) for method in methods]
+    decoders = {m.label: None if m.card.needs_truth else m.build() for m in methods}
     for index, entry in enumerate(tqdm(entries, unit="pair", desc="decode")):
         captured = load_capture(captures, entry)
         pair = captured.rectified()
         if pair.layout.ratex and not captured.meta.get("equalised"):
             notes["hidden_ratex"] = "hidden_ratex: these pictures were not equalised for it"
-        for name, decoder in decoders:
+        for name, decoder in decoders.items():
             try:
-                lines.append({**to_entry(name, decoder.decode(pair), captured), "index": index})
+                if decoder is None:
+                    raise UnsuitedError("needs the simulation's true channel")
+                lines.append(to_line(name, index, decoder.decode(pair), captured))
             except UnsuitedError as error:
                 left_out[name] = left_out.get(name, 0) + 1
                 notes[name] = f"{name}: left out of {left_out[name]} of {len(entries)}, {error}"
     if not lines:
         raise InputError(f"{captures}: no method fits; {'; '.join(notes.values())}")
-    write_bytes(folder / PREDICTIONS, _to_lines(lines))
-    used = {method.name for method in methods}
-    return lines, [note for name, note in notes.items() if name in used]
+    return to_records(lines), [note for name, note in notes.items() if name in decoders]
 
 
-def read_predictions(folder: Path) -> Iterator[dict[str, Any]]:
-    """The entries of predictions.jsonl."""
-    for line in (folder / PREDICTIONS).read_text().splitlines():
-        yield json.loads(line)
+def _store(outcome: Outcome[list[list[Line]]], files: Iterable[Path]) -> None:
+    """Write each method's predictions of a cell."""
+    assert outcome.result is not None
+    for file, lines in zip(files, outcome.result, strict=True):
+        write_bytes(file, write_lines(lines))
 
 
-def _to_lines(entries: Iterable[dict[str, Any]]) -> bytes:
-    return "".join(json.dumps(entry) + "\n" for entry in entries).encode()
+def _is_whole(file: Path, lines: int) -> bool:
+    """Whether a cell's file is there and readable to the end."""
+    try:
+        return len(read_lines(file.read_bytes())) == lines
+    except (OSError, ValueError):
+        return False
+
+
+def _read_cell(files: dict[str, Path]) -> list[Line]:
+    """Stored predictions of one cell by label, ordered by frame pair, then as ``files``."""
+    by_method = {label: read_lines(file.read_bytes()) for label, file in files.items()}
+    named = [[{**line, "method": label} for line in mine] for label, mine in by_method.items()]
+    return [line for frame in zip(*named, strict=True) for line in frame]
+
+
+def _trace_name(task: _Task) -> str:
+    """Name of the file for the traceback of a task."""
+    cell = task.cell
+    name = f"{task.condition.name}_{cell.pair}_{cell.view_deg:g}_{cell.kappa}.txt"
+    return name.replace("/", "_").lstrip("_")

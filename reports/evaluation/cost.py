@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.images import write_bytes
 from reports.engine.backends import one_thread
 from reports.engine.predict import Ideal, Method
@@ -27,7 +27,7 @@ def measure(
     one_thread()
     decoders = [(method.label or method.name, method.build()) for method in methods]
     decoders = [(name, decoder) for name, decoder in decoders if not isinstance(decoder, Ideal)]
-    captured = [[simulate(source, cell, i, h) for i in range(3)] for h in (False, True)]
+    captured = [[FramePair(source, cell, i, h).captured for i in range(3)] for h in (False, True)]
     times: dict[str, list[float]] = {}
     for number in range(rounds + 1):
         pairs = [kind[number % 3].rectified() for kind in captured]

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import Shot, draw
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.channel.composition import Shot
+from data_gen.frame_pair import FramePair
 from link.geometry import frame_corners, rectify, transform
 from link.images import intensity
 from link.layout import Layout, block_mean
@@ -47,23 +47,21 @@ class Parts:
         return np.asarray(self.drift - (design @ solution).reshape(self.drift.shape))
 
 
-def take_apart(source: Source, cell: Cell, index: int, hidden: bool) -> Parts:
+def take_apart(pair: FramePair) -> Parts:
     """Measure the parts of a simulated frame pair."""
-    take = prepare(source, cell, index, hidden)
-    layout = take.displayed.layout
-    original, embedded = draw(layout, source.pair(cell.pair), cell.view_deg, take.channel_rng)
+    layout = pair.layout
+    original, embedded = pair.shots
     H_o, H_e = original.H_captured_from_display, embedded.H_captured_from_display
 
     def frame(bit: int) -> NDArray[np.uint8]:
-        bits = np.full(layout.n_bits, bit)
-        return prepare(source, cell, index, hidden, bits).displayed.embedded
+        return pair.displayed_with(np.full(layout.n_bits, bit)).embedded
 
     zeros = _clean(embedded, frame(0))
     signal = blocks(_clean(embedded, frame(1)), H_e, layout) - blocks(zeros, H_e, layout)
-    still = _clean(original, take.displayed.original)
+    still = _clean(original, pair.displayed.original)
     level = blocks(still, H_o, layout)
-    captured = simulate(source, cell, index, hidden)
-    sent = _clean(embedded, take.displayed.embedded)
+    captured = pair.captured
+    sent = _clean(embedded, pair.displayed.embedded)
     noise = blocks(captured.embedded, H_e, layout) - blocks(sent, H_e, layout)
     noise -= blocks(captured.original, H_o, layout) - level
     # the receiver reads the embedded frame where the original was

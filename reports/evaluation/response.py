@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import draw
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.equalise import uniform_mapping
-from link.frames import Rectified
 from link.geometry import rectify
 from link.images import intensity, write_bytes
 from link.ratex import training_pixels
@@ -56,7 +54,7 @@ def measure(
     source: Source, cells: Sequence[Cell], frames: int, methods: Sequence[Method], folder: Path
 ) -> list[Response]:
     """Measure ``frames`` frame pairs of each cell and write response.json."""
-    curves = [one(source, cell, i, methods) for cell in cells for i in range(frames)]
+    curves = [one(FramePair(source, cell, i), methods) for cell in cells for i in range(frames)]
     content = json.dumps([asdict(curve) for curve in curves])
     write_bytes(folder / RESPONSE_JSON, f"{content}\n".encode())
     return curves
@@ -68,11 +66,10 @@ def read_responses(folder: Path) -> list[Response]:
     return [Response(**entry) for entry in json.loads(file.read_text())] if file.is_file() else []
 
 
-def one(source: Source, cell: Cell, index: int, methods: Sequence[Method]) -> Response:
+def one(filmed: FramePair, methods: Sequence[Method]) -> Response:
     """Film uniform frames through a frame pair's draw, and let each method find the response."""
-    layout = source.layout
-    take = prepare(source, cell, index)
-    shot = draw(layout, source.pair(cell.pair), cell.view_deg, take.channel_rng)[0]
+    layout, cell = filmed.layout, filmed.cell
+    shot = filmed.shots[0]
     quiet = replace(shot, noise_scale=0.0)
     seen = []
     for level in LEVELS:
@@ -83,7 +80,7 @@ def one(source: Source, cell: Cell, index: int, methods: Sequence[Method]) -> Re
     flat = luma.reshape(len(LEVELS), -1)
     low, high = np.percentile(flat, SPREAD, axis=1)
     median = np.median(flat, axis=1)
-    pair = simulate(source, cell, index).rectified()
+    pair = filmed.rectified
     pixels = training_pixels(layout, pair.ratex_toggle or 0)
     tiles = tile_mean(intensity(pair.original)[pixels.y, pixels.x].astype(np.float64))
     shown = tile_mean(pixels.rho)
@@ -95,7 +92,7 @@ def one(source: Source, cell: Cell, index: int, methods: Sequence[Method]) -> Re
     for method in methods:
         if twin and method.name == "phi":
             continue
-        g = inverse(method, source, cell, index, pair)
+        g = inverse(method, filmed)
         if g is None:
             continue
         if method.name not in ("two_step", "hidden_ratex"):  # g up to scale and offset
@@ -114,7 +111,7 @@ def one(source: Source, cell: Cell, index: int, methods: Sequence[Method]) -> Re
         cell.pair,
         cell.view_deg,
         cell.kappa,
-        index,
+        filmed.index,
         displayed,
         middle,
         lowest,
@@ -124,16 +121,15 @@ def one(source: Source, cell: Cell, index: int, methods: Sequence[Method]) -> Re
     )
 
 
-def inverse(
-    method: Method, source: Source, cell: Cell, index: int, pair: Rectified
-) -> Callable[[Array], Any] | None:
+def inverse(method: Method, filmed: FramePair) -> Callable[[Array], Any] | None:
     """Captured intensity in [0, 1] -> displayed gray level; None where a method finds none."""
+    pair = filmed.rectified
     if method.name == "naive":
         return lambda i: i
     if method.name == "two_step":
         return fit_inverse_response(pair, training_pixels(pair.layout, pair.ratex_toggle or 0), 4)
     if method.name == "hidden_ratex":
-        hidden = simulate(source, cell, index, True).rectified()
+        hidden = replace(filmed, hidden=True).rectified
         mapping = uniform_mapping(hidden.original)
         return lambda i: np.interp(255 * i, np.arange(256), mapping)
     if method.name in NEEDED:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.frame_pair import Cell, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair
 from link.captures import load_capture, read_manifest
 from link.frames import Captured, SoftBits
 from link.images import as_rgb, write_bytes, write_image
@@ -166,25 +166,24 @@ def _simulated(
 ) -> Story:  # fmt: skip
     line = lines[shown[-1]]
     cell = Cell(line["pair"], line["view_deg"], line["kappa"])
-    displayed: dict[bool, Image] = {}
-    captured: dict[bool, Captured] = {}
-    for plain in {name in hidden for name in shown}:
-        captured[plain] = simulate(place.source, cell, line["index"], plain)
-        displayed[plain] = prepare(place.source, cell, line["index"], plain).displayed.original
+    filmed = {
+        plain: FramePair(place.source, cell, line["index"], plain)
+        for plain in {name in hidden for name in shown}
+    }
     main = shown[-1] in hidden
     pictures = [
-        ("displayed", as_rgb(displayed[main])),
-        *_seen(captured[main]),
-        *((_caption(lines[n]), _bits(captured[n in hidden], lines[n])) for n in shown),
+        ("displayed", as_rgb(filmed[main].displayed.original)),
+        *_seen(filmed[main].captured),
+        *((_caption(lines[n]), _bits(filmed[n in hidden].captured, lines[n])) for n in shown),
     ]
     reason = ""
     measured: dict[str, tuple[float, float]] = {}
     if kind == "failure":
-        layout = captured[main].layout
+        layout = filmed[main].layout
         wrong = np.zeros((layout.rows, layout.cols), bool)
         bits = np.array(line["bits"])
         wrong[layout.message_mask] = ((np.array(line["scores"]) > 0) != bits) & (bits >= 0)
-        reason, measured = explain(take_apart(place.source, cell, line["index"], main), wrong)
+        reason, measured = explain(take_apart(filmed[main]), wrong)
     where = (
         f"{cell.pair}, {cell.view_deg:g}°, κ {cell.kappa}, picture {line['picture']}, "
         f"frame pair {line['index']}; simulated"

@@ -28,7 +28,7 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from data_gen.frame_pair import Cell, Source, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED_FILE
 from link.errors import at_least, run_cli
 from link.images import intensity, write_bytes
@@ -102,7 +102,7 @@ def observe(task: Task, frames: int, seed: int) -> dict[str, NDArray[Any]]:
     source = Source(make_layout(), "train", seed, parameters=task.point)
     found: dict[str, list[Any]] = defaultdict(list)
     for index in range(frames):
-        captured = simulate(source, task.cell, index)
+        captured = FramePair(source, task.cell, index).captured
         pair = captured.rectified()
         pixels = require_ratex(pair)
         frames_01 = intensity(pair.original), intensity(pair.embedded)

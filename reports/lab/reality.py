@@ -15,7 +15,7 @@ import tyro
 from scipy.optimize import brentq
 
 from data_gen.channel.composition import cdtf
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, run_cli
@@ -104,8 +104,8 @@ def cdtf_of_histogram(levels: Array) -> Array:
 def simulated_fit(source: Source, name: str, view: float) -> tuple[Array, Array]:
     """Displayed and captured RGB (H, W, 3) in [0, 255] of one simulated frame, rectified."""
     cell = Cell(name, view, 5)
-    shown = prepare(source, cell, 3).displayed.original
-    captured = simulate(source, cell, 3).rectified().original
+    shown = FramePair(source, cell, 3).displayed.original
+    captured = FramePair(source, cell, 3).rectified.original
     return as_rgb(shown).astype(np.float64), captured.astype(np.float64)
 
 
@@ -176,7 +176,7 @@ def private_page(config: RealityConfig, source: Source) -> None:
     real = [read_image(config.data / "photo_pairs" / f"src_{name}.png") for name in PHOTOS]
     real.append(read_image(config.data / "real_message" / "single_0.png"))
     made = [
-        simulate(source, Cell(name, view, 5), 3).original
+        FramePair(source, Cell(name, view, 5), 3).captured.original
         for name, view in (("nikon-lg", 0.0), ("sony-samsung", 0.0), ("canon-imac", 45.0))
     ]
     rows = []
@@ -243,7 +243,9 @@ def main() -> None:
     for name in PAIRS:
         for view in (0.0, 45.0):
             found = [
-                noise_by_level(*at_captured_scale(simulate(source, Cell(name, view, 5), index)))
+                noise_by_level(
+                    *at_captured_scale(FramePair(source, Cell(name, view, 5), index).captured)
+                )
                 for index in range(config.frames)
             ]
             simulated_noise[f"{name}, {view:g}°"] = {

@@ -4,26 +4,26 @@ Errors cluster by frame pair. The bootstrap resamples whole frame pairs and is t
 McNemar's test takes bits for independent. Both hold for the pictures that were shown.
 """
 
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm, t
 
 from link.errors import InputError, choose
+from reports.engine.records import CELL, FRAME
 
-FIELDS = ("condition", "pair", "view_deg", "kappa", "index")
-"""Of a prediction: what names a frame pair; all but the last name its cell."""
+KEYS = ["condition", *FRAME]
+"""Columns that name a frame pair of a study."""
+COUNTS = ["bits", "wrong", "reference_wrong", "both_wrong"]
+"""Columns of `tally`: numbers of known bits, and of bits that each or both decide wrong."""
 RESAMPLES, CHUNK = 10_000, 200
+"""Resamples of the bootstrap, and how many of them are drawn at a time."""
 MIN_FRAMES = 5
 """Fewer frame pairs than this give no interval: it would rest on a handful of resamples."""
 
 Counts = NDArray[np.int64]
-Frame = tuple[Any, ...]
-Outcomes = dict[str, dict[Frame, tuple[Counts, NDArray[np.bool_]]]]
-"""By method and frame pair: the known bits, and whether each was decided wrong; both (bits,)."""
 
 
 @dataclass(frozen=True)
@@ -31,80 +31,85 @@ class Paired:
     """A method against a reference on identical captures; 95 % intervals are over frame pairs."""
 
     frames: int
+    """Number of frame pairs."""
     bits: int
+    """Number of bits whose truth is known."""
     difference: float
     """Accuracy of the method less that of the reference, points; positive is better."""
     low: float
-    """Interval of the difference, points; -100 to 100 for fewer than 5 frame pairs."""
+    """Lower end of the interval of the difference, points; -100 for fewer than 5 frame pairs."""
     high: float
+    """Upper end of the interval of the difference, points; 100 for fewer than 5 frame pairs."""
     ratio: float | None
     """Errors of the method over those of the reference; None where the reference makes none."""
     ratio_low: float
-    """Interval of the ratio."""
+    """Lower end of the interval of the ratio."""
     ratio_high: float | None
-    """None for no upper bound: in some resamples the reference makes no error."""
+    """Upper end of the interval of the ratio. It is None where there is no upper bound, because in
+    some resamples the reference makes no error."""
     better: int
-    """Discordant bits: the method right, the reference wrong."""
+    """Number of bits that the method has right and the reference wrong."""
     worse: int
+    """Number of bits that the method has wrong and the reference right."""
     p_bits: float
     """McNemar's exact two-sided p over discordant bits, as if bits were independent."""
 
 
-def outcomes(predictions: Iterable[Mapping[str, Any]]) -> Outcomes:
-    """Decided bits against the truth.
-
-    Args:
-        predictions: lines of predictions.jsonl with method, those of `FIELDS` (condition may be
-            left out), scores (n_bits,), and bits (n_bits,) where -1 is unknown.
-
-    Raises:
-        InputError: a method has a frame pair twice.
-    """
-    found: Outcomes = {}
-    for line in predictions:
-        frames, frame = found.setdefault(line["method"], {}), tuple(map(line.get, FIELDS))
-        if frame in frames:
-            raise InputError(f"{line['method']}: frame pair {frame} is there twice")
-        truth, decided = np.array(line["bits"], np.int64), np.array(line["scores"]) > 0
-        known = truth >= 0
-        frames[frame] = truth[known], (decided != truth)[known]
-    return found
-
-
-def tally(found: Outcomes, method: str, reference: str) -> tuple[list[Frame], Counts]:
+def tally(records: pd.DataFrame, method: str, reference: str) -> pd.DataFrame:
     """Match two methods by frame pair.
 
+    Args:
+        records: predictions, as `reports.engine.records.to_records` makes them.
+        method: label of one method.
+        reference: label of the other.
+
     Returns:
-        the frame pairs, and for each (frames, 4) the number of known bits, wrong bits of the
-        method, of the reference, and of both at once.
+        `KEYS` and `COUNTS`, a row a frame pair, in the order of the method's predictions.
 
     Raises:
-        InputError: a method is missing, or the two do not have the same frame pairs and bits.
+        InputError: a method is missing or has a frame pair twice, or the two do not have the same
+            frame pairs and bits.
     """
-    mine, other = (choose(found, name, "method") for name in (method, reference))
-    if mine.keys() != other.keys():
+    present = {name: name for name in records["method"].unique()}
+    sides = []
+    for name in (choose(present, method, "method"), choose(present, reference, "method")):
+        mine = records[records["method"] == name]
+        twice = mine[mine.duplicated(KEYS)]
+        if len(twice):
+            raise InputError(f"{name}: frame pair {tuple(twice[KEYS].iloc[0])} is there twice")
+        sides.append(mine[[*KEYS, "bits", "scores"]])
+    both = sides[0].merge(sides[1], on=KEYS, how="outer", suffixes=("", "_"), indicator="side")
+    if (both["side"] != "both").any():
         raise InputError(f"{method}, {reference}: not decoded from the same frame pairs")
+    both = sides[0][KEYS].merge(both, on=KEYS, how="left")
     counts = []
-    for frame, (bits, wrong) in mine.items():
-        reference_bits, reference_wrong = other[frame]
-        if not np.array_equal(bits, reference_bits):
-            raise InputError(f"{method}, {reference}: bits of frame pair {frame} differ")
-        both = wrong & reference_wrong
-        counts.append((bits.size, wrong.sum(), reference_wrong.sum(), both.sum()))
-    return list(mine), np.array(counts, np.int64)
+    for row in both.itertuples(index=False):
+        if not np.array_equal(row.bits, row.bits_):
+            frame = tuple(getattr(row, key) for key in KEYS if key != "index")
+            raise InputError(f"{method}, {reference}: bits of a frame pair of {frame} differ")
+        known = row.bits >= 0
+        wrong = ((row.scores > 0) != row.bits)[known]
+        other = ((row.scores_ > 0) != row.bits)[known]
+        counts.append((wrong.size, wrong.sum(), other.sum(), (wrong & other).sum()))
+    return both[KEYS].join(pd.DataFrame(counts, columns=COUNTS, dtype=np.int64))
 
 
 def compare(counts: Counts, rng: np.random.Generator) -> Paired:
-    """Pool the frame pairs of `tally`'s counts, which must hold a bit; ``rng`` resamples them."""
+    """Pool frame pairs.
+
+    Args:
+        counts: (frames, 4), the columns `COUNTS` of `tally`, with at least one known bit.
+        rng: draws the resamples.
+    """
     n = len(counts)
     total, method, reference, both = (int(value) for value in counts.sum(axis=0))
     (low, high), (ratio_low, ratio_high) = (-1.0, 1.0), (0.0, np.inf)
     if n >= MIN_FRAMES:
         draws = (rng.integers(0, n, (CHUNK, n)) for _ in range(RESAMPLES // CHUNK))
         drawn = np.concatenate([counts[draw].sum(axis=1) for draw in draws]).T
-        low, high = interval(drawn[2] - drawn[1], drawn[0], n)
+        low, high = bootstrap_interval(drawn[2] - drawn[1], drawn[0], n)
         if reference:
-            ratio_low, ratio_high = interval(drawn[1], drawn[2], n)
+            ratio_low, ratio_high = bootstrap_interval(drawn[1], drawn[2], n)
     better, worse = reference - both, method - both
     return Paired(
         frames=n,
@@ -121,7 +126,7 @@ def compare(counts: Counts, rng: np.random.Generator) -> Paired:
     )
 
 
-def interval(top: Counts, bottom: Counts, n: int) -> tuple[float, float]:
+def bootstrap_interval(top: Counts, bottom: Counts, n: int) -> tuple[float, float]:
     """95 % percentile interval of top / bottom over the (resamples,) of ``n`` frame pairs.
 
     Its tails are expanded for small ``n`` as by Student's t (Hesterberg 2015, "What teachers should
@@ -135,16 +140,53 @@ def interval(top: Counts, bottom: Counts, n: int) -> tuple[float, float]:
     return float(low), float(np.quantile(highest, 1 - tail, method="higher"))
 
 
-def behind(
-    found: Outcomes, method: str, reference: str, rng: np.random.Generator
-) -> dict[Frame, Paired]:
-    """Cells in which ``method`` is behind ``reference`` beyond the paired 95 % interval.
+def compare_methods(
+    records: pd.DataFrame, method: str, reference: str, rng: np.random.Generator
+) -> Paired | None:
+    """Compare two methods of a study; None where they saw different captures or no bit is known.
+
+    Args:
+        records: predictions of both.
+        method: label of one method.
+        reference: label of the other.
+        rng: draws the resamples.
+    """
+    try:
+        counts = tally(records, method, reference)[COUNTS].to_numpy()
+    except InputError:
+        return None
+    return compare(counts, rng) if counts[:, 0].sum() else None
+
+
+def cells_behind(
+    records: pd.DataFrame, method: str, reference: str, rng: np.random.Generator
+) -> list[tuple[dict[str, object], Paired]]:
+    """Cells in which a method is behind the reference beyond the paired 95 % interval.
 
     No allowance is made for their number: of 36 cells with equal methods 0.9 are expected by
-    chance. A cell of fewer than 5 frame pairs is never listed. Errors as of `tally`.
+    chance. A cell of fewer than 5 frame pairs is never listed.
+
+    Returns:
+        for each such cell its condition, pair, view_deg and kappa, and the comparison.
+
+    Raises:
+        InputError: the two did not decode the same captures.
     """
-    frames, counts = tally(found, method, reference)
-    cells = [frame[:-1] for frame in frames]
-    member = {cell: [other == cell for other in cells] for cell in dict.fromkeys(cells)}
-    compared = {cell: compare(counts[rows], rng) for cell, rows in member.items()}
-    return {cell: result for cell, result in compared.items() if result.high < 0}
+    counts = tally(records, method, reference)
+    names = ["condition", *CELL]
+    found = []
+    for values, group in counts.groupby(names, sort=False, dropna=False):
+        paired = compare(group[COUNTS].to_numpy(), rng)
+        if paired.high < 0:
+            found.append((dict(zip(names, values, strict=True)), paired))
+    return found
+
+
+def same_captures(records: pd.DataFrame) -> list[list[str]]:
+    """Methods in groups that decoded the same captures, so that they can be paired."""
+    together: dict[tuple[object, ...], list[str]] = {}
+    for name, mine in records.groupby("method", sort=False):
+        frames = tuple(sorted(map(str, mine[KEYS].itertuples(index=False, name=None))))
+        bits = b"".join(bits[bits >= 0].tobytes() for bits in mine["bits"])
+        together.setdefault((frames, bits), []).append(str(name))
+    return list(together.values())

@@ -19,7 +19,7 @@ import tyro
 from numpy.typing import NDArray
 
 from data_gen.channel.composition import capture, cdtf
-from data_gen.frame_pair import Cell, Source, prepare, simulate
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import CAMERAS, DISPLAYS, PAIRS
 from link.errors import at_least, run_cli
 from link.images import LUMA, intensity, write_bytes, write_image
@@ -84,7 +84,7 @@ def plot_angles(path: Path, source: Source) -> None:
         column[0].plot(cdtf(PAIRS["nikon-samsung"], view) @ LUMA, color="C3")
         column[0].set_title(f"nikon-samsung, {view:g}°")
         column[0].set_ylim(0, 255)
-        frame = simulate(source, Cell("nikon-samsung", view, 5), _astronaut(source, view))
+        frame = FramePair(source, Cell("nikon-samsung", view, 5), _astronaut(source, view)).captured
         levels = 255 * intensity(frame.rectified().original)
         column[1].hist(levels.ravel(), bins=64, range=(0, 256), density=True, color="0.4")
         column[1].set_xlabel("captured gray level")
@@ -95,13 +95,13 @@ def plot_angles(path: Path, source: Source) -> None:
 
 def _astronaut(source: Source, view: float) -> int:
     cell = Cell("nikon-samsung", view, 5)
-    return next(i for i in range(20) if prepare(source, cell, i).picture == ASTRONAUT)
+    return next(i for i in range(20) if FramePair(source, cell, i).picture.name == ASTRONAUT)
 
 
 def plot_decisions(path: Path, source: Source) -> None:
     """Difference of the frames, its threshold, and the bits: the paper's example figure."""
     cell = Cell("canon-samsung", 45.0, 5)
-    captured = simulate(source, cell, _astronaut(source, 45.0))
+    captured = FramePair(source, cell, _astronaut(source, 45.0)).captured
     pair = captured.rectified()
     difference = 255 * (intensity(pair.embedded) - intensity(pair.original))
     layout = pair.layout
@@ -138,7 +138,7 @@ def contact_sheet(source: Source) -> Image:
             for camera in CAMERAS:
                 cell = Cell(f"{camera}-{display}", view, 5)
                 index = _photograph(source, cell)
-                frame = simulate(source, cell, index).original
+                frame = FramePair(source, cell, index).captured.original
                 tile = cv2.resize(frame, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
                 label = f"{camera}-{display} {view:g} deg"
                 cv2.putText(
@@ -152,24 +152,24 @@ def contact_sheet(source: Source) -> Image:
 
 def _photograph(source: Source, cell: Cell) -> int:
     """Index of the astronaut, whose licence lets a picture of it be published here."""
-    return next(i for i in range(20) if prepare(source, cell, i).picture == ASTRONAUT)
+    return next(i for i in range(20) if FramePair(source, cell, i).picture.name == ASTRONAUT)
 
 
 def stage_table(source: Source, count: int) -> str:
     """Milliseconds of one frame pair by stage, on one core: median and spread of the total."""
     cv2.setNumThreads(1)
     cell = Cell("nikon-lg", 45.0, 5)
-    takes = [prepare(source, cell, index) for index in range(count)]
+    takes = [FramePair(source, cell, index) for index in range(count)]
     pair = source.pair(cell.pair)
     capture(takes[0].displayed, pair, cell.view_deg, np.random.default_rng(0))
     totals = []
     for take in takes:
         start = perf_counter()
-        capture(take.displayed, pair, cell.view_deg, take.channel_rng)
+        capture(take.displayed, pair, cell.view_deg, take.channel_rng())
         totals.append(1e3 * (perf_counter() - start))
     profile = cProfile.Profile()
     for take in takes:
-        profile.runcall(capture, take.displayed, pair, cell.view_deg, take.channel_rng)
+        profile.runcall(capture, take.displayed, pair, cell.view_deg, take.channel_rng())
     seconds: dict[str, float] = {}
     for (_, _, name), (_, _, _, cumulative, _) in pstats.Stats(profile).stats.items():  # type: ignore[attr-defined]
         seconds[name] = max(seconds.get(name, 0.0), cumulative)

@@ -16,8 +16,7 @@ from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from data_gen.channel.composition import capture
-from data_gen.frame_pair import Cell, Source, prepare
+from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.errors import at_least, choose, run_cli
 from link.frames import combined
@@ -81,15 +80,14 @@ def main() -> None:
 def wrong_bits(base: Source, cell: Cell, index: int, config: RepeatsConfig) -> NDArray[np.int64]:
     """Wrong bits after each number of captures of one frame pair."""
     cv2.setNumThreads(1)
-    decoder, pair = Learned(config.checkpoint), base.pair(cell.pair)
-    bits = prepare(base, cell, index).displayed.bits
+    decoder = Learned(config.checkpoint)
+    bits = FramePair(base, cell, index).displayed.bits
     decoded = []
     for number in range(max(config.captures)):
         # another seed films the same picture and message anew
         again = replace(base, seed=base.seed + number)
-        take = prepare(again, cell, index, bits=bits)
-        filmed = capture(take.displayed, pair, cell.view_deg, take.channel_rng)
-        decoded.append(decoder.decode(filmed.rectified()))
+        filmed = FramePair(again, cell, index, message=tuple(bits))
+        decoded.append(decoder.decode(filmed.rectified))
     return np.array([(combined(decoded[:n]).bits != bits).sum() for n in config.captures])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.channel.composition import capture
-from data_gen.frame_pair import Cell, Source, prepare, shuffled_pictures
+from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from link.embed import psnr, ssim, with_head_room
 from link.frames import Displayed, Rectified
 from reports.engine.backends import one_thread
@@ -108,7 +108,7 @@ class Ours:
     def show(self, source: Source, index: int) -> Shown:
         """The original and the embedded frame."""
         hidden = not self.method.build().needs_ratex
-        displayed = prepare(source, Cell("canon-lg", 0.0, self.kappa), index, hidden).displayed
+        displayed = FramePair(source, Cell("canon-lg", 0.0, self.kappa), index, hidden).displayed
         return Shown(displayed.original, displayed)
 
     def read(self, pair: Rectified, filmed: bool) -> Iterator[tuple[int, Scores, float]]:
@@ -180,7 +180,7 @@ def received(
     yield JPEG, None, None, replace(as_shown, original=original, embedded=embedded)
     for name in pairs:
         for view in views:
-            rng = prepare(source, Cell(name, view, DRAWS_OF_KAPPA), index).channel_rng
+            rng = FramePair(source, Cell(name, view, DRAWS_OF_KAPPA), index).channel_rng()
             captured = capture(shot, source.pair(name), view, rng)
             yield f"{view:g}°", name, view, captured.rectified()
 

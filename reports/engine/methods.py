@@ -1,0 +1,68 @@
+"""What can be compared: the decoders' cards, the observers that no decoder beats, and options."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from data_gen.frame_pair import FramePair
+from data_gen.ideal import observe
+from link.errors import choose
+from link.frames import SoftBits
+from models import DECODERS, Card, Decoder, make_decoder
+
+OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
+    name: (Card("data_gen.ideal:observe", colour, llr=True, needs_truth=True, in_sweeps=False), see)
+    for name, colour, see in (
+        ("ideal", "#8a6d5a", observe),
+        ("ideal_change", "#4f6a5e", partial(observe, change=True)),
+    )
+}
+"""Floors under the decoders, on simulated captures alone: card, and what decides a frame pair."""
+METHODS: dict[str, Card] = {**DECODERS, **{name: card for name, (card, _) in OBSERVERS.items()}}
+"""Cards of everything that can be compared, by name."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method by name, with its options: cheap to send to another process."""
+
+    name: str
+    """A key of `METHODS`."""
+    options: tuple[tuple[str, Any], ...] = ()
+    """Fields of the decoder's dataclass, as (name, value)."""
+    label: str = field(default="")
+    """What tables call it; the name where none is given."""
+
+    def __post_init__(self) -> None:
+        choose(METHODS, self.name, "method")
+        if not self.label:
+            object.__setattr__(self, "label", self.name)
+
+    @property
+    def card(self) -> Card:
+        """All that is known of it."""
+        return METHODS[self.name]
+
+    @property
+    def checkpoint(self) -> Path | None:
+        """Folder of its checkpoint: the one among its options, or the one that it ships with."""
+        return dict(self.options).get("checkpoint", self.card.checkpoint)
+
+    def build(self) -> Decoder:
+        """The decoder; only for methods whose card does not say ``needs_truth``."""
+        return make_decoder(self.name, **dict(self.options))
+
+    def decide(self) -> Callable[[FramePair], SoftBits]:
+        """What scores the message blocks of a simulated frame pair."""
+        if self.card.needs_truth:
+            return OBSERVERS[self.name][1]
+        decoder = self.build()
+        return lambda pair: decoder.decode(pair.rectified)
+
+
+def methods_for(names: Sequence[str], checkpoint: Path) -> list[Method]:
+    """The named methods; ``learned`` gets the checkpoint."""
+    options = {"learned": (("checkpoint", checkpoint),)}
+    return [Method(name, options.get(name, ())) for name in names]

@@ -1,0 +1,120 @@
+"""Predictions to accuracies with intervals, as tables.
+
+A *score table* has a row for each method in each cell of each condition, with the columns of
+`SCORES`. Errors cluster by frame pair: a drifted or textured frame loses many bits at once. So a
+score table also keeps the sum of squares that `clustered_interval` needs.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from reports.engine.records import CELL
+from reports.score.paper import paper_accuracy
+
+Z95 = 1.959963984540054
+"""Standard deviations of a normal distribution within which 95 % of it lie."""
+SCORES = [
+    "condition", "method", *CELL, "frames", "bits", "correct", "correct_squared",
+    "accuracy", "ci_low", "ci_high", "paper",
+]  # fmt: skip
+"""Columns of a score table; `score` says what they hold."""
+
+
+def wilson(correct: float, bits: float) -> tuple[float, float]:
+    """Wilson score interval at 95 % for ``correct`` successes in ``bits`` independent trials.
+
+    >>> low, high = wilson(9, 10)
+    >>> round(low, 3), round(high, 3)
+    (0.596, 0.982)
+
+    Returns:
+        (low, high) in [0, 1]; (0, 1) where there is no trial.
+    """
+    if bits == 0:
+        return 0.0, 1.0
+    p, z2 = correct / bits, Z95**2
+    centre = (p + z2 / (2 * bits)) / (1 + z2 / bits)
+    half = Z95 / (1 + z2 / bits) * np.sqrt(p * (1 - p) / bits + z2 / (4 * bits**2))
+    return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+
+
+def clustered_interval(
+    frames: int, bits: int, correct: int, correct_squared: int
+) -> tuple[float, float]:
+    """Wilson's 95 % interval of an accuracy, where errors cluster by frame pair.
+
+    The number of bits is divided by the design effect, which is the variance of the frame pairs'
+    accuracies over that of independent bits, and at least 1.
+
+    Args:
+        frames: number of frame pairs, equally many bits each.
+        bits: number of bits.
+        correct: number of right bits.
+        correct_squared: sum over frame pairs of (right bits)^2.
+
+    Returns:
+        (low, high) in [0, 1].
+    """
+    if bits == 0 or correct in (0, bits):
+        return wilson(correct, bits)
+    p, per_frame = correct / bits, bits / frames
+    variance = correct_squared / frames - (correct / frames) ** 2
+    effective = bits / max(1.0, variance / (per_frame * p * (1 - p)))
+    return wilson(p * effective, effective)
+
+
+def score(records: pd.DataFrame) -> pd.DataFrame:
+    """Accuracy of each method in each cell, in order of first appearance.
+
+    Args:
+        records: predictions, as `reports.engine.records.to_records` makes them.
+
+    Returns:
+        `SCORES`: ``frames`` frame pairs, ``bits`` whose truth is known, ``correct`` ones,
+        ``accuracy`` in [0, 1] (missing where no truth is known), Wilson's interval as if bits were
+        independent, and the accuracy that the ``paper`` prints for this cell, missing elsewhere.
+    """
+    counted = records[["condition", "method", *CELL, "known", "correct"]].copy()
+    counted["squared"] = counted["correct"] ** 2
+    groups = counted.groupby(["condition", "method", *CELL], sort=False, dropna=False)
+    table = groups.agg(
+        frames=("correct", "size"),
+        bits=("known", "sum"),
+        correct=("correct", "sum"),
+        correct_squared=("squared", "sum"),
+    ).reset_index()
+    table["accuracy"] = (table["correct"] / table["bits"].where(table["bits"] > 0)).astype(float)
+    intervals = [wilson(*row) for row in zip(table["correct"], table["bits"], strict=True)]
+    table["ci_low"] = [low for low, _ in intervals]
+    table["ci_high"] = [high for _, high in intervals]
+    table["paper"] = [
+        np.nan if pd.isna(row.view_deg) else paper_accuracy(*row) or np.nan
+        for row in table[[*CELL, "method"]].itertuples(index=False, name="PaperCell")
+    ]
+    return table[SCORES]
+
+
+def pool(scores: pd.DataFrame, by: Sequence[str] = ("method",)) -> pd.DataFrame:
+    """Pool the cells of a score table.
+
+    Args:
+        scores: a score table.
+        by: columns whose values stay apart.
+
+    Returns:
+        ``by``, frames, bits, correct, errors, accuracy in [0, 1] (missing where no truth is known),
+        its 95 % interval ``low`` to ``high`` by `clustered_interval`, and the mean of the paper's
+        cells, missing where the paper lacks one of them; in order of first appearance.
+    """
+    groups = scores.groupby(list(by), sort=False, dropna=False)
+    table = groups[["frames", "bits", "correct", "correct_squared"]].sum().reset_index()
+    table["errors"] = table["bits"] - table["correct"]
+    table["accuracy"] = (table["correct"] / table["bits"].where(table["bits"] > 0)).astype(float)
+    counts = table[["frames", "bits", "correct", "correct_squared"]].itertuples(index=False)
+    intervals = [clustered_interval(*row) for row in counts]
+    table["low"] = [low for low, _ in intervals]
+    table["high"] = [high for _, high in intervals]
+    table["paper"] = groups["paper"].agg(lambda cells: cells.mean(skipna=False)).to_numpy()
+    return table.drop(columns="correct_squared")
