@@ -1,10 +1,6 @@
 """What several tests need, made once a session, and one thread for each worker of pytest-xdist."""
 
 import os
-
-for pool in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(pool, "1")  # read when numpy and torch load, here and in child processes
-
 import shutil
 import sys
 from collections.abc import Callable, Iterator
@@ -14,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import cv2
 import pytest
+import threadpoolctl
 import torch
 from filelock import FileLock
 from hypothesis import settings
@@ -31,8 +28,12 @@ if TYPE_CHECKING:
 settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
 settings.load_profile("suite")
 
-torch.set_num_threads(1)  # the suite's tensors are small, and the workers share the cores
+# The suite's tensors are small, and its workers share the cores.
+torch.set_num_threads(1)
 cv2.setNumThreads(1)
+threadpoolctl.threadpool_limits(1)
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    os.environ[variable] = "1"  # for the processes that tests start
 
 LEARNED = FULL
 

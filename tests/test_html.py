@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from chromium import NAMES, Chromium, find
-from conftest import Command
+from conftest import Command, OpenWindow
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -221,31 +220,27 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
     }
 
 
-@pytest.mark.skipif(find() is None, reason=f"needs one of {', '.join(NAMES)}")
-def test_the_page_fits_a_phone_and_a_desk(tiny: Path, tmp_path: Path) -> None:
-    browser = Chromium(tmp_path)
-    try:
-        for width in (360, 390, 1280):
-            browser.resize(width, 900)
-            browser.open(tiny / "report.html")
-            assert browser.run("document.documentElement.scrollWidth") == width
-            beyond = browser.run(
-                "[...document.querySelectorAll('main svg text, main p, main h3, main figcaption')]"
-                ".filter(e => !e.closest('.scroll, details')"
-                f" && e.getBoundingClientRect().right > {width}).map(e => e.textContent)"
-            )
-            assert beyond == []
-            small = browser.run(
-                "[...document.querySelectorAll('svg text')].map(e => "
-                "parseFloat(getComputedStyle(e).fontSize) * e.ownerSVGElement.getScreenCTM().a)"
-            )
-            assert min(small) > 8.5  # pixels
-        browser.resize(718, 900)  # A4 within Chromium's margins
-        browser.call("Emulation.setEmulatedMedia", media="print")
-        assert browser.run("document.documentElement.scrollWidth") == 718
-        assert browser.run("[...document.images].every(i => i.alt && i.complete)")
-    finally:
-        browser.close()
+def test_the_page_fits_a_phone_and_a_desk(tiny: Path, open_window: OpenWindow) -> None:
+    page = open_window(1280, 900)
+    for width in (360, 390, 1280):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.goto((tiny / "report.html").as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth") == width
+        beyond = page.evaluate(
+            "[...document.querySelectorAll('main svg text, main p, main h3, main figcaption')]"
+            ".filter(e => !e.closest('.scroll, details')"
+            f" && e.getBoundingClientRect().right > {width}).map(e => e.textContent)"
+        )
+        assert beyond == []
+        small = page.evaluate(
+            "[...document.querySelectorAll('svg text')].map(e => "
+            "parseFloat(getComputedStyle(e).fontSize) * e.ownerSVGElement.getScreenCTM().a)"
+        )
+        assert min(small) > 8.5  # pixels
+    page.set_viewport_size({"width": 718, "height": 900})  # A4 within Chromium's margins
+    page.emulate_media(media="print")
+    assert page.evaluate("document.documentElement.scrollWidth") == 718
+    assert page.evaluate("[...document.images].every(i => i.alt && i.complete)")
 
 
 # Stored by hand

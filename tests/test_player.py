@@ -43,10 +43,18 @@ def player(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return file
 
 
+def wait_for(page: Page, condition: str) -> None:
+    """Wait until an expression is true; Playwright's own way is refused by the page's policy."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not page.evaluate(condition):
+        assert time.monotonic() < deadline, f"never came true: {condition}"
+        time.sleep(0.02)
+
+
 def load(page: Page, player: Path) -> None:
     """Open a player, and wait until it can play."""
     page.goto(player.resolve().as_uri())
-    page.wait_for_function("window.player && player.ready")
+    wait_for(page, "window.player && player.ready")
 
 
 def start(page: Page, player: Path) -> None:
@@ -109,7 +117,7 @@ def test_each_state_stays_for_its_refreshes(
     start(page, player)
     page.evaluate("window.log = [], player.draw = player.show, 0")
     page.evaluate("player.show = (k) => { log.push([stats.refreshes, k]); player.draw(k); }, 0")
-    page.wait_for_function("log.length > 40")
+    wait_for(page, "log.length > 40")
     log, dropped = page.evaluate("[log, stats.dropped]")
     refreshes, states = np.array(log).T
     count = 2 * len(small.bits)
@@ -126,7 +134,7 @@ def test_a_skipped_refresh_is_counted_and_the_rate_kept(
 ) -> None:
     page = open_window(300, 200)
     start(page, player)
-    page.wait_for_function("stats.refreshes > 20")
+    wait_for(page, "stats.refreshes > 20")
     script = """new Promise((done) => requestAnimationFrame((first) => {
         const before = { ...stats };
         const until = performance.now() + 250;
@@ -147,7 +155,7 @@ def test_it_starts_by_itself_and_nothing_covers_the_picture(
     page = open_window(300, 200)
     load(page, player)
     assert "states/s" in page.evaluate("document.querySelector('p').textContent")
-    page.wait_for_function("player.playing")
+    wait_for(page, "player.playing")
     script = "getComputedStyle(document.querySelector('p')).display"
     assert page.evaluate(script) == "none"
     page.evaluate("player.pause()")
@@ -163,7 +171,7 @@ def test_a_window_that_is_too_small_is_told(open_window: OpenWindow, player: Pat
     assert "needs 120 × 80 pixels" in page.evaluate("document.querySelector('p').textContent")
     assert page.evaluate("stats.refreshes") == 0
     page.set_viewport_size({"width": 300, "height": 200})
-    page.wait_for_function("stats.refreshes > 0")
+    wait_for(page, "stats.refreshes > 0")
 
 
 @pytest.fixture(scope="module")
