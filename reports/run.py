@@ -1,44 +1,147 @@
-"""A finished run as it lies in its folder: all that the report and the comparison of runs need."""
+"""The folder of a run of evaluate.py: each of its files is written, read and checked here.
+
+| file | content |
+|---|---|
+| config.json | the settings that decide the result; written first |
+| cells/ | predictions as they are made (`reports.engine.predict`) |
+| predictions.jsonl, metrics.json, tables.md | the main comparison |
+| sweeps.json, sweeps.jsonl | what was swept, and the predictions there |
+| stories.json, stories/ | single frame pairs as pictures |
+| response.json, cost.json | inverse responses that methods find, and their time |
+| reference/ | results of other commands that the report shows |
+| run.json | command, versions, machine; its presence marks a finished run |
+| report.html | the page |
+"""
 
 import json
-import os
-import platform
 import shutil
-import subprocess
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
+
+import pandas as pd
+from pydantic import TypeAdapter, ValidationError
 
 from link.errors import InputError
-from link.images import write_bytes
-from reports.engine.predict import PREDICTIONS, read_predictions
-from reports.evaluation.cost import read_cost
-from reports.evaluation.response import Response, read_responses
-from reports.evaluation.stories import Story, read_stories
-from reports.score.metrics import Row, read_metrics, score
-from reports.studies.sweeps import SWEEPS_JSON, read_sweeps
+from link.images import make_folder, write_bytes
+from reports.engine.digest import ROOT
+from reports.engine.provenance import commit, machine
+from reports.engine.records import read_records, to_lines, write_lines
+from reports.score.accuracy import read_scores, score, write_scores
 
-RUN_JSON = "run.json"
-ROOT = Path(__file__).parent.parent
+T = TypeVar("T")
 REFERENCES = {
     "ablation": "docs/ablation.json",
     "peers": "docs/peers.json",
     "prediction": "docs/prediction.json",
 }
-"""Results of other commands that the report shows; copied beside the run's own."""
+"""Results of other commands that the report shows, copied into the run's folder."""
+REPORT = "report.html"
 
 
 @dataclass(frozen=True)
 class SweepPoint:
-    """One value of a sweep, decoded."""
+    """One value of a sweep."""
 
-    sweep: str
     value: float
+    """In the unit of the channel's parameter."""
+    condition: str
+    """Name of the condition in the table of predictions."""
+
+
+@dataclass(frozen=True)
+class SweepCurve:
+    """A swept quantity, and the conditions in which it was decoded."""
+
+    name: str
+    """Key of `reports.studies.sweeps.SWEEPS`."""
+    title: str
+    axis: str
+    """Label of the axis, with the unit."""
+    note: str
+    """What a reader must know beside the axis; may be empty."""
+    log: bool
+    """Whether the axis is logarithmic."""
+    scale: float
+    """Factor from a value to its number on the axis."""
+    spoken: str
+    """A value in words, with {} in place of its number on the axis."""
+    points: list[SweepPoint]
+
+    def words(self, value: float) -> str:
+        """A value of the sweep in words."""
+        return self.spoken.format(f"{self.scale * value:.4g}")
+
+
+@dataclass(frozen=True)
+class Story:
+    """One frame pair as the report shows it."""
+
+    kind: Literal["strip", "failure"]
+    """A typical frame pair, or one with many wrong bits."""
+    title: str
+    where: str
+    """Pair, view, kappa, picture and number, in words."""
+    pictures: list[tuple[str, str]]
+    """File in the run's folder, and caption."""
+    reason: str = ""
+    """Why bits are wrong, in a sentence; empty for a typical frame pair."""
+    measured: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """By quantity its mean size in the wrong and in the other blocks, gray levels."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """The true camera-display transfer function of a frame pair, and what each method finds."""
+
+    pair: str
     view_deg: float
     kappa: int
-    predictions: list[dict[str, Any]]
-    rows: list[Row]
+    index: int
+    displayed: list[float]
+    """Displayed gray levels of uniform frames."""
+    median: list[float]
+    """Captured luma of these frames, gray levels: median over the picture."""
+    low: list[float]
+    """Captured luma of these frames, gray levels: 10th percentile over the picture."""
+    high: list[float]
+    """Captured luma of these frames, gray levels: 90th percentile over the picture."""
+    found: dict[str, list[tuple[float, float]]]
+    """By method: (displayed, captured) gray levels, over what the ratex tiles cover."""
+    error: dict[str, float]
+    """By method: root mean square error, in displayed gray levels, of the levels that the method
+    finds for the captured levels of the true curve."""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Time to fit and decide a frame pair, as a multiple of a reference in the same round."""
+
+    rounds: int
+    reference: str
+    reference_ms: float
+    """Median time of the reference, milliseconds."""
+    ratios: dict[str, tuple[float, float, float]]
+    """By method: lower quartile, median and upper quartile of the multiple."""
+
+
+@dataclass(frozen=True)
+class About:
+    """How a run was made."""
+
+    meta: dict[str, Any]
+    """What `reports.engine.provenance.provenance` says."""
+    commit: str
+    """Commit of the checkout; empty where there is no git."""
+    machine: dict[str, Any]
+    """What `reports.engine.provenance.machine` says."""
+    settings: dict[str, Any]
+    """Content of config.json."""
+    seconds: dict[str, float]
+    """Time by what took it, seconds."""
+    notes: list[str]
+    """What a reader must know: methods that were left out, cells that failed."""
 
 
 @dataclass(frozen=True)
@@ -46,122 +149,167 @@ class Run:
     """Everything of one finished run."""
 
     folder: Path
-    about: dict[str, Any]
-    """run.json: command, versions, machine, commit, settings, notes."""
-    predictions: list[dict[str, Any]]
-    rows: list[Row]
-    sweeps: list[SweepPoint]
-    sweep_texts: dict[str, dict[str, Any]]
-    """By sweep: title, axis, note, as of `sweeps.Sweep`."""
+    about: About
+    records: pd.DataFrame
+    """Predictions of the main comparison."""
+    scores: pd.DataFrame
+    """Score table of the main comparison."""
+    swept: pd.DataFrame
+    """Predictions of all sweeps; their conditions are named by `SweepPoint.condition`."""
+    sweeps: list[SweepCurve]
     stories: list[Story]
     responses: list[Response]
-    cost: dict[str, Any] | None
+    cost: Cost | None
     references: dict[str, dict[str, Any]]
+    """Results of other commands, by the names of `REFERENCES`."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the captures; it also seeds the resamples of paired comparisons."""
+        return int(self.about.meta["seed"])
 
     @property
     def simulated(self) -> bool:
-        """Whether the captures are."""
-        return bool(self.about["meta"]["simulated"])
+        """Whether the captures are simulated."""
+        return bool(self.about.meta["simulated"])
 
     @property
     def from_folder(self) -> bool:
-        """Whether the captures lay in a folder (`--captures`): their channel is not known here."""
-        return bool(self.about["settings"].get("captures"))
+        """Whether the captures lay in a folder (``--captures``): their channel is not known."""
+        return bool(self.about.settings.get("captures"))
 
     @property
     def methods(self) -> list[str]:
-        """As they were named on the command line."""
-        return list(dict.fromkeys(row.method for row in self.rows))
+        """Labels of the methods, as they were named on the command line."""
+        return [str(name) for name in self.scores["method"].unique()]
 
 
-def finish(
-    folder: Path,
-    meta: Mapping[str, Any],
-    settings: Mapping[str, Any],
-    seconds: Mapping[str, float],
-    notes: Sequence[str] = (),
-) -> None:
-    """Write run.json, the mark of a finished run, and copy the results of `REFERENCES`."""
-    for name, source in REFERENCES.items():
-        if (ROOT / source).is_file():
-            target = folder / "reference" / f"{name}.json"
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(ROOT / source, target)
-    about = {
-        "meta": dict(meta),
-        "commit": commit(),
-        "machine": machine(),
-        "settings": dict(settings),
-        "seconds": {name: round(value, 1) for name, value in seconds.items()},
-        "notes": list(notes),
-    }
-    write_bytes(folder / RUN_JSON, (json.dumps(about, indent=1, default=str) + "\n").encode())
+class RunFolder:
+    """Writes a run's files, and reads them back.
 
-
-def read_run(folder: Path) -> Run:
-    """Read a folder that `finish` closed.
-
-    Raises:
-        InputError: it is not there, not finished, or damaged.
+    Args:
+        path: the folder; made where it does not exist.
     """
-    if not (folder / RUN_JSON).is_file() or not (folder / PREDICTIONS).is_file():
-        raise InputError(
-            f"{folder}: holds no finished run; first python evaluate.py --out {folder}"
-        )
-    try:
-        about = json.loads((folder / RUN_JSON).read_text())
-        predictions = list(read_predictions(folder))
-        rows = score(predictions)
-        stored, _ = read_metrics(folder / "metrics.json")
-        sweeps = [
-            SweepPoint(p["sweep"], p["value"], p["view_deg"], p["kappa"], lines, score(lines))
-            for p, lines in read_sweeps(folder)
-        ]
-        texts = {}
-        if (folder / SWEEPS_JSON).is_file():
-            texts = json.loads((folder / SWEEPS_JSON).read_text())["sweeps"]
-        references = {
-            name: json.loads(file.read_text())
-            for name in REFERENCES
-            if (file := folder / "reference" / f"{name}.json").is_file()
-        }
-        run = Run(
-            folder, about, predictions, rows, sweeps, texts, read_stories(folder),
-            read_responses(folder), read_cost(folder), references,
-        )  # fmt: skip
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder}: a file of the run is missing or damaged ({error})") from None
-    if stored != rows:
-        raise InputError(f"{folder}: metrics.json does not score predictions.jsonl; run it again")
-    return run
 
+    def __init__(self, path: Path) -> None:
+        self.path = path
 
-def commit() -> str:
-    """Of the checkout, with a word if tracked files differ from it; empty without git."""
+    def claim(self, settings: dict[str, Any]) -> None:
+        """Write the settings, or refuse a folder that holds the results of other settings.
 
-    def git(*arguments: str) -> str:
-        done = subprocess.run(
-            ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
-        )
-        return done.stdout.strip() if done.returncode == 0 else ""
+        Args:
+            settings: all that decides the result.
 
-    try:
-        head = git("rev-parse", "--short=12", "HEAD")
-        changed = head and git("status", "--porcelain", "--untracked-files=no")
-    except OSError:
-        return ""
-    return f"{head}, with changes" if changed else head
+        Raises:
+            InputError: the folder belongs to another run, or cannot be written.
+        """
+        make_folder(self.path)
+        file = self.path / "config.json"
+        text = (json.dumps(settings, indent=2, default=str) + "\n").encode()
+        if file.is_file() and file.read_bytes() != text:
+            raise InputError(f"--out: {self.path} holds a run with other settings; choose another")
+        write_bytes(file, text)
 
+    def write_comparison(self, records: pd.DataFrame, meta: dict[str, Any], tables: str) -> None:
+        """Write the main comparison: predictions.jsonl, metrics.json and tables.md.
 
-def machine() -> dict[str, Any]:
-    """System, processor and number of cores; no name of the host."""
-    model = platform.processor() or platform.machine()
-    cpuinfo = Path("/proc/cpuinfo")
-    if cpuinfo.is_file():
-        lines = cpuinfo.read_text(errors="replace").splitlines()
-        model = next((line.split(":")[1].strip() for line in lines if "model name" in line), model)
-    return {
-        "system": f"{platform.system()} {platform.machine()}",
-        "processor": model,
-        "cores": os.cpu_count() or 1,
-    }
+        Args:
+            records: predictions.
+            meta: what `reports.engine.provenance.provenance` says.
+            tables: Markdown.
+        """
+        write_bytes(self.path / "predictions.jsonl", write_lines(to_lines(records)))
+        write_scores(self.path / "metrics.json", score(records), meta)
+        write_bytes(self.path / "tables.md", f"{tables}\n".encode())
+
+    def write_sweeps(self, sweeps: Sequence[SweepCurve], records: pd.DataFrame) -> None:
+        """Write what was swept, and the predictions there."""
+        write_bytes(self.path / "sweeps.jsonl", write_lines(to_lines(records)))
+        self._write("sweeps.json", [asdict(sweep) for sweep in sweeps])
+
+    def write_stories(self, stories: Sequence[Story]) -> None:
+        """Write stories.json; the pictures lie in the folder already."""
+        self._write("stories.json", [asdict(story) for story in stories])
+
+    def write_responses(self, responses: Sequence[Response]) -> None:
+        """Write response.json."""
+        self._write("response.json", [asdict(response) for response in responses])
+
+    def write_cost(self, cost: Cost) -> None:
+        """Write cost.json."""
+        self._write("cost.json", asdict(cost))
+
+    def finish(
+        self,
+        meta: dict[str, Any],
+        settings: dict[str, Any],
+        seconds: dict[str, float],
+        notes: Sequence[str],
+    ) -> None:
+        """Write run.json, the mark of a finished run, and copy the results of `REFERENCES`."""
+        for name, source in REFERENCES.items():
+            if (ROOT / source).is_file():
+                target = self.path / "reference" / f"{name}.json"
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(ROOT / source, target)
+        rounded = {name: round(value, 1) for name, value in seconds.items()}
+        about = About(meta, commit(), machine(), settings, rounded, list(notes))
+        self._write("run.json", asdict(about))
+
+    def read(self) -> Run:
+        """Read a finished run.
+
+        Raises:
+            InputError: it is not there, not finished, or damaged.
+        """
+        if not all((self.path / name).is_file() for name in ("run.json", "predictions.jsonl")):
+            raise InputError(
+                f"{self.path}: holds no finished run; first python evaluate.py --out {self.path}"
+            )
+        try:
+            records = read_records(self.path / "predictions.jsonl")
+            swept = self.path / "sweeps.jsonl"
+            run = Run(
+                folder=self.path,
+                about=self._read("run.json", About),
+                records=records,
+                scores=score(records),
+                swept=read_records(swept) if swept.is_file() else records[:0],
+                sweeps=self._read_list("sweeps.json", SweepCurve),
+                stories=self._read_list("stories.json", Story),
+                responses=self._read_list("response.json", Response),
+                cost=self._read("cost.json", Cost) if (self.path / "cost.json").is_file() else None,
+                references={
+                    name: self._read(f"reference/{name}.json", dict[str, Any])
+                    for name in REFERENCES
+                    if (self.path / "reference" / f"{name}.json").is_file()
+                },
+            )
+            stored, _ = read_scores(self.path / "metrics.json")
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(
+                f"{self.path}: a file of the run is missing or damaged ({reason:.300})"
+            ) from None
+        if not stored.equals(run.scores.drop(columns=["condition", "paper"])):
+            raise InputError(
+                f"{self.path}: metrics.json does not score predictions.jsonl; run it again"
+            )
+        return run
+
+    def _write(self, name: str, content: object) -> None:
+        text = json.dumps(content, indent=1, default=str, allow_nan=False) + "\n"
+        write_bytes(self.path / name, text.encode())
+
+    def _read_list(self, name: str, kind: type[T]) -> list[T]:
+        """Content of a file that holds a list; empty where there is no such file."""
+        return self._read(name, list[kind]) if (self.path / name).is_file() else []  # type: ignore[valid-type]
+
+    def _read(self, name: str, kind: type[T]) -> T:
+        """Content of a file, checked against its type."""
+        try:
+            return TypeAdapter(kind).validate_json((self.path / name).read_bytes())
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise ValueError(f"{name}, {where}: {first['msg']}") from None

@@ -1,47 +1,55 @@
-"""Named conditions of the comparison: views, kappas, and parameters of the channel."""
+"""Named settings of the channel under which methods are compared."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from data_gen.frame_pair import Cell, Source
-from reports.engine.predict import paper_cells
+from data_gen.frame_pair import Source
+from link.errors import choose
+from reports.engine.predict import Condition, paper_cells
 
 
 @dataclass(frozen=True)
-class Condition:
-    """Cells of the comparison, and what of the channel differs from the fitted one."""
+class Setting:
+    """Views, kappas, and what of the channel differs from the fitted one."""
 
     views: tuple[float, ...]
     """Angles of observation, degrees."""
     kappas: tuple[int, ...]
     """Gray levels added for a bit 1."""
     parameters: tuple[tuple[str, Any], ...] = ()
-    """As `Source.parameters`: (name, value) of data_gen/parameters.py."""
+    """(name, value) of parameters of the channel, named in data_gen/parameters.py."""
 
 
-CONDITIONS: dict[str, Condition] = {
-    "paper": Condition((0.0, 45.0), (5, 3)),
-    "kappa1": Condition((45.0,), (1,)),
-    "60deg": Condition((60.0,), (3,), (("metering", 1.0),)),
-    "70deg": Condition((70.0,), (3,), (("metering", 1.0),)),
-    "drift": Condition((0.0, 45.0), (3,), (("drift", 0.1),)),
-    "shift": Condition((0.0, 45.0), (3,), (("jitter_px", 1.0),)),
-    "jpeg": Condition((0.0, 45.0), (3,), (("jpeg_quality", 70),)),
+SETTINGS: dict[str, Setting] = {
+    "paper": Setting((0.0, 45.0), (5, 3)),
+    "kappa1": Setting((45.0,), (1,)),
+    "60deg": Setting((60.0,), (3,), (("metering", 1.0),)),
+    "70deg": Setting((70.0,), (3,), (("metering", 1.0),)),
+    "drift": Setting((0.0, 45.0), (3,), (("drift", 0.1),)),
+    "shift": Setting((0.0, 45.0), (3,), (("jitter_px", 1.0),)),
+    "jpeg": Setting((0.0, 45.0), (3,), (("jpeg_quality", 70),)),
 }
-"""By name. ``drift`` and ``jitter_px`` are standard deviations: at 2 sigma ``shift`` is 2 px an
-axis. ``metering`` 1 keeps white equally bright at every angle, as an automatic exposure does."""
+"""Settings by name. ``drift`` and ``jitter_px`` are standard deviations: at 2 sigma ``shift`` is
+2 px along each axis. ``metering`` 1 keeps white equally bright at every angle, as an automatic exposure
+does."""
 
 
-def cells(condition: Condition, pairs: Sequence[str]) -> list[Cell]:
-    """Every pair at every view and kappa of the condition, ordered as `paper_cells`."""
-    return paper_cells(pairs, condition.views, condition.kappas)
-
-
-def source(condition: Condition, base_source: Source) -> Source:
-    """The base source with the condition's parameters set after its own.
+def named_condition(name: str, base: Source, pairs: Sequence[str], frames: int) -> Condition:
+    """The cells of a named setting.
 
     Draws depend on seed, split, cell and index alone, so conditions that share a cell show the same
     picture and message from the same pose.
+
+    Args:
+        name: a key of `SETTINGS`.
+        base: pictures and seed; the setting's parameters are set after its own.
+        pairs: camera-display pairs.
+        frames: frame pairs of each cell.
+
+    Raises:
+        InputError: the name is unknown.
     """
-    return replace(base_source, parameters=base_source.parameters + condition.parameters)
+    setting = choose(SETTINGS, name, "condition")
+    source = replace(base, parameters=base.parameters + setting.parameters)
+    return Condition(name, source, paper_cells(pairs, setting.views, setting.kappas), frames)

@@ -6,7 +6,7 @@ from typing import Any
 
 from data_gen.pairs import FITTED_FILE
 from link.errors import choose
-from reports.engine.predict import Method
+from reports.engine.methods import Method
 
 LEARNED = json.loads(FITTED_FILE.read_text())["meta"]["learned_thresholds"]
 """Thresholds that `reports.lab.calibrate` learned once for all captures, or for the frontal

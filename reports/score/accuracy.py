@@ -5,11 +5,15 @@ A *score table* has a row for each method in each cell of each condition, with t
 score table also keeps the sum of squares that `clustered_interval` needs.
 """
 
+import json
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from link.images import write_bytes
 from reports.engine.records import CELL
 from reports.score.paper import paper_accuracy
 
@@ -118,3 +122,29 @@ def pool(scores: pd.DataFrame, by: Sequence[str] = ("method",)) -> pd.DataFrame:
     table["high"] = [high for _, high in intervals]
     table["paper"] = groups["paper"].agg(lambda cells: cells.mean(skipna=False)).to_numpy()
     return table.drop(columns="correct_squared")
+
+
+def write_scores(file: Path, scores: pd.DataFrame, meta: dict[str, Any]) -> None:
+    """Write a score table as metrics.json (strict JSON): {"meta": ..., "rows": [...]}."""
+    kept = scores.drop(columns=["condition", "paper"])
+    rows = [
+        {key: None if pd.isna(value) else value for key, value in row.items()}
+        for row in kept.to_dict("records")
+    ]
+    text = json.dumps({"meta": meta, "rows": rows}, indent=1, allow_nan=False) + "\n"
+    write_bytes(file, text.encode())
+
+
+def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Rows and meta of a metrics.json that `write_scores` wrote.
+
+    Returns:
+        a score table without the columns condition and paper, and what produced it.
+    """
+    content = json.loads(file.read_text())
+    columns = [name for name in SCORES if name not in ("condition", "paper")]
+    table = pd.DataFrame(content["rows"], columns=columns)
+    table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
+    table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
+    table["accuracy"] = table["accuracy"].astype(float)
+    return table, content["meta"]

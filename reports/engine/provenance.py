@@ -1,0 +1,65 @@
+"""What produced a result: command, versions, seed, commit and machine."""
+
+import os
+import platform
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from reports.engine.digest import ROOT
+
+STATED_PACKAGES = (
+    "torch", "kornia", "numpy", "opencv-python-headless", "scikit-learn", "onnxruntime",
+)  # fmt: skip
+"""Installed packages whose versions a stored result states."""
+
+
+def command() -> str:
+    """The command line, as one types it in the checkout."""
+    spec = getattr(sys.modules["__main__"], "__spec__", None)
+    name = f"-m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
+    return " ".join(["python", name, *sys.argv[1:]])
+
+
+def provenance(seed: int, simulated: bool) -> dict[str, Any]:
+    """What a stored result says of its making: whether it is simulated, seed, command, versions."""
+    return {
+        "simulated": simulated,
+        "seed": seed,
+        "command": command(),
+        "python": platform.python_version(),
+        **{package: version(package) for package in STATED_PACKAGES},
+    }
+
+
+def commit() -> str:
+    """Commit of the checkout, with a word if tracked files differ from it; empty without git."""
+
+    def git(*arguments: str) -> str:
+        done = subprocess.run(
+            ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    try:
+        head = git("rev-parse", "--short=12", "HEAD")
+        changed = head and git("status", "--porcelain", "--untracked-files=no")
+    except OSError:
+        return ""
+    return f"{head}, with changes" if changed else head
+
+
+def machine() -> dict[str, Any]:
+    """System, processor and number of cores; no name of the host."""
+    model = platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    if cpuinfo.is_file():
+        lines = cpuinfo.read_text(errors="replace").splitlines()
+        model = next((line.split(":")[1].strip() for line in lines if "model name" in line), model)
+    return {
+        "system": f"{platform.system()} {platform.machine()}",
+        "processor": model,
+        "cores": os.cpu_count() or 1,
+    }
