@@ -1,37 +1,56 @@
 """Compare decoders: python evaluate.py --out DIR, or --quick, or --captures DIR.
 
-Decode once to predictions.jsonl, score to metrics.json, print tables beside the paper's numbers,
-and show it all in report.html. --report DIR builds that again, --compare A B compares two runs.
+Predict, score, render: every frame pair is decoded once to predictions.jsonl, which is scored to
+metrics.json and shown beside the paper's numbers in tables and in report.html. --report DIR builds
+the page again, --compare A B compares two runs.
 """
 
-import json
 import os
+import sys
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import tyro
+from reports.evaluation.page import write_report
 
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
+from link.captures import MANIFEST, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, run_cli
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.engine.backends import make_backend
-from reports.engine.predict import METHODS, Method, methods_for, paper_cells
+from reports.engine.digest import file_digest
+from reports.engine.methods import METHODS, Method, methods_for
+from reports.engine.predict import (
+    Condition,
+    checkpoint_digest,
+    decode_captures,
+    paper_cells,
+    predict,
+)
 from reports.engine.protocols import PROTOCOLS, apply
-from reports.engine.scores import refuse_other_run
-from reports.evaluation.comparison import Task, run_captures, run_simulated
+from reports.engine.provenance import provenance
+from reports.evaluation.evidence import (
+    QUICK,
+    USUAL,
+    Stopwatch,
+    capture_evidence,
+    simulated_evidence,
+)
 from reports.evaluation.versus import compare_runs
-from reports.render.page import write_report
-from reports.studies.sweeps import SWEEPS
+from reports.render.annotated import show
+from reports.render.tables import cell_tables, summary_table
+from reports.run import RunFolder
+from reports.score.accuracy import score
+from reports.studies.sweeps import SWEEPS, sweep_conditions, swept_methods
 
-QUICK_FRAMES = 4
 UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
-"""Flags that decide no number."""
+"""Flags that decide no number, and so are no part of a run's settings."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +69,8 @@ class EvaluateConfig:
     frames: int = 15
     """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
     sweeps: tuple[str, ...] | None = None
-    """Of reports/studies/sweeps.py; by default all beside the paper's 36 cells, and none beside
-    others."""
+    """Sweeps of reports/studies/sweeps.py; by default all beside the paper's 36 cells, and none
+    beside others."""
     quick: bool = False
     """At most 4 frame pairs a cell, fewer values a sweep: three minutes on two cores."""
     seed: int = 0
@@ -100,27 +119,86 @@ def main() -> None:
         return
     check(config)
     if config.quick:
-        config = replace(config, frames=min(config.frames, QUICK_FRAMES))
+        config = replace(config, frames=min(config.frames, QUICK.frames))
     methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
-    settings = describe(config, methods)
-    refuse_other_run(config.out, settings)
-    task = Task(config.out, methods, settings, config.seed, config.html)
+    folder, settings = RunFolder(config.out), describe(config, methods)
+    folder.claim(settings)
     if config.captures is not None:
-        run_captures(task, config.captures, config.show)
-        return
-    run_simulated(
-        task,
-        source_of(config),
-        paper_cells(config.pairs, config.views, config.kappas),
-        config.frames,
-        sweeps_of(config),
-        config.quick,
-        make_backend(config.backend, config.jobs, config.scheduler),
-    )
+        evaluate_captures(config, config.captures, methods, folder, settings)
+    else:
+        evaluate_simulated(config, methods, folder, settings)
+
+
+def evaluate_simulated(
+    config: EvaluateConfig, methods: list[Method], folder: RunFolder, settings: dict[str, Any]
+) -> None:
+    """Compare on simulated captures; raises an `InputError` at the end where cells failed."""
+    amount, clock = QUICK if config.quick else USUAL, Stopwatch()
+    backend = make_backend(config.backend, config.jobs, config.scheduler)
+    cells = paper_cells(config.pairs, config.views, config.kappas)
+    comparison = Condition("", source_of(config), cells, config.frames)
+    with clock.time("decoding"):
+        predicted = predict([comparison], methods, config.out, backend)
+    meta = {**provenance(config.seed, simulated=True), "failed_cells": predicted.failed}
+    scores = score(predicted.records)
+    kind = "held-out pictures" if config.pictures is None else "your own pictures"
+    title = f"All cells (simulated captures, {kind})"
+    tables = [table.markdown() for table in (*cell_tables(scores), summary_table(scores, title))]
+    folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
+    print(*tables, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    failed = predicted.failed
+    if config.html:
+        conditions, curves = sweep_conditions(
+            sweeps_of(config), comparison.source, max(1, 2 * config.frames // 3), config.quick
+        )
+        with clock.time("sweeps"):
+            swept = predict(conditions, swept_methods(methods), config.out, backend)
+        folder.write_sweeps(curves, swept.records)
+        simulated_evidence(
+            folder, [comparison, *conditions], curves, predicted, swept, methods, amount, clock
+        )
+        failed = [*failed, *swept.failed]
+        folder.finish(meta, settings, clock.seconds, failed)
+        print(f"written: {write_report(config.out)}")
+    for line in failed:
+        print(f"failed: {line}", file=sys.stderr)
+    if failed:
+        raise InputError(
+            f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
+            "same command tries the failed ones again"
+        )
+
+
+def evaluate_captures(
+    config: EvaluateConfig,
+    captures: Path,
+    methods: list[Method],
+    folder: RunFolder,
+    settings: dict[str, Any],
+) -> None:
+    """Compare on a folder of captures."""
+    clock = Stopwatch()
+    with clock.time("decoding"):
+        records, notes = decode_captures(captures, methods)
+    print(*notes, sep="\n")
+    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
+    meta = provenance(config.seed, simulated)
+    kind = "simulated captures" if simulated else "real captures"
+    table = summary_table(score(records), f"All cells ({kind})").markdown()
+    folder.write_comparison(records, meta, table)
+    print(table, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    if config.html:
+        capture_evidence(folder, captures, records, USUAL, clock)
+        digest = file_digest([captures / MANIFEST])[:16]
+        about = {**settings, "captures": f"manifest {digest}"}
+        folder.finish(meta, about, clock.seconds, notes)
+        print(f"written: {write_report(config.out)}")
+    if config.show is not None:
+        show(captures, methods, config.show)
 
 
 def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:
-    """Those that were named, or all beside the reference comparison."""
+    """The sweeps that were named, or all of them beside the reference comparison."""
     if config.sweeps is not None:
         return config.sweeps
     usual = EvaluateConfig()
@@ -162,11 +240,10 @@ def source_of(config: EvaluateConfig) -> Source:
     )
 
 
-def describe(config: EvaluateConfig, methods: list[Method]) -> bytes:
-    """What decides the result, as the text of config.json."""
+def describe(config: EvaluateConfig, methods: list[Method]) -> dict[str, Any]:
+    """All that decides the result: flags, and digests of the checkpoints."""
     settings = {k: v for k, v in asdict(config).items() if k not in UNDECISIVE}
-    settings["checkpoints"] = {method.name: method.digest() for method in methods}
-    return (json.dumps(settings, indent=2, default=str) + "\n").encode()
+    return {**settings, "checkpoints": {m.name: checkpoint_digest(m) for m in methods}}
 
 
 if __name__ == "__main__":

@@ -31,8 +31,8 @@ SETTINGS: dict[str, Setting] = {
     "jpeg": Setting((0.0, 45.0), (3,), (("jpeg_quality", 70),)),
 }
 """Settings by name. ``drift`` and ``jitter_px`` are standard deviations: at 2 sigma ``shift`` is
-2 px along each axis. ``metering`` 1 keeps white equally bright at every angle, as an automatic exposure
-does."""
+2 px an axis. ``metering`` 1 keeps white equally bright at every angle, as automatic exposure does.
+"""
 
 
 def named_condition(name: str, base: Source, pairs: Sequence[str], frames: int) -> Condition:

@@ -1,63 +1,62 @@
 """Time to fit and decide a frame pair, by method, as a multiple of two warps in the same round."""
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.images import write_bytes
 from reports.engine.backends import one_thread
-from reports.engine.predict import Ideal, Method
+from reports.engine.methods import Method
+from reports.run import Cost
 
-COST_JSON = "cost.json"
 REFERENCE = "two warps"
+"""What a frame pair's time is compared with: rectifying its two frames."""
+FRAME_PAIRS = 3
+"""Number of frame pairs on which the rounds take turns."""
 
 
-def measure(
-    source: Source, cell: Cell, rounds: int, methods: Sequence[Method], folder: Path
-) -> dict[str, Any]:
-    """Time every method on the same frame pairs, one thread, and write cost.json.
+def measure_cost(source: Source, cell: Cell, rounds: int, methods: Sequence[Method]) -> Cost:
+    """Time every decoder on the same frame pairs, with one thread.
 
     What else the machine does in a round meets all methods; a ratio is taken within each round.
+
+    Args:
+        source: pictures, seed and channel.
+        cell: the frame pairs that are timed are the first ones of this cell.
+        rounds: number of times that every method is timed.
+        methods: observers among them are left out, for they decide no captured frame pair.
     """
     one_thread()
-    decoders = [(method.label or method.name, method.build()) for method in methods]
-    decoders = [(name, decoder) for name, decoder in decoders if not isinstance(decoder, Ideal)]
-    captured = [[FramePair(source, cell, i, h).captured for i in range(3)] for h in (False, True)]
+    decoders = [(method, method.build()) for method in methods if not method.card.needs_truth]
+    captured = {
+        hidden: [FramePair(source, cell, i, hidden).captured for i in range(FRAME_PAIRS)]
+        for hidden in (False, True)
+    }
     times: dict[str, list[float]] = {}
     for number in range(rounds + 1):
-        pairs = [kind[number % 3].rectified() for kind in captured]
+        mine = {hidden: kind[number % FRAME_PAIRS] for hidden, kind in captured.items()}
+        pairs = {hidden: frames.rectified() for hidden, frames in mine.items()}
         start = perf_counter()
-        captured[0][number % 3].rectified()
+        mine[False].rectified()
         taken = {REFERENCE: perf_counter() - start}
-        for name, decoder in decoders:
-            pair = pairs[0 if decoder.needs_ratex else 1]
+        for method, decoder in decoders:
             start = perf_counter()
-            decoder.decode(pair)
-            taken[name] = perf_counter() - start
+            decoder.decode(pairs[method.card.hidden])
+            taken[method.label] = perf_counter() - start
         if number:  # the first warms up
             for name, seconds in taken.items():
                 times.setdefault(name, []).append(seconds)
     reference = np.array(times[REFERENCE])
-    ratios = {
-        name: [round(float(q), 3) for q in np.quantile(np.array(t) / reference, (0.25, 0.5, 0.75))]
-        for name, t in times.items()
-    }
-    result = {
-        "rounds": rounds,
-        "reference": REFERENCE,
-        "reference_ms": round(1e3 * float(np.median(reference)), 3),
-        "ratios": ratios,
-    }
-    write_bytes(folder / COST_JSON, (json.dumps(result, indent=1) + "\n").encode())
-    return result
+    return Cost(
+        rounds=rounds,
+        reference=REFERENCE,
+        reference_ms=round(1e3 * float(np.median(reference)), 3),
+        ratios={name: _quartiles(np.array(mine) / reference) for name, mine in times.items()},
+    )
 
 
-def read_cost(folder: Path) -> dict[str, Any] | None:
-    """What `measure` wrote; None where there is no such file."""
-    file = folder / COST_JSON
-    return dict(json.loads(file.read_text())) if file.is_file() else None
+def _quartiles(values: np.ndarray) -> tuple[float, float, float]:
+    """Lower quartile, median and upper quartile."""
+    low, middle, high = (round(float(q), 3) for q in np.quantile(values, (0.25, 0.5, 0.75)))
+    return low, middle, high

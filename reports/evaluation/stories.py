@@ -3,228 +3,253 @@
 Pictures are written when a run ends, so that a report can be built again without simulating.
 """
 
-import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from data_gen.frame_pair import Cell, FramePair
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import load_capture, read_manifest
 from link.frames import Captured, SoftBits
-from link.images import as_rgb, write_bytes, write_image
-from link.layout import block_mean
+from link.images import as_rgb, write_image
+from link.layout import Layout, block_mean
+from reports.engine.records import FRAME
 from reports.evaluation.reasons import explain, take_apart
 from reports.render.figures import GAIN, bits_panel
-from reports.studies.sweeps import Place
+from reports.run import Story
 
 Image = NDArray[np.uint8]
-WIDTH_PX = 384
-"""Of a picture in a strip."""
-STORIES_JSON = "stories.json"
+STRIP_WIDTH_PX = 384
+"""Width of each picture of a story, pixels."""
 FOLDER = "stories"
+"""Folder of the pictures, inside the run's."""
 
 
 @dataclass(frozen=True)
-class Story:
-    """One frame pair as the report shows it."""
+class Place:
+    """One condition of a run, with all that is needed to film its frame pairs again."""
 
-    kind: str
-    """"strip" or "failure"."""
-    title: str
-    where: str
-    """Pair, view, kappa, picture, number."""
-    pictures: tuple[tuple[str, str], ...]
-    """(file in the run's folder, caption)."""
-    reason: str = ""
-    measured: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """As `reasons.explain`."""
+    source: Source
+    sweep: str
+    """Name of the sweep that it belongs to; empty for the main comparison."""
+    words: str
+    """The condition in words."""
 
 
-def errors_of(line: dict[str, Any]) -> int:
-    """Known bits that a prediction has wrong."""
-    bits = np.array(line["bits"])
-    return int(((np.array(line["scores"]) > 0) != bits)[bits >= 0].sum())
+@dataclass(frozen=True)
+class Chosen:
+    """A frame pair to show, and the predictions of its methods."""
+
+    place: Place
+    by_method: Mapping[str, Any]
+    """Rows of the table of predictions, by method."""
 
 
-def frame_of(line: dict[str, Any]) -> tuple[Any, ...]:
-    """What names a frame pair within a place."""
-    return line["pair"], line["view_deg"], line["kappa"], line["index"]
-
-
-def grouped(lines: Iterable[dict[str, Any]]) -> dict[tuple[Any, ...], dict[str, dict[str, Any]]]:
-    """Predictions by frame pair, then by method."""
-    found: dict[tuple[Any, ...], dict[str, dict[str, Any]]] = {}
-    for line in lines:
-        found.setdefault(frame_of(line), {})[line["method"]] = line
-    return found
-
-
-def tell(
-    places: Sequence[Place], shown: Sequence[str], told: Sequence[str], hidden: Sequence[str],
-    folder: Path, strips: int, failures: int,
-) -> list[Story]:  # fmt: skip
-    """Write pictures and stories.json of a simulated run.
+def simulated_stories(
+    records: pd.DataFrame,
+    places: Mapping[str, Place],
+    shown: Sequence[str],
+    leaders: Sequence[str],
+    hidden: Sequence[str],
+    folder: Path,
+    strips: int,
+    failures: int,
+) -> list[Story]:
+    """Film typical and badly read frame pairs of a simulated run again, and write their pictures.
 
     Args:
-        places: the main comparison first.
+        records: predictions of the main comparison and of all sweeps.
+        places: by condition.
         shown: methods whose bits are drawn, the best one last.
-        told: those of them whose failures are told, the best one first.
-        hidden: those of them that decode equalised pictures without patches.
+        leaders: methods whose failures are told, the best one first.
+        hidden: methods that decode equalised pictures without patches.
         folder: of the run.
-        strips: typical frame pairs, one a view and kappa, at most so many.
-        failures: frame pairs with most wrong bits, at most so many.
+        strips: largest number of typical frame pairs, one for each view and kappa.
+        failures: largest number of frame pairs with most wrong bits.
     """
     stories = []
-    for number, (place, lines) in enumerate(typical(places[0], shown)[:strips]):
-        stories.append(_simulated("strip", f"strip{number}", place, lines, shown, hidden, folder))
-    for rank, method in enumerate(told):
-        count = failures // len(told) + (rank < failures % len(told))
-        for number, (place, lines) in enumerate(worst(places, method, count)):
+    for number, chosen in enumerate(typical_pairs(records, places, shown)[:strips]):
+        stories.append(_filmed_again("strip", f"strip{number}", chosen, shown, hidden, folder))
+    for rank, method in enumerate(leaders):
+        count = failures // len(leaders) + (rank < failures % len(leaders))
+        for number, chosen in enumerate(worst_pairs(records, places, method, count)):
             stem = f"failure_{rank}_{number}"
-            stories.append(_simulated("failure", stem, place, lines, [method], hidden, folder))
-    save(folder, stories)
+            stories.append(_filmed_again("failure", stem, chosen, [method], hidden, folder))
     return stories
 
 
-def typical(place: Place, shown: Sequence[str]) -> list[tuple[Place, dict[str, dict[str, Any]]]]:
-    """Of each view and kappa the frame pair with the median number of wrong bits of all methods."""
-    by_condition: dict[tuple[Any, ...], list[dict[str, dict[str, Any]]]] = {}
-    for (_, view, kappa, _), lines in grouped(place.predictions).items():
-        if set(shown) <= set(lines):
-            by_condition.setdefault((view, kappa), []).append(lines)
-    order = sorted(by_condition, key=lambda key: (-key[0], key[1]))  # the hardest first
+def typical_pairs(
+    records: pd.DataFrame, places: Mapping[str, Place], shown: Sequence[str]
+) -> list[Chosen]:
+    """For each view and kappa the frame pair with the median number of wrong bits of all methods.
+
+    Only frame pairs of the main comparison that all methods of ``shown`` decoded are taken; the
+    hardest views and kappas come first.
+    """
+    main = _with_errors(records[records["condition"] == ""])
+    frames = main.groupby(FRAME, sort=False, dropna=False).agg(
+        errors=("errors", "sum"), methods=("method", set)
+    )
+    whole = frames[[set(shown) <= methods for methods in frames["methods"]]].reset_index()
     chosen = []
-    for key in order:
-        ranked = sorted(by_condition[key], key=lambda lines: sum(map(errors_of, lines.values())))
-        chosen.append((place, ranked[len(ranked) // 2]))
+    cells = whole.groupby(["view_deg", "kappa"], sort=False)
+    for _, cell in sorted(cells, key=lambda entry: (-entry[0][0], entry[0][1])):
+        ranked = cell.sort_values("errors", kind="stable")
+        chosen.append(_chosen(main, places, ranked.iloc[len(ranked) // 2]))
     return chosen
 
 
-def worst(
-    places: Sequence[Place], method: str, count: int
-) -> list[tuple[Place, dict[str, dict[str, Any]]]]:
-    """Frame pairs that ``method`` misreads most: two of the main comparison, one a sweep."""
-    ranked: dict[str, list[tuple[int, Place, dict[str, Any]]]] = {}
-    for place in places:
-        for line in place.predictions:
-            if line["method"] == method and (errors := errors_of(line)):
-                ranked.setdefault(place.sweep, []).append((errors, place, line))
-    chosen: list[tuple[int, Place, dict[str, Any]]] = []
-    for sweep, candidates in ranked.items():
-        candidates.sort(key=lambda candidate: -candidate[0])
-        seen = {frame_of(line) for _, _, line in chosen}
-        fresh = [c for c in candidates if frame_of(c[2]) not in seen]
-        chosen += fresh[: 1 if sweep else 2]
-    chosen.sort(key=lambda candidate: (bool(candidate[1].sweep), -candidate[0]))
-    return [(place, {method: line}) for _, place, line in chosen[:count]]
+def worst_pairs(
+    records: pd.DataFrame, places: Mapping[str, Place], method: str, count: int
+) -> list[Chosen]:
+    """The frame pairs that a method misreads most: two of the main comparison, one of each sweep.
+
+    Returns:
+        at most ``count`` of them, those of the main comparison first, the worst of each first.
+    """
+    mine = _with_errors(records[records["method"] == method])
+    mine = mine[mine["errors"] > 0].sort_values("errors", ascending=False, kind="stable")
+    mine["sweep"] = [places[condition].sweep for condition in mine["condition"]]
+    order = dict.fromkeys(place.sweep for place in places.values())
+    taken: list[Any] = []
+    for sweep in order:
+        seen = {tuple(row[FRAME]) for row in taken}
+        candidates = mine[mine["sweep"] == sweep]
+        fresh = [row for _, row in candidates.iterrows() if tuple(row[FRAME]) not in seen]
+        taken += fresh[: 1 if sweep else 2]
+    taken.sort(key=lambda row: (bool(row["sweep"]), -row["errors"]))
+    return [Chosen(places[row["condition"]], {method: row}) for row in taken[:count]]
 
 
-def tell_captures(
-    captures: Path, predictions: Sequence[dict[str, Any]], shown: Sequence[str], folder: Path,
-    strips: int, failures: int,
-) -> list[Story]:  # fmt: skip
-    """The same of a folder of captures: the first ones, and those with most wrong bits."""
+def captured_stories(
+    captures: Path,
+    records: pd.DataFrame,
+    shown: Sequence[str],
+    folder: Path,
+    strips: int,
+    failures: int,
+) -> list[Story]:
+    """Write pictures of the first captures of a folder, and of those with most wrong bits.
+
+    Args:
+        captures: folder with a manifest.
+        records: predictions, by the number of the manifest's entry.
+        shown: methods whose bits are drawn, the best one last.
+        folder: of the run.
+        strips: largest number of first captures.
+        failures: largest number of captures with most wrong bits of the best method.
+    """
     entries = read_manifest(captures)
-    by_index: dict[int, dict[str, dict[str, Any]]] = {}
-    for line in predictions:
-        by_index.setdefault(line["index"], {})[line["method"]] = line
+    by_index = {
+        int(index): {row["method"]: row for _, row in group.iterrows()}
+        for index, group in _with_errors(records).groupby("index")
+    }
     stories = []
     for index in sorted(by_index)[:strips]:
-        stories.append(_real("strip", index, captures, entries, by_index[index], shown, folder))
+        stories.append(_loaded("strip", index, captures, entries, by_index[index], shown, folder))
     best = shown[-1]
-    wrong = [(errors_of(lines[best]), i) for i, lines in by_index.items() if best in lines]
-    for _, index in sorted((pair for pair in wrong if pair[0]), key=lambda p: (-p[0], p[1]))[
-        :failures
-    ]:
-        stories.append(
-            _real("failure", index, captures, entries, by_index[index], shown[-1:], folder)
-        )
-    save(folder, stories)
+    wrong = {i: int(rows[best]["errors"]) for i, rows in by_index.items() if best in rows}
+    worst = sorted((i for i in wrong if wrong[i]), key=lambda i: (-wrong[i], i))
+    for index in worst[:failures]:
+        rows = by_index[index]
+        stories.append(_loaded("failure", index, captures, entries, rows, shown[-1:], folder))
     return stories
 
 
-def save(folder: Path, stories: Sequence[Story]) -> None:
-    """Write stories.json."""
-    content = json.dumps([asdict(story) for story in stories], indent=1)
-    write_bytes(folder / STORIES_JSON, f"{content}\n".encode())
+def _with_errors(records: pd.DataFrame) -> pd.DataFrame:
+    """The table with a column ``errors``: known bits that are decided wrong."""
+    return records.assign(errors=records["known"] - records["correct"])
 
 
-def read_stories(folder: Path) -> list[Story]:
-    """What `save` wrote; none where there is no such file."""
-    file = folder / STORIES_JSON
-    return [Story(**entry) for entry in json.loads(file.read_text())] if file.is_file() else []
+def _chosen(records: pd.DataFrame, places: Mapping[str, Place], frame: Any) -> Chosen:
+    """All predictions of one frame pair of the main comparison."""
+    rows = records[(records[FRAME] == frame[FRAME]).all(axis=1)]
+    return Chosen(places[""], {row["method"]: row for _, row in rows.iterrows()})
 
 
-def _simulated(
-    kind: str, stem: str, place: Place, lines: dict[str, dict[str, Any]],
-    shown: Sequence[str], hidden: Sequence[str], folder: Path,
-) -> Story:  # fmt: skip
-    line = lines[shown[-1]]
-    cell = Cell(line["pair"], line["view_deg"], line["kappa"])
+def _filmed_again(
+    kind: Literal["strip", "failure"],
+    stem: str,
+    chosen: Chosen,
+    shown: Sequence[str],
+    hidden: Sequence[str],
+    folder: Path,
+) -> Story:
+    """One simulated frame pair as a story; what it showed and what was captured is made again."""
+    row, place = chosen.by_method[shown[-1]], chosen.place
+    cell = Cell(row["pair"], float(row["view_deg"]), int(row["kappa"]))
     filmed = {
-        plain: FramePair(place.source, cell, line["index"], plain)
-        for plain in {name in hidden for name in shown}
+        equalised: FramePair(place.source, cell, int(row["index"]), equalised)
+        for equalised in {name in hidden for name in shown}
     }
-    main = shown[-1] in hidden
+    main = filmed[shown[-1] in hidden]
     pictures = [
-        ("displayed", as_rgb(filmed[main].displayed.original)),
-        *_seen(filmed[main].captured),
-        *((_caption(lines[n]), _bits(filmed[n in hidden].captured, lines[n])) for n in shown),
+        ("displayed", as_rgb(main.displayed.original)),
+        *_seen(main.captured),
+        *(
+            (_caption(mine), _bits(filmed[name in hidden].captured, mine))
+            for name, mine in ((name, chosen.by_method[name]) for name in shown)
+        ),
     ]
-    reason = ""
-    measured: dict[str, tuple[float, float]] = {}
+    reason, measured = "", {}
     if kind == "failure":
-        layout = filmed[main].layout
-        wrong = np.zeros((layout.rows, layout.cols), bool)
-        bits = np.array(line["bits"])
-        wrong[layout.message_mask] = ((np.array(line["scores"]) > 0) != bits) & (bits >= 0)
-        reason, measured = explain(take_apart(filmed[main]), wrong)
+        reason, measured = explain(take_apart(main), wrong_blocks(row, main.layout))
     where = (
-        f"{cell.pair}, {cell.view_deg:g}°, κ {cell.kappa}, picture {line['picture']}, "
-        f"frame pair {line['index']}; simulated"
+        f"{cell.pair}, {cell.view_deg:g}°, κ {cell.kappa}, picture {row['picture']}, "
+        f"frame pair {row['index']}; simulated"
     )
-    title = f"{line['method']}: {place.name}"
+    title = f"{row['method']}: {place.words}"
     if kind == "strip":
         title = f"{cell.view_deg:g}°, κ {cell.kappa}"
     return Story(kind, title, where, _written(folder, stem, pictures), reason, measured)
 
 
-def _real(
-    kind: str, index: int, captures: Path, entries: Sequence[dict[str, Any]],
-    lines: dict[str, dict[str, Any]], shown: Sequence[str], folder: Path,
-) -> Story:  # fmt: skip
+def _loaded(
+    kind: Literal["strip", "failure"],
+    index: int,
+    captures: Path,
+    entries: Sequence[dict[str, Any]],
+    by_method: Mapping[str, Any],
+    shown: Sequence[str],
+    folder: Path,
+) -> Story:
+    """One frame pair of a folder of captures as a story."""
     entry = entries[index]
     captured = load_capture(captures, entry)
-    drawn = [lines[name] for name in shown if name in lines] or list(lines.values())[:2]
-    pictures = [*_seen(captured), *((_caption(one), _bits(captured, one)) for one in drawn)]
+    drawn = [by_method[name] for name in shown if name in by_method] or list(by_method.values())[:2]
+    pictures = [*_seen(captured), *((_caption(row), _bits(captured, row)) for row in drawn)]
     where = ", ".join(
         f"{key} {captured.meta[key]}"
         for key in ("pair", "view_deg", "picture")
         if captured.meta.get(key)
     )
-    reason = ""
-    measured: dict[str, tuple[float, float]] = {}
+    reason, measured = "", {}
     if kind == "failure":
-        reason, measured = _seen_reason(captured, drawn[-1])
+        reason, measured = _what_the_capture_tells(captured, drawn[-1])
     title = f"{entry['original']} and {entry['embedded']}"
     return Story(kind, title, where, _written(folder, f"{kind}{index}", pictures), reason, measured)
 
 
-def _seen_reason(
-    captured: Captured, line: dict[str, Any]
+def wrong_blocks(row: Any, layout: Layout) -> NDArray[np.bool_]:
+    """(rows, cols), true where a prediction has a known bit wrong; ratex patches count as right."""
+    wrong = np.zeros((layout.rows, layout.cols), bool)
+    wrong[layout.message_mask] = ((row["scores"] > 0) != row["bits"]) & (row["bits"] >= 0)
+    return wrong
+
+
+def _what_the_capture_tells(
+    captured: Captured, row: Any
 ) -> tuple[str, dict[str, tuple[float, float]]]:
-    """What the capture alone tells: level and texture of the blocks that were misread."""
+    """Level and texture of the blocks that were misread, which need no simulation."""
     pair, layout = captured.rectified(), captured.layout
     luma = cv2.cvtColor(as_rgb(pair.original), cv2.COLOR_RGB2GRAY).astype(np.float64)
     slope = np.hypot(*np.gradient(cv2.GaussianBlur(luma, (0, 0), 1.0)))
-    bits = np.array(line["bits"])
-    wrong = np.zeros((layout.rows, layout.cols), bool)
-    wrong[layout.message_mask] = ((np.array(line["scores"]) > 0) != bits) & (bits >= 0)
+    wrong = wrong_blocks(row, layout)
     found = {}
     for name, image in (("captured level", luma), ("texture, levels a pixel", slope)):
         cells = block_mean(image, layout.rows, layout.cols)
@@ -250,25 +275,28 @@ def _seen(captured: Captured) -> list[tuple[str, Image]]:
     return [("captured", photo), (title, amplified)]
 
 
-def _bits(captured: Captured, line: dict[str, Any]) -> Image:
-    soft = SoftBits(np.array(line["scores"]))
-    return bits_panel(captured.rectified(), soft, np.array(line["bits"]))
+def _bits(captured: Captured, row: Any) -> Image:
+    """The decided bits drawn over the rectified original."""
+    return bits_panel(captured.rectified(), SoftBits(row["scores"]), row["bits"])
 
 
-def _caption(line: dict[str, Any]) -> str:
-    known = sum(bit >= 0 for bit in line["bits"])
-    return f"{line['method']}: {errors_of(line)} of {known} bits wrong" if known else line["method"]
+def _caption(row: Any) -> str:
+    """The method, and how many of its known bits are wrong."""
+    if not row["known"]:
+        return str(row["method"])
+    return f"{row['method']}: {row['known'] - row['correct']} of {row['known']} bits wrong"
 
 
 def _written(
     folder: Path, stem: str, pictures: Sequence[tuple[str, Image]]
-) -> tuple[tuple[str, str], ...]:
-    """Reduce to `WIDTH_PX` and write as JPEG: (file, caption)."""
+) -> list[tuple[str, str]]:
+    """Write pictures of `STRIP_WIDTH_PX` as JPEG: file in the run's folder, and caption."""
     written = []
     for number, (caption, image) in enumerate(pictures):
-        height = round(image.shape[0] * WIDTH_PX / image.shape[1])
-        small = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+        height = round(image.shape[0] * STRIP_WIDTH_PX / image.shape[1])
+        size = STRIP_WIDTH_PX, height
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         name = f"{FOLDER}/{stem}_{number}.jpg"
         write_image(folder / name, np.asarray(small, np.uint8))
         written.append((name, caption))
-    return tuple(written)
+    return written

@@ -1,0 +1,140 @@
+"""What the report shows beside the predictions: pictures, responses, and time."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+import pandas as pd
+
+from data_gen.frame_pair import Cell, FramePair
+from reports.engine.methods import Method
+from reports.engine.predict import Condition, Predicted
+from reports.evaluation.cost import measure_cost
+from reports.evaluation.response import measure_response
+from reports.evaluation.stories import Place, captured_stories, simulated_stories
+from reports.run import RunFolder, SweepCurve
+from reports.score.findings import REFERENCES, leaders
+
+
+@dataclass(frozen=True)
+class Amount:
+    """How much is decoded, and how much goes into a report beside the predictions."""
+
+    frames: int
+    """Largest number of frame pairs of each cell."""
+    strips: int
+    """Number of typical frame pairs that are shown."""
+    failures: int
+    """Number of badly read frame pairs that are shown."""
+    response_cells: int
+    """Number of cells in which responses are measured."""
+    response_frames: int
+    """Number of frame pairs of such a cell in which responses are measured."""
+    cost_rounds: int
+    """Number of times that each method is timed."""
+
+
+USUAL, QUICK = Amount(10**6, 3, 8, 6, 3, 30), Amount(4, 2, 6, 2, 1, 8)
+"""Amounts of a usual run, and of ``evaluate.py --quick``."""
+
+
+@dataclass
+class Stopwatch:
+    """Seconds by what took them."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextlib.contextmanager
+    def time(self, name: str) -> Iterator[None]:
+        """Add the time that the block takes to what was spent on ``name`` before."""
+        start = perf_counter()
+        yield
+        self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
+
+
+def simulated_evidence(
+    folder: RunFolder,
+    conditions: Sequence[Condition],
+    curves: Sequence[SweepCurve],
+    predicted: Predicted,
+    swept: Predicted,
+    methods: Sequence[Method],
+    amount: Amount,
+    clock: Stopwatch,
+) -> None:
+    """Write pictures, responses and time of a simulated run.
+
+    Args:
+        folder: of the run.
+        conditions: the main comparison first, then all values of sweeps.
+        curves: what the sweeps' conditions are values of.
+        predicted: the main comparison.
+        swept: the sweeps.
+        methods: all that were compared.
+        amount: how much is shown.
+        clock: gets the times.
+    """
+    comparison = conditions[0]
+    with clock.time("pictures"):
+        best = leaders(predicted.records, swept.records)
+        labels = {method.label for method in methods}
+        shown = [m for m in REFERENCES[:1] if m in labels and m not in best] + best[::-1]
+        hidden = [method.label for method in methods if method.card.hidden]
+        words = {p.condition: (c.name, c.words(p.value)) for c in curves for p in c.points}
+        places = {
+            condition.name: Place(
+                condition.source, *words.get(condition.name, ("", "main comparison"))
+            )
+            for condition in conditions
+        }
+        records = pd.concat([predicted.records, swept.records], ignore_index=True)
+        stories = simulated_stories(
+            records, places, shown, best, hidden, folder.path, amount.strips, amount.failures
+        )
+        folder.write_stories(stories)
+    with clock.time("responses"):
+        if comparison.source.layout.ratex:
+            cells = response_cells(comparison.cells)[: amount.response_cells]
+            folder.write_responses(
+                [
+                    measure_response(FramePair(comparison.source, cell, index), methods)
+                    for cell in cells
+                    for index in range(amount.response_frames)
+                ]
+            )
+    with clock.time("cost"):
+        folder.write_cost(
+            measure_cost(comparison.source, comparison.cells[0], amount.cost_rounds, methods)
+        )
+
+
+def capture_evidence(
+    folder: RunFolder, captures: Path, records: pd.DataFrame, amount: Amount, clock: Stopwatch
+) -> None:
+    """Write the pictures of a folder of captures.
+
+    Args:
+        folder: of the run.
+        captures: folder with a manifest.
+        records: predictions of these captures.
+        amount: how much is shown.
+        clock: gets the time.
+    """
+    with clock.time("pictures"):
+        decoded = [str(name) for name in records["method"].unique()]
+        best = leaders(records, records[:0])[:1] or decoded[-1:]
+        shown = [m for m in REFERENCES if m in decoded and m not in best][:1] + best
+        folder.write_stories(
+            captured_stories(captures, records, shown, folder.path, amount.strips, amount.failures)
+        )
+
+
+def response_cells(cells: Sequence[Cell]) -> list[Cell]:
+    """Every view of some unlike pairs at the largest kappa: the cells whose responses are measured."""
+    kappa = max(cell.kappa for cell in cells)
+    mine = [cell for cell in cells if cell.kappa == kappa]
+    pairs = list(dict.fromkeys(cell.pair for cell in mine))
+    wanted = pairs[:: max(1, len(pairs) // 3 + 1)] if len(pairs) > 3 else pairs
+    return [cell for pair in wanted for cell in mine if cell.pair == pair]
