@@ -291,7 +291,7 @@ class RunFolder:
             raise InputError(
                 f"{self.path}: a file of the run is missing or damaged ({reason:.300})"
             ) from None
-        if not stored.equals(run.scores.drop(columns=["condition", "paper"])):
+        if not stored.drop(columns="condition").equals(run.scores.drop(columns="condition")):
             raise InputError(
                 f"{self.path}: metrics.json does not score predictions.jsonl; run it again"
             )

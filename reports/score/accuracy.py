@@ -93,10 +93,7 @@ def score(records: pd.DataFrame) -> pd.DataFrame:
     intervals = [wilson(*row) for row in zip(table["correct"], table["bits"], strict=True)]
     table["ci_low"] = [low for low, _ in intervals]
     table["ci_high"] = [high for _, high in intervals]
-    table["paper"] = [
-        np.nan if pd.isna(row.view_deg) else paper_accuracy(*row) or np.nan
-        for row in table[[*CELL, "method"]].itertuples(index=False, name="PaperCell")
-    ]
+    table["paper"] = _printed(table)
     return table[SCORES]
 
 
@@ -139,12 +136,21 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Rows and meta of a metrics.json that `write_scores` wrote.
 
     Returns:
-        a score table without the columns condition and paper, and what produced it.
+        a score table whose only condition is "", and what produced it.
     """
     content = json.loads(file.read_text())
-    columns = [name for name in SCORES if name not in ("condition", "paper")]
-    table = pd.DataFrame(content["rows"], columns=columns)
+    table = pd.DataFrame(content["rows"], columns=SCORES)
+    table["condition"] = ""
     table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
     table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
     table["accuracy"] = table["accuracy"].astype(float)
+    table["paper"] = _printed(table)
     return table, content["meta"]
+
+
+def _printed(table: pd.DataFrame) -> list[float]:
+    """The paper's accuracy in [0, 1] for each row of a score table; NaN where it has no cell."""
+    return [
+        np.nan if pd.isna(row.view_deg) else paper_accuracy(*row) or np.nan
+        for row in table[[*CELL, "method"]].itertuples(index=False, name="PaperCell")
+    ]
