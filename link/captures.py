@@ -1,4 +1,4 @@
-"""The Captures format: PNGs and manifest.jsonl, one line a frame pair (simulated or real)."""
+"""The Captures format: a folder of PNG files and a manifest with a line for each frame pair."""
 
 import hashlib
 import json
@@ -17,6 +17,7 @@ from link.images import read_image, write_bytes, write_image
 from link.layout import Layout
 
 MANIFEST = "manifest.jsonl"
+"""Name of the file that lists the frame pairs of a folder, one JSON object a line."""
 KNOWN = {
     "original",
     "embedded",
@@ -28,10 +29,22 @@ KNOWN = {
     "ratex_kappa",
     "sha256",
 }
+"""Keys of a manifest line that the format defines; `link.frames.Captured.meta` takes all others."""
 
 
 def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
-    """Write frame pairs as PNG files, and last the manifest; returns how many there are."""
+    """Write frame pairs as PNG files, and last the manifest.
+
+    Args:
+        folder: made if it is not there.
+        captures: the frame pairs.
+
+    Returns:
+        the number of frame pairs.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
     lines = []
     for number, captured in enumerate(captures):
         names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
@@ -58,7 +71,7 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
 
 
 def read_manifest(folder: Path) -> list[dict[str, Any]]:
-    """The manifest's entries, each checked to be a JSON object with the keys that are needed.
+    """Read the manifest's entries, each checked to be a JSON object with the keys it needs.
 
     Raises:
         InputError: no manifest, an empty one, or a line that is not a frame pair.

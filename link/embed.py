@@ -1,30 +1,54 @@
-"""Picture + bits -> the original and the embedded frame (paper, § Message Structure)."""
+"""Hide bits in a picture: the original and the embedded frame (paper, § Message Structure).
+
+The display shows the two frames in turn. A block of the embedded frame is ``kappa`` gray levels
+brighter than in the original frame where its bit is 1, and equal where its bit is 0.
+"""
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from link import ratex
-from link.errors import InputError
+from link.errors import InputError, ParameterError
 from link.frames import Displayed
 from link.layout import Layout, block_index
+from link.ratex import draw_patches
 
 MAX_KAPPA = 64
+"""Largest number of gray levels that may be added."""
 BOTTOM, TOP = 16, 245
 """Darkest and brightest level of an embedded picture; outside them a message would vanish. Displays
 may clip the top 4 % of grays (a Samsung SyncMaster 2494 at high contrast does). At black, kappa is
 worth a twentieth of what it is at 16, while 16 emits just 0.2 % of white, about an LCD's black."""
 
 
-def check_kappa(kappa: int) -> int:
-    """Return ``kappa``, or raise an `InputError` unless it is a whole number from 1 to 64."""
+def check_kappa(kappa: int, name: str = "kappa") -> int:
+    """Check the number of gray levels that are added where a bit is 1.
+
+    Args:
+        kappa: a whole number from 1 to `MAX_KAPPA`, of any numeric type.
+        name: the parameter that the error names, or the flag of a command.
+
+    Returns:
+        ``kappa`` as an int.
+
+    Raises:
+        ParameterError: ``kappa`` is no whole number in range.
+    """
     if not 1 <= kappa <= MAX_KAPPA or int(kappa) != kappa:
-        raise InputError(f"--kappa: need 1 to {MAX_KAPPA} whole gray levels, got {kappa}")
+        raise ParameterError(name, f"need 1 to {MAX_KAPPA} whole gray levels, got {kappa}")
     return int(kappa)
 
 
 def with_head_room(picture: NDArray[np.uint8], kappa: int) -> NDArray[np.uint8]:
-    """Scale a picture from [0, 255] to [BOTTOM, TOP - kappa], so that kappa is never lost."""
+    """Scale a picture from [0, 255] to [BOTTOM, TOP - kappa], so that kappa is never lost.
+
+    Args:
+        picture: uint8 of any shape, encoded.
+        kappa: gray levels that will be added.
+
+    Returns:
+        uint8 of the same shape.
+    """
     levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
     return levels[picture]
 
@@ -51,9 +75,10 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
         raise InputError(f"message: need {layout.n_bits} bits of 0 or 1, got {values.shape}")
     block_px = min(layout.width // layout.cols, layout.height // layout.rows)
     if pyramid_level < 0 or 2**pyramid_level > block_px // 4:
-        raise InputError(
-            f"--pyramid-level: {pyramid_level} does not fit blocks of {block_px} pixels; "
-            f"2**level may be at most a quarter of the block"
+        raise ParameterError(
+            "pyramid_level",
+            f"{pyramid_level} does not fit blocks of {block_px} pixels; "
+            f"2**level may be at most a quarter of the block",
         )
     grid = np.zeros((layout.rows, layout.cols), np.float32)
     grid[layout.message_mask] = values
@@ -87,11 +112,22 @@ def embed(
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
         kappa: gray levels added where the bit is 1, in every colour channel.
-        pyramid_level: see `message_mask`.
+        pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
         ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
+
+    Returns:
+        the frame pair, each frame uint8 of the picture's shape.
 
     Raises:
         InputError: kappa, the bits or the picture's size do not fit.
+
+    >>> from link.layout import make_layout
+    >>> layout = make_layout(rows=4, cols=4, width=64, height=48, ratex=2)
+    >>> gray = np.full((48, 64), 128, np.uint8)
+    >>> pair = embed(gray, [1] * layout.n_bits, layout, kappa=3)
+    >>> top, bottom, left, right = layout.cell_box(0, 1)  # the first block that carries a bit
+    >>> np.unique(pair.embedded[top:bottom, left:right] - pair.original[top:bottom, left:right])
+    array([3], dtype=uint8)
     """
     kappa = check_kappa(kappa)
     if picture.shape[:2] != (layout.height, layout.width):
@@ -102,9 +138,9 @@ def embed(
     original = with_head_room(picture, kappa)
     added = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.uint8)
     embedded = original + (added if picture.ndim == 2 else added[:, :, None])
-    toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa)
-    ratex.draw(original, layout, toggle, embedded=False)
-    ratex.draw(embedded, layout, toggle, embedded=True)
+    toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa, "ratex_kappa")
+    draw_patches(original, layout, toggle, embedded=False)
+    draw_patches(embedded, layout, toggle, embedded=True)
     return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa, ratex_kappa)
 
 
@@ -115,36 +151,20 @@ def display_video(
     kappa: int,
     pyramid_level: int = 0,
 ) -> list[NDArray[np.uint8]]:
-    """The paper's display video: each message as an original frame, then its embedded frame.
+    """Make the paper's display video: each message as an original and then an embedded frame.
 
     Args:
-        picture: as in `embed`.
-        messages: (M, n_bits); the paper has M = 5, hence 10 frames (§ Results).
-        layout: as in `embed`.
-        kappa: as in `embed`.
-        pyramid_level: as in `embed`.
+        picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
+        messages: (M, n_bits) 0 or 1; the paper has M = 5, hence 10 frames (§ Results).
+        layout: the grid and its ratex patches.
+        kappa: gray levels added where the bit is 1.
+        pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
+
+    Returns:
+        2 M frames, uint8 of the picture's shape.
+
+    Raises:
+        InputError: kappa, a message or the picture's size do not fit.
     """
     pairs = [embed(picture, bits, layout, kappa, pyramid_level) for bits in np.asarray(messages)]
     return [frame for pair in pairs for frame in (pair.original, pair.embedded)]
-
-
-def psnr(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
-    """Peak signal-to-noise ratio in dB over all pixels and channels; infinite if equal."""
-    error = np.mean((original.astype(np.float64) - embedded) ** 2)
-    return float("inf") if error == 0 else float(10 * np.log10(255.0**2 / error))
-
-
-def ssim(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
-    """Structural similarity, mean over pixels and channels (Wang et al. 2004: sigma 1.5 px)."""
-    x, y = original.astype(np.float64), embedded.astype(np.float64)
-
-    def blur(image: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
-
-    mean_x, mean_y = blur(x), blur(y)
-    var_x, var_y = blur(x * x) - mean_x**2, blur(y * y) - mean_y**2
-    covariance = blur(x * y) - mean_x * mean_y
-    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
-    numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
-    denominator = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
-    return float(np.mean((numerator / denominator)[5:-5, 5:-5]))

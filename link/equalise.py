@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 
 def uniform_mapping(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """The mapping that makes the histogram of a frame near uniform.
+    """Find the mapping that makes the histogram of a frame near uniform.
 
     Args:
         frame: uint8 of any shape, encoded.
@@ -23,5 +23,12 @@ def uniform_mapping(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
 
 
 def equalise(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Pre-map a picture for display; (H, W) or (H, W, 3) uint8 encoded, in and out."""
+    """Give a picture a near-uniform histogram before it is displayed.
+
+    Args:
+        picture: (H, W) or (H, W, 3) uint8, encoded.
+
+    Returns:
+        uint8 of the same shape, encoded.
+    """
     return uniform_mapping(picture).round().astype(np.uint8)[picture]

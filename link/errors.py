@@ -1,4 +1,4 @@
-"""The one exception for input that the user can mend, and the wrapper that prints it."""
+"""The exceptions for input that a user can mend, and the wrapper that prints them in one line."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -11,6 +11,40 @@ class InputError(ValueError):
     """Input from outside is wrong; the message says what, and what to do, in one line."""
 
 
+class ParameterError(InputError):
+    """One parameter of a function, or the flag of that name of a command, has a wrong value.
+
+    The library names the parameter, because its callers write Python. A command line names the
+    flag, because its users never see the parameter: `run_cli` prints `with_flag`.
+
+    Args:
+        parameter: name of the parameter, such as ``pyramid_level``. A name that begins with two
+            dashes is taken to be a flag already.
+        problem: what is wrong with the value, and what to do.
+
+    >>> error = ParameterError("pyramid_level", "need at least 0, got -1")
+    >>> str(error)
+    'pyramid_level: need at least 0, got -1'
+    >>> error.with_flag
+    '--pyramid-level: need at least 0, got -1'
+    """
+
+    def __init__(self, parameter: str, problem: str) -> None:
+        super().__init__(parameter, problem)  # both, so that a process may send it to another
+        self.parameter = parameter
+        self.problem = problem
+
+    def __str__(self) -> str:
+        return f"{self.parameter}: {self.problem}"
+
+    @property
+    def with_flag(self) -> str:
+        """The message for users of a command line, with the flag in place of the parameter."""
+        if self.parameter.startswith("--"):
+            return str(self)
+        return f"--{self.parameter.replace('_', '-')}: {self.problem}"
+
+
 class UnsuitedError(InputError):
     """A frame pair lacks what a method needs, such as ratex patches; other methods may do."""
 
@@ -20,7 +54,8 @@ def run_cli(main: Callable[[], None]) -> None:
     try:
         main()
     except InputError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        said = error.with_flag if isinstance(error, ParameterError) else str(error)
+        print(f"error: {' '.join(said.split())}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted; what was written so far is kept", file=sys.stderr)
@@ -28,21 +63,39 @@ def run_cli(main: Callable[[], None]) -> None:
 
 
 def choose(choices: Mapping[str, T], name: str, what: str) -> T:
-    """``choices[name]``, or an `InputError` that lists the valid names of ``what``."""
+    """Look up a name that a user gave.
+
+    Args:
+        choices: values by their names.
+        name: the name to look up.
+        what: what is chosen, for the message, such as "decoder".
+
+    Returns:
+        ``choices[name]``.
+
+    Raises:
+        InputError: the name is unknown; the message lists those that are known.
+    """
     if name not in choices:
         raise InputError(f"unknown {what} {name!r}; choose one of: {', '.join(choices)}")
     return choices[name]
 
 
-def at_least(low: int, **flags: int) -> None:
-    """Raise an `InputError` that names the first flag whose value is below ``low``."""
-    for name, value in flags.items():
+def at_least(low: int, **parameters: int) -> None:
+    """Raise a `ParameterError` that names the first parameter whose value is below ``low``.
+
+    >>> at_least(1, frames=4, jobs=0)
+    Traceback (most recent call last):
+    ...
+    link.errors.ParameterError: jobs: need at least 1, got 0
+    """
+    for name, value in parameters.items():
         if not value >= low:
-            raise InputError(f"--{name.replace('_', '-')}: need at least {low}, got {value}")
+            raise ParameterError(name, f"need at least {low}, got {value}")
 
 
-def each_once(**flags: Sequence[object]) -> None:
-    """Raise an `InputError` that names the first flag with no value, or with one value twice."""
-    for name, values in flags.items():
+def each_once(**parameters: Sequence[object]) -> None:
+    """Raise a `ParameterError` that names the first list that is empty or repeats a value."""
+    for name, values in parameters.items():
         if not values or len(set(values)) != len(values):
-            raise InputError(f"--{name}: name at least one, and none twice")
+            raise ParameterError(name, "name at least one, and none twice")

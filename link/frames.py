@@ -1,4 +1,4 @@
-"""The dataclasses that flow from the picture to the bits."""
+"""What passes from stage to stage: displayed, captured and rectified frame pairs, and soft bits."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,16 +28,17 @@ class Displayed:
     """One frame pair as the display shows it."""
 
     original: NDArray[np.uint8]
-    """(height, width) or (height, width, 3) uint8, encoded."""
+    """Frame without the message, (height, width) or (height, width, 3) uint8, encoded."""
     embedded: NDArray[np.uint8]
-    """The same shape; carries the message."""
+    """Frame that carries the message, uint8 of the shape of ``original``, encoded."""
     bits: NDArray[np.intp]
     """(n_bits,) 0 or 1, row-major over the message cells."""
     layout: Layout
+    """Grid of blocks and ratex patches that the frames show."""
     kappa: int
     """Gray levels of [0, 255] added where the bit is 1."""
     ratex_kappa: int | None = None
-    """The same for the ratex patches, where it is not ``kappa``."""
+    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``."""
 
 
 @dataclass(frozen=True)
@@ -45,23 +46,26 @@ class Captured:
     """One frame pair as the camera saw it, with the display's corners."""
 
     original: NDArray[np.uint8]
-    """(H, W) or (H, W, 3) uint8, encoded."""
+    """Image of the original frame, (H, W) or (H, W, 3) uint8, encoded RGB."""
     embedded: NDArray[np.uint8]
-    """The same shape as ``original``."""
+    """Image of the embedded frame, uint8 of the shape of ``original``, encoded RGB."""
     layout: Layout
+    """Grid of blocks and ratex patches that the display shows."""
     corners: NDArray[np.float64]
     """(4, 2) pixels in the original frame; convention of `link.geometry`."""
     corners_embedded: NDArray[np.float64]
     """(4, 2) pixels in the embedded frame."""
     bits: NDArray[np.intp] | None = None
-    """(n_bits,) the truth, -1 where unknown; None where nothing is known."""
+    """(n_bits,) the bits that were sent, -1 where unknown; None where nothing is known."""
     kappa: int | None = None
+    """Gray levels added where the bit is 1; None where the receiver does not know it."""
     ratex_kappa: int | None = None
+    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``, or unknown."""
     meta: dict[str, object] = field(default_factory=dict)
-    """Further keys of the manifest: pair, view_deg, picture, seed."""
+    """Further keys of the manifest, such as pair, view_deg, picture and seed."""
 
     def rectified(self) -> "Rectified":
-        """Both frames resampled to the layout's frame.
+        """Resample both frames to the layout's frame, by bilinear interpolation.
 
         Raises:
             InputError: the frames differ in size, or the corners do not lie in them.
@@ -85,11 +89,13 @@ class Rectified:
     original: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded, as captured (no photometric change)."""
     embedded: NDArray[np.uint8]
+    """Embedded frame, uint8 of the shape of ``original``, encoded, as captured."""
     layout: Layout
+    """Grid of blocks and ratex patches that the frames show."""
     kappa: int | None = None
-    """Of the message, where the receiver knows it."""
+    """Gray levels added where the bit is 1; None where the receiver does not know it."""
     ratex_kappa: int | None = None
-    """Of the ratex patches, where it is not ``kappa``."""
+    """Gray levels added in ratex tiles of label 1; None where it is ``kappa``, or unknown."""
 
     @property
     def ratex_toggle(self) -> int | None:
@@ -99,12 +105,12 @@ class Rectified:
 
 @dataclass(frozen=True)
 class SoftBits:
-    """What a decoder returns."""
+    """A score for each message bit of a frame pair; what a decoder returns."""
 
     scores: NDArray[np.float64]
     """(n_bits,) row-major over the message cells; positive means bit 1."""
     head: NDArray[np.float64] | None = None
-    """Weights of the per-frame fit, where the method has them; their meaning is the method's."""
+    """Weights that the method fitted to this frame pair, or None; their meaning is the method's."""
 
     @property
     def bits(self) -> NDArray[np.intp]:
@@ -113,13 +119,19 @@ class SoftBits:
 
 
 def combined(captures: Sequence[SoftBits]) -> SoftBits:
-    """Scores of several captures of one frame pair: log-likelihood ratios add.
+    """Add the scores of several captures of one frame pair, as log-likelihood ratios allow.
 
     Args:
         captures: at least one, with scores that are log-likelihood ratios and equally many bits.
 
+    Returns:
+        the sums of the scores, without a head.
+
     Raises:
         InputError: none is given, or their numbers of bits differ.
+
+    >>> combined([SoftBits(np.array([2.0, -1.0])), SoftBits(np.array([1.5, 4.0]))]).bits.tolist()
+    [1, 1]
     """
     if len({soft.scores.size for soft in captures}) != 1:
         raise InputError("captures of one frame pair must be there and have equally many bits")

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from link.errors import InputError
 
 MIN_AREA_PX = 256.0
+"""Smallest area, in square pixels of the image, that a display may cover."""
 
 
 def frame_corners(width: int, height: int) -> NDArray[np.float64]:
@@ -34,14 +35,14 @@ def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
 
 
 def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Corners of the display in an image, refused unless they span a convex quadrilateral in it.
+    """Check that four points can be the corners of a display in an image.
 
     Args:
         corners: (4, 2) pixels (x, y), in corner order.
         image_shape: (H, W, ...) of the captured image.
 
     Returns:
-        (4, 2) float64.
+        the points as (4, 2) float64.
 
     Raises:
         InputError: wrong shape, not finite, outside the image, mirrored, not convex, or tiny.
@@ -67,14 +68,35 @@ def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[n
 
 
 def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDArray[np.float64]:
-    """``H_captured_from_display``: (3, 3), maps display pixels to captured pixels."""
+    """Find the homography that maps pixels of the displayed picture to pixels of the image.
+
+    Args:
+        corners: (4, 2) pixels (x, y) of the image, in corner order.
+        width: of the displayed picture, pixels.
+        height: of the displayed picture, pixels.
+
+    Returns:
+        ``H_captured_from_display``, (3, 3) float64.
+
+    >>> H = homography_from_corners([[9.5, 4.5], [29.5, 4.5], [29.5, 14.5], [9.5, 14.5]], 40, 20)
+    >>> transform(H, [[0, 0], [39, 19]]).round(6).tolist()
+    [[9.75, 4.75], [29.25, 14.25]]
+    """
     display = frame_corners(width, height).astype(np.float32)
     captured = np.asarray(corners, np.float32)
     return np.asarray(cv2.getPerspectiveTransform(display, captured), np.float64)
 
 
 def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
-    """Apply a (3, 3) homography to (N, 2) points."""
+    """Apply a homography to points.
+
+    Args:
+        H: (3, 3).
+        points: (N, 2).
+
+    Returns:
+        (N, 2) float64.
+    """
     homogeneous = np.column_stack(
         [np.asarray(points, np.float64), np.ones(len(np.asarray(points)))]
     )
@@ -92,12 +114,18 @@ def rectify(
 
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded.
-        H_captured_from_display: (3, 3).
+        H_captured_from_display: (3, 3) homography, such as `homography_from_corners` finds.
         width: of the display frame, pixels.
         height: of the display frame, pixels.
 
     Returns:
         (height, width) or (height, width, 3) uint8, encoded.
+
+    >>> photo = np.zeros((24, 48), np.uint8)
+    >>> photo[5:15, 10:30] = 200  # a display that shows an even gray
+    >>> H = homography_from_corners([[9.5, 4.5], [29.5, 4.5], [29.5, 14.5], [9.5, 14.5]], 10, 5)
+    >>> np.unique(rectify(photo, H, 10, 5)).tolist()
+    [200]
     """
     H = np.asarray(H_captured_from_display, np.float64)
     corners = transform(H, frame_corners(width, height))

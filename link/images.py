@@ -10,12 +10,25 @@ from numpy.typing import NDArray
 from link.errors import InputError
 
 MIN_SIDE_PX = 16
+"""Smallest width and height, in pixels, of an image that is read."""
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+"""Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)
-"""Weights of R, G, B (ITU-R BT.601)."""
+"""Weights of red, green and blue in the luma of an encoded image (ITU-R BT.601)."""
 
 
 def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(H, W) float32 in [0, 1], encoded: luma of an RGB frame, or a gray frame as it is."""
+    """Take the luma of an RGB frame, or a gray frame as it is.
+
+    Args:
+        frame: (H, W) or (H, W, 3) uint8, encoded.
+
+    Returns:
+        (H, W) float32 in [0, 1], encoded.
+
+    >>> intensity(np.full((1, 2), 51, np.uint8))
+    array([[0.2, 0.2]], dtype=float32)
+    """
     scaled = frame.astype(np.float32) / np.float32(255)
     luma = np.array(LUMA, np.float32)
     return np.asarray(scaled if frame.ndim == 2 else scaled @ luma, np.float32)
@@ -63,13 +76,61 @@ def _is_cut_off(data: bytes) -> bool:
 
 
 def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) -> (H, W, 3): a gray frame repeated over three channels."""
+    """Repeat a gray frame over three channels: (H, W) or (H, W, 3) becomes (H, W, 3)."""
     return frame if frame.ndim == 3 else np.repeat(frame[:, :, None], 3, axis=2)
 
 
 def as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W) or (H, W, 3) -> (1, 3, H, W), contiguous: what the decoder's graph takes."""
+    """Arrange a frame as the decoder's graph takes it.
+
+    Args:
+        frame: (H, W) or (H, W, 3) uint8, encoded.
+
+    Returns:
+        (1, 3, H, W) uint8, contiguous.
+    """
     return np.ascontiguousarray(as_rgb(frame).transpose(2, 0, 1))[None]
+
+
+def image_files(folder: Path) -> list[Path]:
+    """List the images of a folder by name; hidden files and other kinds of files are passed over.
+
+    Raises:
+        InputError: the folder holds no image.
+    """
+    files = sorted(
+        file
+        for file in folder.iterdir()
+        if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")
+    )
+    if not files:
+        raise InputError(
+            f"{folder}: no image in this folder; looked for {', '.join(IMAGE_SUFFIXES)}"
+        )
+    return files
+
+
+def fit_picture(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    """Cut the largest centred window of the wanted aspect and resize it.
+
+    Args:
+        picture: (H, W, 3) or (H, W) uint8, encoded.
+        width: of the result, pixels.
+        height: of the result, pixels.
+
+    Returns:
+        (height, width, 3) or (height, width) uint8; averaged down (INTER_AREA) or bilinear up.
+
+    >>> fit_picture(np.zeros((60, 200, 3), np.uint8), 32, 24).shape
+    (24, 32, 3)
+    """
+    rows, cols = picture.shape[:2]
+    scale = min(cols / width, rows / height)
+    window_cols, window_rows = max(1, round(scale * width)), max(1, round(scale * height))
+    left, top = (cols - window_cols) // 2, (rows - window_rows) // 2
+    window = picture[top : top + window_rows, left : left + window_cols]
+    how = cv2.INTER_AREA if scale >= 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(window, (width, height), interpolation=how), np.uint8)
 
 
 def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:

@@ -1,16 +1,20 @@
 """The block grid: where bits and ratex patches lie in the displayed frame."""
 
+import json
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError
+from link.errors import InputError, ParameterError
 
 MIN_BLOCK_PX = 4
+"""Smallest width and height of a block, in pixels of the displayed frame."""
 MAX_SIDE_PX = 8192
+"""Largest width and height of a displayed frame, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +30,15 @@ class Layout:
     """
 
     rows: int
+    """Number of blocks from top to bottom."""
     cols: int
+    """Number of blocks from left to right."""
     width: int
+    """Width of the displayed frame, in pixels."""
     height: int
+    """Height of the displayed frame, in pixels."""
     ratex: tuple[tuple[int, int], ...]
+    """Blocks, as (row, col) from the top left, that carry ratex patches instead of bits."""
 
     def __post_init__(self) -> None:
         if self.rows < 1 or self.cols < 1:
@@ -54,7 +63,7 @@ class Layout:
 
     @cached_property
     def message_mask(self) -> NDArray[np.bool_]:
-        """(rows, cols), true where a block carries a message bit."""
+        """Array (rows, cols) of bool that is true where a block carries a message bit."""
         mask = np.ones((self.rows, self.cols), bool)
         for row, col in self.ratex:
             mask[row, col] = False
@@ -62,17 +71,28 @@ class Layout:
 
     @property
     def n_bits(self) -> int:
-        """Message bits in one frame."""
+        """Number of message bits in one frame."""
         return self.rows * self.cols - len(self.ratex)
 
     def cell_box(self, row: int, col: int) -> tuple[int, int, int, int]:
-        """Pixels (top, bottom, left, right) of a block; bottom and right are exclusive."""
+        """Find the pixels of a block.
+
+        Args:
+            row: row of the block, from 0 at the top.
+            col: column of the block, from 0 at the left.
+
+        Returns:
+            top, bottom, left and right in pixels; bottom and right are exclusive.
+
+        >>> make_layout(rows=4, cols=4, width=64, height=48, ratex=2).cell_box(0, 1)
+        (0, 12, 16, 32)
+        """
         top, bottom = (-(-r * self.height // self.rows) for r in (row, row + 1))
         left, right = (-(-c * self.width // self.cols) for c in (col, col + 1))
         return top, bottom, left, right
 
     def to_dict(self) -> dict[str, Any]:
-        """The layout as in the Captures format: rows, cols, width, height, ratex."""
+        """Describe the layout in JSON's types: rows, cols, width, height and ratex."""
         return {
             "rows": self.rows,
             "cols": self.cols,
@@ -83,7 +103,7 @@ class Layout:
 
     @classmethod
     def from_dict(cls, data: Any) -> "Layout":
-        """Read what `to_dict` wrote.
+        """Make a layout from what `to_dict` wrote.
 
         Raises:
             InputError: a key is missing, unknown or of the wrong type.
@@ -108,29 +128,72 @@ class Layout:
 def make_layout(
     rows: int = 8, cols: int = 8, width: int = 512, height: int = 384, ratex: int = 5
 ) -> Layout:
-    """The usual layout: ratex patches in the corners and the centre (0, 1, 2, 3 or 5 of them).
+    """Make the usual layout: ratex patches in the corners and the centre.
 
     Two patches lie on a diagonal; one is the top-left corner, where it disturbs least.
 
+    Args:
+        rows: number of blocks from top to bottom.
+        cols: number of blocks from left to right.
+        width: of the displayed frame, pixels.
+        height: of the displayed frame, pixels.
+        ratex: number of ratex patches: 0, 1, 2, 3 or 5.
+
     Raises:
-        InputError: ``ratex`` is another number, or the grid does not fit.
+        InputError: ``ratex`` is another number, or the grid does not fit the frame.
+
+    >>> layout = make_layout()
+    >>> (layout.n_bits, layout.ratex)
+    (59, ((0, 0), (7, 7), (0, 7), (7, 0), (4, 4)))
     """
     bottom, right = rows - 1, cols - 1
     cells = ((0, 0), (bottom, right), (0, right), (bottom, 0), (rows // 2, cols // 2))
     if ratex not in (0, 1, 2, 3, 5):
-        raise InputError(f"--ratex: choose 0, 1, 2, 3 or 5 patches, got {ratex}")
+        raise ParameterError("ratex", f"choose 0, 1, 2, 3 or 5 patches, got {ratex}")
     if len(set(cells[:ratex])) < ratex:
-        raise InputError(f"--ratex: a {cols}x{rows} grid has no room for {ratex} patches")
+        raise ParameterError("ratex", f"a {cols}x{rows} grid has no room for {ratex} patches")
     return Layout(rows, cols, width, height, cells[:ratex])
 
 
+def read_layout(file: Path) -> Layout:
+    """Read a layout from a JSON file with the keys rows, cols, width, height and ratex.
+
+    Raises:
+        InputError: the file cannot be read, or holds no layout.
+    """
+    try:
+        return Layout.from_dict(json.loads(file.read_text("utf-8")))
+    except (OSError, ValueError) as error:  # no text, no JSON and no layout are ValueErrors
+        raise InputError(f"{file}: no layout there ({error})") from None
+
+
 def block_index(length: int, count: int) -> NDArray[np.intp]:
-    """(length,) block number of each pixel along one axis of ``count`` blocks."""
+    """Number the block of each pixel along one axis.
+
+    Args:
+        length: pixels of the axis.
+        count: blocks of the axis.
+
+    Returns:
+        (length,) whole numbers from 0 to ``count`` - 1.
+
+    >>> block_index(7, 3).tolist()
+    [0, 0, 0, 1, 1, 2, 2]
+    """
     return np.arange(length) * count // length
 
 
 def block_mean(maps: NDArray[np.floating[Any]], rows: int, cols: int) -> NDArray[np.floating[Any]]:
-    """Mean over each block: (..., H, W) -> (..., rows, cols), in the dtype of ``maps``."""
+    """Average over each block.
+
+    Args:
+        maps: (..., H, W).
+        rows: number of blocks from top to bottom.
+        cols: number of blocks from left to right.
+
+    Returns:
+        (..., rows, cols) in the dtype of ``maps``.
+    """
     height, width = maps.shape[-2:]
     counts_y = np.bincount(block_index(height, rows), minlength=rows)
     counts_x = np.bincount(block_index(width, cols), minlength=cols)

@@ -18,12 +18,15 @@ from numpy.typing import NDArray
 from link.layout import Layout
 
 T = TypeVar("T", bound=Any)
-TILES = 4
-LEVELS = TILES * TILES // 2
-SAMPLES = 6  # training samples per tile and axis, all in the inner half of the tile
-STEPS = 4 * SAMPLES  # their positions are odd multiples of a 24th of the tile
 
-# tile order of each patch, row-major: q // 2 is the intensity's rank in the patch, q % 2 the label
+TILES = 4
+"""Number of tiles along each axis of a patch."""
+LEVELS = TILES * TILES // 2
+"""Number of intensities in a patch; each appears in one tile of label 1 and in one of label 0."""
+SAMPLES = 6
+"""Number of training samples along each axis of a tile, all in its inner half."""
+STEPS = 4 * SAMPLES
+"""Parts into which a tile is divided along each axis; samples lie at odd multiples of a part."""
 TILE_ORDERS = np.array(
     [
         [2, 12, 1, 13, 4, 7, 6, 11, 5, 15, 10, 8, 3, 14, 9, 0],
@@ -33,6 +36,8 @@ TILE_ORDERS = np.array(
         [15, 1, 4, 8, 13, 3, 10, 12, 14, 2, 11, 5, 0, 6, 9, 7],
     ]
 )
+"""Order of the tiles in each of five patches, (5, 16), row-major. A number q says that the tile's
+intensity has rank q // 2 in the patch and that its label is q % 2. Further patches begin again."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +55,21 @@ class TrainingPixels:
 
 
 def tile_labels(layout: Layout) -> NDArray[np.intp]:
-    """(patches, TILES, TILES) labels 0 or 1."""
+    """Give each tile's label, 0 or 1, as an array (patches, TILES, TILES)."""
     orders = TILE_ORDERS[np.arange(len(layout.ratex)) % len(TILE_ORDERS)]
     return (orders % 2).reshape(-1, TILES, TILES)  # (patches, 16) -> (patches, 4, 4)
 
 
 def tile_levels(layout: Layout, kappa: int) -> NDArray[np.intp]:
-    """(patches, TILES, TILES) intensities in the original frame, gray levels."""
+    """Give each tile's intensity in the original frame.
+
+    Args:
+        layout: says how many patches there are.
+        kappa: gray levels that are added to the tiles of label 1 in the embedded frame.
+
+    Returns:
+        (patches, TILES, TILES) whole gray levels of [0, 255 - kappa].
+    """
     patches = len(layout.ratex)
     index = np.arange(patches)
     rank = TILE_ORDERS[index % len(TILE_ORDERS)] // 2
@@ -64,7 +77,7 @@ def tile_levels(layout: Layout, kappa: int) -> NDArray[np.intp]:
     return levels[rank * patches + index[:, None]].reshape(-1, TILES, TILES)
 
 
-def draw(frame: NDArray[np.uint8], layout: Layout, kappa: int, *, embedded: bool) -> None:
+def draw_patches(frame: NDArray[np.uint8], layout: Layout, kappa: int, *, embedded: bool) -> None:
     """Draw the patches into a displayed frame in place.
 
     Args:
@@ -89,14 +102,15 @@ class SampleGrid:
     tile_y: NDArray[np.intp]
     """(N,) tile row, counted over the whole frame."""
     tile_x: NDArray[np.intp]
-    """(N,) tile column."""
+    """(N,) tile column, counted over the whole frame."""
     step_y: NDArray[np.intp]
-    """(N,) position in the tile, of `STEPS`."""
+    """(N,) position in the tile from its top, in parts of which a tile has `STEPS`."""
     step_x: NDArray[np.intp]
+    """(N,) position in the tile from its left, in parts of which a tile has `STEPS`."""
 
 
 def sample_grid(layout: Layout) -> SampleGrid:
-    """The samples of all patches, tile by tile, in the inner half of each tile."""
+    """List the training samples of all patches, tile by tile, in the inner half of each tile."""
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
     tiles, steps = np.arange(TILES), 2 * np.arange(SAMPLES) + SAMPLES + 1
     shape = (len(cells), TILES, TILES, SAMPLES, SAMPLES)
@@ -107,9 +121,18 @@ def sample_grid(layout: Layout) -> SampleGrid:
 
 
 def sample_position(tile: T, step: T, tiles: T | int, length: T | int) -> T:
-    """Pixel of each sample along an axis of ``length`` pixels and ``tiles`` tiles.
+    """Find the pixel of each sample along one axis.
 
-    Whole numbers throughout, for numpy arrays and torch tensors alike.
+    All numbers are whole, in numpy arrays or torch tensors alike.
+
+    Args:
+        tile: (N,) tile of each sample, counted over the whole axis.
+        step: (N,) position in the tile, in parts of which a tile has `STEPS`.
+        tiles: number of tiles along the axis.
+        length: pixels of the axis.
+
+    Returns:
+        (N,) pixels.
     """
     start = (tile * length + tiles - 1) // tiles
     stop = ((tile + 1) * length + tiles - 1) // tiles
@@ -118,11 +141,11 @@ def sample_position(tile: T, step: T, tiles: T | int, length: T | int) -> T:
 
 
 def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
-    """Training pixels of all patches: 36 in the inner half of each tile, away from its edges.
+    """Find the training pixels: 36 in the inner half of each tile, away from its edges.
 
     Args:
         layout: with at least one patch, or the arrays are empty.
-        kappa: of the ratex patches; enters the displayed intensities.
+        kappa: gray levels that the ratex patches toggle by; they enter the displayed intensities.
     """
     grid = sample_grid(layout)
     per_tile = SAMPLES * SAMPLES
@@ -134,17 +157,26 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
     )
 
 
-def visibility(frame: NDArray[np.uint8], layout: Layout) -> float:
-    """How well a rectified frame shows the ratex patches where the layout has them.
+@dataclass(frozen=True)
+class PatchMatch:
+    """How the tiles of each ratex patch look in a frame, beside how they were displayed."""
+
+    captured: NDArray[np.float64]
+    """(patches, tiles) captured intensity of each tile less the mean of its patch, gray levels."""
+    shown: NDArray[np.float64]
+    """(patches, tiles) displayed intensity of each tile less the mean of its patch, gray levels."""
+    label: NDArray[np.intp]
+    """(patches, tiles) 1 where the embedded frame is kappa brighter, else 0."""
+    correlation: NDArray[np.float64]
+    """(patches,) correlation of ``captured`` and ``shown``, in [-1, 1]; 0 where a patch is even."""
+
+
+def match_patches(frame: NDArray[np.uint8], layout: Layout) -> PatchMatch:
+    """Compare the ratex patches of a rectified frame with the patches that were displayed.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, of any size.
+        frame: (H, W) or (H, W, 3) uint8, encoded, of any size.
         layout: with at least one patch.
-
-    Returns:
-        mean over the patches of the correlation between displayed and captured tile intensities,
-        in [-1, 1]: near 1 with right corners, near 0 without a display, a few tenths at most with
-        the display turned.
     """
     height, width = frame.shape[:2]
     pixels = training_pixels(replace(layout, height=height, width=width))
@@ -156,4 +188,20 @@ def visibility(frame: NDArray[np.uint8], layout: Layout) -> float:
     captured = captured - captured.mean(axis=1, keepdims=True)
     shown = shown - shown.mean(axis=1, keepdims=True)
     scale = np.sqrt((captured**2).sum(axis=1) * (shown**2).sum(axis=1)) + 1e-9
-    return float(((captured * shown).sum(axis=1) / scale).mean())
+    correlation = (captured * shown).sum(axis=1) / scale
+    return PatchMatch(captured, shown, pixels.label.reshape(shape)[:, :, 0], correlation)
+
+
+def visibility(frame: NDArray[np.uint8], layout: Layout) -> float:
+    """Tell how well a rectified frame shows the ratex patches where the layout has them.
+
+    Args:
+        frame: (H, W) or (H, W, 3) uint8, encoded, of any size.
+        layout: with at least one patch.
+
+    Returns:
+        mean over the patches of the correlation between displayed and captured tile intensities,
+        in [-1, 1]: near 1 with right corners, near 0 without a display, a few tenths at most with
+        the display turned.
+    """
+    return float(match_patches(frame, layout).correlation.mean())

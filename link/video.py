@@ -1,4 +1,10 @@
-"""Video files: reading as a stream, and writing without loss."""
+"""Video files: the one reader and the one writer of the project.
+
+They are part of the contract because the sender reads and writes video, the film simulator writes
+it, and the receiver reads it. `VideoReader` serves all who read. It gives the frames, and tells
+afterwards whether the file broke off; its caller decides whether that is an error (`read_video`,
+for the sender) or a warning (`export.receive.sources`, for the receiver).
+"""
 
 import math
 import os
@@ -15,66 +21,98 @@ from link.errors import InputError
 LOSSLESS = "FFV1"
 """Code of the writer; of those in OpenCV's wheels it is the smallest that keeps every level."""
 MAX_FPS = 1000.0
+"""Largest number of frames a second that a file is believed to have."""
 SLACK_S = 0.5
 """Seconds that a stream may end before its file says: sound is often a little longer."""
 
 
-def open_video(path: Path | str) -> cv2.VideoCapture:
-    """Open a video file.
+class VideoReader:
+    """Reads the frames of a video file, one at a time and once.
+
+    Args:
+        path: of the file.
 
     Raises:
         InputError: the file is missing, or no video that OpenCV can read.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: no such video file; check the path")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # our one line says what is wrong
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        if not self.path.is_file():
+            raise InputError(f"{path}: no such video file; check the path")
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # our one line says what is wrong
+        level = cv2.utils.logging.getLogLevel()
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            self._video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        finally:
+            cv2.utils.logging.setLogLevel(level)
+        if not self._video.isOpened():
+            raise InputError(
+                f"{path}: not a readable video; it may be cut off or of a kind that OpenCV cannot "
+                "read"
+            )
+        fps = float(self._video.get(cv2.CAP_PROP_FPS))
+        count = float(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
+        self._stated_s = count / fps if fps > 0 and count > 0 else 0.0
+        self._slack_s = 2 / max(fps, 1.0) + SLACK_S
+        self.fps = fps if 0 < fps <= MAX_FPS else None
+        """Frames a second as the file states them, or None where it states none."""
+        self.broken_off: str | None = None
+        """Where the video ended before the time that the file states, in words; None if it did not,
+        or has not yet."""
+
+    def frames(self) -> Iterator[NDArray[np.uint8]]:
+        """Give the frames one at a time, (H, W, 3) uint8, encoded RGB.
+
+        After the last one, ``broken_off`` says whether some are missing.
+
+        Raises:
+            InputError: the file holds no frame that can be read.
+        """
+        count, end_s = 0, 0.0
+        try:
+            while (image := next_frame(self._video)) is not None:
+                end_s = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                count += 1
+                yield image
+        finally:
+            self._video.release()
+        if not count:
+            raise InputError(f"{self.path}: holds no readable frame; copy or record it again")
+        if end_s + self._slack_s < self._stated_s:
+            self.broken_off = (
+                f"{self.path}: the video breaks off after {count} frames, at {end_s:.1f} of "
+                f"{self._stated_s:.1f} s; copy it again, or cut it there"
+            )
+
+
+def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
+    """Take the next frame of an open video or camera.
+
+    Returns:
+        (H, W, 3) uint8, encoded RGB, or None where there is none that can be read.
+    """
     try:
-        video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    if not video.isOpened():
-        raise InputError(
-            f"{path}: not a readable video; it may be cut off or of a kind that OpenCV cannot read"
-        )
-    return video
-
-
-def frame_rate(path: Path | str) -> float | None:
-    """Frames per second as the file states it, or None where it states none."""
-    video = open_video(path)
-    fps = float(video.get(cv2.CAP_PROP_FPS))
-    video.release()
-    return fps if 0 < fps <= MAX_FPS else None
+        got, image = capture.read()
+    except cv2.error:
+        return None
+    if not got or image is None or image.ndim not in (2, 3):
+        return None
+    code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
+    return np.asarray(cv2.cvtColor(image, code), np.uint8)
 
 
 def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:
-    """The frames of a video, one at a time, (H, W, 3) uint8, encoded RGB.
+    """Give the frames of a whole video, one at a time, (H, W, 3) uint8, encoded RGB.
 
     Raises:
         InputError: no readable video, no frame in it, or it ends before the time it states.
     """
-    video = open_video(path)
-    try:
-        fps, count = (video.get(p) for p in (cv2.CAP_PROP_FPS, cv2.CAP_PROP_FRAME_COUNT))
-        frames, end_s = 0, 0.0
-        while True:
-            got, frame = video.read()
-            if not got:
-                break
-            frames += 1
-            end_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
-            yield np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), np.uint8)
-    finally:
-        video.release()
-    stated_s = count / fps if fps > 0 and count > 0 else 0.0
-    if not frames or end_s + 2 / max(fps, 1.0) + SLACK_S < stated_s:
-        raise InputError(
-            f"{path}: the video breaks off after {frames} frames, at {end_s:.1f} of "
-            f"{stated_s:.1f} s; copy it again, or cut it there"
-        )
+    reader = VideoReader(path)
+    yield from reader.frames()
+    if reader.broken_off is not None:
+        raise InputError(reader.broken_off)
 
 
 def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> None:
@@ -108,7 +146,7 @@ def _open_writer(path: Path, width: int, height: int, fps: float) -> cv2.VideoWr
     if width % 2 or height % 2:
         raise InputError(
             f"{path.suffix}: OpenCV writes even widths and heights only, got {width}x{height}; "
-            "change --width, --height, or write a folder of images or .html"
+            "change the width or height, or write a folder of images or .html"
         )
     if not (math.isfinite(fps) and 0 < fps <= MAX_FPS):
         raise InputError(f"{path.suffix}: need a rate from 0 to {MAX_FPS:g} frames/s, got {fps:g}")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import capture
+from data_gen.channel.stills import capture
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import get_pair
 from link.embed import embed
@@ -14,7 +14,7 @@ from link.images import intensity
 from link.layout import Layout, make_layout
 from models import make_decoder
 from models.classical.blind import SPREAD, fit, log_odds
-from models.classical.register import REACH_PX, align, edges, whole_pixel_shift
+from models.classical.register import REACH_PX, align_frames, high_pass, whole_pixel_shift
 from models.classical.tones import TONES, cut_into_tones
 
 NO_PATCHES = make_layout(ratex=0)
@@ -194,11 +194,11 @@ def test_align_undoes_a_homography_and_an_exposure(scene: NDArray[np.uint8]) -> 
     moved = ends + np.array([[5, -3], [-4, 2], [3, 6], [-6, -2]], np.float32)
     H = cv2.getPerspectiveTransform(ends, moved)
     embedded = np.asarray(cv2.warpPerspective(scene, H, (width, height), flags=cv2.INTER_CUBIC))
-    luma, inside = align(scene, (0.9 * embedded).astype(np.uint8))
+    luma, inside = align_frames(scene, (0.9 * embedded).astype(np.uint8))
     inside[:12], inside[-12:], inside[:, :12], inside[:, -12:] = 0, 0, 0, 0  # the scene ends there
-    target = edges(intensity(scene))[inside]
-    before = np.corrcoef(target, edges(intensity(embedded))[inside])[0, 1]
-    after = np.corrcoef(target, edges(luma)[inside])[0, 1]
+    target = high_pass(intensity(scene))[inside]
+    before = np.corrcoef(target, high_pass(intensity(embedded))[inside])[0, 1]
+    after = np.corrcoef(target, high_pass(luma)[inside])[0, 1]
     assert inside.mean() > 0.8
     assert before < 0.6
     assert after > 0.97
@@ -207,6 +207,6 @@ def test_align_undoes_a_homography_and_an_exposure(scene: NDArray[np.uint8]) -> 
 def test_align_leaves_frames_that_share_nothing_where_they_are() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (2, 100, 120)).astype(np.uint8)
     flat = np.full((100, 120), 90, np.uint8)
-    luma, inside = align(flat, noise[0])
+    luma, inside = align_frames(flat, noise[0])
     np.testing.assert_array_equal(luma, intensity(noise[0]))
     assert inside.all()

@@ -18,13 +18,12 @@ from link.embed import (
     display_video,
     embed,
     message_mask,
-    psnr,
-    ssim,
     with_head_room,
 )
 from link.errors import InputError
 from link.frames import Displayed
 from link.layout import Layout, block_index, block_mean, make_layout
+from link.quality import psnr, ssim
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
 Picture = NDArray[np.uint8]
@@ -239,7 +238,7 @@ def test_five_messages_make_ten_frames_in_turn(layout: Layout) -> None:
 
 @pytest.mark.parametrize("kappa", [0, -3, MAX_KAPPA + 1, 2.5, float("nan")])
 def test_kappa_must_be_a_whole_number_in_range(layout: Layout, kappa: Any) -> None:
-    with pytest.raises(InputError, match=f"--kappa: need 1 to 64 whole gray levels, got {kappa}"):
+    with pytest.raises(InputError, match=f"^kappa: need 1 to 64 whole gray levels, got {kappa}"):
         embed(noise(layout), random_bits(layout), layout, kappa)
 
 
@@ -270,5 +269,5 @@ def test_the_picture_must_have_the_layouts_size(layout: Layout) -> None:
 
 @pytest.mark.parametrize("level", [-1, 4, 100])
 def test_a_level_too_coarse_for_the_blocks_is_refused(level: int) -> None:
-    with pytest.raises(InputError, match=f"--pyramid-level: {level} does not fit blocks of 32"):
+    with pytest.raises(InputError, match=f"^pyramid_level: {level} does not fit blocks of 32"):
         message_mask(random_bits(SMALL), SMALL, level)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pictures.library import load_pictures
-from link.embed import psnr, with_head_room
+from link.embed import with_head_room
 from link.frames import Rectified
 from link.layout import make_layout
+from link.quality import psnr
 from reports.engine.predict import Method
 from reports.studies.peers import adapters
 from reports.studies.peers.__main__ import main

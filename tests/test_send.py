@@ -19,13 +19,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import export.send.__main__ as send_cli
-from export.send.pictures import fit, open_pictures
+from export.send.pictures import open_pictures
 from export.send.player import write_player
+from export.send.write import write_states
 from link.code import framing
 from link.code.collect import Collector
 from link.embed import with_head_room
 from link.errors import InputError
-from link.images import read_image, write_image
+from link.images import fit_picture, read_image, write_image
 from link.layout import Layout, make_layout
 from link.loop import Loop
 from link.video import read_video, write_video
@@ -239,7 +240,7 @@ def test_any_layout_survives_folder_and_player(
     with TemporaryDirectory() as folder:
         out = Path(folder) / "page.html"
         write_player(out, loop.pairs(), 4)
-        send_cli.write_states(Path(folder), loop.states())
+        write_states(Path(folder), loop.states())
         states = folder_states(Path(folder))
         np.testing.assert_array_equal(player_states(out), states)
     assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
@@ -248,14 +249,14 @@ def test_any_layout_survives_folder_and_player(
 def test_fit_cuts_evenly_and_does_not_stretch() -> None:
     wide = np.zeros((60, 200, 3), np.uint8)
     wide[:, 60:140] = 255
-    assert fit(wide, 80, 60).min() == 255
+    assert fit_picture(wide, 80, 60).min() == 255
     tall = np.zeros((200, 60), np.uint8)
     tall[80:120] = 255
-    assert fit(tall, 30, 20).min() == 255
+    assert fit_picture(tall, 30, 20).min() == 255
     same = noise(40, 50)
-    np.testing.assert_array_equal(fit(same, 50, 40), same)
+    np.testing.assert_array_equal(fit_picture(same, 50, 40), same)
     checks = (np.indices((64, 64)).sum(axis=0) % 2 * 254).astype(np.uint8)
-    assert np.unique(fit(checks, 32, 32)).tolist() == [127]  # averaged, not aliased
+    assert np.unique(fit_picture(checks, 32, 32)).tolist() == [127]  # averaged, not aliased
 
 
 CUT = "picture.png --message hi --out"

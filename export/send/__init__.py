@@ -1,1 +1,1 @@
-"""The sender: pictures and a message to what a display shows."""
+"""The sender: a message and pictures become a player, a video or images for a display to show."""

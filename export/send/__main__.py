@@ -4,45 +4,35 @@ python -m export.send PICTURE --message TEXT --out player.html
 """
 
 import argparse
-import contextlib
 import json
 import math
-import os
-import shutil
-from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any, NoReturn
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NoReturn
 
 from export.send.pictures import open_pictures
-from export.send.player import write_player
+from export.send.write import check_out, write_loop
 from link.code.framing import encode
 from link.embed import check_kappa
 from link.errors import InputError, at_least, run_cli
-from link.images import make_folder, write_bytes, write_image
-from link.layout import Layout, make_layout
+from link.layout import Layout, make_layout, read_layout
 from link.loop import Loop
-from link.video import write_video
 
-KINDS = ("", ".html", ".avi", ".mkv")
-"""Suffixes of --out: a folder of images, the player, or a video."""
-REPORT = "sent.json"
 GRID = {"rows": 8, "cols": 8, "width": 512, "height": 384, "ratex": 5}
+"""Flags that describe the usual layout, with their values where they are absent."""
 MAX_SCALE = 64
+"""Largest number of display pixels that the player may give to each picture pixel and axis."""
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are `InputError`."""
+class OneLineParser(argparse.ArgumentParser):
+    """An argument parser that raises an `InputError` where argparse prints its usage and exits."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise an `InputError`."""
+        """Raise an `InputError` with the message."""
         raise InputError(f"{message}; see --help")
 
 
-def read_message(text: str | None, file: Path | None) -> bytes:
-    """The bytes of --message, as UTF-8, or of --file.
+def message_of(text: str | None, file: Path | None) -> bytes:
+    """Take the bytes of --message, as UTF-8, or of --file.
 
     Raises:
         InputError: both or neither is given, or the file cannot be read.
@@ -59,93 +49,36 @@ def read_message(text: str | None, file: Path | None) -> bytes:
 
 
 def choose_layout(file: Path | None, grid: dict[str, int | None]) -> Layout:
-    """The layout in a JSON file, or the usual one with the given numbers.
+    """Read the layout in a JSON file, or make the usual one with the given numbers.
 
     Args:
-        file: holds rows, cols, width, height, ratex.
-        grid: values of the flags of the same names, None where absent.
+        file: holds rows, cols, width, height and ratex; None where --layout is absent.
+        grid: values of the flags in `GRID`, None where absent.
 
     Raises:
-        InputError: file and flags are given together, the file holds no layout, or see `Layout`.
+        InputError: file and flags are given together, the file holds no layout, or the numbers make
+            none.
     """
     given = {name: value for name, value in grid.items() if value is not None}
     if file is None:
         return make_layout(**(GRID | given))
     if given:
         raise InputError(f"--{next(iter(given))} and --layout: give one of them")
-    try:
-        return Layout.from_dict(json.loads(file.read_text()))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(f"{file}: no layout there ({error})") from None
+    return read_layout(file)
 
 
-def check_out(out: Path) -> str:
-    """The kind of output, one of `KINDS`; an `InputError` where something is there already."""
-    kind = out.suffix.lower()
-    if kind not in KINDS:
-        raise InputError(
-            f"--out: {out} must end in .html, .avi or .mkv, or be a folder with no dot in its name"
-        )
-    empty = kind == "" and out.is_dir() and not any(out.iterdir())
-    if out.exists() and not empty:
-        raise InputError(f"--out: {out} is already there; remove it or choose another name")
-    return kind
-
-
-@contextlib.contextmanager
-def unfinished(out: Path) -> Iterator[Path]:
-    """A temporary name beside ``out``, which is renamed at the end, or removed on an error."""
-    temporary = out.with_name(f".{out.stem}.{os.getpid()}.tmp{out.suffix}")
-    make_folder(out.parent)
-    try:
-        yield temporary
-        if out.is_dir():
-            out.rmdir()
-        temporary.replace(out)
-    except OSError as error:
-        raise InputError(f"--out: {out} cannot be written ({error.strerror})") from None
-    finally:
-        if temporary.is_dir():
-            shutil.rmtree(temporary)
-        else:
-            temporary.unlink(missing_ok=True)
-
-
-def write_states(folder: Path, states: Iterable[NDArray[np.uint8]]) -> None:
-    """Write state_00000.png, state_00001.png, ... in the order in which a display shows them."""
-    for number, state in enumerate(states):
-        write_image(folder / f"state_{number:05d}.png", state)
-
-
-def send(loop: Loop, out: Path, message_bytes: int, state_hz: float, player: dict[str, int]) -> Any:
-    """Write the loop and return its report (see `Loop.report`).
+def states_per_second(hold: int, refresh: float, state_hz: float | None, kind: str) -> float:
+    """Work out how many states are shown in a second: --state-hz, or --refresh / --hold.
 
     Args:
-        loop: what to show.
-        out: its suffix is one of `KINDS`.
-        message_bytes: length of the message.
-        state_hz: states shown in a second.
-        player: ``hold`` and ``scale`` of `export.send.player.write_player`.
+        hold: refreshes that a state stays.
+        refresh: refreshes of the display in a second.
+        state_hz: value of --state-hz, None where absent.
+        kind: ending of the output's name; a player (".html") holds states for whole refreshes.
 
     Raises:
-        InputError: a picture or the output is no good; nothing is left behind.
+        InputError: the rate is no number up to 1000, or the player cannot keep it.
     """
-    kind = check_out(out)
-    with unfinished(out) as path:
-        if kind == ".html":
-            write_player(path, loop.pairs(), **player)
-        elif kind:
-            write_video(path, loop.states(), state_hz)
-        else:
-            write_states(path, loop.states())
-        report = loop.report(message_bytes, state_hz)
-        if not kind:
-            write_bytes(path / REPORT, json.dumps(report, indent=1).encode())
-    return report
-
-
-def rate(hold: int, refresh: float, state_hz: float | None, kind: str) -> float:
-    """States a second: --state-hz, or --refresh / --hold."""
     at_least(1, hold=hold)
     wanted = refresh / hold if state_hz is None else state_hz
     if not (math.isfinite(wanted) and 0 < wanted <= 1000):
@@ -158,23 +91,24 @@ def rate(hold: int, refresh: float, state_hz: float | None, kind: str) -> float:
     return wanted
 
 
-def parser() -> Parser:
-    """The command line."""
-    it = Parser(prog="python -m export.send", description=main.__doc__)
-    it.add_argument("pictures", type=Path, help="an image, a folder of images, or a video")
-    it.add_argument("--message", help="text to send")
-    it.add_argument("--file", type=Path, help="file to send, instead of --message")
-    it.add_argument("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
-    it.add_argument("--kappa", type=int, default=3, help="gray levels added for a 1 (3)")
+def send_parser() -> OneLineParser:
+    """Make the parser of the command line."""
+    parser = OneLineParser(prog="python -m export.send", description=main.__doc__)
+    add = parser.add_argument
+    add("pictures", type=Path, help="an image, a folder of images, or a video")
+    add("--message", help="text to send")
+    add("--file", type=Path, help="file to send, instead of --message")
+    add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
+    add("--kappa", type=int, default=3, help="gray levels added for a 1 (3)")
     for name, default in GRID.items():
-        it.add_argument(f"--{name}", type=int, help=f"of the layout ({default})")
-    it.add_argument("--layout", type=Path, help="JSON file with a layout, instead of these five")
-    it.add_argument("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
-    it.add_argument("--hold", type=int, default=4, help="refreshes that a state stays (4)")
-    it.add_argument("--refresh", type=float, default=60.0, help="of the display, Hz (60)")
-    it.add_argument("--state-hz", type=float, help="states a second, if not refresh / hold")
-    it.add_argument("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
-    return it
+        add(f"--{name}", type=int, help=f"of the layout ({default})")
+    add("--layout", type=Path, help="JSON file with a layout, instead of these five")
+    add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
+    add("--hold", type=int, default=4, help="refreshes that a state stays (4)")
+    add("--refresh", type=float, default=60.0, help="of the display, Hz (60)")
+    add("--state-hz", type=float, help="states a second, if not refresh / hold")
+    add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
+    return parser
 
 
 def main() -> None:
@@ -182,14 +116,14 @@ def main() -> None:
 
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR and SSIM.
     """
-    args = parser().parse_args()
+    args = send_parser().parse_args()
     kind = check_out(args.out)
-    message = read_message(args.message, args.file)
+    message = message_of(args.message, args.file)
     layout = choose_layout(args.layout, {name: getattr(args, name) for name in GRID})
     check_kappa(args.kappa)
     if not 0 <= args.scale <= MAX_SCALE:
         raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
-    state_hz = rate(args.hold, args.refresh, args.state_hz, kind)
+    state_hz = states_per_second(args.hold, args.refresh, args.state_hz, kind)
     loop = Loop(
         layout,
         args.kappa,
@@ -197,8 +131,7 @@ def main() -> None:
         open_pictures(args.pictures, state_hz / 2),
         args.pyramid_level,
     )
-    player = {"hold": args.hold, "scale": args.scale}
-    report = send(loop, args.out, len(message), state_hz, player)
+    report = write_loop(loop, args.out, len(message), state_hz, hold=args.hold, scale=args.scale)
     print(json.dumps({"out": str(args.out), **report}))
 
 

@@ -1,4 +1,4 @@
-"""A loop as one HTML file that plays it on any browser's display, refresh by refresh."""
+"""Write a loop as one HTML file that plays it in any browser, refresh by refresh."""
 
 import base64
 import json
@@ -15,18 +15,19 @@ from link.frames import Displayed
 from link.images import write_bytes
 
 TEMPLATE = Path(__file__).with_name("player.html")
+"""Page of the player, with `__LOOP__` where the loop goes as JSON."""
 MAX_DECODED_BYTES = 2**30
-"""Of all images as a browser holds them, 4 bytes a pixel."""
+"""Largest memory for all images as a browser holds them, at 4 bytes a pixel."""
 
 
 def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int = 0) -> None:
-    """Write the player.
+    """Write the player, one HTML file that needs no other.
 
     It holds each picture once, and for each frame pair a gray image of the levels that the embedded
     frame adds; the browser adds them. Images are PNG without colour chunks.
 
     Args:
-        path: of the .html file.
+        path: the .html file.
         pairs: at least one, (height, width, 3) or (height, width), all of one size.
         hold: refreshes for which each state stays, at least 1.
         scale: display pixels for each picture pixel and axis; 0 for the largest that fits.
@@ -50,8 +51,8 @@ def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int =
         shape = pair.layout.height, pair.layout.width
         if 4 * len(pngs) * shape[0] * shape[1] > MAX_DECODED_BYTES:
             raise InputError(
-                f"--out: a player of more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
-                "write a video, or use fewer pictures or a smaller --width and --height"
+                f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
+                "write a video, or use fewer pictures or a smaller width and height"
             )
     loop = {
         "width": shape[1],

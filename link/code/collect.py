@@ -1,4 +1,4 @@
-"""Scores of frames, in the order they were seen -> the message of the loop they belong to.
+"""The collector turns scores of frames, in the order they were seen, into their loop's message.
 
 The receiver may join the loop anywhere, does not know its length N, and may lose count when the
 display leaves the view. Frames whose mutual distance is known form a *run*; every pair (N, first
@@ -23,15 +23,16 @@ from link.code.framing import (
 )
 
 MAX_SCORE = 8.0
-"""Scores are cut here: what covers a block can look certain, and no single block should decide."""
+"""Largest magnitude of a score, in log-likelihood units; larger ones are cut, because what covers a
+block can look certain, and no single block should decide."""
 SURE = 1e-4
-"""Posterior probability left to all other hypotheses when a run is placed."""
+"""Largest posterior probability of all other hypotheses together at which a run is placed."""
 MAX_RUN = 128
-"""Frames of a run that wait for a place; then the run starts afresh."""
+"""Number of frames of a run that may wait for a place; then the run starts afresh."""
 DOUBT = 6
-"""Frames of a placed run over which its signatures are watched."""
+"""Number of frames of a placed run over which its signatures are watched for contradiction."""
 MEMORY_LOOPS = 16
-"""Scores fade over about this many loops, so that a changed message wins in time."""
+"""Number of loops over which scores fade, so that a changed message wins in time."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +40,23 @@ class Message:
     """A message that arrived whole."""
 
     data: bytes
+    """The bytes that were sent."""
     frames: int
-    """Of its loop."""
+    """Number of frames in the loop that carries the message."""
     seen: int
-    """Frames whose scores were used."""
+    """Number of received frames whose scores were used."""
     agreement: float
     """Share of the scores' weight that agrees with the message, in [0, 1]."""
 
     @property
     def text(self) -> str:
-        """As UTF-8; bytes that are none are escaped."""
+        """The message read as UTF-8, with bytes that are no UTF-8 escaped."""
         return self.data.decode("utf-8", "backslashreplace")
 
 
 @lru_cache(maxsize=1)
 def _hypotheses() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint8]]:
-    """All (N, first frame): N and first (M,), and the signature words of all loops end to end."""
+    """List all (N, first frame): N and first (M,), and the signatures of all loops end to end."""
     lengths = np.arange(1, MAX_FRAMES + 1, dtype=np.int32)
     frames = np.repeat(lengths, lengths)
     ends = np.repeat(np.cumsum(lengths) - lengths, lengths)
@@ -64,7 +66,14 @@ def _hypotheses() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.uint
 
 
 def word_likelihoods(head: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(SIGNATURE,) scores -> (2 ** SIGNATURE,) log-likelihood of each word."""
+    """Weigh all words that a signature may be.
+
+    Args:
+        head: (SIGNATURE,) scores of the signature's bits.
+
+    Returns:
+        (2 ** SIGNATURE,) log-likelihood of each word, but for a constant.
+    """
     bits = np.unpackbits(np.arange(2**SIGNATURE, dtype=np.uint8)[:, None], axis=1)
     return np.asarray((bits - 0.5) @ head, np.float32)
 
@@ -76,16 +85,25 @@ class Collector:
         n_bits: message blocks of a frame.
 
     Raises:
-        InputError: too few of them for a signature.
+        InputError: the frames have too few blocks for a signature.
+
+    The receiver joins the loop at its third frame and does not know how long the loop is:
+
+    >>> loop = encode(b"Hello", n_bits=59)
+    >>> collector, message = Collector(n_bits=59), None
+    >>> for count in range(len(loop)):
+    ...     message = message or collector.add(9.0 * loop[(count + 2) % len(loop)] - 4.5, count)
+    >>> message.text
+    'Hello'
     """
 
     def __init__(self, n_bits: int) -> None:
         check_bits(n_bits)
         self.n_bits = n_bits
         self.frames: int | None = None
-        """Of the loop, once known."""
+        """Number of frames in the loop, or None while it is unknown."""
         self.seen = 0
-        """Frames whose place is known."""
+        """Number of received frames whose place in the loop is known."""
         self._loop = np.zeros((0, n_bits))
         self._tried = 0.0
         self.start_run()
@@ -99,7 +117,7 @@ class Collector:
 
     @property
     def progress(self) -> float:
-        """Information received / information needed, in bits: about 1 when the message is whole."""
+        """Information received, as a share of what is needed: about 1 when the message is whole."""
         if self.frames is None:
             return 0.0
         llr = np.abs(self._loop[:, SIGNATURE:])
@@ -115,7 +133,7 @@ class Collector:
             count: number of the frame on the display, from any start; rising within a run.
 
         Returns:
-            the message, if it is whole now.
+            the message where it is whole now, else None.
         """
         scores = np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE)
         words = word_likelihoods(scores[:SIGNATURE])

@@ -1,4 +1,4 @@
-"""Message <-> protected bits of a loop of frames.
+"""Framing turns a message into the protected bits of a loop of frames, and back.
 
     information   length (2 bytes) | message | zeros | CRC-32 of all before
     codeword      information + parity, rate 1/2 (`link.code.ldpc`): N P bits for N frames
@@ -15,14 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.ldpc import Code, make_code, scrambled
-from link.errors import InputError
+from link.errors import InputError, ParameterError
 
 SIGNATURE = 8
-"""Bits of each frame that say which one it is."""
+"""Number of bits that each frame spends on saying which frame of the loop it is."""
 MAX_FRAMES = 1024
+"""Largest number of frames in a loop."""
 LENGTH_BYTES, CRC_BYTES = 2, 4
+"""Number of bytes that hold the length of the message, and its CRC-32."""
 MIN_BITS = 2 * SIGNATURE
-"""Fewest message blocks of a frame."""
+"""Smallest number of message blocks that a frame may have."""
 
 
 def check_bits(n_bits: int) -> None:
@@ -35,29 +37,47 @@ def check_bits(n_bits: int) -> None:
 
 
 def information_bytes(frames: int, n_bits: int) -> int:
-    """Bytes of information that a loop of ``frames`` carries, length and CRC included."""
+    """Count the bytes of information that a loop carries, length and CRC included.
+
+    Args:
+        frames: number of frames in the loop.
+        n_bits: message blocks of a frame.
+    """
     return frames * (n_bits - SIGNATURE) // 16
 
 
 def capacity(frames: int, n_bits: int) -> int:
-    """Longest message, bytes, of a loop of ``frames`` frames with ``n_bits`` blocks each."""
+    """Count the bytes of the longest message that fits into a loop.
+
+    Args:
+        frames: number of frames in the loop.
+        n_bits: message blocks of a frame.
+
+    >>> capacity(frames=10, n_bits=59)
+    25
+    """
     return max(0, information_bytes(frames, n_bits) - LENGTH_BYTES - CRC_BYTES)
 
 
 def frames_needed(n_bytes: int, n_bits: int) -> int:
-    """Frames of the loop that carries a message of ``n_bytes`` bytes.
+    """Count the frames of the shortest loop that carries a message.
+
+    Args:
+        n_bytes: length of the message.
+        n_bits: message blocks of a frame.
 
     Raises:
         InputError: the message is empty or too long, or the layout has too few message blocks.
     """
     check_bits(n_bits)
     if n_bytes < 1:
-        raise InputError("--message: empty; give at least one byte")
+        raise ParameterError("message", "empty; give at least one byte")
     longest = min(capacity(MAX_FRAMES, n_bits), 256**LENGTH_BYTES - 1)
     if n_bytes > longest:
-        raise InputError(
-            f"--message: {n_bytes} bytes, a loop of {MAX_FRAMES} frames with {n_bits} bits each "
-            f"carries {longest}; shorten it or use a finer grid"
+        raise ParameterError(
+            "message",
+            f"{n_bytes} bytes, a loop of {MAX_FRAMES} frames with {n_bits} bits each "
+            f"carries {longest}; shorten it or use a finer grid",
         )
     needed = n_bytes + LENGTH_BYTES + CRC_BYTES
     return -(-16 * needed // (n_bits - SIGNATURE))
@@ -65,7 +85,12 @@ def frames_needed(n_bytes: int, n_bits: int) -> int:
 
 @lru_cache(maxsize=16)
 def code_of(frames: int, n_bits: int) -> Code:
-    """The code of a loop."""
+    """Make the error-correcting code of a loop.
+
+    Args:
+        frames: number of frames in the loop.
+        n_bits: message blocks of a frame.
+    """
     information = 8 * information_bytes(frames, n_bits)
     return make_code(information, frames * (n_bits - SIGNATURE) - information)
 
@@ -78,23 +103,34 @@ def _order(length: int) -> tuple[NDArray[np.intp], NDArray[np.uint8]]:
 
 
 def signatures(frames: int) -> NDArray[np.uint8]:
-    """(frames,) words of SIGNATURE bits that the frames of a loop of this length carry."""
+    """List the signatures that tell the frames of a loop from one another.
+
+    Args:
+        frames: number of frames in the loop; loops of other lengths have other signatures.
+
+    Returns:
+        (frames,) uint8, words of `SIGNATURE` bits.
+    """
     words = scrambled(np.arange(frames), 1000 + frames)
     return (words >> np.uint64(64 - SIGNATURE)).astype(np.uint8)
 
 
 def encode(message: bytes, n_bits: int) -> NDArray[np.uint8]:
-    """The loop that carries a message.
+    """Turn a message into the bits of the loop that carries it.
 
     Args:
-        message: 1 byte to `capacity` of `MAX_FRAMES`.
+        message: at least 1 byte, and at most the `capacity` of a loop of `MAX_FRAMES` frames.
         n_bits: message blocks of a frame.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
 
     Raises:
-        InputError: see `frames_needed`.
+        InputError: the message is empty or too long, or the layout has too few message blocks.
+
+    >>> bits = encode(b"Hello", n_bits=59)
+    >>> bits.shape
+    (4, 59)
     """
     frames = frames_needed(len(message), n_bits)
     room = information_bytes(frames, n_bits) - CRC_BYTES
@@ -108,10 +144,22 @@ def encode(message: bytes, n_bits: int) -> NDArray[np.uint8]:
 
 
 def decode(scores: NDArray[np.float64]) -> bytes | None:
-    """The message of a loop, or None: never a wrong one, short of a CRC-32 that fits by chance.
+    """Read the message of a loop from its scores.
 
     Args:
         scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
+
+    Returns:
+        the message, or None where the scores do not suffice. It is never a wrong message, short of
+        a CRC-32 that fits by chance.
+
+    A covered block and a lost frame do no harm:
+
+    >>> scores = 4.0 * encode(b"Hello", n_bits=59) - 2.0
+    >>> scores[:, 20] = 0
+    >>> scores[1] = 0
+    >>> decode(scores)
+    b'Hello'
     """
     frames, n_bits = scores.shape
     if capacity(frames, n_bits) < 1 or not scores.any():

@@ -15,11 +15,21 @@ from numpy.typing import NDArray
 DEGREES = ((0.4, 8), (0.6, 3))
 """Shares of the information bits, and in how many checks each stands (DVB-S2 at rate 1/2)."""
 MAX_LLR = 30.0
+"""Largest magnitude of a log-likelihood ratio in belief propagation; larger ones are cut."""
 ITERATIONS = 60
+"""Number of rounds after which belief propagation gives up."""
 
 
 def scrambled(numbers: NDArray[np.integer], seed: int) -> NDArray[np.uint64]:
-    """(N,) pseudo-random 64-bit words of whole numbers, the same on every machine (splitmix64)."""
+    """Turn whole numbers into pseudo-random words that are equal on every machine (splitmix64).
+
+    Args:
+        numbers: (N,) whole numbers.
+        seed: chooses one of many sequences.
+
+    Returns:
+        (N,) uint64.
+    """
     x = numbers.astype(np.uint64) + np.uint64((seed * 0x9E3779B97F4A7C15) % 2**64)
     x += np.uint64(0x9E3779B97F4A7C15)
     for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
@@ -29,25 +39,26 @@ def scrambled(numbers: NDArray[np.integer], seed: int) -> NDArray[np.uint64]:
 
 @dataclass(frozen=True)
 class Code:
-    """The graph: edge e joins bit ``bit[e]`` and check ``check[e]``; edges are sorted by check."""
+    """A code as a graph: edge e joins bit ``bit[e]`` and check ``check[e]``, sorted by check."""
 
     information: int
-    """Information bits; they come first in a codeword."""
+    """Number of information bits; they come first in a codeword."""
     parity: int
+    """Number of parity bits, which is the number of checks."""
     bit: NDArray[np.intp]
-    """(E,) of information + parity."""
+    """(E,) bit of each edge, from 0 to information + parity - 1."""
     check: NDArray[np.intp]
-    """(E,) of parity."""
+    """(E,) check of each edge, from 0 to parity - 1, in rising order."""
     starts: NDArray[np.intp]
     """(parity,) first edge of each check."""
 
     @property
     def length(self) -> int:
-        """Bits of a codeword."""
+        """Number of bits in a codeword."""
         return self.information + self.parity
 
     def encode(self, information: NDArray[np.integer]) -> NDArray[np.uint8]:
-        """(information,) 0 or 1 -> (length,) uint8 codeword."""
+        """Append parity: (information,) bits of 0 or 1 become a (length,) uint8 codeword."""
         mine = self.bit < self.information
         sums = np.bincount(
             self.check[mine], information[self.bit[mine]], minlength=self.parity
@@ -55,17 +66,17 @@ class Code:
         return np.concatenate([information, np.cumsum(sums) % 2]).astype(np.uint8)
 
     def unsatisfied(self, codeword: NDArray[np.integer]) -> int:
-        """Checks that a (length,) word of 0 and 1 fails."""
+        """Count the checks that a (length,) word of 0 and 1 fails."""
         return int((np.add.reduceat(codeword[self.bit].astype(np.int64), self.starts) % 2).sum())
 
     def decode(
         self, llr: NDArray[np.float64], iterations: int = ITERATIONS
     ) -> NDArray[np.uint8] | None:
-        """Belief propagation (sum-product, all checks and then all bits in each iteration).
+        """Find the codeword by belief propagation (sum-product; all checks, then all bits).
 
         Args:
             llr: (length,) log-likelihood ratios, positive for 1; 0 where nothing was received.
-            iterations: at most.
+            iterations: number of rounds after which it gives up.
 
         Returns:
             (length,) uint8, a codeword, or None where none was found.
@@ -90,7 +101,7 @@ class Code:
 
 @lru_cache(maxsize=16)
 def make_code(information: int, parity: int) -> Code:
-    """The code with these numbers of bits, at least 8 each.
+    """Make the code with given numbers of information and parity bits, at least 8 each.
 
     Each information bit in turn takes the next free sockets of the checks, in a scrambled order,
     passing over those that would close a cycle of length four.

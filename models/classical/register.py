@@ -10,40 +10,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.images import intensity
+from link.robust import MAD_TO_SIGMA, reweighted, ridge_solution
 
 REACH_PX = 8
-"""Largest whole-pixel shift that `whole_pixel_shift` considers."""
+"""Largest shift on each axis, in pixels, that `whole_pixel_shift` considers."""
 EDGE_SIGMA_PX = 3.0
-"""Scale of the high-pass: below any block's side, so that blocks leave only thin seams."""
+"""Standard deviation, in pixels, of the blur that the high-pass takes away. It is below any block's
+side, so that blocks leave only thin seams."""
 MIN_CORRELATION = 0.3
-"""Of the edges at the best shift; unrelated frames of 100 x 100 pixels reach about 0.1."""
+"""Smallest correlation of the frames' edges at which a shift is believed; unrelated frames of
+100 x 100 pixels reach about 0.1."""
 LEVELS = 4
-"""Of the pyramid: an eighth of the size turns corners wrong by 8 px into 1 px, what a linear step
-can undo."""
+"""Number of levels of the image pyramid. The coarsest has an eighth of the size, where corners that
+are wrong by 8 px are wrong by 1 px, which a linear step can undo."""
 STEPS = 4
-"""Gauss-Newton steps a level."""
+"""Number of Gauss-Newton steps on each level."""
 MIN_SIDE_PX = 48
-"""Smallest image of the pyramid: 16 times `EDGE_SIGMA_PX`."""
+"""Smallest side, in pixels, of an image of the pyramid: 16 times `EDGE_SIGMA_PX`."""
 RIDGE = 1e-7
-"""Of the least squares, per pixel, in squared intensity: flat pictures stay where they are."""
-ROBUST = 1.4826 * 2
-"""Residual beyond which a pixel counts less, in median absolute ones: 2 standard deviations."""
+"""Weight per pixel, in squared intensity, with which least squares holds the motion at 0, so that
+flat pictures stay where they are."""
+ROBUST = MAD_TO_SIGMA * 2
+"""Residual at which a pixel counts half, in median absolute residuals: 2 standard deviations."""
 
 
-def edges(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The image without what is smoother than `EDGE_SIGMA_PX`; (H, W) float32."""
+def high_pass(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Take away what is smoother than `EDGE_SIGMA_PX`, so that edges remain.
+
+    Args:
+        image: (H, W) float32.
+
+    Returns:
+        (H, W) float32, about zero on average.
+    """
     smooth = cv2.GaussianBlur(image, (0, 0), EDGE_SIGMA_PX, borderType=cv2.BORDER_REFLECT)
     return np.asarray(image - smooth, np.float32)
 
 
 def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> tuple[int, int]:
-    """How far the embedded frame lies from the original, in whole pixels.
+    """Find how far the embedded frame lies from the original, in whole pixels.
 
     The shift of largest normalised correlation of the frames' edges.
 
     Args:
         original: (H, W) or (H, W, 3) uint8, encoded.
-        embedded: the same size.
+        embedded: uint8 of the same height and width, encoded.
 
     Returns:
         (dy, dx), each within `REACH_PX`, such that embedded[y + dy, x + dx] shows what
@@ -53,7 +64,7 @@ def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) 
     height, width = original.shape[:2]
     if min(height, width) < 6 * REACH_PX:
         return 0, 0
-    fixed, moving = edges(intensity(original)), edges(intensity(embedded))
+    fixed, moving = high_pass(intensity(original)), high_pass(intensity(embedded))
     inner = fixed[REACH_PX : height - REACH_PX, REACH_PX : width - REACH_PX]
     if min(float(inner.std()), float(moving.std())) < 1e-3:  # a quarter of a gray level
         return 0, 0
@@ -68,7 +79,7 @@ def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) 
 def _step(
     fixed: NDArray[np.float32], moved: NDArray[np.float32], inside: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """One robust Gauss-Newton step (Lucas & Kanade 1981).
+    """Take one robust Gauss-Newton step (Lucas & Kanade 1981).
 
     The change is taken as motion times gradient, plus a change of contrast that is no motion.
 
@@ -86,11 +97,13 @@ def _step(
     radial = -(x * u + y * v)
     A = np.stack([x, x * u, x * v, y, y * u, y * v, radial * u, radial * v, i])
     ridge = RIDGE * change.size * np.eye(len(A))
-    weights, solution = np.ones_like(change), np.zeros(len(A))
-    for _ in range(2):
-        solution = np.linalg.solve((A * weights) @ A.T + ridge, A @ (weights * change))
-        residual = np.abs(change - solution @ A)
-        weights = 1 / (1 + (residual / (ROBUST * np.median(residual) + 1e-6)) ** 2)
+    solution, _ = reweighted(
+        solve=lambda weights: ridge_solution(A.T, change, weights, ridge),
+        residuals_of=lambda solution: np.abs(change - solution @ A),
+        scale_of=lambda residuals: ROBUST * float(np.median(residuals)) + 1e-6,
+        rounds=2,
+        weights=np.ones_like(change),
+    )
     a = np.clip(solution, -0.25, 0.25)  # and so the matrix can be inverted
     return np.array([[1 + a[1], a[2], a[0]], [a[4], 1 + a[5], a[3]], [a[6], a[7], 1.0]])
 
@@ -108,7 +121,7 @@ def _to_centred(width: int, height: int) -> NDArray[np.float64]:
 def _warp(
     image: NDArray[np.float32], H: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """(image sampled at H x, where that lies inside); ``H`` on coordinates in [-1, 1]."""
+    """Sample the image at H x, and tell where that lies inside; ``H`` on coordinates in [-1, 1]."""
     height, width = image.shape[:2]
     centred = _to_centred(width, height)
     pixels = np.linalg.inv(centred) @ H @ centred
@@ -120,14 +133,14 @@ def _warp(
     return np.asarray(warped, np.float32), np.asarray(inside > 0)
 
 
-def align(
+def align_frames(
     original: NDArray[np.uint8], embedded: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Move the embedded frame onto the original, by a homography found on a pyramid.
 
     Args:
         original: (H, W) or (H, W, 3) uint8, encoded.
-        embedded: the same size.
+        embedded: uint8 of the same height and width, encoded.
 
     Returns:
         (luma, inside): the embedded frame's luma where the original shows the same, (H, W)
@@ -145,10 +158,10 @@ def align(
         small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (fixed, moving)]
         for _ in range(STEPS):
             moved, inside = _warp(small[1], H)
-            H = H @ np.linalg.inv(_step(edges(small[0]), edges(moved), inside))
+            H = H @ np.linalg.inv(_step(high_pass(small[0]), high_pass(moved), inside))
     everywhere = np.ones(fixed.shape, bool)
     moved, inside = _warp(moving, H)
-    target, before, after = edges(fixed), edges(moving), edges(moved)
+    target, before, after = (high_pass(image) for image in (fixed, moving, moved))
     if inside.mean() < 0.5 or _misfit(target, after, inside) >= _misfit(target, before, everywhere):
         return moving, everywhere
     return moved, inside

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from link.frames import Rectified
 from link.images import intensity
 from link.layout import block_index
-from models.classical.register import align
+from models.classical.register import align_frames
 
 Array = NDArray[np.float64]
 
 TONES = 12
-"""Tones of a frame, equally many pixels in each; a CDTF's bend shows in less."""
+"""Number of tones into which a frame is cut, with equally many pixels in each; fewer would do to
+show the bend of a CDTF."""
 RAMP = 0.25
-"""Part of a block at each side over which pixels count less: corners are a few pixels off, a
-message at a coarse pyramid level fades there, and s of the neighbours spills over."""
+"""Share of a block's width, at each side, over which pixels count less: corners are a bit off, a
+message at a coarse pyramid level fades there, and light of the neighbours spills over."""
 TEXTURE = 0.02
 """Gradient, in intensity per pixel, at which a pixel counts half: a tenth of a pixel of motion
 then changes it by half a gray level."""
@@ -25,31 +26,38 @@ then changes it by half a gray level."""
 
 @dataclass(frozen=True)
 class Tones:
-    """What is seen of each block's tones; arrays (blocks, TONES) but for ``row``."""
+    """Averages over the tones of each message block; arrays (blocks, TONES) but for ``row``."""
 
     change: Array
-    """Mean change, embedded minus original, captured gray levels."""
+    """Mean of the embedded minus the original frame, captured gray levels."""
     i: Array
-    """Mean intensity of both frames, [0, 1]."""
+    """Mean intensity of both frames, in [0, 1], encoded."""
     x: Array
-    """Mean position in the frame, [-1, 1]; likewise ``y``."""
+    """Mean horizontal position in the frame, from -1 at the left to 1 at the right."""
     y: Array
+    """Mean vertical position in the frame, from -1 at the top to 1 at the bottom."""
     gradient_x: Array
-    """Mean d/dx of the intensity, gray levels per pixel; likewise ``gradient_y``."""
+    """Mean derivative of the intensity to the right, gray levels per pixel."""
     gradient_y: Array
+    """Mean derivative of the intensity downwards, gray levels per pixel."""
     curvature: Array
     """Mean Laplacian of the intensity, gray levels per square pixel."""
     share: Array
-    """Of the block's weight; each block's sum is 1, or 0 where the embedded frame lacks it."""
+    """Share that a tone has of its block's weight; a block's shares sum to 1, or to 0 where the
+    embedded frame lacks it."""
     row: NDArray[np.intp]
-    """(blocks,) row of the grid."""
+    """(blocks,) row of the grid in which each block lies."""
 
 
 def cut_into_tones(pair: Rectified) -> Tones:
-    """Register the frames and average over the tones of each message block."""
+    """Register the frames and average over the tones of each message block.
+
+    Args:
+        pair: rectified frames, (height, width) or (height, width, 3) uint8, encoded.
+    """
     layout = pair.layout
     i_o = intensity(pair.original)
-    i_e, inside = align(pair.original, pair.embedded)
+    i_e, inside = align_frames(pair.original, pair.embedded)
     i = (i_o + i_e) / 2
     smooth = cv2.GaussianBlur(i, (0, 0), 1.0)
     dx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from export.locate.find import locate
-from export.send.__main__ import REPORT
+from export.send.write import SENT
 from link.captures import MANIFEST
 from link.errors import InputError, run_cli
 from link.images import intensity, read_image, write_bytes
@@ -92,7 +92,7 @@ def read_sent(folder: Path) -> tuple[Layout, int]:
     Raises:
         InputError: the file is not there or not one of `export.send`.
     """
-    file = folder / REPORT
+    file = folder / SENT
     try:
         report = json.loads(file.read_text())
         return Layout.from_dict(report["layout"]), int(report["kappa"])

@@ -10,10 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import capture
+from data_gen.channel.stills import capture
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
-from link.embed import psnr, ssim, with_head_room
+from link.embed import with_head_room
 from link.frames import Displayed, Rectified
+from link.quality import psnr, ssim
 from reports.engine.backends import one_thread
 from reports.engine.predict import Method
 from reports.studies.peers.adapters import Peer

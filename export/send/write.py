@@ -1,0 +1,107 @@
+"""Write what a display shows, a loop of frame pairs, as a player, a video or a folder of images."""
+
+import contextlib
+import json
+import os
+import shutil
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.send.player import write_player
+from link.errors import ParameterError
+from link.images import make_folder, write_bytes, write_image
+from link.loop import Loop
+from link.video import write_video
+
+KINDS = ("", ".html", ".avi", ".mkv")
+"""Endings of an output's name: none for a folder of images, then the player, then two videos."""
+SENT = "sent.json"
+"""Name of the file, in a folder of images, that says what was sent."""
+
+
+def check_out(out: Path) -> str:
+    """Check that an output's name has a known ending and is free; an empty folder counts as free.
+
+    Returns:
+        the ending in lower case, one of `KINDS`.
+
+    Raises:
+        ParameterError: the ending is unknown, or something is there already.
+    """
+    kind = out.suffix.lower()
+    if kind not in KINDS:
+        raise ParameterError(
+            "out", f"{out} must end in .html, .avi or .mkv, or be a folder with no dot in its name"
+        )
+    empty = kind == "" and out.is_dir() and not any(out.iterdir())
+    if out.exists() and not empty:
+        raise ParameterError("out", f"{out} is already there; remove it or choose another name")
+    return kind
+
+
+@contextlib.contextmanager
+def unfinished(out: Path) -> Iterator[Path]:
+    """Lend a temporary name beside ``out``, which is renamed at the end, or removed on an error."""
+    temporary = out.with_name(f".{out.stem}.{os.getpid()}.tmp{out.suffix}")
+    make_folder(out.parent)
+    try:
+        yield temporary
+        if out.is_dir():
+            out.rmdir()
+        temporary.replace(out)
+    except OSError as error:
+        raise ParameterError("out", f"{out} cannot be written ({error.strerror})") from None
+    finally:
+        if temporary.is_dir():
+            shutil.rmtree(temporary)
+        else:
+            temporary.unlink(missing_ok=True)
+
+
+def write_states(folder: Path, states: Iterable[NDArray[np.uint8]]) -> None:
+    """Write state_00000.png, state_00001.png, ... in the order in which a display shows them.
+
+    Args:
+        folder: made if it is not there.
+        states: (H, W) or (H, W, 3) uint8, encoded RGB.
+    """
+    for number, state in enumerate(states):
+        write_image(folder / f"state_{number:05d}.png", state)
+
+
+def write_loop(
+    loop: Loop, out: Path, message_bytes: int, state_hz: float, *, hold: int, scale: int
+) -> dict[str, Any]:
+    """Write a loop to a file or folder.
+
+    Args:
+        loop: what to show.
+        out: its ending is one of `KINDS`.
+        message_bytes: length of the message.
+        state_hz: states shown in a second; a video has this rate.
+        hold: refreshes of the display for which the player shows each state, at least 1.
+        scale: display pixels for each picture pixel and axis in the player; 0 for the largest that
+            fits.
+
+    Returns:
+        `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM.
+
+    Raises:
+        InputError: a picture or the output is no good; nothing is left behind.
+    """
+    kind = check_out(out)
+    with unfinished(out) as path:
+        if kind == ".html":
+            write_player(path, loop.pairs(), hold, scale)
+        elif kind:
+            write_video(path, loop.states(), state_hz)
+        else:
+            write_states(path, loop.states())
+        report = loop.report(message_bytes, state_hz)
+        if not kind:
+            write_bytes(path / SENT, json.dumps(report, indent=1).encode())
+    return report
