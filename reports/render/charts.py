@@ -1,0 +1,391 @@
+"""Charts: matplotlib figures in one style, as SVG for the page and as PNG for docs.
+
+Figures are made with `new_panels`, without pyplot and its global state. A chart of the page is
+drawn at the width of a phone, so that its text has one size on every screen. Drawn with the
+colours of a light page; `to_svg` replaces these by the page's own, which know of dark screens.
+"""
+
+import hashlib
+import io
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import matplotlib
+import numpy as np
+from markupsafe import Markup
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.scale import FuncScale
+from matplotlib.ticker import FixedLocator, NullLocator
+from numpy.typing import ArrayLike, NDArray
+
+from link.images import write_bytes
+from reports.engine.methods import METHODS
+
+INK, MUTED, RULE, PAPER = "#1b1f24", "#5c6670", "#d9dee3", "#ffffff"
+"""Colours of text, of what is less important, of thin lines, and of the page behind them."""
+ON_PAGE = {INK: "currentColor", MUTED: "var(--muted)", RULE: "var(--rule)", PAPER: "var(--paper)"}
+"""What stands for the drawn colours in an SVG of the page; report.css sets the variables."""
+SPARE_COLOURS = ("#7a8a2a", "#5a7d8c", "#a8584a", "#6b6bb0")
+"""Colours of labels that are no method's."""
+SPARE_MARKERS = ("o", "s", "D", "^", "v")
+"""Markers of labels that are no method's."""
+KNEE = 3e-4
+"""Share of wrong bits at which the scale of accuracies turns from logarithmic to linear."""
+ACCURACY_TICKS = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.999, 1.0)
+"""Accuracies that an axis may name."""
+PANEL_IN = (5.0, 3.9)
+"""Width and height of a panel with its labels, inches; 72 of the SVG's units are an inch."""
+LEGEND_IN = 1.4
+"""Width beside a panel in which its lines are named, inches."""
+SVG = "{http://www.w3.org/2000/svg}"
+LINK = "{http://www.w3.org/1999/xlink}href"
+NOTE = "note: "
+"""Begins the id of a drawn thing whose rest is shown where the pointer rests on it."""
+
+matplotlib.rcParams.update(
+    {
+        "font.size": 11.5,
+        "axes.titlesize": 12,
+        "axes.labelsize": 11.5,
+        "xtick.labelsize": 10.5,
+        "ytick.labelsize": 10.5,
+        "legend.fontsize": 11,
+        "legend.frameon": False,
+        "text.color": INK,
+        "text.parse_math": False,
+        "axes.labelcolor": INK,
+        "axes.titlecolor": INK,
+        "axes.edgecolor": MUTED,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "xtick.color": MUTED,
+        "ytick.color": MUTED,
+        "grid.color": RULE,
+        "grid.linewidth": 0.7,
+        "axes.axisbelow": True,
+        "lines.linewidth": 1.6,
+        "lines.markersize": 6,
+        "svg.hashsalt": "report",
+        "svg.fonttype": "none",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A measured value with its interval."""
+
+    x: float
+    y: float
+    low: float
+    """Lower end of the interval of ``y``."""
+    high: float
+    """Upper end of the interval of ``y``."""
+    note: str = ""
+    """Text that the page shows where the pointer rests on the point."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """Points of one method."""
+
+    label: str
+    points: Sequence[Point]
+    colour: str = ""
+    """Colour as "#rrggbb"; `colour_of` the label where it is empty."""
+    dashed: bool = False
+    """Whether the line between the points is dashed."""
+
+
+def colour_of(label: str, others: Mapping[str, str] | None = None) -> str:
+    """Colour of a method, which is the same in every chart and table.
+
+    >>> colour_of("oorc"), colour_of("rivaGAN", {"rivaGAN": "#b04a3a"})
+    ('#1166b0', '#b04a3a')
+
+    Args:
+        label: name of a method, or any other text.
+        others: colours of labels that are no method's.
+
+    Returns:
+        "#rrggbb": the colour of the method's card, that of ``others``, or a spare one.
+    """
+    if label in METHODS:
+        return METHODS[label].colour
+    spare = SPARE_COLOURS[sum(label.encode()) % len(SPARE_COLOURS)]
+    return (others or {}).get(label, spare)
+
+
+def marker_of(label: str) -> str:
+    """Marker of a method, as matplotlib names it, which is the same in every chart."""
+    if label in METHODS:
+        return METHODS[label].marker
+    return SPARE_MARKERS[sum(label.encode()) % len(SPARE_MARKERS)]
+
+
+def new_panels(
+    count: int = 1,
+    columns: int = 1,
+    legend: float = LEGEND_IN,
+    size: tuple[float, float] = PANEL_IN,
+    title: bool = False,
+) -> tuple[Figure, list[Axes]]:
+    """Make a figure of equal panels.
+
+    Args:
+        count: number of panels.
+        columns: largest number of panels beside each other.
+        legend: width to leave free at the right of each panel, inches.
+        size: width and height of a panel with its labels and legend, inches.
+        title: whether panels have titles.
+
+    Returns:
+        the figure, and its panels in reading order.
+    """
+    columns = min(columns, count)
+    rows = -(-count // columns)
+    width, height = size
+    figure = Figure(figsize=(width * columns, height * rows))
+    left, right, bottom, top = 0.65, 0.1 + legend, 0.62, 0.4 if title else 0.14
+    panels = []
+    for number in range(count):
+        row, column = divmod(number, columns)
+        box = (
+            (column * width + left) / (width * columns),
+            ((rows - 1 - row) * height + bottom) / (height * rows),
+            (width - left - right) / (width * columns),
+            (height - bottom - top) / (height * rows),
+        )
+        panels.append(figure.add_axes(box))
+    return figure, panels
+
+
+def accuracy_scale(accuracy: ArrayLike) -> NDArray[np.float64]:
+    """Spread what lies near 1: 99 % is as far from 90 % as 99.9 % nearly is from 99 %.
+
+    >>> np.round(np.diff(accuracy_scale([0.9, 0.99, 0.999])), 2)
+    array([0.99, 0.9 ])
+    """
+    wrong = 1 - np.minimum(np.asarray(accuracy, np.float64), 1.0)
+    return np.asarray(-np.log10(wrong + KNEE))
+
+
+def accuracy_from_scale(height: ArrayLike) -> NDArray[np.float64]:
+    """Invert `accuracy_scale`."""
+    return np.asarray(1 + KNEE - 10 ** -np.asarray(height, np.float64))
+
+
+def accuracy_ticks(least: float, short: bool = False) -> list[float]:
+    """Accuracies that an axis from about ``least`` to 1 names, ascending; the first is its end.
+
+    Args:
+        least: smallest accuracy that is shown, in [0, 1].
+        short: whether the axis has room for few.
+    """
+    low = max(tick for tick in ACCURACY_TICKS if tick <= max(least, 0.0))
+    dropped = {0.98, 0.995} if low < 0.8 else set()
+    if short:
+        dropped |= {0.995, 0.98, 0.7, 0.95} if low < 0.9 else {0.995}
+    return [tick for tick in ACCURACY_TICKS if tick >= low and tick not in dropped - {low}]
+
+
+def set_accuracy_axis(
+    panel: Axes, which: Literal["x", "y"], least: float, short: bool = False
+) -> None:
+    """Give an axis the scale of accuracies, with ticks in per cent of bits.
+
+    Args:
+        panel: its values along this axis are shares in [0, 1].
+        which: the horizontal axis "x" or the vertical axis "y".
+        least: smallest accuracy that is shown.
+        short: whether the axis has room for few ticks.
+    """
+    ticks = accuracy_ticks(least, short)
+    panel.set(
+        **{
+            f"{which}scale": FuncScale(None, (accuracy_scale, accuracy_from_scale)),
+            f"{which}lim": (ticks[0], 1.0),
+            f"{which}label": "bits right, %",
+        }
+    )
+    axis = panel.xaxis if which == "x" else panel.yaxis
+    set_ticks(axis, ticks, [f"{100 * tick:g}" for tick in ticks])
+    axis.grid(True)
+
+
+def set_ticks(axis: Axis, values: Sequence[float], labels: Sequence[str]) -> None:
+    """Give an axis exactly these ticks."""
+    axis.set_major_locator(FixedLocator(values))
+    axis.set_minor_locator(NullLocator())
+    axis.set_ticklabels(labels)
+
+
+def draw_series(panel: Axes, series: Sequence[Series], markers: bool = True) -> None:
+    """Draw lines of methods with intervals, and name them at the right, in order of their ends.
+
+    Args:
+        panel: where to draw; its scales are set already, or are linear.
+        series: lines with at least one point each.
+        markers: whether points are marked and have interval bars; such lines stand a little apart
+            along x, so that bars at equal x can be told apart.
+    """
+    for number, line in enumerate(series):
+        colour = line.colour or colour_of(line.label)
+        shift = 2.4 * (number - (len(series) - 1) / 2) / 72 if markers else 0.0
+        moved = panel.transData + matplotlib.transforms.ScaledTranslation(
+            shift, 0, panel.figure.dpi_scale_trans
+        )
+        look: dict[str, Any] = {"color": colour, "clip_on": False, "transform": moved}
+        xs, ys = [p.x for p in line.points], [p.y for p in line.points]
+        panel.plot(xs, ys, "--" if line.dashed else "-", **look)
+        panel.update_datalim(np.column_stack([xs, ys]))
+        for point in line.points if markers else ():
+            panel.plot([point.x] * 2, [point.low, point.high], linewidth=1.1, alpha=0.75, **look)
+            edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
+            (mark,) = panel.plot([point.x], [point.y], marker_of(line.label), **edge, **look)
+            _annotate(mark, point.note)
+    name_lines(panel, series, markers)
+
+
+def name_lines(panel: Axes, series: Sequence[Series], markers: bool = True) -> None:
+    """Name lines at the right of a panel, the one that ends highest first."""
+    order = sorted(series, key=lambda line: -line.points[-1].y)
+    handles = [
+        matplotlib.lines.Line2D(
+            [],
+            [],
+            color=line.colour or colour_of(line.label),
+            marker=marker_of(line.label) if markers else "",
+            linestyle="--" if line.dashed else "-",
+            label=line.label,
+        )
+        for line in order
+    ]
+    panel.legend(
+        handles=handles,
+        loc="upper left",
+        bbox_to_anchor=(1.0, 1.02),
+        borderaxespad=0.3,
+        handlelength=1.2,
+        handletextpad=0.5,
+    )
+
+
+def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[Figure, Axes]:
+    """Draw one row for each method: its first point along x as a dot, with its interval and note.
+
+    The interval ``low`` to ``high`` and the value ``x`` lie along x; the chart does not use ``y``.
+
+    Args:
+        series: a line with one point for each row, from top to bottom.
+        size_in: width, inches.
+
+    Returns:
+        the figure, and its panel, whose x axis the caller sets.
+    """
+    height = 0.34 * len(series) + 0.62
+    figure = Figure(figsize=(size_in, height))
+    left, right = 1.28, 0.9
+    panel = figure.add_axes(
+        (left / size_in, 0.56 / height, (size_in - left - right) / size_in, 1 - 0.62 / height)
+    )
+    for row, line in enumerate(series):
+        point, colour = line.points[0], line.colour or colour_of(line.label)
+        look: dict[str, Any] = {"color": colour, "clip_on": False}
+        panel.plot([point.low, point.high], [row, row], linewidth=2, **look)
+        edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6, "markersize": 8}
+        (mark,) = panel.plot([point.x], [row], marker_of(line.label), **edge, **look)
+        _annotate(mark, point.note)
+        beside = matplotlib.transforms.blended_transform_factory(panel.transAxes, panel.transData)
+        panel.text(1.04, row, point.note, transform=beside, va="center", color=MUTED, size=10.5)
+    set_ticks(panel.yaxis, range(len(series)), [line.label for line in series])
+    panel.tick_params(axis="y", length=0, labelsize=11.5, labelcolor=INK)
+    panel.spines["left"].set_visible(False)
+    panel.set_ylim(len(series) - 0.5, -0.5)
+    panel.grid(axis="x")
+    return figure, panel
+
+
+def save_png(figure: Figure, path: Path, dpi: int = 110) -> None:
+    """Write a figure as a PNG on white, under a temporary name first; its folder is made.
+
+    Args:
+        figure: what was drawn.
+        path: the file.
+        dpi: pixels an inch.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, buffer.getvalue())
+
+
+def to_svg(figure: Figure, title: str) -> Markup:
+    """Turn a figure into an element of the page: the same bytes for the same drawing.
+
+    Text stays text, in the page's font. The background is transparent, and the colours of text and
+    axes are the page's own, in light and in dark. It fills the width that it is given.
+
+    Args:
+        figure: what was drawn.
+        title: read out in place of the picture.
+    """
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = re.sub(r"[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "", buffer.getvalue())
+    root = ET.fromstring(text)
+    for child in [root.find(f"{SVG}metadata"), *root.findall(f"{SVG}defs/{SVG}style/..")]:
+        if child is not None:
+            root.remove(child)
+    prefix = hashlib.sha256(f"{title}\n{text}".encode()).hexdigest()[:8]
+    for element in root.iter():
+        _simplify(element, prefix)
+    size = root.attrib["viewBox"]
+    root.attrib.clear()
+    root.attrib.update({"viewBox": size, "role": "img", "aria-label": title})
+    spoken = ET.Element("title")
+    spoken.text = title
+    root.insert(0, spoken)
+    return Markup(ET.tostring(root, encoding="unicode"))
+
+
+def _simplify(element: ET.Element, prefix: str) -> None:
+    """Make an element of matplotlib's SVG one of the page: unique ids, colours, no namespaces."""
+    element.tag = element.tag.removeprefix(SVG)
+    attributes = element.attrib
+    if LINK in attributes:
+        attributes["href"] = attributes.pop(LINK).replace("#", f"#{prefix}")
+    name = attributes.pop("id", "")
+    if name.startswith(NOTE):
+        note = ET.Element(f"{SVG}title")
+        note.text = name.removeprefix(NOTE)
+        element.insert(0, note)
+    elif element.tag in ("path", "clipPath"):
+        attributes["id"] = prefix + name
+    if not name:
+        attributes.pop("id", None)
+    if "clip-path" in attributes:
+        attributes["clip-path"] = attributes["clip-path"].replace("#", f"#{prefix}")
+    style = attributes.get("style", "")
+    style = re.sub(r"font-family: [^;]*; ", "", style)
+    for drawn, shown in ON_PAGE.items():
+        style = style.replace(drawn, shown)
+    if style:
+        attributes["style"] = style
+    if attributes.get("transform", "").startswith("rotate(-0 "):
+        del attributes["transform"]
+    element.tail = None
+    if element.tag == "g":
+        element.text = None
+
+
+def _annotate(artist: Any, note: str) -> None:
+    """Let the page show a text where the pointer rests on a drawn thing."""
+    if note:
+        artist.set_gid(f"{NOTE}{note}")
