@@ -3,6 +3,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import Command
 from scipy.stats import binomtest
@@ -12,9 +13,17 @@ import evaluate
 from data_gen.pairs import PAIRS
 from link.frames import Rectified, SoftBits
 from link.layout import Layout, make_layout
+from reports.engine.records import to_records
 from reports.render.figures import RIGHT, UNKNOWN, WRONG, annotate
-from reports.render.tables import paper_tables, summary_table
-from reports.score.metrics import Row, clustered_interval, make_row, score, wilson, write_metrics
+from reports.render.tables import cell_tables, summary_table
+from reports.score.accuracy import (
+    clustered_interval,
+    pool,
+    read_scores,
+    score,
+    wilson,
+    write_scores,
+)
 from reports.score.paper import METHODS, paper_accuracy
 
 ONE_PAIR = ["--pairs", "canon-lg", "--kappas", "5", "--no-html"]
@@ -119,9 +128,11 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, comman
     assert command(evaluate.main, *run).status == 0
     predictions = tmp_path / "predictions.jsonl"
     before = predictions.read_bytes()
-    first, second = sorted((tmp_path / "cells").glob("*/*.jsonl"))
+    first, *others = sorted((tmp_path / "cells").glob("*/*.jsonl"))
+    assert len(others) == 3  # two cells, two methods
     kept = first.stat().st_mtime_ns
-    second.unlink()
+    for file in others:
+        file.unlink()
     predictions.unlink()
     assert command(evaluate.main, *run).status == 0
     assert predictions.read_bytes() == before
@@ -155,43 +166,51 @@ def test_wilson_knows_nothing_without_a_trial() -> None:
 
 
 def prediction(scores: list[float], bits: list[int], **changes: Any) -> dict[str, Any]:
-    cell = {"method": "oorc", "pair": "canon-lg", "view_deg": 0.0, "kappa": 5}
+    cell = {"method": "oorc", "pair": "canon-lg", "view_deg": 0.0, "kappa": 5, "index": 0}
     return {**cell, "scores": scores, "bits": bits, **changes}
 
 
 def test_score_counts_bits_by_the_sign_of_the_score() -> None:
     rows = score(
-        [
-            prediction([1.0, -1.0, 0.5, -0.5], [1, 0, 0, 1]),
-            prediction([2.0, 2.0, 2.0, 2.0], [1, 1, 1, 0]),
-            prediction([1.0], [1], method="naive"),
-        ]
+        to_records(
+            [
+                prediction([1.0, -1.0, 0.5, -0.5], [1, 0, 0, 1]),
+                prediction([2.0, 2.0, 2.0, 2.0], [1, 1, 1, 0], index=1),
+                prediction([1.0], [1], method="naive"),
+            ]
+        )
     )
-    assert [(row.method, row.frames, row.bits, row.correct) for row in rows] == [
-        ("oorc", 2, 8, 5),
-        ("naive", 1, 1, 1),
-    ]
-    assert rows[0].accuracy == 5 / 8
+    counted = rows[["method", "frames", "bits", "correct"]].to_numpy().tolist()
+    assert counted == [["oorc", 2, 8, 5], ["naive", 1, 1, 1]]
+    assert rows["accuracy"][0] == 5 / 8
 
 
 def test_unknown_bits_do_not_count(tmp_path: Path) -> None:
+    unknown = {"pair": "captures", "view_deg": None, "kappa": None}
     rows = score(
-        [
-            prediction([1.0, 1.0, 1.0], [1, -1, -1]),
-            prediction([1.0, 1.0], [-1, -1], pair="captures", view_deg=None, kappa=None),
-        ]
+        to_records(
+            [
+                prediction([1.0, 1.0, 1.0], [1, -1, -1]),
+                prediction([1.0, 1.0], [-1, -1], **unknown),
+            ]
+        )
     )
-    assert [(row.bits, row.correct, row.accuracy) for row in rows] == [(1, 1, 1.0), (0, 0, None)]
-    write_metrics(tmp_path / "metrics.json", rows, {})
+    assert rows[["bits", "correct"]].to_numpy().tolist() == [[1, 1], [0, 0]]
+    assert rows["accuracy"][0] == 1.0
+    assert np.isnan(rows["accuracy"][1])
+    write_scores(tmp_path / "metrics.json", rows, {"seed": 3})
     written = read_strictly(tmp_path / "metrics.json")["rows"][1]
-    assert written["accuracy"] is None
+    assert written["accuracy"] is written["view_deg"] is written["kappa"] is None
     assert (written["ci_low"], written["ci_high"]) == (0.0, 1.0)
+    read, meta = read_scores(tmp_path / "metrics.json")
+    assert meta == {"seed": 3}
+    pd.testing.assert_frame_equal(read, rows.drop(columns=["condition", "paper"]))
 
 
 def test_a_score_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
-    row = Row("oorc", "canon-lg", 0.0, 5, 1, 1, 1, float("nan"), 0.0, 1.0, 1)
+    rows = score_row("oorc", "canon-lg", 0.0, 5, 1, 1, 1, 1).assign(ci_high=np.inf)
     with pytest.raises(ValueError, match="JSON"):
-        write_metrics(tmp_path / "metrics.json", [row], {})
+        write_scores(tmp_path / "metrics.json", rows, {})
     assert not (tmp_path / "metrics.json").exists()
 
 
@@ -199,7 +218,7 @@ def test_a_damaged_cell_file_is_decoded_again(tmp_path: Path, command: Command) 
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
     assert command(evaluate.main, *run).status == 0
     before = (tmp_path / "predictions.jsonl").read_bytes()
-    first, second = sorted((tmp_path / "cells").glob("*/*.jsonl"))
+    first, second, *_ = sorted((tmp_path / "cells").glob("*/*.jsonl"))
     first.write_bytes(b"")
     second.write_bytes(second.read_bytes()[:-20])
     assert command(evaluate.main, *run).status == 0
@@ -207,11 +226,10 @@ def test_a_damaged_cell_file_is_decoded_again(tmp_path: Path, command: Command) 
 
 
 def test_the_interval_widens_where_errors_cluster() -> None:
-    spread = make_row("oorc", "canon-lg", 0.0, 5, 10, 590, 580, 10 * 58**2)
-    clustered = make_row("oorc", "canon-lg", 0.0, 5, 10, 590, 580, 9 * 59**2 + 49**2)
-    width = {row.correct_squared: np.diff(clustered_interval([row])) for row in (spread, clustered)}
-    assert clustered_interval([spread]) == wilson(580, 590)
-    assert width[clustered.correct_squared] > 2 * width[spread.correct_squared]
+    spread = clustered_interval(10, 590, 580, 10 * 58**2)
+    clustered = clustered_interval(10, 590, 580, 9 * 59**2 + 49**2)
+    assert spread == wilson(580, 590)
+    assert np.diff(clustered) > 2 * np.diff(spread)
 
 
 def test_the_clustered_interval_covers_the_mean_of_clustered_frames() -> None:
@@ -219,10 +237,39 @@ def test_the_clustered_interval_covers_the_mean_of_clustered_frames() -> None:
     covered = 0
     for _ in range(200):
         right = rng.binomial(59, rng.beta(18, 2, size=60))  # mean 0.9, strongly clustered
-        tally = (60, 60 * 59, int(right.sum()), int((right**2).sum()))
-        low, high = clustered_interval([make_row("oorc", "canon-lg", 0.0, 5, *tally)])
+        low, high = clustered_interval(60, 60 * 59, int(right.sum()), int((right**2).sum()))
         covered += low <= 0.9 <= high
     assert covered >= 180  # nominal 190
+
+
+def score_row(
+    method: str, pair: str, view_deg: float | None, kappa: int | None, *tally: int
+) -> pd.DataFrame:
+    """A score table of one row, from frames, bits, right bits and the sum of their squares."""
+    frames, bits, correct, squared = tally
+    scores, truth = [1.0] * bits, [1] * correct + [0] * (bits - correct)
+    line = prediction(scores, truth, method=method, pair=pair, view_deg=view_deg, kappa=kappa)
+    row = score(to_records([line]))
+    return row.assign(frames=frames, correct_squared=squared)
+
+
+def score_table(*rows: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat(rows, ignore_index=True)
+
+
+def test_cells_are_pooled_by_their_bits() -> None:
+    table = score_table(
+        score_row("oorc", "canon-lg", 0.0, 5, 2, 100, 90, 90**2 // 2),
+        score_row("oorc", "canon-imac", 0.0, 5, 1, 50, 50, 50**2),
+        score_row("naive", "canon-lg", 0.0, 5, 2, 100, 100, 100**2 // 2),
+    )
+    pooled = pool(table).set_index("method")
+    assert pooled.index.tolist() == ["oorc", "naive"]
+    assert pooled.loc["oorc", ["frames", "bits", "errors"]].tolist() == [3, 150, 10]
+    assert pooled.loc["oorc", "accuracy"] == 140 / 150
+    printed = [paper_accuracy(pair, 0, 5, "oorc") or 0 for pair in ("canon-lg", "canon-imac")]
+    assert abs(pooled.loc["oorc", "paper"] - np.mean(printed)) < FLOAT64
+    assert len(pool(table, ["method", "pair"])) == 3
 
 
 # The paper's numbers and the tables
@@ -284,33 +331,35 @@ def test_the_paper_has_no_other_cells(
     assert paper_accuracy(pair, view, kappa, method) is None
 
 
-def all_cells(method: str) -> list[Row]:
-    return [make_row(method, pair, 45.0, 3, 1, 59, 58, 58**2) for pair in PAIRS]
+def all_cells(method: str) -> pd.DataFrame:
+    return score_table(*(score_row(method, pair, 45.0, 3, 1, 59, 58, 58**2) for pair in PAIRS))
 
 
 def test_tables_print_the_papers_number_beside_ours() -> None:
-    rows = [
-        make_row("oorc", "canon-lg", 45.0, 3, 1, 59, 58, 58**2),
-        make_row("learned", "canon-lg", 45.0, 3, 1, 59, 59, 59**2),
-        make_row("naive", "canon-imac", 45.0, 3, 1, 59, 30, 30**2),
-    ]
-    lines = paper_tables(rows).splitlines()
+    rows = score_table(
+        score_row("oorc", "canon-lg", 45.0, 3, 1, 59, 58, 58**2),
+        score_row("learned", "canon-lg", 45.0, 3, 1, 59, 59, 59**2),
+        score_row("naive", "canon-imac", 45.0, 3, 1, 59, 30, 30**2),
+    )
+    (table,) = cell_tables(rows)
+    lines = table.markdown().splitlines()
     assert lines[0].startswith("κ = 3, 45°")
     assert "| pair | oorc | learned | naive |" in lines
-    half = 50 * (rows[0].ci_high - rows[0].ci_low)
+    half = 50 * (rows["ci_high"][0] - rows["ci_low"][0])
     assert lines[4] == f"| canon-lg | 98.3 ±{half:.1f} / 98.4 | 100.0 ±3.1 | – |"
     assert lines[5].startswith("| canon-imac | – | – | 50.8 ±")
     assert lines[5].endswith(" / 72.9 |")
 
 
 def test_each_view_and_kappa_has_its_own_table() -> None:
-    rows = [
-        make_row("oorc", "canon-lg", view, kappa, 1, 59, 58, 58**2)
-        for kappa in (5, 3)
-        for view in (0.0, 45.0)
-    ]
-    heads = [line for line in paper_tables(rows).splitlines() if line.startswith("κ")]
-    assert [head.split(":")[0] for head in heads] == [
+    rows = score_table(
+        *(
+            score_row("oorc", "canon-lg", view, kappa, 1, 59, 58, 58**2)
+            for kappa in (5, 3)
+            for view in (0.0, 45.0)
+        )
+    )
+    assert [table.title.split(":")[0] for table in cell_tables(rows)] == [
         "κ = 5, 0°",
         "κ = 5, 45°",
         "κ = 3, 0°",
@@ -321,16 +370,17 @@ def test_each_view_and_kappa_has_its_own_table() -> None:
 @pytest.mark.parametrize("method", METHODS)
 def test_the_summary_prints_the_papers_mean(method: str) -> None:
     mean = np.mean([paper_accuracy(pair, 45, 3, method) or 0 for pair in PAIRS])
-    line = summary_table(all_cells(method), "title").splitlines()[-1]
+    line = summary_table(all_cells(method), "title").markdown().splitlines()[-1]
     assert line.startswith(f"| {method} | 98.31 | ")
     assert line.endswith(f"| 531 | {100 * mean:.2f} |")
 
 
 def test_the_summary_prints_no_mean_where_the_paper_lacks_a_cell() -> None:
-    rows = [*all_cells("oorc"), make_row("oorc", "canon-lg", 30.0, 3, 1, 59, 58, 58**2)]
-    assert summary_table(rows, "title").endswith("| 590 | – |")
-    unknown = [make_row("oorc", "captures", None, None, 1, 0, 0, 0)]
-    assert summary_table(unknown, "title").endswith("| oorc | – | – | 0 | – |")
+    other = score_row("oorc", "canon-lg", 30.0, 3, 1, 59, 58, 58**2)
+    rows = score_table(all_cells("oorc"), other)
+    assert summary_table(rows, "title").markdown().endswith("| 590 | – |")
+    unknown = score_row("oorc", "captures", None, None, 1, 0, 0, 0)
+    assert summary_table(unknown, "title").markdown().endswith("| oorc | – | – | 0 | – |")
 
 
 # Annotated pictures

@@ -89,8 +89,8 @@ def predict(
         backend: where cells are decoded.
 
     Returns:
-        the table of predictions without the cells that failed, and what failed; the next run tries
-        those again.
+        the table of predictions without the cells that failed, methods that are shown equalised
+        pictures last, and what failed; the next run tries the failed cells again.
 
     Raises:
         InputError: no cell could be decoded, or the backend cannot be had.
@@ -130,13 +130,14 @@ def predict(
     progress.close()
     if total and len(failed) == total:
         raise InputError(next(iter(failed.values())))
+    ordered = sorted(methods, key=lambda method: method.card.hidden)
     tables = []
     for condition in conditions:
         lines = [
             line
             for cell in condition.cells
             if (condition.name, cell) not in failed
-            for line in _read_cell({m.label: file_of(condition, cell, m) for m in methods})
+            for line in _read_cell({m.label: file_of(condition, cell, m) for m in ordered})
         ]
         tables.append(to_records(lines, condition.name))
     reports = [

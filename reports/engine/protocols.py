@@ -1,6 +1,7 @@
-"""What the paper leaves open, as named variants: thresholds, kappa of the ratex, votes."""
+"""Ways to read what the paper leaves open: thresholds, the kappa of the ratex patches, and votes."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,21 +10,23 @@ from link.errors import choose
 from reports.engine.methods import Method
 
 LEARNED = json.loads(FITTED_FILE.read_text())["meta"]["learned_thresholds"]
-"""Thresholds that `reports.lab.calibrate` learned once for all captures, or for the frontal
-ones."""
+"""Thresholds in gray levels that `reports.lab.calibrate` learned on the ratex patches: "once" on
+those of all captures, "frontal" on those of the captures at 0 degrees; each by method."""
+HALF_KAPPA = {"hidden_ratex": {"threshold": "constant"}}
+"""Options by which hidden ratex decides at half of kappa."""
 
 
 @dataclass(frozen=True)
 class Protocol:
-    """Options of the paper's methods; what is not named keeps the tuned default."""
+    """One way to read the paper, as options of its methods."""
 
     description: str
+    """What it does, for tables."""
     options: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Fields of the decoders by method; what is not named keeps the decoder's default."""
     ratex_kappa: int | None = None
-    """Gray levels by which ratex patches toggle; None for the message's kappa."""
+    """Gray levels by which ratex patches toggle; None for as many as the message does."""
 
-
-HALF_KAPPA = {"hidden_ratex": {"threshold": "constant"}}
 
 PROTOCOLS: dict[str, Protocol] = {
     "fair": Protocol("every threshold learned in each frame pair, tuned on training captures"),
@@ -38,11 +41,11 @@ PROTOCOLS: dict[str, Protocol] = {
     ),
     "once": Protocol(
         "naive and two-step keep what one SVM learns on the ratex patches of all captures",
-        {m: {"threshold": value} for m, value in LEARNED["once"].items()},
+        {method: {"threshold": value} for method, value in LEARNED["once"].items()},
     ),
     "frontal": Protocol(
-        "the same, of the frontal captures",
-        {m: {"threshold": value} for m, value in LEARNED["frontal"].items()},
+        "naive and two-step keep what one SVM learns on the ratex patches of the frontal captures",
+        {method: {"threshold": value} for method, value in LEARNED["frontal"].items()},
     ),
     "vote": Protocol(
         "as paper, and each pixel of a block votes",
@@ -55,14 +58,28 @@ PROTOCOLS: dict[str, Protocol] = {
     ),
     "pixel": Protocol(
         "every threshold learned in each frame pair, on single ratex pixels",
-        {m: {"train_on": "pixel"} for m in ("naive", "two_step", "oorc")},
+        {method: {"train_on": "pixel"} for method in ("naive", "two_step", "oorc")},
     ),
-    "ratex10": Protocol("as fair, and the ratex patches toggle by 10, as § Methods says", {}, 10),
+    "ratex10": Protocol(
+        "as fair, and the ratex patches toggle by 10, as § Methods says", ratex_kappa=10
+    ),
 }
+"""Protocols by name; `reports.studies.prediction` compares them with the paper's tables."""
 
 
-def apply(protocol: str, methods: list[Method]) -> list[Method]:
-    """The methods as a protocol sets them; an unknown name lists the valid ones."""
+def apply_protocol(protocol: str, methods: Sequence[Method]) -> list[Method]:
+    """Give methods the options of a protocol.
+
+    >>> apply_protocol("paper", [Method("naive"), Method("oorc")])[0].options
+    (('threshold', 2.5),)
+
+    Args:
+        protocol: a key of `PROTOCOLS`.
+        methods: methods of the paper, or others, which stay as they are.
+
+    Raises:
+        InputError: the protocol is unknown (the message lists those that are known).
+    """
     options = choose(PROTOCOLS, protocol, "protocol").options
     return [
         Method(m.name, m.options + tuple(sorted(options.get(m.name, {}).items())), m.label)

@@ -22,16 +22,29 @@ from data_gen.frame_pair import Cell, Source
 from link.errors import InputError
 from link.layout import make_layout
 from reports.engine import backends
-from reports.engine import predict as compare
+from reports.engine import predict as engine
 from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
-from reports.engine.predict import Method, decode_cells, decode_each
+from reports.engine.digest import code_digest, file_digest, imported_modules
+from reports.engine.methods import Method
+from reports.engine.predict import (
+    Condition,
+    checkpoint_digest,
+    fingerprint,
+    predict,
+    predict_all,
+)
 
 ROOT = Path(__file__).parents[1]
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
 RUN += ["--methods", "oorc", "learned", "hidden_ratex", "--no-html"]
-N_CELLS = 4
+N_CELLS, N_METHODS = 4, 3
 GOOD, BAD = Cell("canon-lg", 0.0, 5), Cell("canon-lg", 0.0, 0)  # there is no kappa of 0
 NAIVE = [Method("naive")]
+
+
+def condition(*cells: Cell, source: Source | None = None) -> list[Condition]:
+    """One frame pair of each cell."""
+    return [Condition("", source or Source(make_layout()), cells, 1)]
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +84,7 @@ def test_two_processes_write_the_bytes_of_one(
     assert results(tmp_path) == results(alone)
 
 
+@pytest.mark.slow
 def test_two_dask_workers_write_the_bytes_of_one_process(
     alone: Path, tmp_path: Path, command: Command, scheduler: str
 ) -> None:
@@ -87,6 +101,7 @@ def cell_files(folder: Path) -> list[Path]:
     return sorted((folder / "cells").glob("*/*.jsonl"))
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bytes(
     alone: Path, tmp_path: Path, command: Command
 ) -> None:
@@ -100,7 +115,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
         os.killpg(run.pid, signal.SIGKILL)
         assert run.wait() == -signal.SIGKILL
     kept = {file: file.stat().st_mtime_ns for file in cell_files(tmp_path)}
-    assert 1 <= len(kept) < N_CELLS
+    assert 1 <= len(kept) < N_CELLS * N_METHODS
     assert not (tmp_path / "predictions.jsonl").exists()
     assert command(evaluate.main, *RUN, "--jobs", 1, "--out", tmp_path).status == 0
     assert results(tmp_path) == results(alone)
@@ -110,15 +125,15 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
 def test_a_failing_cell_is_reported_and_the_others_are_written(
     alone: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def failing(source: Source, cell: Cell, *rest: Any) -> Any:
-        if cell == Cell("canon-lg", 45.0, 5):
+    def failing(task: Any) -> Any:
+        if task.cell == Cell("canon-lg", 45.0, 5):
             raise ZeroDivisionError("made to\nfail")
-        return decode_cell(source, cell, *rest)
+        return decode_cell(task)
 
-    decode_cell = compare.decode_cell
+    decode_cell = engine.decode_cell
     run = (*RUN, "--jobs", 1, "--out", tmp_path)
     with monkeypatch.context() as patch:
-        patch.setattr(compare, "decode_cell", failing)
+        patch.setattr(engine, "decode_cell", failing)
         done = command(evaluate.main, *run)
     assert done.status == 2
     report, last = done.stderr.splitlines()[-2:]
@@ -148,17 +163,17 @@ def test_a_cell_that_fails_elsewhere_is_reported_too(
 ) -> None:
     address = request.getfixturevalue("scheduler") if where == "dask" else None
     backend = Backend(2, address)
-    lines, failed = decode_each(Source(make_layout()), [BAD, GOOD], 1, NAIVE, tmp_path, backend)
-    assert [line["kappa"] for line in lines] == [5]
-    (report,) = failed
+    predicted = predict(condition(BAD, GOOD), NAIVE, tmp_path, backend)
+    assert predicted.records["kappa"].tolist() == [5]
+    (report,) = predicted.failed
     assert report.startswith("canon-lg, 0°, kappa 0: --kappa: need 1 to 64")
 
 
 def test_commands_that_need_every_cell_refuse_to_go_on(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="1 of 2 cells failed: canon-lg, 0°, kappa 0: --kappa"):
-        decode_cells(Source(make_layout()), [BAD, GOOD], 1, NAIVE, tmp_path, 1)
+        predict_all(condition(BAD, GOOD), NAIVE, tmp_path, 1)
     with pytest.raises(InputError, match=r"^--kappa: need 1 to 64"):
-        decode_cells(Source(make_layout()), [BAD], 1, NAIVE, tmp_path, 1)
+        predict_all(condition(BAD), NAIVE, tmp_path, 1)
 
 
 @pytest.mark.parametrize("where", ["loky", "dask"])
@@ -187,22 +202,84 @@ def test_a_single_worker_gets_the_tasks() -> None:
 def test_a_worker_with_other_code_is_refused(
     tmp_path: Path, scheduler: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "fingerprint", lambda *_: "another checkout")
+    monkeypatch.setattr(engine, "fingerprint", lambda *_: "another checkout")
     with pytest.raises(InputError, match="has other code, packages, checkpoints or pictures"):
-        decode_each(Source(make_layout()), [GOOD], 1, NAIVE, tmp_path, Backend(scheduler=scheduler))
+        predict(condition(GOOD), NAIVE, tmp_path, Backend(scheduler=scheduler))
 
 
 def test_the_fingerprint_knows_what_decides() -> None:
-    source = Source(make_layout())
+    source, naive = Source(make_layout()), NAIVE[0]
     marks = {
-        compare.fingerprint(source, 1, NAIVE),
-        compare.fingerprint(source, 2, NAIVE),
-        compare.fingerprint(Source(make_layout(), seed=1), 1, NAIVE),
-        compare.fingerprint(source, 1, [Method("naive", (("threshold", 2.5),))]),
+        fingerprint(source, 1, naive),
+        fingerprint(source, 2, naive),
+        fingerprint(Source(make_layout(), seed=1), 1, naive),
+        fingerprint(source, 1, Method("naive", (("threshold", 2.5),))),
+        fingerprint(source, 1, Method("oorc")),
     }
-    assert len(marks) == 4
-    assert compare.fingerprint(source, 1, NAIVE) in marks
-    assert Method("cnn").digest() not in ("", compare.digest_files([]))
+    assert len(marks) == 5
+    assert fingerprint(source, 1, Method("naive", label="another name")) in marks
+    assert checkpoint_digest(Method("cnn")) not in ("", file_digest([]))
+
+
+def test_a_method_that_is_new_costs_no_other_its_results(tmp_path: Path) -> None:
+    predict_all(condition(GOOD), NAIVE, tmp_path, 1)
+    (before,) = cell_files(tmp_path)
+    time_ns = before.stat().st_mtime_ns
+    records = predict_all(condition(GOOD), [*NAIVE, Method("oorc")], tmp_path, 1)
+    assert records["method"].tolist() == ["naive", "oorc"]
+    assert len(cell_files(tmp_path)) == 2
+    assert before.stat().st_mtime_ns == time_ns
+
+
+# What decides a result
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A small checkout: a decoder that imports a helper, and a player that nothing imports."""
+    files = {
+        "link/__init__.py": "",
+        "link/used.py": '"""A helper."""\n\nFACTOR = 2\n',
+        "link/player.py": "SPEED = 1\n",
+        "models/__init__.py": "",
+        "models/decoder.py": "from link import used\n\n\ndef f(x):\n    return used.FACTOR * x\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def digest_after(checkout: Path, name: str, text: str) -> str:
+    (checkout / name).write_text(text)
+    code_digest.cache_clear()
+    return code_digest("models.decoder", root=checkout)
+
+
+def test_what_is_not_run_decides_nothing(checkout: Path) -> None:
+    before = code_digest("models.decoder", root=checkout)
+    assert before == digest_after(checkout, "link/player.py", "SPEED = 3\n")
+    commented = '"""Another docstring."""\n\n# why\nFACTOR = 2\n"""Said anew."""\n'
+    assert before == digest_after(checkout, "link/used.py", commented)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("link/used.py", "FACTOR = 3\n"),
+        ("models/decoder.py", "from link import used\n\n\ndef f(x):\n    return used.FACTOR + x\n"),
+        ("models/decoder.py", "def f(x):\n    return 2 * x\n"),
+    ],
+)
+def test_what_is_run_decides(checkout: Path, name: str, text: str) -> None:
+    assert code_digest("models.decoder", root=checkout) != digest_after(checkout, name, text)
+
+
+def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
+    modules = imported_modules(["data_gen.frame_pair", "models.neural.methods"])
+    assert {"models.neural.solver", "link.ratex", "data_gen.parameters"} <= set(modules)
+    assert not [name for name in modules if name.split(".")[0] in ("export", "reports")]
+    assert "models.neural.cnn" not in modules
 
 
 # Flags
