@@ -24,7 +24,7 @@ from link.layout import make_layout
 from reports.engine import backends
 from reports.engine import predict as engine
 from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
-from reports.engine.digest import code_digest, file_digest, imported_modules
+from reports.engine.digest import DATA, ROOT, code_digest, file_digest, imported_modules
 from reports.engine.methods import Method
 from reports.engine.predict import (
     Condition,
@@ -280,6 +280,8 @@ def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
     assert {"models.neural.solver", "link.ratex", "data_gen.parameters"} <= set(modules)
     assert not [name for name in modules if name.split(".")[0] in ("export", "reports")]
     assert "models.neural.cnn" not in modules
+    assert set(DATA) <= set(modules)
+    assert all((ROOT / name).is_file() for names in DATA.values() for name in names)
 
 
 # Flags
