@@ -1,17 +1,19 @@
 """Which switch of the torch decoder pays, and where: python -m reports.studies.ablation --out DIR.
 
-Rows add one switch to plain OORC or remove one from the full decoder, columns are conditions, and
-all rows see identical captures. Writes ablation.md, .json and .png, and reliability.md and .png.
+A row adds one switch to plain OORC or removes one from the full decoder; a condition is a setting
+of the channel. All rows decode identical captures. Writes ablation.json, which holds the numbers,
+ablation.md and ablation.png, which show them, and reliability.md and reliability.png.
 """
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import tyro
 
 from data_gen.frame_pair import Source
@@ -21,42 +23,45 @@ from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
-from reports.engine.conditions import CONDITIONS, cells, source
-from reports.engine.predict import OBSERVERS, decode_cells
-from reports.score.metrics import provenance, score
-from reports.score.paired import Outcomes, behind, outcomes
-from reports.score.reliability import diagram, pooled, reliability_page
-from reports.studies.ablation_page import Entry, Standing, against_oorc, measure, plot, tables
-from reports.studies.variants import ROWS, method_for
+from reports.engine.conditions import SETTINGS, named_condition
+from reports.engine.predict import predict_all
+from reports.engine.provenance import provenance
+from reports.render.charts import save_png
+from reports.render.reliability import reliability_figure, reliability_tables
+from reports.render.tables import Table
+from reports.score.accuracy import pool, score
+from reports.score.paired import COUNTS, cells_behind, compare, tally
+from reports.score.reliability import ALL, reliability_curves
+from reports.studies.ablation_page import AblationEntry, ablation_figure, ablation_tables
+from reports.studies.switches import FLOORS, ROWS, WHOLE_DECODERS, row_method
 
-APART = ("learned", *OBSERVERS)
-"""Decoded into folders of their own: a new checkpoint costs no other row its results."""
-WHOLE = ("full", "learned")
-"""Rows that are decoders to use: compared with OORC cell by cell; their scores are LLRs."""
+REFERENCES = ("oorc", "full", "ideal")
+"""Rows with which every other row is compared, where they are decoded."""
 
 
 @dataclass(frozen=True)
 class AblationConfig:
-    """Switches x conditions on simulated captures of the test pictures."""
+    """Switches of the torch decoder by conditions, on simulated captures of the test pictures."""
 
-    conditions: tuple[str, ...] = tuple(CONDITIONS)
-    """Columns, of reports/engine/conditions.py."""
+    conditions: tuple[str, ...] = tuple(SETTINGS)
+    """Settings of the channel, named in reports/engine/conditions.py."""
     rows: tuple[str, ...] = ROWS
-    """Rows, of reports/studies/variants.py; oorc and full, the references, always join."""
+    """Rows, named in reports/studies/switches.py; the references oorc and full always join."""
     learned: bool = True
     """Add the trained decoder."""
     ideal: bool = False
-    """Add the floors, under every decoder and under those that do not know the picture: takes some
-    ten times as long as all else."""
+    """Add the floors, under every decoder and under those that do not know the picture. They take
+    some ten times as long as all else."""
     pairs: tuple[str, ...] = tuple(PAIRS)
     """Camera-display pairs."""
     frames: int = 20
     """Frame pairs a cell, which is a pair, view and kappa; each frame pair has 59 bits."""
     seed: int = 0
+    """Seed of messages, channel draws and resamples."""
     run: Path | None = None
     """Checkpoint of the trained decoder: by default the shipped one."""
     out: Path = Path("runs/ablation")
-    """Folder for the report, and in it one a condition, from which a cut-off run goes on."""
+    """Folder for the report and for what is decoded; a run that was cut off goes on from there."""
     jobs: int = os.cpu_count() or 1
     """Processes."""
 
@@ -64,33 +69,41 @@ class AblationConfig:
 def main() -> None:
     """Decode, compare, write, print."""
     config = tyro.cli(AblationConfig)
-    check(config)
+    check_flags(config)
+    base = Source(make_layout(), "test", config.seed)
+    conditions = [
+        named_condition(name, base, config.pairs, config.frames) for name in config.conditions
+    ]
     rows = [row for row in ROWS if row in ("oorc", "full", *config.rows)]
-    rows += [row for row in APART if (config.ideal if row in OBSERVERS else config.learned)]
-    predictions = {name: decode(config, name, rows) for name in config.conditions}
-    entries, standings = [], []
-    for name, lines in predictions.items():
-        found = outcomes(lines)
-        entries += measure(score(lines), found, name, config.seed)
-        standings += [stand(config, found, row, name) for row in rows if row in WHOLE]
-    text = "\n\n".join(
-        ["# Ablation", described(config), tables(entries), against_oorc(entries, standings)]
+    rows += ["learned"] if config.learned else []
+    rows += FLOORS if config.ideal else []
+    methods = [row_method(row, config.run or PRETRAINED) for row in rows]
+    records = predict_all(conditions, methods, config.out, config.jobs)
+
+    meta = provenance(config.seed, simulated=True) | {"settings": asdict(config)}
+    content = {"meta": meta, **compare_rows(records, config.seed)}
+    tables = [f"## {table.markdown()}" for table in ablation_tables(content)]
+    text = "\n\n".join(["# Ablation", described(config), *tables])
+    curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
+    calibration = "\n\n".join(
+        ["# Reliability", *(table.markdown() for table in reliability_tables(curves))]
     )
-    curves = pooled(predictions, [row for row in rows if row in WHOLE])
-    calibration = f"# Reliability\n\n{reliability_page(curves)}"
+
     out = config.out
+    numbers = json.dumps(content, indent=1, allow_nan=False, default=_path_text)
+    write_bytes(out / "ablation.json", f"{numbers}\n".encode())
     write_bytes(out / "ablation.md", f"{text}\n\n![Ablation](ablation.png)\n".encode())
-    write_bytes(out / "ablation.json", to_json(config, entries, standings))
     write_bytes(out / "reliability.md", f"{calibration}\n\n![Diagram](reliability.png)\n".encode())
-    plot(out / "ablation.png", entries)
-    diagram(out / "reliability.png", curves)
+    save_png(ablation_figure(content), out / "ablation.png")
+    names = [condition.name for condition in conditions] + [ALL]
+    save_png(reliability_figure(curves, names), out / "reliability.png")
     print(text, calibration, f"written: {out}/ablation.* and reliability.*", sep="\n\n")
 
 
-def check(config: AblationConfig) -> None:
-    """Refuse wrong flags before any work."""
+def check_flags(config: AblationConfig) -> None:
+    """Raise an `InputError` for a wrong flag, before any work."""
     valid: dict[str, Mapping[str, object]] = {
-        "conditions": CONDITIONS,
+        "conditions": SETTINGS,
         "rows": dict.fromkeys(ROWS),
         "pairs": PAIRS,
     }
@@ -108,67 +121,83 @@ def check(config: AblationConfig) -> None:
             raise InputError(f"--run: {error}; or leave it out: --no-learned") from None
 
 
-def decode(config: AblationConfig, condition: str, rows: Sequence[str]) -> list[dict[str, Any]]:
-    """Predictions of all rows in one condition; cells that are decoded already are read."""
-    chosen = CONDITIONS[condition]
-    filmed = source(chosen, Source(make_layout(), "test", config.seed))
-    groups = [[row for row in rows if row not in APART], *([row] for row in rows if row in APART)]
-    lines = []
-    for group in groups:
-        folder = config.out / condition / (group[0] if group[0] in APART else "switches")
-        methods = [method_for(row, config.run or PRETRAINED) for row in group]
-        where = cells(chosen, config.pairs)
-        lines += decode_cells(filmed, where, config.frames, methods, folder, config.jobs)
-    return lines
+def compare_rows(records: pd.DataFrame, seed: int) -> dict[str, list[dict[str, Any]]]:
+    """Return the numbers of the ablation, as ablation.json stores them.
 
+    Args:
+        records: predictions of all rows in all conditions.
+        seed: seed of the resamples, which are the same for every comparison.
 
-def stand(config: AblationConfig, found: Outcomes, row: str, condition: str) -> Standing:
-    """Compare a row with OORC in every cell."""
-    count = len(cells(CONDITIONS[condition], config.pairs))
-    rng = np.random.default_rng(config.seed)
-    return Standing(row, condition, count, behind(found, row, "oorc", rng))
+    Returns:
+        "entries", one `AblationEntry` a condition and row, and "behind_oorc", one for each cell in
+        which a decoder to use is behind OORC beyond the paired 95 % interval: row, condition, pair,
+        view_deg, kappa and the fields of `Paired`.
+    """
+    entries, behind = [], []
+    for condition, mine in records.groupby("condition", sort=False):
+        rows = list(mine["method"].unique())
+        for row in pool(score(mine)).itertuples():
+            against = {}
+            for reference in REFERENCES:
+                if reference in rows and reference != row.method:
+                    counts = tally(mine, row.method, reference)[COUNTS].to_numpy()
+                    against[reference] = compare(counts, np.random.default_rng(seed))
+            entries.append(
+                AblationEntry(
+                    row=row.method,
+                    condition=condition,
+                    frames=int(row.frames),
+                    bits=int(row.bits),
+                    errors=int(row.errors),
+                    error=row.errors / row.bits,
+                    ci_low=1 - row.high,
+                    ci_high=1 - row.low,
+                    against=against,
+                )
+            )
+        for row in rows:
+            if row in WHOLE_DECODERS:
+                rng = np.random.default_rng(seed)
+                for cell, paired in cells_behind(mine, row, "oorc", rng):
+                    place = {
+                        "row": row,
+                        "condition": condition,
+                        "pair": cell["pair"],
+                        "view_deg": float(cell["view_deg"]),
+                        "kappa": int(cell["kappa"]),
+                    }
+                    behind.append(place | asdict(paired))
+    return {"entries": [asdict(entry) for entry in entries], "behind_oorc": behind}
 
 
 def described(config: AblationConfig) -> str:
-    """What the numbers are, as Markdown."""
+    """Return what the numbers are, as Markdown."""
     bits = config.frames * make_layout().n_bits
-    lines = [
-        f"Simulated captures, test pictures and channel draws, seed {config.seed}; a cell is a "
-        f"pair, view and κ and has {config.frames} frame pairs, {bits:,} bits. Pairs: "
-        f"{', '.join(config.pairs)}. By `{provenance(config.seed, True)['command']}`.",
-        "",
-        "An entry is the error in per cent, and in brackets the difference in accuracy to the "
-        "reference on identical captures: points, positive is better, with the 95 % interval of a "
-        "paired bootstrap over frame pairs"
-        + ("; × is the multiple of the ideal observer's errors." if config.ideal else "."),
-        "",
-        "| condition | views | κ | channel |",
-        "|---|---|---|---|",
-    ]
+    rows = []
     for name in config.conditions:
-        condition = CONDITIONS[name]
-        views = ", ".join(f"{view:g}°" for view in condition.views)
-        changed = ", ".join(f"{key} {value:g}" for key, value in condition.parameters) or "fitted"
-        lines.append(f"| {name} | {views} | {', '.join(map(str, condition.kappas))} | {changed} |")
-    return "\n".join(lines)
+        setting = SETTINGS[name]
+        views = ", ".join(f"{view:g}°" for view in setting.views)
+        changed = ", ".join(f"{key} {value:g}" for key, value in setting.parameters) or "fitted"
+        rows.append([name, views, ", ".join(map(str, setting.kappas)), changed])
+    return "\n\n".join(
+        [
+            f"Simulated captures, test pictures and channel draws, seed {config.seed}; a cell is a "
+            f"pair, view and κ and has {config.frames} frame pairs, {bits:,} bits. Pairs: "
+            f"{', '.join(config.pairs)}. By `{provenance(config.seed, True)['command']}`.",
+            "An entry is the error in per cent, and in brackets the difference in accuracy to the "
+            "reference on identical captures: points, positive is better, with the 95 % interval "
+            "of a paired bootstrap over frame pairs"
+            + ("; × is the multiple of the ideal observer's errors." if config.ideal else "."),
+            Table(["condition", "views", "κ", "channel"], rows, left=4).markdown(),
+        ]
+    )
 
 
-def to_json(
-    config: AblationConfig, entries: Sequence[Entry], standings: Sequence[Standing]
-) -> bytes:
-    """The report as strict JSON: {"meta": ..., "entries": [...], "behind_oorc": [...]}."""
-    behind_oorc = [
-        {"row": s.row, "condition": s.condition, "pair": pair, "view_deg": view, "kappa": kappa}
-        | asdict(paired)
-        for s in standings
-        for (_, pair, view, kappa), paired in s.behind.items()
-    ]
-    content = {
-        "meta": provenance(config.seed, simulated=True) | {"settings": asdict(config)},
-        "entries": [asdict(entry) for entry in entries],
-        "behind_oorc": behind_oorc,
-    }
-    return (json.dumps(content, indent=1, allow_nan=False, default=str) + "\n").encode()
+def _path_text(value: object) -> str:
+    """Write a path of the settings as text; anything else that JSON does not know is an error."""
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"cannot write {type(value).__name__} as JSON")
 
 
 if __name__ == "__main__":

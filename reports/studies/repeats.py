@@ -9,92 +9,116 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import tyro
-from joblib import Parallel, delayed
-from numpy.typing import NDArray
-from tqdm import tqdm
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
-from link.errors import at_least, choose, run_cli
+from link.errors import at_least, each_once, run_cli
 from link.frames import combined
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
 from models.neural.methods import Learned
-from reports.engine.conditions import CONDITIONS, cells, source
-from reports.score.metrics import provenance, wilson
+from reports.engine.backends import one_thread
+from reports.engine.conditions import named_condition
+from reports.engine.methods import Method
+from reports.engine.predict import fingerprint
+from reports.engine.provenance import provenance
+from reports.engine.stored import resume
+from reports.render.tables import Table, TableCell, percent, share_interval
+from reports.score.accuracy import wilson
 
 
 @dataclass(frozen=True)
 class RepeatsConfig:
-    """Errors by number of captures."""
+    """Errors by number of captures, on simulated captures of held-out pictures."""
 
     conditions: tuple[str, ...] = ("kappa1", "60deg")
-    """Of reports/engine/conditions.py."""
+    """Settings of the channel, named in reports/engine/conditions.py."""
     captures: tuple[int, ...] = (1, 2, 4, 8)
-    """How many captures are added; the largest is filmed."""
+    """Numbers of captures that are added; the largest of them is filmed."""
     frames: int = 20
-    """Frame pairs a cell, of held-out pictures."""
+    """Frame pairs a cell."""
     seed: int = 0
+    """Seed of messages and channel draws."""
     checkpoint: Path = PRETRAINED
+    """Folder of the trained decoder."""
     jobs: int = os.cpu_count() or 1
+    """Processes."""
     out: Path = Path("runs/repeats")
+    """Folder for the report and for what is decoded; a run that was cut off goes on from there."""
+
+
+@dataclass(frozen=True)
+class RepeatedPair:
+    """A frame pair that is filmed several times, and what decodes it."""
+
+    source: Source
+    cell: Cell
+    index: int
+    captures: int
+    """Number of times that it is filmed, at least 1."""
+    checkpoint: Path
+    """Folder of the trained decoder."""
 
 
 def main() -> None:
     """Film, decode, add, print."""
     config = tyro.cli(RepeatsConfig)
-    at_least(1, frames=config.frames, captures=min(config.captures, default=0), jobs=config.jobs)
+    each_once(conditions=config.conditions, captures=config.captures)
+    at_least(1, frames=config.frames, captures=min(config.captures), jobs=config.jobs)
     at_least(0, seed=config.seed)
-    base = Source(make_layout(), "test", config.seed)
-    lines = [f"| condition | bits | {' | '.join(f'{n} captures' for n in config.captures)} |"]
-    lines.append("|---|---:|" + "---:|" * len(config.captures))
-    found: dict[str, list[int]] = {}
-    for name in config.conditions:
-        condition = choose(CONDITIONS, name, "--conditions")
-        work = [
-            (cell, index)
-            for cell in cells(condition, tuple(PAIRS))
+    base, most = Source(make_layout(), "test", config.seed), max(config.captures)
+    conditions = [
+        named_condition(name, base, tuple(PAIRS), config.frames) for name in config.conditions
+    ]
+    errors: dict[str, list[int]] = {}
+    rows = []
+    for condition in conditions:
+        work = {
+            f"{cell.pair} {cell.view_deg:g} {cell.kappa} {index}": RepeatedPair(
+                condition.source, cell, index, most, config.checkpoint
+            )
+            for cell in condition.cells
             for index in range(config.frames)
-        ]
-        results = Parallel(n_jobs=config.jobs, return_as="generator")(
-            delayed(wrong_bits)(source(condition, base), cell, index, config)
-            for cell, index in work
-        )
-        progress = tqdm(results, total=len(work), desc=name, unit="pair")
-        wrong = np.sum(list(progress), axis=0)
+        }
+        learned = Method("learned", (("checkpoint", config.checkpoint),))
+        mark = fingerprint(condition.source, most, learned)[:16]
+        file = config.out / "decoded" / f"{condition.name}_{mark}.jsonl"
+        found = resume(errors_by_captures, work, file, config.jobs, condition.name)
         bits = len(work) * base.layout.n_bits
-        found[name] = [bits, *(int(count) for count in wrong)]
-        lines.append(f"| {name} | {bits} | {' | '.join(percent(n, bits) for n in wrong)} |")
-    page = "\n".join(lines)
+        wrong = np.sum(list(found.values()), axis=0)
+        counts = [int(wrong[number - 1]) for number in config.captures]
+        errors[condition.name] = [bits, *counts]
+        rows.append([condition.name, str(bits), *(error_share(count, bits) for count in counts)])
+    heads = ["condition", "bits", *(f"{number} captures" for number in config.captures)]
+    page = Table(heads, rows).markdown()
     meta = provenance(config.seed, simulated=True)
-    text = json.dumps({"meta": meta, "captures": config.captures, "errors": found}, indent=2)
+    text = json.dumps({"meta": meta, "captures": config.captures, "errors": errors}, indent=2)
     write_bytes(config.out / "repeats.json", f"{text}\n".encode())
     write_bytes(config.out / "repeats.md", f"{page}\n".encode())
     print(page)
 
 
-def wrong_bits(base: Source, cell: Cell, index: int, config: RepeatsConfig) -> NDArray[np.int64]:
-    """Wrong bits after each number of captures of one frame pair."""
-    cv2.setNumThreads(1)
-    decoder = Learned(config.checkpoint)
-    bits = FramePair(base, cell, index).displayed.bits
+def errors_by_captures(work: RepeatedPair) -> list[int]:
+    """Return the number of wrong bits after 1, 2, ... captures of one frame pair."""
+    one_thread()
+    decoder = Learned(work.checkpoint)
+    bits = FramePair(work.source, work.cell, work.index).displayed.bits
     decoded = []
-    for number in range(max(config.captures)):
+    for number in range(work.captures):
         # another seed films the same picture and message anew
-        again = replace(base, seed=base.seed + number)
-        filmed = FramePair(again, cell, index, message=tuple(bits))
+        again = replace(work.source, seed=work.source.seed + number)
+        filmed = FramePair(again, work.cell, work.index, message=tuple(bits))
         decoded.append(decoder.decode(filmed.rectified))
-    return np.array([(combined(decoded[:n]).bits != bits).sum() for n in config.captures])
+    counts = range(1, work.captures + 1)
+    return [int((combined(decoded[:count]).bits != bits).sum()) for count in counts]
 
 
-def percent(wrong: int, bits: int) -> str:
-    """Error with Wilson's 95 % interval over single bits."""
-    low, high = wilson(wrong, bits)
-    return f"{100 * wrong / bits:.2f} % ({100 * low:.2f} – {100 * high:.2f})"
+def error_share(wrong: int, bits: int) -> TableCell:
+    """Return the share of wrong bits in per cent, with Wilson's 95 % interval over single bits."""
+    return TableCell(f"{percent(wrong / bits)} %", share_interval(*wilson(wrong, bits)))
 
 
 if __name__ == "__main__":

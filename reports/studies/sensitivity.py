@@ -2,81 +2,84 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Source
-from link.layout import make_layout
-from reports.engine.predict import Method, decode_cells, paper_cells
-from reports.score.metrics import Z95
+from reports.engine.predict import Condition, paper_cells
+from reports.engine.records import FRAME
+from reports.render.tables import Table
+from reports.score.accuracy import Z95
 
+ALL_EFFECTS = "nothing"
+"""Name of the condition in which no effect is switched off."""
 SKIPPED = ("perspective", "transfer")
-"""Without them there is no oblique view and no CDTF: another problem, not an easier channel."""
-PAIRS = ("canon-imac", "nikon-lg", "sony-samsung")
+"""Effects that stay on: without them there is no oblique view and no transfer function, which is
+another problem and not an easier channel."""
+STUDIED_PAIRS = ("canon-imac", "nikon-lg", "sony-samsung")
+"""Camera-display pairs of the study: every camera and every display once."""
 KAPPA = 3
+"""Gray levels added for a bit 1 in this study."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """Paired difference in accuracy, points."""
+    """What switching off an effect adds to the accuracy, over paired frame pairs."""
 
     mean: float
+    """Mean difference, points."""
     half: float
-    """Half of the 95 % interval, over frame pairs."""
+    """Half of the 95 % interval of the mean over frame pairs, points."""
 
 
-def per_frame(predictions: Sequence[dict[str, Any]], view: float) -> dict[str, np.ndarray]:
-    """Accuracy of each frame pair at a view, in per cent, by method: (frames,)."""
-    found: dict[str, list[float]] = {}
-    for entry in predictions:
-        if entry["view_deg"] == view:
-            right = (np.array(entry["scores"]) > 0) == np.array(entry["bits"])
-            found.setdefault(entry["method"], []).append(100 * float(right.mean()))
-    return {method: np.array(values) for method, values in found.items()}
+def effect_conditions(base: Source, frames: int) -> list[Condition]:
+    """Declare the study: the whole channel, then one condition for each effect switched off.
+
+    Args:
+        base: pictures and seed.
+        frames: frame pairs a cell.
+    """
+    cells = paper_cells(STUDIED_PAIRS, kappas=(KAPPA,))
+    whole = Condition(ALL_EFFECTS, base, cells, frames)
+    effects = [effect for effect in EFFECTS if effect not in SKIPPED]
+    return [
+        whole,
+        *(replace(whole, name=e, source=replace(base, without=(e,))) for e in effects),
+    ]
 
 
-def change(without: np.ndarray, full: np.ndarray) -> Change:
-    """Mean and interval of the paired difference."""
-    difference = without - full
-    return Change(
-        float(difference.mean()), float(Z95 * difference.std(ddof=1) / np.sqrt(difference.size))
+def paired_change(differences: Sequence[float]) -> Change:
+    """Return mean and interval of paired differences, points, of at least two frame pairs.
+
+    >>> paired_change([1.0, 2.0, 3.0])
+    Change(mean=2.0, half=1.1315...)
+    """
+    values = np.asarray(differences, np.float64)
+    return Change(float(values.mean()), float(Z95 * values.std(ddof=1) / np.sqrt(values.size)))
+
+
+def sensitivity_tables(records: pd.DataFrame) -> list[Table]:
+    """Return, for each view, the accuracy with all effects, and what switching each off adds.
+
+    Args:
+        records: predictions under `effect_conditions`, whose true bits are known.
+    """
+    methods = list(records["method"].unique())
+    effects = [name for name in records["condition"].unique() if name != ALL_EFFECTS]
+    points = records.assign(right=100 * records["correct"] / records["known"]).pivot(
+        index=FRAME, columns=["condition", "method"], values="right"
     )
-
-
-def sensitivity_table(
-    methods: Sequence[Method], frames: int, seed: int, folder: Path, jobs: int
-) -> str:
-    """Markdown: accuracy with all effects, then what switching each off adds, by view."""
-    full_source = Source(make_layout(), "test", seed)
-    cells = paper_cells(PAIRS, kappas=(KAPPA,))
-
-    def run(source: Source, name: str) -> list[dict[str, Any]]:
-        return decode_cells(source, cells, frames, methods, folder / name, jobs)
-
-    full = run(full_source, "all")
-    runs = {
-        effect: run(replace(full_source, without=(effect,)), effect)
-        for effect in EFFECTS
-        if effect not in SKIPPED
-    }
-    names = [method.label or method.name for method in methods]
     tables = []
-    for view in (0.0, 45.0):
-        base = per_frame(full, view)
-        lines = [
-            f"**{view:g}°**, κ = {KAPPA}, {', '.join(PAIRS)}, {base[names[0]].size} frame pairs:",
-            "",
-            f"| switched off | {' | '.join(names)} |",
-            f"|---|{'---:|' * len(names)}",
-            f"| nothing: accuracy % | {' | '.join(f'{base[n].mean():.1f}' for n in names)} |",
+    for view, right in points.groupby("view_deg", sort=False):
+        rows = [
+            [f"{ALL_EFFECTS}: accuracy %"]
+            + [f"{right[ALL_EFFECTS, method].mean():.1f}" for method in methods]
         ]
-        for effect, predictions in runs.items():
-            other = per_frame(predictions, view)
-            changes = [change(other[name], base[name]) for name in names]
-            parts = [f"{c.mean:+.1f} ±{c.half:.1f}" for c in changes]
-            lines.append(f"| {effect} | {' | '.join(parts)} |")
-        tables.append("\n".join(lines))
-    return "\n\n".join(tables)
+        for effect in effects:
+            changes = [paired_change(right[effect, m] - right[ALL_EFFECTS, m]) for m in methods]
+            rows.append([effect, *(f"{c.mean:+.1f} ±{c.half:.1f}" for c in changes)])
+        title = f"**{view:g}°**, κ = {KAPPA}, {', '.join(STUDIED_PAIRS)}, {len(right)} frame pairs:"
+        tables.append(Table(["switched off", *methods], rows, title))
+    return tables

@@ -1,11 +1,11 @@
-"""Rows of the ablation: plain OORC's twin with one switch added, FULL with one removed."""
+"""Rows of the ablation: the switches of the torch decoder, added or removed one at a time."""
 
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from models.neural.decoder import FULL, DecoderConfig
-from reports.engine.predict import Method, methods_for
+from reports.engine.methods import METHODS, Method, methods_for
 
 ADDED: dict[str, dict[str, Any]] = {
     "phi+drift": {"drift_degree": 2},
@@ -19,7 +19,7 @@ ADDED: dict[str, dict[str, Any]] = {
     "phi+refine+rows": {"refine": 3, "rows": True},
     "phi+refine+space": {"refine": 3, "space": True},
 }
-"""What differs from `DecoderConfig`'s defaults, the twin of OORC."""
+"""Rows that add to the twin of OORC, and the fields in which each differs from its config."""
 REMOVED: dict[str, dict[str, Any]] = {
     "full-drift": {"drift_degree": 0},
     "full-register": {"register": False},
@@ -31,17 +31,32 @@ REMOVED: dict[str, dict[str, Any]] = {
     "full-rows": {"rows": False},
     "full-space": {"space": False},
 }
-"""What differs from `FULL`."""
+"""Rows that remove from the full decoder, and the fields in which each differs from `FULL`."""
 ROWS = ("oorc", "phi", *ADDED, "full", *REMOVED)
+"""Names of all untrained rows, in the order in which tables show them."""
+WHOLE_DECODERS = ("full", "learned")
+"""Rows that are decoders to use; their scores are log-likelihood ratios."""
+FLOORS = tuple(name for name, card in METHODS.items() if card.needs_truth)
+"""Observers that know the simulated channel, and that no decoder can beat."""
 
 
-def method_for(row: str, checkpoint: Path) -> Method:
-    """The decoder of a row: of `ROWS`, "learned" from the checkpoint, or another method by name."""
-    config = None
+def row_method(row: str, checkpoint: Path) -> Method:
+    """Return the method that decodes a row.
+
+    >>> dict(row_method("full-rows", Path("none")).options)["config"].rows
+    False
+
+    Args:
+        row: a name of `ROWS`, or of a method that is shown beside them, such as "learned".
+        checkpoint: folder of the trained decoder, for the row "learned".
+
+    Raises:
+        InputError: the row is unknown.
+    """
     if row == "phi" or row in ADDED:
         config = replace(DecoderConfig(), **ADDED.get(row, {}))
     elif row == "full" or row in REMOVED:
         config = replace(FULL, **REMOVED.get(row, {}))
-    if config is None:
+    else:
         return methods_for([row], checkpoint)[0]
     return Method("phi", (("config", config),), label=row)
