@@ -10,13 +10,14 @@ from scipy.special import expit
 from tolerances import FLOAT64
 
 from link.errors import InputError
+from reports.engine.records import to_records
+from reports.render.charts import save_png
+from reports.render.reliability import reliability_figure, reliability_tables
 from reports.score.reliability import (
     calibration_error,
-    diagram,
+    confidence_bins,
     known_scores,
-    pooled,
-    reliability,
-    reliability_page,
+    reliability_curves,
 )
 
 
@@ -28,18 +29,18 @@ def calibrated(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_calibrated_scores_have_hardly_any_error() -> None:
-    assert calibration_error(reliability(*calibrated(100_000))) < 0.005
+    assert calibration_error(confidence_bins(*calibrated(100_000))) < 0.005
 
 
 @pytest.mark.parametrize("factor", [2.0, 0.5])
 def test_scaled_scores_are_miscalibrated(factor: float) -> None:
     scores, bits = calibrated(100_000)
-    assert calibration_error(reliability(factor * scores, bits)) > 0.05
+    assert calibration_error(confidence_bins(factor * scores, bits)) > 0.05
 
 
 def test_bins_are_exact() -> None:
     p = np.array([0.52, 0.54, 0.98, 0.02, 0.99, 0.5])
-    bins = reliability(np.log(p / (1 - p)), np.array([1, 0, 1, 0, 0, 0]))
+    bins = confidence_bins(np.log(p / (1 - p)), np.array([1, 0, 1, 0, 0, 0]))
     assert [(b.count, b.correct) for b in bins] == [(3, 2), (3, 2)]
     assert [b.confidence for b in bins] == pytest.approx([0.52, 2.95 / 3], abs=FLOAT64)
     assert [(b.low, b.high) for b in bins] == [
@@ -50,27 +51,36 @@ def test_bins_are_exact() -> None:
 
 
 def test_infinite_confidence_falls_into_the_last_bin() -> None:
-    (only,) = reliability(np.array([-1e3, np.inf]), np.array([0, 1]))
+    (only,) = confidence_bins(np.array([-1e3, np.inf]), np.array([0, 1]))
     assert (only.high, only.count, only.accuracy, only.confidence) == (1, 2, 1, 1)
 
 
-def line(scores: list[float], bits: list[int]) -> dict[str, Any]:
-    return {"method": "full", "scores": scores, "bits": bits}
+def line(scores: list[float], bits: list[int], condition: str = "") -> dict[str, Any]:
+    cell = {"method": "full", "pair": "p", "view_deg": 0.0, "kappa": 3, "index": 0}
+    return {**cell, "condition": condition, "picture": None, "scores": scores, "bits": bits}
 
 
 def test_unknown_bits_are_passed_over() -> None:
-    scores, bits = known_scores([line([1.0, 2.0], [1, -1]), line([-3.0], [0])], "full")
+    records = to_records([line([1.0, 2.0], [1, -1]), line([-3.0], [0])])
+    scores, bits = known_scores(records, "full")
     assert (scores.tolist(), bits.tolist()) == ([1.0, -3.0], [1, 0])
     with pytest.raises(InputError, match="full: no scores"):
-        known_scores([line([1.0], [-1])], "full")
+        known_scores(to_records([line([1.0], [-1])]), "full")
 
 
-def test_page_and_diagram_show_every_method_and_condition(tmp_path: Path) -> None:
-    one, two = line([1.0, 4.0], [1, 1]), line([-0.5], [1])
-    curves = pooled({"paper": [one], "jpeg": [two]}, ["full"])
+def test_tables_and_figure_show_every_method_and_condition(tmp_path: Path) -> None:
+    lines = [line([1.0, 4.0], [1, 1], "paper"), line([-0.5], [1], "jpeg")]
+    curves = reliability_curves(to_records(lines), ["full"])
     assert [sum(b.count for b in bins) for bins in curves["full"].values()] == [2, 1, 3]
-    table = reliability_page(curves).splitlines()
-    assert table[2] == "| method | paper | jpeg | all |"
-    assert "| 0.60 – 0.65 | 1 | 0.6225 | 0.0000 | 0.0000 – 0.7935 |" in table
-    diagram(tmp_path / "new" / "diagram.png", curves)
+    errors, bins = reliability_tables(curves)
+    assert errors.markdown().splitlines()[2] == "| method | paper | jpeg | all |"
+    row = "| 0.60 – 0.65 | 1 | 0.6225 | 0.0000 | 0.0000 – 0.7935 |"
+    assert row in bins.markdown().splitlines()
+    figure = reliability_figure(curves, ["paper", "jpeg", "all"])
+    assert [panel.get_title() for panel in figure.axes] == [
+        "paper, 2 bits",
+        "jpeg, 1 bits",
+        "all, 3 bits",
+    ]
+    save_png(figure, tmp_path / "new" / "diagram.png")
     assert cv2.imread(str(tmp_path / "new" / "diagram.png")) is not None

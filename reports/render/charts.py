@@ -20,8 +20,10 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.scale import FuncScale
 from matplotlib.ticker import FixedLocator, NullLocator
+from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import ArrayLike, NDArray
 
 from link.images import write_bytes
@@ -101,6 +103,8 @@ class Series:
     """Colour as "#rrggbb"; `colour_of` the label where it is empty."""
     dashed: bool = False
     """Whether the line between the points is dashed."""
+    name: str = ""
+    """Text in the legend; the label where it is empty."""
 
 
 def colour_of(label: str, others: Mapping[str, str] | None = None) -> str:
@@ -226,55 +230,48 @@ def set_ticks(axis: Axis, values: Sequence[float], labels: Sequence[str]) -> Non
     axis.set_ticklabels(labels)
 
 
-def draw_series(panel: Axes, series: Sequence[Series], markers: bool = True) -> None:
-    """Draw lines of methods with intervals, and name them at the right, in order of their ends.
+def draw_series(
+    panel: Axes, series: Sequence[Series], markers: bool = True, legend: str = "beside"
+) -> None:
+    """Draw lines of methods with intervals, and name them, the one that ends highest first.
 
     Args:
-        panel: where to draw; its scales are set already, or are linear.
+        panel: where to draw; its limits are set already, and what lies beyond is drawn at them.
         series: lines with at least one point each.
         markers: whether points are marked and have interval bars; such lines stand a little apart
             along x, so that bars at equal x can be told apart.
+        legend: where the names stand: "beside" the panel, or inside, as matplotlib names a corner.
     """
+    low, high = sorted(panel.get_ylim())
     for number, line in enumerate(series):
         colour = line.colour or colour_of(line.label)
         shift = 2.4 * (number - (len(series) - 1) / 2) / 72 if markers else 0.0
-        moved = panel.transData + matplotlib.transforms.ScaledTranslation(
-            shift, 0, panel.figure.dpi_scale_trans
-        )
+        moved = panel.transData + ScaledTranslation(shift, 0, panel.figure.dpi_scale_trans)
         look: dict[str, Any] = {"color": colour, "clip_on": False, "transform": moved}
-        xs, ys = [p.x for p in line.points], [p.y for p in line.points]
-        panel.plot(xs, ys, "--" if line.dashed else "-", **look)
-        panel.update_datalim(np.column_stack([xs, ys]))
-        for point in line.points if markers else ():
-            panel.plot([point.x] * 2, [point.low, point.high], linewidth=1.1, alpha=0.75, **look)
+        heights = np.clip([p.y for p in line.points], low, high)
+        style = "--" if line.dashed else "-"
+        panel.plot([p.x for p in line.points], heights, style, **look)
+        for point, height in zip(line.points, heights, strict=True) if markers else ():
+            ends = np.clip([point.low, point.high], low, high)
+            panel.plot([point.x] * 2, ends, linewidth=1.1, alpha=0.75, **look)
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
-            (mark,) = panel.plot([point.x], [point.y], marker_of(line.label), **edge, **look)
+            (mark,) = panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
             _annotate(mark, point.note)
-    name_lines(panel, series, markers)
-
-
-def name_lines(panel: Axes, series: Sequence[Series], markers: bool = True) -> None:
-    """Name lines at the right of a panel, the one that ends highest first."""
-    order = sorted(series, key=lambda line: -line.points[-1].y)
     handles = [
-        matplotlib.lines.Line2D(
+        Line2D(
             [],
             [],
             color=line.colour or colour_of(line.label),
             marker=marker_of(line.label) if markers else "",
             linestyle="--" if line.dashed else "-",
-            label=line.label,
+            label=line.name or line.label,
         )
-        for line in order
+        for line in sorted(series, key=lambda line: -line.points[-1].y)
     ]
-    panel.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(1.0, 1.02),
-        borderaxespad=0.3,
-        handlelength=1.2,
-        handletextpad=0.5,
-    )
+    place: dict[str, Any] = {"loc": legend}
+    if legend == "beside":
+        place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "borderaxespad": 0.3}
+    panel.legend(handles=handles, handlelength=1.2, handletextpad=0.5, **place)
 
 
 def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[Figure, Axes]:
@@ -302,7 +299,7 @@ def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[F
         edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6, "markersize": 8}
         (mark,) = panel.plot([point.x], [row], marker_of(line.label), **edge, **look)
         _annotate(mark, point.note)
-        beside = matplotlib.transforms.blended_transform_factory(panel.transAxes, panel.transData)
+        beside = blended_transform_factory(panel.transAxes, panel.transData)
         panel.text(1.04, row, point.note, transform=beside, va="center", color=MUTED, size=10.5)
     set_ticks(panel.yaxis, range(len(series)), [line.label for line in series])
     panel.tick_params(axis="y", length=0, labelsize=11.5, labelcolor=INK)

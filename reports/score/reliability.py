@@ -1,74 +1,82 @@
-"""Do log-likelihood ratios mean what they say? Expected calibration error, table, diagram."""
+"""Do log-likelihood ratios mean what they say? Bins of confidence, and the calibration error.
 
-from collections.abc import Iterable, Mapping, Sequence
+`reports.render.reliability` shows them as tables and as a diagram.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import expit
 
 from link.errors import InputError
-from link.images import make_folder
-from reports.score.metrics import wilson
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from reports.score.accuracy import wilson
 
 BINS = 10
-MAX_COLUMNS = 4
-SHOWN_BITS = 20
-"""Bins with fewer bits are left out of the diagram, though not of the error."""
+"""Number of bins of equal width in which decisions of similar confidence are counted."""
 ALL = "all"
-TARGET = 0.02
-"""The largest expected calibration error that issue 4 allows."""
-
-Curves = Mapping[str, Mapping[str, "Sequence[Bin]"]]
-"""By method, then by condition; `pooled` adds the condition "all"."""
+"""Name under which `reliability_curves` counts the bits of all conditions."""
 
 
 @dataclass(frozen=True)
 class Bin:
-    """Bits decided with a similar confidence max(p, 1 - p)."""
+    """Bits that were decided with a similar confidence, which is max(p, 1 - p)."""
 
     low: float
-    """Edges, in [0.5, 1]."""
+    """Smallest confidence of the bin, in [0.5, 1]."""
     high: float
+    """Largest confidence of the bin, in [0.5, 1]."""
     count: int
-    """Bits, at least 1."""
+    """Number of bits, at least 1."""
     correct: int
+    """Number of bits that were decided right."""
     confidence: float
-    """Mean, in [0.5, 1]."""
+    """Mean confidence of the bits, in [0.5, 1]."""
     ci_low: float
-    """Wilson's 95 % interval of the accuracy, as if bits were independent."""
+    """Lower end of Wilson's 95 % interval of the accuracy, as if bits were independent."""
     ci_high: float
+    """Upper end of Wilson's 95 % interval of the accuracy."""
 
     @property
     def accuracy(self) -> float:
-        """In [0, 1]."""
+        """Share of the bits that were decided right, in [0, 1]."""
         return self.correct / self.count
 
 
+Curves = Mapping[str, Mapping[str, Sequence[Bin]]]
+"""Bins by method, then by condition; the last condition is `ALL`."""
+
+
 def known_scores(
-    predictions: Iterable[Mapping[str, Any]], method: str
+    records: pd.DataFrame, method: str
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """A method's scores and their true bits, both (bits,), where the truth is known.
+    """Collect a method's scores and their true bits, where the truth is known.
+
+    Args:
+        records: predictions, as `reports.engine.records.to_records` makes them.
+        method: label of the method.
+
+    Returns:
+        (bits,) scores and (bits,) bits that are 0 or 1.
 
     Raises:
         InputError: there are none.
     """
-    mine = [line for line in predictions if line["method"] == method]
-    scores = np.array([score for line in mine for score in line["scores"]], np.float64)
-    bits = np.array([bit for line in mine for bit in line["bits"]], np.int64)
-    if not (bits >= 0).any():
+    mine = records[(records["method"] == method) & (records["known"] > 0)]
+    if mine.empty:
         raise InputError(f"{method}: no scores whose bits are known")
+    scores, bits = (np.concatenate(mine[column].to_list()) for column in ("scores", "bits"))
     return scores[bits >= 0], bits[bits >= 0]
 
 
-def reliability(scores: NDArray[np.float64], bits: NDArray[np.int64]) -> list[Bin]:
-    """Sort decisions into ten equal-width bins of confidence.
+def confidence_bins(scores: NDArray[np.float64], bits: NDArray[np.int64]) -> list[Bin]:
+    """Sort decisions into ten bins of confidence of equal width.
+
+    >>> (only,) = confidence_bins(np.array([2.0, -2.1]), np.array([1, 1]))
+    >>> only.count, only.correct, round(only.confidence, 2)
+    (2, 1, 0.89)
 
     Args:
         scores: (bits,) natural log-likelihood ratios: p(bit = 1) = 1 / (1 + exp(-score)).
@@ -98,86 +106,19 @@ def calibration_error(bins: Sequence[Bin]) -> float:
     return sum(b.count * abs(b.accuracy - b.confidence) for b in bins) / total
 
 
-def pooled(
-    predictions: Mapping[str, Iterable[Mapping[str, Any]]], methods: Sequence[str]
-) -> dict[str, dict[str, list[Bin]]]:
-    """Bins of each method in each condition, and over "all"; errors as of `known_scores`.
+def reliability_curves(records: pd.DataFrame, methods: Sequence[str]) -> Curves:
+    """Bins of each method in each condition, and over `ALL` of them.
 
     Args:
-        predictions: lines by condition.
-        methods: whose scores are log-likelihood ratios.
+        records: predictions of all conditions.
+        methods: labels of methods whose scores are log-likelihood ratios.
+
+    Raises:
+        InputError: a method has no scores with known bits in a condition.
     """
-    curves = {}
-    for method in methods:
-        parts = {name: known_scores(lines, method) for name, lines in predictions.items()}
-        scores, bits = (np.concatenate(part) for part in zip(*parts.values(), strict=True))
-        curves[method] = {name: reliability(*part) for name, part in parts.items()}
-        curves[method][ALL] = reliability(scores, bits)
-    return curves
-
-
-def reliability_page(curves: Curves) -> str:
-    """Markdown: calibration error by method and condition, then each method's bins over all."""
-    names = list(next(iter(curves.values())))
-    lines = [
-        f"Expected calibration error of log-likelihood ratios, {BINS} bins of equal width "
-        f"(aim: at most {TARGET:g}; simulated):",
-        "",
-        f"| method | {' | '.join(names)} |",
-        f"|---|{'---:|' * len(names)}",
-    ]
-    for method, by_name in curves.items():
-        errors = " | ".join(f"{calibration_error(by_name[name]):.4f}" for name in names)
-        lines.append(f"| {method} | {errors} |")
-    for method, by_name in curves.items():
-        lines += [
-            "",
-            f"{method}, all conditions; Wilson's 95 % interval, as if bits were independent:",
-            "",
-            "| confidence | bits | mean confidence | accuracy | 95 % interval |",
-            "|---|---:|---:|---:|---:|",
-        ]
-        lines += [
-            f"| {b.low:.2f} – {b.high:.2f} | {b.count} | {b.confidence:.4f} | {b.accuracy:.4f} "
-            f"| {b.ci_low:.4f} – {b.ci_high:.4f} |"
-            for b in by_name[ALL]
-        ]
-    return "\n".join(lines)
-
-
-def diagram(path: Path, curves: Curves) -> None:
-    """Accuracy against confidence, one panel a condition, one colour a method, as a PNG."""
-    names = list(next(iter(curves.values())))
-    columns = min(MAX_COLUMNS, len(names))
-    rows = -(-len(names) // columns)
-    figure, panels = plt.subplots(
-        rows, columns, figsize=(3.2 * columns, 3.2 * rows), sharex=True, sharey=True, squeeze=False
-    )
-    for panel, name in zip(panels.flat, names, strict=False):
-        panel.plot([0.5, 1], [0.5, 1], color="0.7", linewidth=1)
-        for method, by_name in curves.items():
-            bins = [b for b in by_name[name] if b.count >= SHOWN_BITS]
-            accuracy = np.array([b.accuracy for b in bins])
-            low, high = np.array([(b.ci_low, b.ci_high) for b in bins]).reshape(-1, 2).T
-            panel.errorbar(
-                [b.confidence for b in bins],
-                accuracy,
-                np.maximum(0, [accuracy - low, high - accuracy]),
-                marker="o",
-                markersize=4,
-                linewidth=1,
-                capsize=2,
-                label=f"{method}, ECE {calibration_error(by_name[name]):.3f}",
-            )
-        panel.set_title(f"{name}, {sum(b.count for b in by_name[name]):,} bits")
-        panel.set_ylim(0.4, 1.02)
-        panel.tick_params(labelbottom=True)
-        panel.legend(loc="lower right", fontsize=8)
-    for panel in panels.flat[len(names) :]:
-        panel.set_visible(False)
-    figure.supxlabel("confidence (simulated captures)")
-    figure.supylabel("accuracy, 95 % interval")
-    figure.tight_layout()
-    make_folder(path.parent)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    conditions = {str(name): part for name, part in records.groupby("condition", sort=False)}
+    parts = {**conditions, ALL: records}
+    return {
+        method: {name: confidence_bins(*known_scores(part, method)) for name, part in parts.items()}
+        for method in methods
+    }

@@ -1,0 +1,88 @@
+"""Reliability of log-likelihood ratios as tables and as a diagram, for docs and the page."""
+
+from collections.abc import Sequence
+
+from matplotlib.figure import Figure
+
+from reports.render.charts import Point, Series, draw_series, new_panels
+from reports.render.tables import Table
+from reports.score.reliability import ALL, BINS, Curves, calibration_error
+
+SHOWN_BITS = 20
+"""Bins with fewer bits are left out of the diagram, though not of the error."""
+TARGET = 0.02
+"""Largest expected calibration error that the trained decoder aims at."""
+
+
+def calibration_table(curves: Curves) -> Table:
+    """Make the table of the expected calibration error, methods by conditions."""
+    names = list(next(iter(curves.values())))
+    rows = [
+        [method, *(f"{calibration_error(by_name[name]):.4f}" for name in names)]
+        for method, by_name in curves.items()
+    ]
+    title = (
+        f"Expected calibration error of log-likelihood ratios, {BINS} bins of equal width "
+        f"(aim: at most {TARGET:g}; simulated):"
+    )
+    return Table(["method", *names], rows, title)
+
+
+def bin_tables(curves: Curves) -> list[Table]:
+    """Make a table of the bins over all conditions for each method."""
+    heads = ["confidence", "bits", "mean confidence", "accuracy", "95 % interval"]
+    return [
+        Table(
+            heads,
+            [
+                [
+                    f"{b.low:.2f} – {b.high:.2f}",
+                    f"{b.count}",
+                    f"{b.confidence:.4f}",
+                    f"{b.accuracy:.4f}",
+                    f"{b.ci_low:.4f} – {b.ci_high:.4f}",
+                ]
+                for b in by_name[ALL]
+            ],
+            f"{method}, all conditions; Wilson's 95 % interval, as if bits were independent:",
+        )
+        for method, by_name in curves.items()
+    ]
+
+
+def reliability_tables(curves: Curves) -> list[Table]:
+    """Make the calibration error's table, and then a table of bins for each method."""
+    return [calibration_table(curves), *bin_tables(curves)]
+
+
+def reliability_figure(curves: Curves, conditions: Sequence[str], columns: int = 3) -> Figure:
+    """Draw accuracy against confidence, one panel a condition.
+
+    Args:
+        curves: bins by method and condition.
+        conditions: names of the conditions to draw.
+        columns: largest number of panels beside each other.
+    """
+    figure, panels = new_panels(len(conditions), columns, legend=0.1, title=True)
+    for panel, name in zip(panels, conditions, strict=True):
+        panel.plot([0.5, 1], [0.5, 1], "--", color="0.6", linewidth=1)
+        count = sum(b.count for b in next(iter(curves.values()))[name])
+        panel.set(
+            xlim=(0.5, 1.0),
+            ylim=(0.4, 1.0),
+            xlabel="confidence",
+            ylabel="share right, 95 % interval",
+            title=f"{name}, {count:,} bits",
+        )
+        series = []
+        for method, by_name in curves.items():
+            points = [
+                Point(b.confidence, b.accuracy, b.ci_low, b.ci_high, f"{method}: {b.count} bits")
+                for b in by_name[name]
+                if b.count >= SHOWN_BITS
+            ]
+            if points:
+                text = f"{method}, error {calibration_error(by_name[name]):.3f}"
+                series.append(Series(method, points, name=text))
+        draw_series(panel, series, legend="lower right")
+    return figure
