@@ -4,10 +4,10 @@ A study makes a `Table` once; `Table.markdown` and the page's template show the 
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pandas as pd
 
@@ -17,6 +17,8 @@ from reports.score.accuracy import pool
 from reports.score.paired import MIN_FRAMES, Paired
 
 Tint = Literal["", "good", "bad"]
+FAR = 3.0
+"""Points between our accuracy and the paper's from which a cell is coloured."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +27,11 @@ class TableCell:
 
     text: str
     small: str = ""
-    """Shown smaller on the page, and in brackets in Markdown."""
+    """Text that is smaller on the page; Markdown sets it beside the main text."""
     tint: Tint = ""
     """Colour on the page: "good" is green, "bad" is red."""
+    beside: str = "({})"
+    """How Markdown sets the small text, in place of {}."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +48,8 @@ class Table:
     def markdown(self) -> str:
         """The table as GitHub shows it, its title above.
 
-        >>> print(Table(["method", "right %"], [["oorc", TableCell("99.2", "98 to 100")]]).markdown())
+        >>> rows = [["oorc", TableCell("99.2", "98 to 100")]]
+        >>> print(Table(["method", "right %"], rows).markdown())
         | method | right % |
         |---|---:|
         | oorc | 99.2 (98 to 100) |
@@ -77,44 +82,65 @@ def difference_interval(paired: Paired) -> str:
     return f"{paired.low:+.2f} to {paired.high:+.2f}"
 
 
-def summary_table(scores: pd.DataFrame, title: str) -> Table:
-    """Accuracy of each method over all cells, with the interval that knows clusters, and the paper's.
+def summary_table(
+    scores: pd.DataFrame,
+    title: str = "",
+    against: Mapping[str, Paired | None] | None = None,
+) -> Table:
+    """Accuracy of each method over all cells, with its clustered interval, and the paper's.
 
     Args:
         scores: a score table (`reports.score.accuracy.score`).
         title: of the table.
+        against: by method its comparison with a reference, where the table shall show that too;
+            methods are then in this order.
     """
-    rows = [
-        [
-            row.method,
-            percent(row.accuracy),
-            share_interval(row.low, row.high) if row.bits else "–",
-            str(row.bits),
-            percent(row.paper),
-        ]
-        for row in pool(scores).itertuples()
-    ]
-    return Table(["method", "accuracy %", "95 % interval", "bits", "paper %"], rows, title)
+    pooled = pool(scores).set_index("method", drop=False)
+    shown = pooled if against is None else pooled.loc[list(against)]
+    heads = ["method", "accuracy %", "95 % interval"]
+    heads += ["bits"] if against is None else ["wrong of bits"]
+    compared = against is not None and any(against.values())
+    heads += ["points to the reference", "× errors of the reference"] if compared else []
+    rows: list[list[str | TableCell]] = []
+    for row in shown.itertuples():
+        known = row.bits > 0
+        interval = share_interval(row.low, row.high) if known else "–"
+        cells: list[str | TableCell] = [row.method, percent(row.accuracy), interval]
+        if against is None:
+            cells.append(str(row.bits))
+        else:
+            cells.append(f"{row.errors:,} of {row.bits:,}" if known else "–")
+        if against is not None and compared:
+            cells += _against_cells(against[row.method])
+        rows.append([*cells, percent(row.paper)])
+    return Table([*heads, "paper %"], rows, title)
 
 
-def cell_tables(scores: pd.DataFrame) -> list[Table]:
+def cell_tables(
+    scores: pd.DataFrame, under_paper: Mapping[tuple[object, ...], float] | None = None
+) -> list[Table]:
     """A table for each kappa and view, pairs by methods: ours with half its interval / the paper's.
 
     Args:
         scores: a score table.
+        under_paper: by (method, pair, view_deg, kappa), accuracies in [0, 1] that are shown after
+            the paper's: ours under the paper's protocol.
     """
     methods = [str(name) for name in scores["method"].unique()]
     tables = []
     for (kappa, view), group in scores.groupby(["kappa", "view_deg"], sort=False, dropna=False):
-        pooled = pool(group, ["pair", "method"]).set_index(["pair", "method"])
-        rows = [
-            [str(pair)]
-            + [
-                _beside_paper(pooled, pair, m) if (pair, m) in pooled.index else "–"
-                for m in methods
-            ]
-            for pair in group["pair"].unique()
-        ]
+        pooled = pool(group, ["pair", "method"])
+        cells = {
+            (row.pair, row.method): _beside_paper(
+                row, (under_paper or {}).get((row.method, row.pair, view, kappa))
+            )
+            for row in pooled.itertuples()
+        }
+        pairs = [str(pair) for pair in group["pair"].unique()]
+        rows = [[pair, *(cells.get((pair, m), "–") for m in methods)] for pair in pairs]
+        if len(pairs) > 1:
+            means = [_mean_cell(pooled[pooled["method"] == m]) for m in methods]
+            rows.append(["mean", *means])
         title = f"κ = {kappa}, {view:g}°: accuracy %, ± half the 95 % interval / the paper's"
         tables.append(Table(["pair", *methods], rows, title))
     return tables
@@ -133,16 +159,56 @@ def replace_block(page: Path, name: str, content: str) -> None:
     write_bytes(page, text.encode())
 
 
+def write_blocks(page: Path, blocks: Mapping[str, str]) -> None:
+    """Put texts into the marked blocks of a page; a page that is not there is made of them alone.
+
+    Args:
+        page: Markdown; what stands outside of the blocks is written by people, and stays.
+        blocks: Markdown by the name of the block.
+
+    Raises:
+        InputError: the page is there and lacks the markers of a block.
+    """
+    if page.is_file():
+        for name, content in blocks.items():
+            replace_block(page, name, content)
+        return
+    parts = [f"<!-- {name} -->\n{content}\n<!-- /{name} -->\n" for name, content in blocks.items()]
+    write_bytes(page, "\n".join(parts).encode())
+
+
 def _markdown(cell: str | TableCell) -> str:
     if isinstance(cell, str):
         return cell
-    return f"{cell.text} ({cell.small})" if cell.small else cell.text
+    return f"{cell.text} {cell.beside.format(cell.small)}" if cell.small else cell.text
 
 
-def _beside_paper(pooled: pd.DataFrame, pair: object, method: str) -> str:
+def _beside_paper(row: Any, under_paper: float | None) -> str | TableCell:
     """Ours ± half the interval, and the paper's number where it has one."""
-    row = pooled.loc[(pair, method)]
-    if not row["bits"]:
+    if not row.bits:
         return "–"
-    text = f"{100 * row['accuracy']:.1f} ±{50 * (row['high'] - row['low']):.1f}"
-    return text if pd.isna(row["paper"]) else f"{text} / {100 * row['paper']:.1f}"
+    text = f"{100 * row.accuracy:.1f} ±{50 * (row.high - row.low):.1f}"
+    if pd.isna(row.paper):
+        return text
+    small = percent(row.paper, 1)
+    small += "" if under_paper is None else f" | {percent(under_paper, 1)}"
+    gap = 100 * (row.accuracy - row.paper)
+    return TableCell(text, small, "good" if gap > FAR else "bad" if gap < -FAR else "", "/ {}")
+
+
+def _mean_cell(pooled: pd.DataFrame) -> str | TableCell:
+    """Mean over pairs of one method: ours, and the paper's where it has all of them."""
+    small = pooled["paper"].mean(skipna=False)
+    text = percent(pooled["accuracy"].mean(), 1)
+    return text if pd.isna(small) else TableCell(text, percent(small, 1), beside="/ {}")
+
+
+def _against_cells(paired: Paired | None) -> list[str | TableCell]:
+    """Difference to the reference in points, and errors as a multiple of the reference's."""
+    if paired is None:
+        return ["–", "–"]
+    ratio = "–" if paired.ratio is None else f"{paired.ratio:.2f}"
+    high = "∞" if paired.ratio_high is None else f"{paired.ratio_high:.2f}"
+    interval = f"{paired.ratio_low:.2f} – {high}" if paired.frames >= MIN_FRAMES else "–"
+    difference = TableCell(f"{paired.difference:+.2f}", difference_interval(paired))
+    return [difference, TableCell(ratio, interval)]
