@@ -12,7 +12,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from data_gen.pictures.library import load_pictures
-from export.locate.find import candidates, draw, locate, main, refine
+from export.locate.__main__ import main
+from export.locate.candidates import display_candidates
+from export.locate.find import locate
+from export.locate.refine import refine_corners
+from export.overlay import outline_display
 from link.embed import embed
 from link.geometry import homography_from_corners, transform
 from link.images import read_image, write_image
@@ -114,7 +118,7 @@ def test_no_display() -> None:
     for image in (even, noise, wall):
         assert locate(image) is None
         assert locate(image, LAYOUT) is None
-    assert candidates(even) == []
+    assert display_candidates(even) == []
 
 
 def test_a_display_without_the_patches_is_not_ours(without_patches: NDArray[np.uint8]) -> None:
@@ -149,14 +153,14 @@ def test_refine_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
     image = scene(content(layout))
     reach = 12.0 if layout.ratex else 5.0
     moved = CORNERS + np.random.default_rng(seed).uniform(-reach, reach, (4, 2)) / np.sqrt(2)
-    assert off(refine(image, moved, layout), CORNERS) < CORNER_PX
+    assert off(refine_corners(image, moved, layout), CORNERS) < CORNER_PX
 
 
 def test_refine_keeps_the_order_of_corners(with_patches: NDArray[np.uint8]) -> None:
     turned = np.roll(CORNERS, 1, axis=0)
-    assert off(refine(with_patches, turned), turned) < CORNER_PX  # edges have no order
+    assert off(refine_corners(with_patches, turned), turned) < CORNER_PX  # edges have no order
     even = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
-    np.testing.assert_allclose(refine(even, CORNERS, LAYOUT), CORNERS, atol=1e-6)
+    np.testing.assert_allclose(refine_corners(even, CORNERS, LAYOUT), CORNERS, atol=1e-6)
 
 
 @settings(max_examples=5)
@@ -194,7 +198,9 @@ def test_command(tmp_path: Path, with_patches: NDArray[np.uint8], command: Comma
     shown = read_image(tmp_path / "shown" / "a.png")
     assert (shown != with_patches).any()
     assert (read_image(tmp_path / "shown" / "empty.png") == 90).all()
-    np.testing.assert_array_equal(shown, draw(with_patches, locate(with_patches, LAYOUT)))
+    found = locate(with_patches, LAYOUT)
+    assert found is not None
+    np.testing.assert_array_equal(shown, outline_display(with_patches, found.corners))
 
 
 def test_command_takes_a_model(

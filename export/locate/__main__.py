@@ -1,7 +1,63 @@
-"""Find the display in photographs: python -m export.locate IMAGE... ."""
+"""Find the display in photographs.
 
-from export.locate.find import main
-from link.errors import run_cli
+python -m export.locate IMAGE... [--model MODEL | --layout FILE] [--show DIR]
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from export.locate.find import locate
+from export.overlay import outline_display
+from link.errors import InputError, run_cli
+from link.images import read_image, write_image
+from link.layout import Layout, read_layout
+
+
+def layout_of(model: Path | None, file: Path | None) -> Layout | None:
+    """Take the layout from --model or --layout; None where neither is given.
+
+    Raises:
+        InputError: the file cannot be read, or holds no layout.
+    """
+    if model is not None:
+        from export.runtime import Decoder  # onnxruntime is needed for this flag alone
+
+        return Decoder(model).layout
+    return None if file is None else read_layout(file)
+
+
+def main() -> None:
+    """Print where the display is, one JSON line an image."""
+    parser = argparse.ArgumentParser(prog="python -m export.locate", description=main.__doc__)
+    parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE")
+    known = parser.add_mutually_exclusive_group()
+    known.add_argument("--model", type=Path, help="an .onnx decoder, which carries its layout")
+    known.add_argument("--layout", type=Path, help="a JSON file with the layout displayed")
+    parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
+    args = parser.parse_args()
+    layout, failed = layout_of(args.model, args.layout), False
+    for path in args.images:
+        try:
+            image = read_image(path)
+        except InputError as error:
+            print(f"error: {error}", file=sys.stderr)
+            failed = True
+            continue
+        found = locate(image, layout)
+        result: dict[str, Any] = {"image": str(path), "corners": None, "score": None}
+        if found is not None:
+            result["corners"] = found.corners.round(2).tolist()
+            result["score"] = round(found.score, 4)
+        print(json.dumps(result), flush=True)
+        if args.show is not None:
+            drawn = outline_display(image, None if found is None else found.corners)
+            write_image(args.show / f"{path.stem}.png", drawn)
+    if failed:
+        sys.exit(2)
+
 
 if __name__ == "__main__":
     run_cli(main)

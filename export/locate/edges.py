@@ -1,38 +1,40 @@
 """What an image shows along the sides of a quadrilateral: evidence for a display, and its edges."""
 
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.robust import MAD_TO_SIGMA, geman_mcclure_weights, reweighted, ridge_solution
+
 SAMPLES = 24
-"""Places along a side where the image is looked at."""
+"""Number of places along a side where the image is looked at."""
 AHEAD = np.concatenate([np.linspace(-0.15, -0.03, 8), np.linspace(1.03, 1.15, 8)])
-"""Places beyond a side's ends: what bounds a display ends at its corners."""
+"""Places beyond a side's ends, in lengths of the side from its start: what bounds a display ends at
+its corners."""
 REACH = 5
-"""Pixels of the small image looked at on each side of an edge."""
+"""Number of pixels of the small image that are looked at on each side of an edge."""
 FIT_SAMPLES = 96
+"""Number of places along a side through which a line is fitted."""
 STEP_LEVELS = 10.0
-"""Gray levels of a step that counts as an edge; noise and texture seldom make it."""
+"""Smallest step, in gray levels, that counts as an edge; noise and texture seldom make it."""
 NOISE_SLOPE, SATURATION_SLOPE = 0.7, 4.0
 """Gradient, in levels per pixel, that counts nothing, and beyond it counts half: a strong edge in
 the picture must not outvote a weak one along the whole side."""
 OTHER_SIDE = 1.5
 """How many times the votes an edge that is darker inside needs to be preferred."""
 MIN_EDGE_SHARE = 0.2
-"""Of a side's places that must lie on the line fitted."""
+"""Smallest share of a side's places that must lie on the fitted line."""
 
 
 def inward(quads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4, 2) unit normals of the sides that point into the quadrilaterals; clockwise order."""
+    """Give the unit normals, (N, 4, 2), that point from the sides into clockwise quadrilaterals."""
     along = np.roll(quads, -1, axis=1) - quads
     along = along / (np.linalg.norm(along, axis=2, keepdims=True) + 1e-9)
     return np.stack([-along[..., 1], along[..., 0]], axis=-1)
 
 
-def places(samples: int) -> NDArray[np.float64]:
-    """(samples,) places along a side in [0, 1], without its ends."""
+def side_places(samples: int) -> NDArray[np.float64]:
+    """Spread ``samples`` places evenly along a side, from 0.03 to 0.97 of its length."""
     return np.asarray((np.arange(samples) + 0.5) / samples * 0.94 + 0.03)
 
 
@@ -42,12 +44,19 @@ def profiles(
     offsets: NDArray[np.float64],
     samples: int | NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """The image across the sides: (N, 4, samples, offsets) or with a last axis of channels.
+    """Sample the image across the sides of quadrilaterals.
 
-    Offsets are pixels along the inward normal; ``samples`` places are spread over a side without
-    its ends, or given: 0 is a side's start and 1 its end.
+    Args:
+        image: (H, W) or (H, W, channels) float32.
+        quads: (N, 4, 2) pixels, clockwise.
+        offsets: (K,) pixels along the inward normal.
+        samples: number of places that are spread over a side without its ends, or (S,) places,
+            where 0 is a side's start and 1 its end.
+
+    Returns:
+        (N, 4, S, K) float32, with a last axis of channels where the image has one.
     """
-    share = places(samples) if isinstance(samples, int) else samples
+    share = side_places(samples) if isinstance(samples, int) else samples
     start, end = quads[:, :, None], np.roll(quads, -1, axis=1)[:, :, None]
     at = start + (end - start) * share[None, None, :, None]  # (N, 4, S, 2)
     at = at[:, :, :, None] + inward(quads)[:, :, None, None] * offsets[:, None]
@@ -62,18 +71,22 @@ FEATURES = (
     "sides", "second weakest side", "wrong step", "rim contrast", "even rim", "against beyond",
     "size", "lines beside", "sides go on",
 )  # fmt: skip
-"""Columns of `evidence`: the share of places along the sides that are brighter inside, and that of
-the second weakest side; the share that is darker; picture against the darkest of the rim outside;
-evenness of the rim's colour; picture against what lies beyond; root of the share of the image;
-steps beside the sides, and on their continuation beyond the corners, where a display ends."""
+"""Names of the columns of `side_features`: the share of places along the sides that are brighter
+inside, and that of the second weakest side; the share that is darker; picture against the darkest
+of the rim outside; evenness of the rim's colour; picture against what lies beyond; root of the
+share of the image; steps beside the sides, and on their continuation beyond the corners, where a
+display ends."""
 
 
-def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, len(FEATURES)) what speaks for each quadrilateral being a lit display.
+def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Measure what speaks for each quadrilateral being a lit display.
 
     Args:
         small: (h, w, 3) uint8, encoded RGB.
         quads: (N, 4, 2) in its pixels.
+
+    Returns:
+        (N, len(FEATURES)) float64, one column for each of `FEATURES`.
     """
     image = small.astype(np.float32)
     red, green, blue = cv2.split(image)
@@ -114,12 +127,12 @@ def evidence(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArray[np
 
 
 def _grown(quads: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-    """(N, 4, 2) scaled about the mean of the corners."""
+    """Scale quadrilaterals (N, 4, 2) about the mean of their corners."""
     centre = quads.mean(axis=1, keepdims=True)
     return np.asarray(centre + factor * (quads - centre))
 
 
-def snap(
+def snap_to_edges(
     image: NDArray[np.float32],
     quads: NDArray[np.float64],
     reach: float,
@@ -157,7 +170,7 @@ def _votes(
     spacing: float,
     samples: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
-    """Votes for lines from an offset at a side's start to one at its end.
+    """Collect votes for lines from an offset at a side's start to one at its end.
 
     Returns:
         offsets (K,), places (S,) in [0, 1], slopes (N, 4, S, K) and votes (N, 4, K, K).
@@ -167,7 +180,7 @@ def _votes(
     offsets = offsets.astype(np.float64)
     taken = profiles(image, quads, offsets, samples)
     slope = (taken[..., 2:] - taken[..., :-2]) / np.float32(2 * spacing)
-    share = places(samples)
+    share = side_places(samples)
     steps = np.arange(2 * count + 1)
     hit = steps[:, None, None] * (1 - share) + steps[None, :, None] * share  # (K, K, S)
     at_hit = np.rint(hit).astype(np.intp)
@@ -187,7 +200,7 @@ def _moved(
     last: NDArray[np.float64],
     reach: float,
 ) -> NDArray[np.float64]:
-    """Quadrilaterals (N, 4, 2) with sides moved inwards by (N, 4) px at their starts and ends."""
+    """Move sides of (N, 4, 2) quadrilaterals inwards by (N, 4) px at their starts and ends."""
     normals = inward(quads)
     p = quads + normals * first[..., None]
     q = np.roll(quads, -1, axis=1) + normals * last[..., None]
@@ -203,7 +216,10 @@ def _moved(
 def fit_edges(
     image: NDArray[np.float32], corners: NDArray[np.float64], reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """As `snap` for one quadrilateral, then to sub-pixels: a line through the gradient's peaks.
+    """Move each side of one quadrilateral to a straight edge, to sub-pixels.
+
+    The edge that most of the side shows gets a line through the peaks of the image's gradient.
+    Edges that are dark inside count where they are much clearer: a light bezel, or a white page.
 
     Args:
         image: (H, W) float32 gray levels.
@@ -226,7 +242,7 @@ def fit_edges(
         start, end = np.unravel_index(int(total[0, side].argmax()), total.shape[2:])
         guess = at[start] * (1 - share) + at[end] * share
         peak, height = _peaks(slopes[0, side], at, guess, spacing)
-        a, b, part = _fit_line(share, peak, height, spacing)
+        a, b, part = _fit_line(share, peak, height)
         if part >= MIN_EDGE_SHARE:
             first[side], last[side], used[side] = a, b, part
     return _moved(corners[None], first[None], last[None], reach)[0], used
@@ -238,7 +254,7 @@ def _peaks(
     guess: NDArray[np.float64],
     spacing: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(S,) offset of the gradient's peak nearest the guess, to sub-pixels, and its height."""
+    """Find (S,) offsets of the gradient's peaks nearest the guess, to sub-pixels, and heights."""
     rows = np.arange(len(slope))
     window = np.abs(at[None] - guess[:, None]) <= 2.01 * spacing
     k = np.clip(np.where(window, slope, -np.inf).argmax(axis=1), 1, len(at) - 2)
@@ -250,23 +266,34 @@ def _peaks(
 
 
 def _fit_line(
-    share: NDArray[np.float64], peak: NDArray[np.float64], height: NDArray[np.float64], scale: float
+    share: NDArray[np.float64], peak: NDArray[np.float64], height: NDArray[np.float64]
 ) -> tuple[float, float, float]:
-    """Offsets at both ends of a line through the peaks, robustly, and the share of peaks used."""
+    """Fit a line through the peaks, robustly.
+
+    Returns:
+        its offsets at both ends of the side, and the share of peaks that lie on it; zeros where
+        there is no peak.
+    """
+    live = height > 0
     weight = height / (height + SATURATION_SLOPE)
+    if weight.sum() < 1e-6:
+        return 0.0, 0.0, 0.0
     A = np.stack([1 - share, share])
-    solution: NDArray[np.floating[Any]] = np.zeros(2)
-    robust = np.ones(len(peak))
-    spread = scale
-    for _ in range(6):
-        w = weight * robust
-        if w.sum() < 1e-6:
-            return 0.0, 0.0, 0.0
-        normal = (A * w) @ A.T + 1e-6 * np.eye(2)
-        solution = np.linalg.solve(normal, A @ (w * peak))
-        residual = np.abs(peak - solution @ A)
-        live = height > 0
-        spread = max(0.1, 1.4826 * float(np.median(residual[live]))) if live.any() else scale
-        robust = 1 / (1 + (residual / (1.5 * spread)) ** 2) ** 2
-    used = float(((np.abs(peak - solution @ A) < 3 * spread) & (height > 0)).mean())
+
+    def spread(residuals: NDArray[np.float64]) -> float:
+        return max(0.1, MAD_TO_SIGMA * float(np.median(residuals[live])))
+
+    def residuals_of(solution: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.abs(peak - solution @ A)
+
+    solution, _ = reweighted(
+        solve=lambda robust: ridge_solution(A.T, peak, weight * robust, 1e-6 * np.eye(2)),
+        residuals_of=residuals_of,
+        scale_of=lambda residuals: 1.5 * spread(residuals),
+        rounds=6,
+        weights=np.ones(len(peak)),
+        weigh=geman_mcclure_weights,
+    )
+    residuals = residuals_of(solution)
+    used = float(((residuals < 3 * spread(residuals)) & live).mean())
     return float(solution[0]), float(solution[1]), used

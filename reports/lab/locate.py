@@ -23,8 +23,9 @@ from tqdm import tqdm
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.pictures.library import Picture, load_pictures
-from export.locate.find import locate, lock
-from export.locate.patches import pyramid
+from export.locate.find import locate
+from export.locate.patches import image_pyramid
+from export.locate.refine import corners_on_patches
 from link.embed import embed
 from link.errors import InputError, at_least, run_cli
 from link.geometry import as_corners
@@ -126,11 +127,11 @@ def visibilities(index: int, patches: int, pictures: list[Picture], seed: int) -
     picture = pictures[int(rng.integers(len(pictures)))].rgb
     shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, KAPPA)
     image = photograph(shown.embedded, scene, rng)
-    images = pyramid(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    pyramid = image_pyramid(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     side = np.sqrt(cv2.contourArea(scene.corners.astype(np.float32)))
     start = scene.corners + rng.uniform(-0.04, 0.04, (4, 2)) * side
     turned = [np.roll(start, turn, axis=0) for turn in range(4)]
-    return [lock(image, images, corners, layout)[1] for corners in turned]
+    return [corners_on_patches(image, pyramid, corners, layout)[1] for corners in turned]
 
 
 def visibility_levels(config: LocateConfig) -> list[dict[str, Any]]:

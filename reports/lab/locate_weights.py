@@ -2,7 +2,7 @@
 
 Candidates on simulated photographs of training pictures (drawn rooms, and displays pasted with flat
 clutter onto photographs), and on photographs without a display, which are all wrong. Prints the
-weights that export/locate/find.py holds, and how far displays and their absence lie apart.
+weights that export/locate/candidates.py holds, and how far displays and their absence lie apart.
 """
 
 import os
@@ -20,8 +20,8 @@ from tqdm import tqdm
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.pictures.library import Picture, load_pictures
+from export.locate.candidates import gather_quadrilaterals
 from export.locate.edges import FEATURES
-from export.locate.find import gather
 from link.embed import embed
 from link.errors import at_least, run_cli
 from link.geometry import frame_corners, homography_from_corners, transform
@@ -53,7 +53,7 @@ Labelled = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 def labelled(image: NDArray[np.uint8], corners: NDArray[np.float64] | None) -> Labelled:
     """(N, features) and (N,) overlaps with the truth, 0 without a display."""
-    quads, features, scale = gather(image)
+    quads, features, scale = gather_quadrilaterals(image)
     full = (quads + 0.5) * scale - 0.5
     return features, np.array([0.0 if corners is None else overlap(q, corners) for q in full])
 

@@ -1,0 +1,124 @@
+"""Rank the quadrilaterals of a photograph by how likely each is to bound a lit display.
+
+Quadrilaterals come from straight lines and outlines on a small copy of the image, their sides snap
+to edges, and a score ranks them by what the image shows along their sides. Ratex patches play no
+part here.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.edges import FEATURES, side_features, snap_to_edges
+from export.locate.quads import (
+    SAME_PX,
+    distinct,
+    from_contours,
+    from_lines,
+    is_sound,
+    nested,
+    upright,
+)
+from link.images import as_rgb
+
+WORK_PX = 640
+"""Longer side, in pixels, of the small copy on which quadrilaterals are sought."""
+SNAP_PX = 5.0
+"""Distance, in pixels of the small copy, that a side may move onto an edge."""
+LINE_QUADS = 70
+"""Largest number of quadrilaterals that are taken from straight lines."""
+CANDIDATES = 20
+"""Largest number of candidates that are looked at more closely."""
+NEAR = 3.0
+"""Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
+for the display."""
+WEIGHTS = np.array([11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79])
+"""Log-odds per unit of each of `export.locate.edges.FEATURES`, fitted on simulated photographs by
+reports.lab.locate_weights."""
+BIAS = -22.02
+"""Log-odds of a quadrilateral whose features are all 0, fitted with `WEIGHTS`."""
+
+
+@dataclass(frozen=True)
+class Located:
+    """A display found in an image."""
+
+    corners: NDArray[np.float64]
+    """(4, 2) px, convention of `link.geometry`: top-left of the displayed picture first where ratex
+    patches told the orientation, else the corner order nearest to upright in the image."""
+    score: float
+    """How sure the display is, in [0, 1]. Where ratex patches were sought it is
+    `link.ratex.visibility`, else a logistic score of `export.locate.edges.side_features`."""
+
+
+def display_candidates(image: NDArray[np.uint8], limit: int = CANDIDATES) -> list[Located]:
+    """List quadrilaterals that may bound a lit display, the likeliest first.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        limit: largest number returned.
+
+    Returns:
+        corners to about 2 px of an image of 640, with scores without regard to patches.
+    """
+    quads, features, scale = gather_quadrilaterals(image)
+    if not len(quads):
+        return []
+    odds = features @ WEIGHTS + BIAS
+    first = top = int(odds.argmax())
+    # a light bezel's outline may show more edges than the picture within
+    while len(within := np.flatnonzero(nested(quads, quads[first]) & (odds > odds[top] - NEAR))):
+        first = int(within[odds[within].argmax()])
+    odds[first] = odds[top] + 1e-6
+    chosen = distinct(quads, odds, limit, SAME_PX)
+    scores = 1 / (1 + np.exp(-odds))
+    return [Located(on_full_image(quads[i], scale), float(scores[i])) for i in chosen]
+
+
+def gather_quadrilaterals(
+    image: NDArray[np.uint8],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Collect all quadrilaterals that lines, outlines and edges make, and what speaks for each.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+    Returns:
+        (N, 4, 2) px of a small copy of the image, (N, features) as
+        `export.locate.edges.side_features` gives them, and (2,) pixels of the image in one of the
+        copy.
+    """
+    small, scale = small_copy(image)
+    gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
+    quads = np.concatenate([from_lines(gray, LINE_QUADS), from_contours(gray)])
+    if len(quads):
+        smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
+        quads = np.concatenate([snap_to_edges(smooth, quads, SNAP_PX), quads])
+        quads = upright(quads[is_sound(quads, gray.shape[1], gray.shape[0])])
+    if len(quads):  # many snap to the same edges
+        quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
+    features = side_features(small, quads) if len(quads) else np.empty((0, len(FEATURES)))
+    return quads, features, scale
+
+
+def small_copy(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+    """Shrink an image until its longer side has `WORK_PX` pixels; a smaller one keeps its size.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+    Returns:
+        the copy, (h, w, 3) uint8, and (2,) pixels of the image in one of the copy.
+    """
+    height, width = image.shape[:2]
+    factor = max(1.0, max(height, width) / WORK_PX)
+    size = (round(width / factor), round(height / factor))
+    small = cv2.resize(as_rgb(image), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), np.array([width / size[0], height / size[1]])
+
+
+def on_full_image(points: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Move (..., 2) points from the small copy to the image; ``scale`` is that of `small_copy`."""
+    return np.asarray((points + 0.5) * scale - 0.5)

@@ -1,0 +1,112 @@
+"""Move corners that are a few per cent off onto the ratex patches, or onto the display's edges."""
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from export.locate.align import align_corners
+from export.locate.edges import fit_edges
+from export.locate.patches import Pyramid, corners_from_patches, image_pyramid, search_patches
+from export.locate.quads import is_sound
+from link.geometry import as_corners, homography_from_corners, rectify
+from link.layout import Layout
+from link.ratex import visibility
+
+EDGE_REACH = 0.015
+"""Distance that a side may move onto an edge, as a share of the display's side."""
+SEARCHES = (0.09, 0.09, 0.03)
+"""Reach of each of the searches for patches before corners are aligned to them, as a share of the
+display's side: what is found first brings the others into reach."""
+MIN_VISIBILITY = {1: 0.88, 2: 0.85}
+"""Smallest `link.ratex.visibility` of a display that shows one patch, and two."""
+USUAL_VISIBILITY = 0.8
+"""Smallest `link.ratex.visibility` of a display that shows three patches or more. It lies between
+what aligned displays have and what wrong turns reach by chance, most of all with few patches:
+reports.lab.locate prints both."""
+
+
+def needed_visibility(layout: Layout) -> float:
+    """Say how visible a layout's patches must be, in [0, 1], for corners to be believed."""
+    return MIN_VISIBILITY.get(len(layout.ratex), USUAL_VISIBILITY)
+
+
+def refine_corners(
+    image: NDArray[np.uint8], corners: ArrayLike, layout: Layout | None = None
+) -> NDArray[np.float64]:
+    """Find sub-pixel corners from corners a few per cent off.
+
+    They lie on the ratex patches where ``layout`` has some and these are seen, else on the
+    display's edges.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        corners: (4, 2) px, in the corner order of the result.
+        layout: of what is displayed.
+
+    Returns:
+        (4, 2); ``corners`` where the image shows neither edges nor patches there.
+    """
+    given = as_corners(corners)
+    gray = as_gray(image)
+    if layout is not None and layout.ratex:
+        found, seen = corners_on_patches(image, image_pyramid(gray), given, layout)
+        if seen >= needed_visibility(layout):
+            return found
+    side = float(np.sqrt(cv2.contourArea(given.astype(np.float32))))
+    return clipped_to_image(corners_on_edges(gray, given, EDGE_REACH * side + 2), gray.shape)
+
+
+def corners_on_patches(
+    image: NDArray[np.uint8], pyramid: Pyramid, corners: NDArray[np.float64], layout: Layout
+) -> tuple[NDArray[np.float64], float]:
+    """Move corners so that the image shows the ratex patches where the layout has them.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        pyramid: `export.locate.patches.image_pyramid` of its gray levels.
+        corners: (4, 2) px within about 9 % of the side, in the corner order to be tried.
+        layout: with patches.
+
+    Returns:
+        (4, 2), and `link.ratex.visibility` there; -1 where the corners make no display.
+    """
+    for reach in SEARCHES:
+        found = search_patches(pyramid, corners, layout, reach)[1]
+        corners = corners_from_patches(corners, found, layout)
+    corners = clipped_to_image(align_corners(pyramid, corners, layout), image.shape)
+    height, width = image.shape[:2]
+    if not is_sound(corners[None], width, height)[0]:
+        return corners, -1.0
+    H = homography_from_corners(corners, layout.width, layout.height)
+    return corners, visibility(rectify(image, H, layout.width, layout.height), layout)
+
+
+def corners_on_edges(
+    gray: NDArray[np.uint8], corners: NDArray[np.float64], reach: float
+) -> NDArray[np.float64]:
+    """Move corners so that the sides lie on edges of the image, first coarsely and then finely.
+
+    Args:
+        gray: (H, W) uint8.
+        corners: (4, 2) px, clockwise.
+        reach: pixels that a side may move at either end.
+
+    Returns:
+        (4, 2); a side without an edge in reach stays.
+    """
+    smooth = cv2.GaussianBlur(gray, (0, 0), 1.0).astype(np.float32)
+    for pixels in (reach, min(reach, 4.0)):
+        corners, _ = fit_edges(smooth, corners, pixels)
+    return corners
+
+
+def clipped_to_image(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Move corners that lie outside an image of a shape (H, W, ...) to its border."""
+    return np.clip(corners, -0.5, [shape[1] - 0.5, shape[0] - 0.5])
+
+
+def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Turn an image into gray levels: (H, W) or (H, W, 3) uint8 RGB becomes (H, W) uint8."""
+    return np.asarray(
+        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8
+    )
