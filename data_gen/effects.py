@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from data_gen.parameters import IDENTITY, LINEAR, Pair
-from link.errors import InputError, choose
+from link.errors import InputError, ParameterError, choose
 
 T = TypeVar("T")
 
@@ -37,11 +37,23 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "sharpening": {"sharpening": 0.0},
     "jpeg": {"jpeg_quality": 0},
 }
-"""Effect -> the values with which it is absent. With all absent the channel is the identity."""
+"""Effects of the channel by name, and the parameters' values with which each is absent.
+
+With all of them absent the channel is the identity.
+"""
 
 
 def switch_off(pair: Pair, effects: Iterable[str]) -> Pair:
-    """The pair without these effects.
+    """Return the pair without some effects.
+
+    >>> from data_gen.pairs import get_pair
+    >>> quiet = switch_off(get_pair("canon-lg"), ["noise", "moire"])
+    >>> quiet.frontal.noise_scale, quiet.display.grid_contrast
+    (0.0, 0.0)
+
+    Args:
+        pair: camera and display.
+        effects: names of the effects, keys of `EFFECTS`.
 
     Raises:
         InputError: an effect is unknown; the message lists those of `EFFECTS`.
@@ -53,7 +65,17 @@ def switch_off(pair: Pair, effects: Iterable[str]) -> Pair:
 
 
 def with_parameter(pair: Pair, name: str, value: Any) -> Pair:
-    """The pair with one parameter changed, in every part that has a field of that name.
+    """Return the pair with one parameter changed, in every part that has a field of that name.
+
+    >>> from data_gen.pairs import get_pair
+    >>> pair = with_parameter(get_pair("canon-lg"), "drift", 0.1)
+    >>> pair.frontal.drift, pair.oblique.drift
+    (0.1, 0.1)
+
+    Args:
+        pair: camera and display.
+        name: name of a field of `parameters.Camera`, `Display`, `Setup`, `Nuisance` or `Pair`.
+        value: its new value.
 
     Raises:
         InputError: no part has such a field, or the value is out of its range.
@@ -65,7 +87,7 @@ def with_parameter(pair: Pair, name: str, value: Any) -> Pair:
 
 
 def parameter_names(part: Any) -> set[str]:
-    """Names of all fields of a pair and of its parts."""
+    """Return the names of all fields of a pair, or of a part of one, and of its parts."""
     found = set()
     for entry in fields(part):
         value = getattr(part, entry.name)
@@ -74,10 +96,20 @@ def parameter_names(part: Any) -> set[str]:
 
 
 def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str, Any], ...]:
-    """``name=value`` texts as pairs, the value in JSON: ``drift=0.1``, ``falloff=[3, 3, 3]``.
+    """Read parameters of the channel from texts of the form ``name=value``.
+
+    >>> parse_settings(["drift=0.1", "falloff=[3, 3, 3]"])
+    (('drift', 0.1), ('falloff', (3, 3, 3)))
+
+    Args:
+        texts: the settings; each value is written in JSON.
+        flag: command-line flag that the error names.
+
+    Returns:
+        Names and values, lists as tuples.
 
     Raises:
-        InputError: a text has no ``=``, or its value is not JSON.
+        ParameterError: a text has no ``=``, or its value is not JSON.
     """
     settings = []
     for text in texts:
@@ -85,7 +117,8 @@ def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str
         try:
             parsed = json.loads(value)
         except ValueError:
-            raise InputError(f"{flag}: need name=value, such as drift=0.1, got {text!r}") from None
+            problem = f"need name=value, such as drift=0.1, got {text!r}"
+            raise ParameterError(flag, problem) from None
         settings.append((name, _as_tuple(parsed)))
     return tuple(settings)
 

@@ -1,4 +1,4 @@
-"""One simulated frame pair: which picture, message and channel draw make it up, and what is filmed.
+"""One simulated frame pair: its picture, its message, its channel, and what the camera stores.
 
 Train and test are split twice: by picture (`data_gen.pictures.library.load_pictures`) and by
 channel draw, since the split's name seeds every draw.
@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import Shot, draw_shots, film
+from data_gen.channel.composition import Shot
+from data_gen.channel.stills import capture_through, draw_shots
 from data_gen.effects import switch_off, with_parameter
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
@@ -30,8 +31,11 @@ class Cell:
     """One condition of the comparison."""
 
     pair: str
+    """Name of the camera-display pair, such as "canon-lg"."""
     view_deg: float
+    """Angle of observation, degrees from the display's normal."""
     kappa: int
+    """Number of gray levels of [0, 255] added where a bit is 1."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +43,28 @@ class Source:
     """Where the pictures, messages and channel draws of a cell come from."""
 
     layout: Layout
+    """Layout of the displayed pictures."""
     split: str = "test"
-    """"train" or "test"."""
+    """Split whose pictures and channel draws are used: "train" or "test"."""
     seed: int = 0
+    """Seed of every random draw."""
     pyramid_level: int = 0
     """Coarser pyramid level at which the message is added; 0 for plain blocks."""
     pictures: Path | None = None
-    """The user's own folder, in place of the built-in pictures of the split."""
+    """Folder of the user's own pictures, in place of the built-in ones of the split."""
     ratex_kappa: int | None = None
-    """Gray levels by which ratex patches toggle; None for the message's kappa."""
+    """Number of gray levels by which ratex patches toggle; None for the message's kappa."""
     without: tuple[str, ...] = ()
-    """Effects of the channel switched off, of `effects.EFFECTS`."""
+    """Names of the effects in `effects.EFFECTS` that are switched off."""
     parameters: tuple[tuple[str, Any], ...] = ()
-    """Parameters of the channel set to other values, by name."""
+    """Names of parameters of the channel, and the values to which they are set."""
 
     def pair(self, name: str) -> Pair:
-        """The pair as this source films it; raises an `InputError` for a name or value."""
+        """Return the camera-display pair with this source's effects and parameters.
+
+        Raises:
+            InputError: a pair, effect or parameter is unknown, or a value is out of its range.
+        """
         pair = switch_off(get_pair(name), self.without)
         for parameter, value in self.parameters:
             pair = with_parameter(pair, parameter, value)
@@ -62,7 +72,7 @@ class Source:
 
 
 def shuffled_pictures(source: Source) -> Sequence[Picture]:
-    """The source's pictures, in an order in which every prefix mixes photographs and drawings."""
+    """Return the source's pictures; photographs and drawings are mixed in every prefix."""
     return _shuffled(source.split, source.pictures, source.layout.width, source.layout.height)
 
 
@@ -83,6 +93,7 @@ class FramePair:
     and index alone, so frame pairs can be made in any order, by any number of processes. Number i
     shows picture i modulo the number of pictures.
 
+    >>> from link.layout import make_layout
     >>> pair = FramePair(Source(make_layout()), Cell("canon-lg", view_deg=45.0, kappa=3), index=0)
     >>> pair.captured.original.shape
     (576, 768, 3)
@@ -94,13 +105,16 @@ class FramePair:
     """
 
     source: Source
+    """Where picture, message and channel draw come from."""
     cell: Cell
+    """Pair, view and kappa."""
     index: int
+    """Number of the frame pair in its cell, from 0."""
     hidden: bool = False
-    """Show the equalised picture without ratex patches, as the method hidden_ratex wants it; pose,
-    exposure and motion are those of the same index with patches."""
+    """Whether the equalised picture is shown without ratex patches, as the method hidden_ratex
+    wants it; pose, exposure and motion are those of the same index with patches."""
     message: tuple[int, ...] | None = None
-    """Bits, 0 or 1, in place of the drawn ones; they change no other draw."""
+    """Bits, 0 or 1, that are sent in place of the drawn ones; they change no other draw."""
 
     @property
     def layout(self) -> Layout:
@@ -120,7 +134,7 @@ class FramePair:
         return self.displayed_with(drawn if self.message is None else np.array(self.message))
 
     def displayed_with(self, bits: NDArray[np.intp]) -> Displayed:
-        """Both frames with other bits, (n_bits,) 0 or 1, in place of the pair's own."""
+        """Return both frames with other bits, (n_bits,) 0 or 1, in place of the pair's own."""
         return embed(
             equalise(self.picture.rgb) if self.hidden else self.picture.rgb,
             bits,
@@ -132,15 +146,14 @@ class FramePair:
 
     @property
     def shots(self) -> tuple[Shot, Shot]:
-        """The channel of the original and of the embedded frame, drawn."""
+        """The drawn channel of the original and of the embedded frame, for any frames shown."""
         return self._channel[0]
 
     @cached_property
     def captured(self) -> Captured:
         """Both frames as the camera stores them, with the display's corners and the true bits."""
-        shots, corner_rng = self._channel
-        pair = self.source.pair(self.cell.pair)
-        captured = film(self.displayed, shots, pair, self.cell.view_deg, corner_rng)
+        shots, rng = self._channel
+        captured = capture_through(shots, self.displayed, self.cell.view_deg, rng)
         source = self.source
         meta = {
             "picture": self.picture.name,
@@ -155,22 +168,22 @@ class FramePair:
 
     @cached_property
     def rectified(self) -> Rectified:
-        """Both captured frames resampled to the layout's frame; what decoders take."""
+        """Both captured frames resampled to the layout's frame, as decoders take them."""
         return self.captured.rectified()
 
     def channel_rng(self) -> np.random.Generator:
-        """A new generator, in its first state, of the draws that make up this pair's channel."""
+        """Return a new generator, in its first state, of the draws of this pair's channel."""
         return self._generators()[1]
 
     @cached_property
     def _channel(self) -> tuple[tuple[Shot, Shot], np.random.Generator]:
-        """The shots, and the generator that goes on to draw the error of the reported corners."""
+        """The shots, and the generator that drew them, which ``captured`` alone goes on to use."""
         rng = self.channel_rng()
         pair = self.source.pair(self.cell.pair)
         return draw_shots(self.layout, pair, self.cell.view_deg, rng), rng
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
-        """New generators of the message and of the channel."""
+        """Return new generators of the message and of the channel."""
         cell = self.cell
         name = f"{self.source.split}/{cell.pair}/{cell.view_deg:g}/{cell.kappa}/{self.index}"
         seed = np.random.SeedSequence([self.source.seed, zlib.crc32(name.encode())])

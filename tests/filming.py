@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.composition import capture
+from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, switch_off
 from data_gen.pairs import CAMERAS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair

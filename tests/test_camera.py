@@ -13,7 +13,7 @@ from tolerances import (
     NOISE_RELATIVE,
 )
 
-from data_gen.channel.camera import RESPONSE_STEPS, develop, expose, jpeg, response_curve
+from data_gen.channel.camera import RESPONSE_STEPS, collect, develop, jpeg, response_curve
 from data_gen.pairs import CAMERAS, PAIRS
 from data_gen.parameters import IDENTITY, LINEAR, Camera
 
@@ -84,13 +84,11 @@ def test_every_increasing_tone_curve_gives_an_increasing_response(
 
 
 @given(signals, st.floats(0.05, 1.0))
-def test_doubling_the_exposure_doubles_the_signal_until_it_saturates(
-    signal: float, white_level: float
-) -> None:
+def test_doubling_the_exposure_doubles_the_signal(signal: float, white_level: float) -> None:
     camera = replace(PLAIN, white_level=white_level)
     for gain in (1.0, 2.0, 4.0, 64.0):
-        exposed = expose(even_light(signal), camera, IDENTITY, gain)
-        np.testing.assert_allclose(exposed, min(1.0, signal * white_level * gain), atol=FLOAT32)
+        light = collect(even_light(signal), camera, IDENTITY, gain)
+        np.testing.assert_allclose(light, signal * white_level * gain, rtol=FLOAT32, atol=FLOAT32)
 
 
 @given(st.floats(0.0, 1.0))
@@ -105,13 +103,13 @@ def test_one_primary_reaches_every_channel_by_its_column_of_the_crosstalk(
 ) -> None:
     M = np.array(PAIRS[name].crosstalk)
     light = even_light(*(float(c == primary) for c in range(3)))
-    exposed = expose(light, replace(PLAIN, white_level=0.5), PAIRS[name].crosstalk)
-    np.testing.assert_allclose(exposed[3, 5], 0.5 * M[:, primary], atol=FLOAT32)
+    collected = collect(light, replace(PLAIN, white_level=0.5), PAIRS[name].crosstalk)
+    np.testing.assert_allclose(collected[3, 5], 0.5 * M[:, primary], atol=FLOAT32)
 
 
 def test_a_field_of_gains_scales_each_pixel() -> None:
     gain = np.random.default_rng(0).random((96, 128, 3), np.float32)
-    np.testing.assert_allclose(expose(even_light(0.5), PLAIN, IDENTITY, gain), 0.5 * gain)
+    np.testing.assert_allclose(collect(even_light(0.5), PLAIN, IDENTITY, gain), 0.5 * gain)
 
 
 # Noise

@@ -8,9 +8,12 @@ import pytest
 from filming import even_scene, film, levels, only, scene
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
 
-from data_gen.channel.composition import capture, cdtf, metered_gain
+from data_gen.channel.composition import Shot
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
+from data_gen.channel.stills import capture, draw_shots
+from data_gen.channel.transfer import cdtf, metered_gain
 from data_gen.effects import EFFECTS, switch_off, with_parameter
+from data_gen.film.scenes import SceneSettings, draw_scene
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import Pair
 from link.embed import embed
@@ -85,7 +88,9 @@ def test_a_gray_picture_is_filmed_as_its_rgb_twin() -> None:
 
 @pytest.mark.parametrize("view", [75.5, -89.0, 180.0, float("nan")])
 def test_a_view_out_of_range_is_refused(view: float) -> None:
-    with pytest.raises(InputError, match=f"--view: need an angle within ±75 degrees, got {view:g}"):
+    with pytest.raises(
+        InputError, match=f"view_deg: need an angle within ±75 degrees, got {view:g}"
+    ):
         film(get_pair("canon-lg"), SCENE, view)
 
 
@@ -110,6 +115,20 @@ def test_doubling_the_exposure_doubles_the_captured_light_until_saturation() -> 
     bright = [film(drifting, even_scene(250), seed=seed).embedded for seed in range(6)]
     assert any(np.all(frame == 255) for frame in bright)  # and never wraps around
     assert {frame.min() for frame in bright} == {frame.max() for frame in bright}
+
+
+@pytest.mark.parametrize("room", [False, True])
+def test_an_exposure_ends_at_saturation(room: bool) -> None:
+    layout, rng = SCENE.layout, np.random.default_rng(0)
+    white = np.full((layout.height, layout.width, 3), 255, np.uint8)
+    shot = draw_shots(layout, get_pair("canon-lg"), 0.0, rng)[0]
+    if room:
+        made = draw_scene(layout, get_pair("canon-lg"), 0.0, rng, SceneSettings(size=(160, 96)))
+        shot = Shot(made.viewpoint(rng), made.H_captured_from_display)
+    once, longer = (replace(shot, exposure=gain).expose(white) for gain in (0.5, 4.0))
+    assert once.max() < 1
+    assert longer.max() == 1
+    np.testing.assert_allclose(longer, np.minimum(8 * once, 1), rtol=20 * FLOAT32)
 
 
 # Metering and the transfer function

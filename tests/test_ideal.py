@@ -2,12 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, slow
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
 import evaluate
-from data_gen.channel.composition import draw
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.ideal import Before, captured_blocks, log_likelihood_ratios, observe
@@ -119,7 +118,8 @@ def test_the_observer_draws_the_channel_of_the_capture(layout: Layout) -> None:
     again = FramePair(source, HARD, 3)
     shot = again.shots[1]
     exposure = shot.expose(again.displayed.embedded)
-    assert np.array_equal(shot.develop(exposure, shot.noise_rng), captured.embedded)
+    noise_rng = again.channel_rng().spawn(2)[1]
+    assert np.array_equal(shot.develop(exposure, noise_rng), captured.embedded)
     mean = np.mean([shot.develop(exposure, np.random.default_rng(i)) for i in range(6)], axis=0)
     assert abs(float((captured.embedded - mean).mean())) < 0.02
     blocks = captured_blocks(layout, shot.H_captured_from_display, mean.shape)
@@ -139,7 +139,7 @@ def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> Non
 # The comparison
 
 
-@pytest.mark.parametrize("methods", [("oorc", "ideal"), ("ideal", "ideal_change")])
+@pytest.mark.parametrize("methods", [("oorc", "ideal"), slow(("ideal", "ideal_change"))])
 def test_the_comparison_knows_it_as_a_method(
     methods: tuple[str, ...], tmp_path: Path, command: Command
 ) -> None:

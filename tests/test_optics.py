@@ -15,8 +15,8 @@ from data_gen.channel.optics import (
     check_view,
     draw_pose,
     image_of,
-    motion,
     project,
+    residual_motion,
     view_angles,
 )
 from link.errors import InputError
@@ -138,7 +138,7 @@ def test_a_view_out_of_range_is_refused_with_its_flag(view: float) -> None:
 
 
 def test_no_jitter_and_no_breathing_is_the_identity() -> None:
-    assert np.array_equal(motion(0.0, 0.0, SIZE, np.random.default_rng(0)), np.eye(3))
+    assert np.array_equal(residual_motion(0.0, 0.0, SIZE, np.random.default_rng(0)), np.eye(3))
 
 
 @pytest.mark.parametrize("size", [SIZE, (128, 96)])
@@ -147,7 +147,7 @@ def test_jitter_moves_the_centre_by_its_sigma_and_the_corner_by_the_same_order(
 ) -> None:
     rng = np.random.default_rng(0)
     points = np.array([[(size[0] - 1) / 2, (size[1] - 1) / 2], [0.0, 0.0]])
-    moves = [transform(motion(0.15, 0.0, size, rng), points) - points for _ in range(2000)]
+    moves = [transform(residual_motion(0.15, 0.0, size, rng), points) - points for _ in range(2000)]
     centre, corner = np.sqrt(np.square(moves).mean(axis=0))  # (2,) each: along x and along y
     np.testing.assert_allclose(centre, 0.15, rtol=0.07)  # 2000 draws: 1.6 % standard error
     assert np.all(corner > 0.15)
@@ -156,7 +156,7 @@ def test_jitter_moves_the_centre_by_its_sigma_and_the_corner_by_the_same_order(
 
 def test_breathing_scales_about_the_centre_by_its_sigma() -> None:
     rng = np.random.default_rng(0)
-    moves = [motion(0.0, 0.01, SIZE, rng) for _ in range(2000)]
+    moves = [residual_motion(0.0, 0.01, SIZE, rng) for _ in range(2000)]
     middle = np.array([[(CAPTURE_WIDTH - 1) / 2, (CAPTURE_HEIGHT - 1) / 2]])
     assert all(np.allclose(transform(move, middle), middle) for move in moves)
     assert all(move[0, 1] == move[1, 0] == 0 and move[0, 0] == move[1, 1] for move in moves)

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 from tolerances import FLOAT64
 
-from data_gen.channel.composition import capture, draw, reduced
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
+from data_gen.channel.stills import capture, draw_shots, reduction_homography
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.errors import InputError
@@ -34,7 +34,9 @@ def test_at_one_nothing_changes() -> None:
 
 
 def test_corners_of_the_image_go_to_corners_of_the_image() -> None:
-    moved = transform(reduced((269, 202)), frame_corners(CAPTURE_WIDTH, CAPTURE_HEIGHT))
+    moved = transform(
+        reduction_homography((269, 202)), frame_corners(CAPTURE_WIDTH, CAPTURE_HEIGHT)
+    )
     np.testing.assert_allclose(moved, frame_corners(269, 202), rtol=0, atol=1e6 * FLOAT64)
 
 
@@ -65,9 +67,10 @@ def test_the_picture_is_that_of_the_usual_capture_reduced(
 
 def test_noise_and_motion_shrink_with_the_image(layout: Layout) -> None:
     shots = [
-        draw(layout, source(r).pair(CELL.pair), 0.0, np.random.default_rng(5)) for r in (1.0, 0.5)
+        draw_shots(layout, source(r).pair(CELL.pair), 0.0, np.random.default_rng(5))
+        for r in (1.0, 0.5)
     ]
-    assert shots[1][0].noise_scale == 0.5 * shots[0][0].noise_scale
+    assert shots[1][0].viewpoint.noise_scale == 0.5 * shots[0][0].viewpoint.noise_scale
     centre = [[255.5, 191.5]]
     moves = [
         transform(b.H_captured_from_display, centre) - transform(a.H_captured_from_display, centre)

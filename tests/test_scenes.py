@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32, SUBPIXEL_PX
 
-from data_gen.channel.composition import draw
+from data_gen.channel.composition import Shot
 from data_gen.channel.moire import moire_gain
 from data_gen.channel.optics import (
     CAPTURE_HEIGHT,
@@ -22,7 +22,7 @@ from data_gen.channel.optics import (
     project,
     scene_camera,
 )
-from data_gen.channel.viewpoint import Viewpoint
+from data_gen.channel.stills import draw_shots
 from data_gen.film.passer import draw_passer
 from data_gen.film.rooms import ROOMS
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene, photograph
@@ -155,16 +155,16 @@ def test_a_camera_that_is_not_turned_is_the_usual_one() -> None:
 def test_a_viewpoint_sees_the_display_as_the_channel_of_stills_does(name: str) -> None:
     pair = get_pair(name)
     still = replace(pair, display=replace(pair.display, pwm_depth=0.0, grid_contrast=0.0))
-    shot = draw(LAYOUT, still, 30.0, np.random.default_rng(0))[0]
+    shot = draw_shots(LAYOUT, still, 30.0, np.random.default_rng(0))[0]
     size = CAPTURE_WIDTH, CAPTURE_HEIGHT
     canvas = np.full((*size[::-1], 3), SURROUNDINGS, np.float32)
     pose = Pose(30.0, 0.0, 0.0, 2.5)
     H = shot.H_captured_from_display
     made = Scene(LAYOUT, still, 30.0, pose, "dark", 0.01, size, H, canvas, 0)
-    view = replace(Viewpoint.draw(made, np.random.default_rng(0)), room=shot.room)
-    made.__dict__["theta"] = shot.theta
+    view = made.viewpoint(np.random.default_rng(0))
+    view = replace(view, room=shot.viewpoint.room, theta=shot.viewpoint.theta)
     picture = scene(LAYOUT).original
-    seen = view.expose([view.emitted(picture)], None, H)
+    seen = Shot(view, H).expose(picture)
     usual = shot.expose(picture)
     shown = cv2.fillConvexPoly(np.zeros(size[::-1], np.uint8), made.corners.astype(int), 1)
     reach = np.ones((13, 13), np.uint8)
@@ -172,7 +172,7 @@ def test_a_viewpoint_sees_the_display_as_the_channel_of_stills_does(name: str) -
     assert inner.mean() > 0.2
     np.testing.assert_allclose(seen[inner], usual[inner], atol=20 * FLOAT32)
     outside = cv2.dilate(shown, reach) == 0
-    white = pair.camera.white_level * view.vignetting[outside]
+    white = pair.camera.white_level * view.lens[outside]
     np.testing.assert_allclose(seen[outside], SURROUNDINGS * white, rtol=3e-3)
     np.testing.assert_allclose(seen[outside], usual[outside], atol=20 * FLOAT32)
 
@@ -212,22 +212,22 @@ def test_a_window_surrounds_the_picture() -> None:
 def test_a_passer_by_covers_what_he_covers() -> None:
     image = np.full((180, 320, 3), 0.5, np.float32)
     passer = draw_passer(80, 150, 0.01, np.random.default_rng(0))
-    passer.over(image, 100, 40)
+    passer.lay_over(image, 100, 40)
     assert (image[150:170, 130:150] < 0.1).all()
     assert np.array_equal(image[:, :95], np.full((180, 95, 3), 0.5, np.float32))
     before = image.copy()
     for x, y in ((-200, 0), (400, 0), (0, 500)):
-        passer.over(image, x, y)
+        passer.lay_over(image, x, y)
     assert np.array_equal(image, before)
 
 
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"size": (20, 400)}, "--size: need at least 64x64"),
-        ({"coverage": 0.01}, "--coverage: need a share from 0.05 to 0.9, got 0.01"),
-        ({"coverage": float("nan")}, "--coverage"),
-        ({"turn_deg": 1000.0}, "--turn"),
+        ({"size": (20, 400)}, "size: need at least 64x64"),
+        ({"coverage": 0.01}, "coverage: need a share from 0.05 to 0.9, got 0.01"),
+        ({"coverage": float("nan")}, "coverage"),
+        ({"turn_deg": 1000.0}, "turn_deg"),
         ({"room": "cellar"}, "unknown room 'cellar'; choose one of: dark, office, bright"),
         ({"free": 0.4}, "free: need a share"),
     ],
@@ -240,5 +240,5 @@ def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None
 def test_a_channel_without_perspective_is_refused() -> None:
     with pytest.raises(InputError, match="a scene needs perspective"):
         draw_scene(LAYOUT, only("canon-lg"), 0.0, np.random.default_rng(0), SMALL)
-    with pytest.raises(InputError, match="--view"):
+    with pytest.raises(InputError, match="view_deg"):
         drawn(0, 80.0)

@@ -61,6 +61,7 @@ def test_whole_periods_give_even_light(
     np.testing.assert_allclose(gain, 1.0, atol=FLOAT32)
 
 
+@pytest.mark.slow
 @given(hz, duty, depth, shutter_s, readout_s)
 def test_the_mean_over_phases_is_one(
     hz: float, duty: float, depth: float, open_s: float, readout: float

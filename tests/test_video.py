@@ -16,13 +16,14 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64
 
-from data_gen.channel.timing import shares
-from data_gen.channel.viewpoint import Viewpoint
+from data_gen.channel.composition import Shot
+from data_gen.channel.timing import state_shares
 from data_gen.film.scenes import SceneSettings, draw_scene
-from data_gen.film.shake import LIMIT, Exposure, Hand, Wander
+from data_gen.film.shake import LIMIT, ExposureDrift, Hand, Wander
+from data_gen.film.stream import VideoFrame, VideoSettings, film
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
-from data_gen.video import VideoFrame, VideoSettings, film, main
+from data_gen.video import main
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.images import read_image
@@ -71,32 +72,32 @@ def inside(frame: VideoFrame) -> NDArray[np.float64]:
 
 
 def test_an_exposure_within_one_state_holds_that_state() -> None:
-    first, weights = shares(np.array([0.21, 0.25]), 0.02, 10.0)
+    first, weights = state_shares(np.array([0.21, 0.25]), 0.02, 10.0)
     assert first == 2
     assert weights.tolist() == [[1.0, 1.0]]
 
 
 def test_a_change_in_mid_exposure_is_half_and_half() -> None:
-    first, weights = shares(np.array([0.09]), 0.02, 10.0)
+    first, weights = state_shares(np.array([0.09]), 0.02, 10.0)
     assert first == 0
     np.testing.assert_allclose(weights, [[0.5], [0.5]], atol=FLOAT64)
 
 
 def test_a_long_exposure_holds_three_states() -> None:
-    first, weights = shares(np.array([0.05]), 0.25, 10.0)
+    first, weights = state_shares(np.array([0.05]), 0.25, 10.0)
     assert first == 0
     np.testing.assert_allclose(weights[:, 0], [0.2, 0.4, 0.4], atol=FLOAT64)
 
 
 def test_rows_of_a_rolling_shutter_pass_from_one_state_to_the_next() -> None:
     opens = 0.08 + np.array([0.0, 0.005, 0.01, 0.015, 0.02])
-    first, weights = shares(opens, 0.01, 10.0)
+    first, weights = state_shares(opens, 0.01, 10.0)
     assert first == 0
     np.testing.assert_allclose(weights[0], [1, 1, 1, 0.5, 0], atol=1e-9)
 
 
 def test_a_slow_panel_keeps_some_of_the_state_before() -> None:
-    first, weights = shares(np.array([0.1]), 0.01, 10.0, response_s=0.01)
+    first, weights = state_shares(np.array([0.1]), 0.01, 10.0, response_s=0.01)
     assert first + len(weights) == 2
     np.testing.assert_allclose(weights[-2], 1 - np.exp(-1), atol=1e-4)  # mean of exp(-t) to t = 1
 
@@ -112,7 +113,7 @@ def test_shares_are_those_of_a_fine_sum(
     start: float, shutter_s: float, state_hz: float, response_s: float, readout_s: float
 ) -> None:
     opens = start + np.linspace(0, readout_s, 5)
-    first, weights = shares(opens, shutter_s, state_hz, response_s)
+    first, weights = state_shares(opens, shutter_s, state_hz, response_s)
     assert (weights >= 0).all()
     np.testing.assert_allclose(weights.sum(axis=0), 1.0, atol=FLOAT64)
     t = opens[-1] + (np.arange(20_000) + 0.5) / 20_000 * shutter_s
@@ -128,15 +129,15 @@ def test_shares_are_those_of_a_fine_sum(
 
 def test_light_is_mixed_linearly_and_row_by_row() -> None:
     scene = draw_scene(LAYOUT, get_pair("canon-lg"), 20.0, np.random.default_rng(0), ROOM)
-    view = Viewpoint.draw(scene, np.random.default_rng(1))
-    H = scene.H_captured_from_display
+    view = scene.viewpoint(np.random.default_rng(1))
+    shot = Shot(view, scene.H_captured_from_display, phase=0.3)
     frames = np.random.default_rng(2).integers(0, 200, (2, 96, 128, 3), dtype=np.uint8)
     lights = [view.emitted(frame) for frame in frames]
-    alone = [view.expose([light], None, H, phase=0.3) for light in lights]
-    _, top, _, bottom = view.region(H)
+    alone = [shot.expose_lights([light]) for light in lights]
+    _, top, _, bottom = shot.region
     ramp = np.clip(np.linspace(-0.5, 1.5, bottom - top), 0, 1).astype(np.float32)
     weights = np.array([1 - ramp, ramp])[:, :, None]
-    both = view.expose(lights, weights, H, phase=0.3)
+    both = shot.expose_lights(lights, weights)
     share = np.zeros((96, 1, 1), np.float32)
     share[top:bottom, 0, 0] = ramp
     np.testing.assert_allclose(both, (1 - share) * alone[0] + share * alone[1], atol=FLOAT32)
@@ -218,13 +219,13 @@ def test_wandering_has_deviation_one_at_the_start_and_later() -> None:
 
 def test_exposure_breathes_and_jumps_where_asked_to() -> None:
     rng = np.random.default_rng(0)
-    still = Exposure(0.0, 0.0, 0.2, rng)
+    still = ExposureDrift(0.0, 0.0, 0.2, rng)
     assert {still.step(1 / 30) for _ in range(50)} == {1.0}
-    breathing = Exposure(0.02, 0.0, 0.2, rng)
+    breathing = ExposureDrift(0.02, 0.0, 0.2, rng)
     gains = np.log([breathing.step(1 / 30) for _ in range(3000)])
     assert 0.012 < gains.std() < 0.025
     assert np.abs(np.diff(gains)).max() < 0.02
-    jumping = Exposure(0.0, 1.0, 0.2, rng)
+    jumping = ExposureDrift(0.0, 1.0, 0.2, rng)
     assert np.log([jumping.step(1 / 30) for _ in range(3000)]).std() > 0.05
 
 
@@ -296,13 +297,13 @@ def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"fps": 0.0}, "--fps: need 0.1 to 1000"),
-        ({"state_hz": float("nan")}, "--state-hz"),
-        ({"clock_error": 0.5}, "--clock-error"),
-        ({"drop": 1.0}, "--drop: need a probability"),
-        ({"duplicate": -0.1}, "--duplicate"),
-        ({"passer_s": (2.0, 1.0)}, "--passer-s: the end must come after the start"),
-        ({"away_s": (1.0, 1.0)}, "--away-s"),
+        ({"fps": 0.0}, "fps: need 0.1 to 1000"),
+        ({"state_hz": float("nan")}, "state_hz"),
+        ({"clock_error": 0.5}, "clock_error"),
+        ({"drop": 1.0}, "drop: need a probability"),
+        ({"duplicate": -0.1}, "duplicate"),
+        ({"passer_s": (2.0, 1.0)}, "passer_s: the end must come after the start"),
+        ({"away_s": (1.0, 1.0)}, "away_s"),
     ],
 )
 def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
@@ -311,7 +312,7 @@ def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None
 
 
 def test_no_state_is_refused() -> None:
-    with pytest.raises(InputError, match="at least one state"):
+    with pytest.raises(InputError, match="states: a display needs at least one state"):
         stream(STEADY, ())
 
 

@@ -1,4 +1,4 @@
-"""Camera: linear light at the sensor -> 8-bit pixels of a file (Eq. camerapixel, response f)."""
+"""The camera: from linear light at the sensor to 8-bit pixels of a file (Eq. camerapixel)."""
 
 from functools import lru_cache
 
@@ -11,16 +11,23 @@ from data_gen.channel.display import Light
 from data_gen.parameters import IDENTITY, Camera, Curve, Matrix
 
 RESPONSE_STEPS = 65535
+"""Number of steps of exposure in [0, 1] at which the response is tabulated."""
 PEDESTAL = 1 / 16
-"""Raw level of no light, so that noise below it is not cut off; relative to saturation."""
+"""Raw level that stands for no light, relative to saturation; noise below zero is kept by it."""
 
 
 @lru_cache(maxsize=16)
 def response_curve(tone_curve: Curve, encoding: str = "srgb") -> NDArray[np.float32]:
-    """The response f as a table: (RESPONSE_STEPS + 1,) float32 in [0, 255] over exposure [0, 1].
+    """Return the camera's response f as a table over exposures from 0 to 1.
 
-    The camera's tone curve (linear to linear), then the transfer function: sRGB (IEC 61966-2-1) or
-    none.
+    The tone curve maps linear to linear light; the transfer function follows.
+
+    Args:
+        tone_curve: nodes (in, out) from (0, 0) to (1, 1), joined by a monotone cubic spline.
+        encoding: "srgb" for the transfer function of IEC 61966-2-1, "linear" for none.
+
+    Returns:
+        (RESPONSE_STEPS + 1,) float32 in [0, 255].
     """
     nodes = np.array(tone_curve)
     exposure = np.linspace(0, 1, RESPONSE_STEPS + 1)
@@ -36,32 +43,28 @@ def response_curve(tone_curve: Curve, encoding: str = "srgb") -> NDArray[np.floa
 def collect(
     irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
 ) -> Light:
-    """What the sensor's channels collect: white_level gain M light, not yet clipped.
+    """Return what the sensor's colour channels collect, ``white_level * gain * M @ light``.
 
     Args:
-        irradiance: (H, W, 3) float32 linear, display primaries; frontal white is 1.
-        camera: parameters.
-        crosstalk: M of Eq. redpixel, rows camera R, G, B.
-        gain: broadcastable to (H, W, 3): exposure, vignetting, banding, moire.
+        irradiance: (H, W, 3) float32 linear in the display's primaries; frontal white is 1.
+        camera: parameters of the camera.
+        crosstalk: matrix M of Eq. redpixel, whose rows are the camera's R, G and B.
+        gain: factor on the light, broadcastable to (H, W, 3), such as vignetting.
 
     Returns:
-        (H, W, 3) float32, linear, without noise; 1 is saturation.
+        (H, W, 3) float32, linear, without noise and not yet clipped; 1 is saturation.
     """
     return _transform(irradiance, crosstalk) * (np.float32(camera.white_level) * gain)
 
 
-def expose(
-    irradiance: Light, camera: Camera, crosstalk: Matrix, gain: Light | float = 1.0
-) -> Light:
-    """`collect`, clipped at saturation: (H, W, 3) float32 in [0, 1]; arguments as there."""
-    light = collect(irradiance, camera, crosstalk, gain)
-    return np.asarray(np.minimum(light, 1.0), np.float32)
-
-
 def develop(
-    exposure: Light, camera: Camera, rng: np.random.Generator, noise_scale: float, iso: float = 1.0
+    exposure: Light,
+    camera: Camera,
+    rng: np.random.Generator | None,
+    noise_scale: float,
+    iso: float = 1.0,
 ) -> NDArray[np.uint8]:
-    """Sensor and image processor: from exposure to the file's pixels.
+    """Turn an exposure into the file's pixels, as sensor and image processor do.
 
     Mosaic; electrons = Normal(N, s^2 (N + read_noise^2)) with N = exposure full_well / iso and
     s = noise_scale; demosaicing (edge-aware); colour matrix; response f; unsharp mask; rounding;
@@ -70,16 +73,16 @@ def develop(
 
     Args:
         exposure: (H, W, 3) float32 in [0, 1], linear.
-        camera: parameters.
-        rng: source of the noise.
-        noise_scale: standard deviation relative to a native pixel's; 0 for no noise.
+        camera: parameters of the camera.
+        rng: source of the noise; None for no noise.
+        noise_scale: standard deviation of the noise relative to a native pixel's; 0 for no noise.
         iso: amplification relative to the ISO of ``full_well_e``, at least 1.
 
     Returns:
         (H, W, 3) uint8, encoded RGB.
     """
-    raw = _mosaic(exposure) if camera.bayer else exposure
-    if noise_scale > 0:
+    raw = mosaic(exposure) if camera.bayer else exposure
+    if rng is not None and noise_scale > 0:
         well = camera.full_well_e / iso
         read = (camera.read_noise_e * iso / camera.full_well_e) ** 2
         sigma = raw * np.float32(1 / well)
@@ -87,7 +90,7 @@ def develop(
         noise = np.float32(noise_scale) * np.sqrt(sigma, out=sigma)
         noise *= rng.standard_normal(raw.shape, np.float32)
         raw = np.add(noise, raw, out=noise)
-    linear = _demosaic(raw) if camera.bayer else raw.copy()
+    linear = demosaic(raw) if camera.bayer else raw.copy()
     linear = _transform(np.clip(linear, 0, 1, out=linear), camera.color_matrix)
     table = response_curve(camera.tone_curve, camera.encoding)
     np.clip(linear, 0, 1, out=linear)
@@ -110,16 +113,16 @@ def _transform(image: Light, matrix: Matrix) -> Light:
     return np.asarray(cv2.transform(image, np.array(matrix, np.float32)))
 
 
-def _mosaic(exposure: Light) -> Light:
-    """One colour a pixel, rows RGRG, GBGB: (H, W, 3) -> (H, W)."""
+def mosaic(exposure: Light) -> Light:
+    """Keep one colour a pixel, in rows RGRG and GBGB: (H, W, 3) to (H, W)."""
     raw = exposure[:, :, 1].copy()
     raw[0::2, 0::2] = exposure[0::2, 0::2, 0]
     raw[1::2, 1::2] = exposure[1::2, 1::2, 2]
     return raw
 
 
-def _demosaic(raw: Light) -> Light:
-    """(H, W) float32 -> (H, W, 3) float32; through 16-bit integers, as OpenCV wants."""
+def demosaic(raw: Light) -> Light:
+    """Interpolate (H, W) float32 to (H, W, 3) float32, through the 16-bit integers of OpenCV."""
     full = np.float32(65535 / (1 + 2 * PEDESTAL))
     counts = np.clip(raw + PEDESTAL, 0, 1 + 2 * PEDESTAL)
     counts *= full

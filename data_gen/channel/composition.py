@@ -1,205 +1,311 @@
-"""The channel: what the display shows -> what the camera stores, for one frame pair."""
+"""The physical channel in one piece: from what a display shows to the pixels that a camera stores.
 
-from dataclasses import dataclass
+The stages, in the order in which light meets them:
 
+1. the display emits light, and its surface adds room light (`Viewpoint.emitted`);
+2. perspective, lens blur, and the mixture of what was shown while the shutter was open;
+3. the sensor's colour channels collect it (`camera.collect`: crosstalk and white level);
+4. the backlight's bands, moire, vignetting and exposure are factors on it (`Shot.gains`);
+5. the sensor saturates, and noise, mosaic and image processing follow (`camera.develop`).
+
+A `Viewpoint` holds what all exposures of one camera share, a `Shot` is one of them. Frame pairs,
+films, the ideal observer and the analysis of errors all expose through `Shot`, so an effect of the
+channel is added here once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.camera import develop, expose, response_curve
-from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
+from data_gen.channel.camera import collect, develop
+from data_gen.channel.display import Light, emitted_light
 from data_gen.channel.moire import moire_gain
-from data_gen.channel.optics import (
-    CAPTURE_HEIGHT,
-    CAPTURE_WIDTH,
-    check_view,
-    draw_pose,
-    image_of,
-    motion,
-    project,
-    view_angles,
-)
+from data_gen.channel.optics import SURROUNDINGS, image_of
 from data_gen.channel.shutter import pwm_gain
 from data_gen.parameters import Pair
-from link.frames import Captured, Displayed
 from link.geometry import frame_corners, transform
 from link.images import as_rgb
 from link.layout import Layout
 
+BLUR_REACH = 4.0
+"""Number of standard deviations of the lens blur within which the display still adds light."""
 
-@dataclass(frozen=True)
-class Shot:
-    """The channel of one frame, drawn: from what the display shows to what the file holds."""
 
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """The room around a display, as the sensor collects it before vignetting and exposure."""
+
+    light: Light
+    """Collected light, (H + 2 margin, W + 2 margin, 3) float32; 1 saturates the sensor."""
+    margin: int
+    """Number of pixels that are known beyond each side of the image, for a camera that moves."""
+
+    @classmethod
+    def collected(cls, canvas: Light, margin: int, pair: Pair) -> "Surroundings":
+        """Blur and collect (H + 2 margin, W + 2 margin, 3) float32 linear light of a room."""
+        if pair.camera.blur_px > 0.1:
+            canvas = cv2.GaussianBlur(canvas, (0, 0), pair.camera.blur_px)
+        return cls(collect(canvas, pair.camera, pair.crosstalk), margin)
+
+    def seen(self, motion: NDArray[np.float64] | None, size: tuple[int, int]) -> Light:
+        """Return a fresh image, (H, W, 3) float32, of a camera that may have moved.
+
+        Args:
+            motion: (3, 3) homography from the resting camera's pixels to this image's; None for a
+                camera at rest.
+            size: width and height of the image in pixels.
+        """
+        margin, (width, height) = self.margin, size
+        if motion is None:
+            return self.light[margin : margin + height, margin : margin + width].copy()
+        inward = np.array([[1, 0, -margin], [0, 1, -margin], [0, 0, 1.0]])
+        return np.asarray(
+            cv2.warpPerspective(
+                self.light,
+                motion @ inward,
+                (width, height),
+                flags=cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REFLECT_101,
+            )
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """A figure that stands between camera and display and hides what lies behind it."""
+
+    light: Light
+    """Light of the figure times its cover, (h, w, 3) float32."""
+    cover: Light
+    """Share of each pixel that the figure hides, (h, w, 1) float32 in [0, 1]."""
+
+    def collected(self, pair: Pair) -> "Foreground":
+        """Return the figure as the sensor's channels collect it, from one in linear light."""
+        return replace(self, light=collect(self.light, pair.camera, pair.crosstalk))
+
+    def lay_over(self, image: Light, x: float, y: float) -> None:
+        """Draw the figure into (H, W, 3), in place, its top-left corner at (x, y), rounded."""
+        left, top = round(x), round(y)
+        height, width = self.cover.shape[:2]
+        x0, y0 = max(0, left), max(0, top)
+        x1, y1 = min(image.shape[1], left + width), min(image.shape[0], top + height)
+        if x1 <= x0 or y1 <= y0:
+            return
+        inside = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+        part = image[y0:y1, x0:x1]
+        part *= 1 - self.cover[inside]
+        part += self.light[inside]
+
+
+@dataclass(frozen=True, eq=False)
+class Viewpoint:
+    """One camera before one display: what all its exposures have in common."""
+
+    layout: Layout
+    """Layout of the displayed picture."""
     pair: Pair
+    """Camera, display and how they meet."""
+    size: tuple[int, int]
+    """Width and height of the stored image, pixels."""
     theta: Light
-    """(height, width) viewing angle at each display pixel, radians from the normal."""
+    """Viewing angle at each display pixel, (height, width), radians from the normal."""
     room: Light
-    """(height, width, 1) float32 room light from each display pixel; frontal white is 1."""
-    H_captured_from_display: NDArray[np.float64]
-    """(3, 3)."""
-    gain: Light
-    """(H, W, 1) or (H, W, 3) of the capture: amplification, drift, vignetting, banding, moire."""
+    """Room light from each display pixel, (height, width, 1) float32; frontal white is 1."""
+    lens: Light
+    """Share of the light that vignetting leaves, (H, W, 1) or (H, W, 3) float32, times any gain
+    that all exposures share."""
     iso: float
-    """Amplification relative to the ISO of `Camera.full_well_e`, at least 1."""
+    """Amplification relative to the ISO of `Camera.full_well_e`, at least 1; it sets the noise."""
     noise_scale: float
-    """As in `develop`."""
-    noise_rng: np.random.Generator
-    """Draws the noise of the capture."""
+    """Standard deviation of the noise relative to that of a single native pixel."""
+    surroundings: Surroundings | None = None
+    """The room around the display; None for an even dark of `optics.SURROUNDINGS`, which shares
+    every gain of the display's light."""
 
-    def expose(self, frame: NDArray[np.uint8]) -> Light:
-        """What the sensor collects of a displayed frame, before noise.
+    def emitted(self, frame: NDArray[np.uint8]) -> Light:
+        """Return the light that leaves the display for the camera, room light included.
 
         Args:
             frame: (height, width) or (height, width, 3) uint8, encoded, of the layout's size.
 
         Returns:
-            (H, W, 3) float32 in [0, 1] of the capture, linear; 1 is saturation.
+            (height, width, 3) float32, linear; frontal white at the centre is 1.
         """
-        camera, size = self.pair.camera, self.gain.shape[1::-1]
         light = emitted_light(as_rgb(frame), self.pair.display, self.theta)
         light += self.room
-        image = image_of(light, self.H_captured_from_display, camera.blur_px, size)
-        return expose(image, camera, self.pair.crosstalk, self.gain)
-
-    def develop(self, exposure: Light, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """The file's pixels (H, W, 3) uint8 of an exposure, or of a part of one."""
-        return develop(exposure, self.pair.camera, rng, self.noise_scale, self.iso)
+        return light
 
 
-def draw_shots(
-    layout: Layout, pair: Pair, view_deg: float, rng: np.random.Generator
-) -> tuple[Shot, Shot]:
-    """Draw the channel of the original and of the embedded frame.
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """Factors on the light that the sensor collects in one exposure."""
 
-    Pose, exposure, room light and CDTF are common to both frames. Between them the exposure drifts
-    by a factor exp(Normal(0, drift)), the backlight's phase is drawn anew, and the camera moves by
-    `optics.motion`. Every random draw is made whether or not its effect is switched off, so that
-    switching one off leaves the others as they were.
+    display: tuple[Light, ...]
+    """Factors on the display's light alone, each broadcastable to (h, w, 3) of its region."""
+    image: tuple[Light, ...]
+    """Factors on all light that reaches the sensor, each broadcastable to (H, W, 3)."""
+
+    def product(self) -> Light:
+        """Return the product of all factors, multiplied from the smallest array to the largest."""
+        return reduce(np.multiply, sorted((*self.image, *self.display), key=np.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One exposure of a viewpoint: its geometry, and how long and when the shutter was open.
+
+    A shot draws nothing at random, so it can expose any number of frames.
     """
-    check_view(view_deg)
-    camera, display = pair.camera, pair.display
-    nuisance = pair.nuisance(view_deg)
-    pose = draw_pose(view_deg, rng)
-    size, H_original, reduction = (layout.width, layout.height), np.eye(3), 1.0
-    if pair.setup.perspective:
-        reduction = pair.setup.resolution
-        size = round(CAPTURE_WIDTH * reduction), round(CAPTURE_HEIGHT * reduction)
-        H_original = reduced(size) @ project(pose, layout.width, layout.height)
-    move = motion(reduction * nuisance.jitter_px, camera.breathing, size, rng)
-    drift = float(np.exp(nuisance.drift * rng.standard_normal()))
-    phases = rng.uniform(0, 1, 2)
-    room = room_light(display, layout.height, layout.width, rng)[:, :, None]
 
-    theta = view_angles(pose, layout.width, layout.height)
-    iso = max(1.0, metered_gain(pair, view_deg))
-    vignetting = fall_to_corners(camera.vignetting, size[1], size[0])
+    viewpoint: Viewpoint
+    """The camera and the display."""
+    H_captured_from_display: NDArray[np.float64]
+    """Homography (3, 3) from display pixels to pixels of the stored image."""
+    exposure: float = 1.0
+    """Exposure relative to that of `Viewpoint.lens`."""
+    phase: float = 0.0
+    """Phase of the backlight, in periods, when the first row opens."""
+    motion: NDArray[np.float64] | None = None
+    """Homography (3, 3) from the resting camera's pixels to this image's, by which the
+    surroundings move; None for no motion."""
+    foreground: tuple[Foreground, float, float] | None = None
+    """Collected light of who stands before the display, and the x and y of its top-left corner;
+    it needs a viewpoint with surroundings."""
 
-    def shot(
-        H: NDArray[np.float64], exposure_gain: float, phase: float, noise_rng: np.random.Generator
-    ) -> Shot:
-        rows = pwm_gain(display, camera, size[1], phase)[:, None]
-        gain = (vignetting * (np.float32(iso * exposure_gain) * rows))[:, :, None]
-        if display.grid_contrast > 0:
-            gain = gain * moire_gain(pair, layout, H, size)
-        return Shot(pair, theta, room, H, gain, iso, reduction * nuisance.noise_scale, noise_rng)
+    @cached_property
+    def region(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom of the pixels that are exposed as the display's.
 
-    first, second = rng.spawn(2)
-    return shot(H_original, 1.0, phases[0], first), shot(
-        move @ H_original, drift, phases[1], second
-    )
+        They are all pixels where the viewpoint has no surroundings, else those that the display
+        reaches, blur included. The region is empty where the display lies outside the image.
+        """
+        view, (width, height) = self.viewpoint, self.viewpoint.size
+        if view.surroundings is None:
+            return 0, 0, width, height
+        outline = frame_corners(view.layout.width, view.layout.height)
+        points = transform(self.H_captured_from_display, outline)
+        reach = 2 + BLUR_REACH * view.pair.camera.blur_px
+        left, top = np.clip(np.floor(points.min(axis=0) - reach), 0, [width, height]).astype(int)
+        right, bottom = np.clip(np.ceil(points.max(axis=0) + reach), 0, [width, height]).astype(int)
+        return int(left), int(top), int(right), int(bottom)
+
+    @cached_property
+    def gains(self) -> Gains:
+        """Every factor on the collected light: backlight, moire, vignetting and exposure."""
+        view, pair = self.viewpoint, self.viewpoint.pair
+        width, height = view.size
+        left, top, right, bottom = self.region
+        rows = pwm_gain(pair.display, pair.camera, height, self.phase)[top:bottom]
+        display = [rows[:, None, None]]
+        if pair.display.grid_contrast > 0:
+            size = right - left, bottom - top
+            H = self.H_captured_from_display
+            display.append(moire_gain(pair, view.layout, H, size, (left, top), width))
+        return Gains(tuple(display), (view.lens, np.asarray(self.exposure, np.float32)))
+
+    def expose(self, frame: NDArray[np.uint8]) -> Light:
+        """Return what the sensor collects of a displayed frame, before noise.
+
+        Args:
+            frame: (height, width) or (height, width, 3) uint8, encoded, of the layout's size.
+
+        Returns:
+            (H, W, 3) float32 in [0, 1], linear; 1 is saturation.
+        """
+        return self.expose_lights([self.viewpoint.emitted(frame)])
+
+    def expose_lights(
+        self, lights: Sequence[Light], shares: NDArray[np.float32] | None = None
+    ) -> Light:
+        """Return what the sensor collects of one or several frames' light, before noise.
+
+        Args:
+            lights: S results of `Viewpoint.emitted`, in the order in which the display shows them.
+            shares: (S, h, 1) or (S, h, w) float32, share of each light in the exposure of the rows
+                or pixels of `region`; None for the first light alone.
+
+        Returns:
+            (H, W, 3) float32 in [0, 1], linear; 1 is saturation.
+        """
+        view = self.viewpoint
+        if view.surroundings is None:
+            display = self._display_image(lights, shares)
+            exposure = collect(display, view.pair.camera, view.pair.crosstalk, self._whole_gain)
+        else:
+            exposure = view.surroundings.seen(self.motion, view.size)
+            left, top, right, bottom = self.region
+            if right > left and bottom > top:
+                self._lay_display(exposure[top:bottom, left:right], lights, shares)
+            if self.foreground is not None:
+                figure, x, y = self.foreground
+                figure.lay_over(exposure, x, y)
+            for gain in self.gains.image:
+                exposure *= gain
+        return np.asarray(np.minimum(exposure, 1.0, out=exposure), np.float32)
+
+    def develop(self, exposure: Light, rng: np.random.Generator | None) -> NDArray[np.uint8]:
+        """Return the stored pixels, (H, W, 3) uint8, of an exposure or of a part of one.
+
+        Args:
+            exposure: (H, W, 3) float32 in [0, 1], as `expose` gives it.
+            rng: source of the noise; None for a capture without noise.
+        """
+        view = self.viewpoint
+        noise_scale = 0.0 if rng is None else view.noise_scale
+        return develop(exposure, view.pair.camera, rng, noise_scale, view.iso)
+
+    @cached_property
+    def _whole_gain(self) -> Light:
+        """Product of all gains where the dark beside the display shares those of its light."""
+        return self.gains.product()
+
+    def _lay_display(
+        self, part: Light, lights: Sequence[Light], shares: NDArray[np.float32] | None
+    ) -> None:
+        """Put the display into its region of the surroundings, in place."""
+        camera, crosstalk = self.viewpoint.pair.camera, self.viewpoint.pair.crosstalk
+        cover = self._display_image([np.ones(lights[0].shape[:2], np.float32)], None)
+        first, *others = self.gains.display
+        shown = collect(self._display_image(lights, shares), camera, crosstalk, first)
+        for gain in others:
+            shown *= gain
+        part *= repeat_channels(1 - cover)
+        part += shown
+
+    def _display_image(self, lights: Sequence[Light], shares: NDArray[np.float32] | None) -> Light:
+        """Return the image (h, w, 3) of the display in its region: the lights' weighted mean."""
+        left, top, right, bottom = self.region
+        width, height = right - left, bottom - top
+        if shares is None or len(lights) == 1:
+            return self._project(lights[0], (width, height))
+        mixed = np.zeros((height, width, 3), np.float32)
+        reach = 2 + int(BLUR_REACH * self.viewpoint.pair.camera.blur_px)
+        for light, share in zip(lights, shares, strict=True):
+            rows = np.flatnonzero(share.any(axis=1))
+            if rows.size:
+                first, last = int(rows[0]), int(rows[-1]) + 1
+                low, high = max(0, first - reach), min(height, last + reach)
+                image = self._project(light, (width, high - low), low)
+                image = image[first - low : last - low]
+                image *= repeat_channels(np.broadcast_to(share[first:last], image.shape[:2]))
+                mixed[first:last] += image
+        return mixed
+
+    def _project(self, light: Light, size: tuple[int, int], first_row: int = 0) -> Light:
+        """Return the blurred image of a light in ``size`` pixels of the region from a row on."""
+        view, (left, top, _, _) = self.viewpoint, self.region
+        to_region = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
+        to_rows = np.array([[1, 0, 0], [0, 1, -first_row], [0, 0, 1.0]])
+        H = to_rows @ (to_region @ self.H_captured_from_display)
+        beside = SURROUNDINGS if view.surroundings is None else 0.0
+        return image_of(light, H, view.pair.camera.blur_px, size, beside)
 
 
-def reduced(size: tuple[int, int]) -> NDArray[np.float64]:
-    """(3, 3), pixels of the usual capture to those of one of ``size`` (width, height)."""
-    a, b = size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT
-    return np.array([[a, 0, (a - 1) / 2], [0, b, (b - 1) / 2], [0, 0, 1]])
-
-
-def film(
-    displayed: Displayed,
-    shots: tuple[Shot, Shot],
-    pair: Pair,
-    view_deg: float,
-    corner_rng: np.random.Generator,
-) -> Captured:
-    """Film one frame pair through a channel that is drawn already.
-
-    The embedded frame keeps the original's corners: the motion is what registration left.
-
-    Args:
-        displayed: uint8 frames, gray or RGB.
-        shots: of the original and of the embedded frame; the noise is drawn from their generators.
-        pair: camera and display, for the error of the reported corners.
-        view_deg: nominal angle of observation, degrees.
-        corner_rng: draws that error.
-
-    Returns:
-        `Captured` with RGB frames (of CAPTURE_HEIGHT x CAPTURE_WIDTH, times the setup's resolution;
-        of the display's size without perspective), the reported corners, and the true bits.
-    """
-    layout = displayed.layout
-    original, embedded = (
-        shot.develop(shot.expose(frame), shot.noise_rng)
-        for shot, frame in zip(shots, (displayed.original, displayed.embedded), strict=True)
-    )
-    corners = transform(
-        shots[0].H_captured_from_display, frame_corners(layout.width, layout.height)
-    )
-    corners += pair.setup.corner_px * corner_rng.standard_normal((4, 2))
-    corners = np.clip(corners, -0.5, np.array(original.shape[1::-1]) - 0.5)
-    return Captured(
-        original=original,
-        embedded=embedded,
-        layout=layout,
-        corners=corners,
-        corners_embedded=corners,
-        bits=displayed.bits,
-        kappa=displayed.kappa,
-        ratex_kappa=displayed.ratex_kappa,
-        meta={"pair": pair.name, "view_deg": view_deg},
-    )
-
-
-def capture(
-    displayed: Displayed, pair: Pair, view_deg: float, rng: np.random.Generator
-) -> Captured:
-    """Draw a channel and film one frame pair through it; see `draw_shots` and `film`.
-
-    Args:
-        displayed: uint8 frames, gray or RGB.
-        pair: camera, display, setup and nuisances.
-        view_deg: nominal angle of observation, degrees.
-        rng: every random draw comes from here.
-
-    Raises:
-        InputError: ``view_deg`` is out of range.
-    """
-    shots = draw_shots(displayed.layout, pair, view_deg, rng)
-    return film(displayed, shots, pair, view_deg, rng)
-
-
-def metered_gain(pair: Pair, view_deg: float) -> float:
-    """How much longer the camera exposes, or amplifies, than at the frontal view.
-
-    With metering 1 white stays as bright, green and with the leak and the room's haze in it.
-    """
-    theta, display = np.radians(view_deg), pair.display
-    white = np.cos(theta) ** display.falloff[1] + display.leak * np.sin(theta) ** 2
-    brightness = (white + display.haze) / (1 + display.haze)
-    return float(brightness**-pair.setup.metering)
-
-
-def cdtf(pair: Pair, view_deg: float) -> NDArray[np.float64]:
-    """The camera-display transfer function at the picture's centre, in a dark room.
-
-    Returns:
-        (256, 3) captured R, G, B in gray levels of [0, 255], unrounded, of grays 0 to 255.
-    """
-    grays = np.repeat(np.arange(256, dtype=np.uint8), 3).reshape(256, 1, 1, 3)
-    theta = np.full((1, 1), np.radians(view_deg))
-    light = emitted_light(grays, pair.display, theta)[:, 0]  # (256, 1, 1, 3) -> (256, 1, 3)
-    exposure = expose(light, pair.camera, pair.crosstalk, metered_gain(pair, view_deg))
-    raw = exposure[:, 0] @ np.array(pair.camera.color_matrix).T
-    table = response_curve(pair.camera.tone_curve, pair.camera.encoding)
-    curve = np.interp(np.clip(raw, 0, 1), np.linspace(0, 1, len(table)), table)
-    return np.asarray(curve, np.float64)
+def repeat_channels(plane: Light) -> Light:
+    """Copy (H, W) into (H, W, 3): numpy multiplies arrays of equal shape three times as fast."""
+    whole = np.ascontiguousarray(plane)
+    return np.asarray(cv2.merge([whole, whole, whole]))

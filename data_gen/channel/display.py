@@ -1,4 +1,4 @@
-"""Display: displayed values -> emitted light by viewing angle (Eq. emitted)."""
+"""The display: from displayed values to emitted light, by viewing angle (Eq. emitted)."""
 
 from typing import Any
 
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from data_gen.parameters import Display
 
 Light = NDArray[np.floating[Any]]
+"""Array of linear light, in which the display's frontal white is 1 in every channel."""
 
 
 def emitted_light(frames: NDArray[np.uint8], display: Display, theta: Light) -> Light:
-    """Light that leaves each display pixel towards the camera, room light left aside.
+    """Return the light that leaves each display pixel towards the camera, without room light.
 
     Per channel c, with x = min(1, rho / (255 clip)) and s = sin(theta)^2,
         light_c = u (e_c(theta) ((1 - b) ((1 - w) x^gamma_c + w x^gamma_w) + b) + leak s),
@@ -21,7 +22,7 @@ def emitted_light(frames: NDArray[np.uint8], display: Display, theta: Light) -> 
 
     Args:
         frames: (..., H, W, 3) uint8, encoded RGB.
-        display: parameters.
+        display: parameters of the display.
         theta: (H, W) viewing angle at each pixel, radians from the normal.
 
     Returns:
@@ -49,7 +50,16 @@ def _look_up(frames: NDArray[np.uint8], table: Light) -> Light:
 
 
 def fall_to_corners(loss: float, height: int, width: int) -> Light:
-    """Smooth gain 1 - loss r^2, r = 1 at the corner pixels: (height, width) float32."""
+    """Return the smooth gain 1 - loss r^2, in which r is 1 at the corner pixels.
+
+    Args:
+        loss: share of the light that the corners lack.
+        height: number of rows.
+        width: number of columns.
+
+    Returns:
+        (height, width) float32.
+    """
     x = np.arange(width, dtype=np.float32) - (width - 1) / 2
     y = np.arange(height, dtype=np.float32) - (height - 1) / 2
     r2 = (x**2 + (y**2)[:, None]) / max(1.0, x[0] ** 2 + y[0] ** 2)
@@ -57,11 +67,21 @@ def fall_to_corners(loss: float, height: int, width: int) -> Light:
 
 
 GLARE_SIZE = 0.25
-"""Standard deviation of the mirrored spot, in widths of the picture."""
+"""Standard deviation of the spot of a mirrored lamp, in widths of the picture."""
 
 
 def room_light(display: Display, height: int, width: int, rng: np.random.Generator) -> Light:
-    """Room light that the surface sends to the camera: (height, width) float32, white is 1."""
+    """Draw a mirrored lamp, and return the room light that the surface sends to the camera.
+
+    Args:
+        display: haze, which is even, and the glare of the lamp.
+        height: height of the picture, pixels.
+        width: width of the picture, pixels.
+        rng: draws where the lamp is mirrored.
+
+    Returns:
+        (height, width) float32; frontal white is 1.
+    """
     spot_x, spot_y = rng.uniform(0, 1, 2)
     x = (np.arange(width) / width - spot_x) / GLARE_SIZE
     y = (np.arange(height) / height - spot_y) * height / width / GLARE_SIZE

@@ -16,13 +16,13 @@ from data_gen.parameters import Pair
 from link.layout import Layout
 
 SPACING = (2, 1, 2)
-"""Native pixels between samples of R, G, B along a row."""
+"""Number of native pixels between samples of R, G and B along a row."""
 OFFSET = (0, 0, 1)
-"""Native column of the first sample of R, G, B: the mosaic is RGGB."""
+"""Native column of the first sample of R, G and B in the mosaic RGGB."""
 REDUCTION_BLUR = 0.5
-"""Standard deviation of the filter of the reduction, captured pixels: an area average."""
+"""Standard deviation, in captured pixels, of the area average that reduces the image."""
 STEP = 16
-"""Captured pixels between the points at which amplitudes, which vary slowly, are computed."""
+"""Number of captured pixels between the points at which the slow amplitudes are computed."""
 INVISIBLE = 1e-3
 """Amplitude below which a channel's moire is left out."""
 
@@ -35,18 +35,18 @@ def moire_gain(
     origin: tuple[int, int] = (0, 0),
     capture_width: int | None = None,
 ) -> Light:
-    """Modulation of the light that each channel collects.
+    """Return the modulation of the light that each of the sensor's channels collects.
 
     Args:
         pair: panel, sensor, and crosstalk, by which a channel sees all three stripes.
-        layout: of the picture, which fills the panel's rows.
-        H_captured_from_display: (3, 3).
-        size: (width, height) of the capture, or of a part of it.
+        layout: layout of the picture, which fills the panel's rows.
+        H_captured_from_display: (3, 3) homography.
+        size: (width, height) of the capture, or of a part of it, pixels.
         origin: (x, y) of that part in the capture.
-        capture_width: of the whole capture, where ``size`` is that of a part.
+        capture_width: width of the whole capture, where ``size`` is that of a part.
 
     Returns:
-        (height, width, 3) float32, mean about 1.
+        (height, width, 3) float32 factors, whose mean is about 1.
     """
     width, height = size
     columns = pair.display.native_height / layout.height  # of the panel, per display pixel
@@ -80,16 +80,16 @@ def moire_gain(
 
 
 def _display_column(h: Light, x: Light, y: Light) -> tuple[Light, Light]:
-    """Display column seen at each captured pixel, and the homogeneous divisor: (len(y), len(x))."""
+    """Return the display column at each captured pixel and its divisor, (len(y), len(x)) each."""
     w = h[2, 0] * x + (h[2, 1] * y + h[2, 2])[:, None]
     return (h[0, 0] * x + (h[0, 1] * y + h[0, 2])[:, None]) / w, w
 
 
 def _padded(size: tuple[int, int]) -> tuple[int, int]:
-    """The size rounded up to whole steps."""
+    """Round a size up to whole steps."""
     return -(-size[0] // STEP) * STEP, -(-size[1] // STEP) * STEP
 
 
 def _gauss(frequency: Light, sigma: float) -> Light:
-    """Transfer of a Gaussian blur: frequency in cycles per pixel, sigma in pixels."""
+    """Return the transfer of a Gaussian blur of sigma pixels at cycles per pixel."""
     return np.asarray(np.exp(-2 * (np.pi * sigma * frequency) ** 2))

@@ -1,4 +1,4 @@
-"""Optics: the camera's pose, perspective, motion and blur."""
+"""The optics: where the camera stands, and perspective, motion and blur of what it sees."""
 
 from dataclasses import dataclass
 
@@ -7,31 +7,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.channel.display import Light
-from link.errors import InputError
+from link.errors import ParameterError
 
 CAPTURE_WIDTH, CAPTURE_HEIGHT = 768, 576
-"""Simulated capture in pixels: the sensor's 3:2 or 4:3 image reduced to this."""
+"""Width and height of the simulated capture in pixels, to which the sensor's image is reduced."""
 FILL = 0.70
 """Share of the capture that the frontal picture covers, along the axis that it fills more."""
 SURROUNDINGS = 0.01
 """Linear light of what surrounds the picture, relative to frontal white: a dark room."""
 MAX_VIEW_DEG = 75.0
+"""Largest angle of observation, degrees from the display's normal, that is simulated."""
 DISTANCES = (2.0, 3.0)
-"""Nearest and farthest camera, in longer sides of the picture."""
+"""Distances of the nearest and the farthest camera, in longer sides of the picture."""
 
 
-def check_view(view_deg: float, flag: str = "--view") -> float:
-    """Return the angle, or raise an `InputError` naming ``flag``: not within ±75 degrees."""
+def check_view(view_deg: float, name: str = "view_deg") -> float:
+    """Return the angle of observation if it can be simulated.
+
+    Args:
+        view_deg: degrees from the display's normal.
+        name: parameter or command-line flag that the error names.
+
+    Raises:
+        ParameterError: the angle does not lie within ±75 degrees.
+    """
     if not abs(view_deg) <= MAX_VIEW_DEG:
-        raise InputError(
-            f"{flag}: need an angle within ±{MAX_VIEW_DEG:g} degrees, got {view_deg:g}"
+        raise ParameterError(
+            name, f"need an angle within ±{MAX_VIEW_DEG:g} degrees, got {view_deg:g}"
         )
     return view_deg
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the camera stands: it looks at the picture's centre from ``view_deg`` to its right."""
+    """Where a camera stands that looks at the picture's centre, from ``view_deg`` to its right."""
 
     view_deg: float
     """Horizontal angle from the display's normal, degrees."""
@@ -40,18 +49,26 @@ class Pose:
     roll_deg: float
     """Rotation about the optical axis, degrees."""
     distance: float
-    """To the picture's centre, in longer sides of the picture."""
+    """Distance to the picture's centre, in longer sides of the picture."""
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """(3,) camera centre; picture at z = 0, longer side 1, x right, y down, z to the camera."""
+        """Centre of the camera, (3,), in the coordinates of the picture's plane.
+
+        The picture lies at z = 0 about the origin and its longer side is 1; x points right, y down
+        and z towards the viewer.
+        """
         yaw, pitch = np.radians([self.view_deg, self.pitch_deg])
         towards = [np.sin(yaw) * np.cos(pitch), -np.sin(pitch), np.cos(yaw) * np.cos(pitch)]
         return np.asarray(self.distance * np.array(towards))
 
 
 def draw_pose(view_deg: float, rng: np.random.Generator) -> Pose:
-    """A hand-placed camera: within 1 degree of the nominal view, 2 of level, 2 to 3 sides away."""
+    """Draw a hand-placed camera.
+
+    It stands within 1 degree of the nominal view, within 2 degrees of level and upright, and 2 to
+    3 longer sides of the picture away.
+    """
     return Pose(
         view_deg=view_deg + rng.uniform(-1, 1),
         pitch_deg=rng.uniform(-2, 2),
@@ -61,7 +78,16 @@ def draw_pose(view_deg: float, rng: np.random.Generator) -> Pose:
 
 
 def view_angles(pose: Pose, width: int, height: int) -> Light:
-    """(height, width) float32 angle in radians between the normal and the ray to the camera."""
+    """Return the angle between the display's normal and each pixel's ray to the camera.
+
+    Args:
+        pose: where the camera stands.
+        width: width of the picture, pixels.
+        height: height of the picture, pixels.
+
+    Returns:
+        (height, width) float32, radians.
+    """
     side = max(width, height)
     x = ((np.arange(width) - (width - 1) / 2) / side).astype(np.float32)
     y = ((np.arange(height) - (height - 1) / 2) / side).astype(np.float32)
@@ -70,8 +96,8 @@ def view_angles(pose: Pose, width: int, height: int) -> Light:
     return np.asarray(np.arccos(camera_z / np.sqrt(squared)), np.float32)
 
 
-def axes_of(pose: Pose) -> NDArray[np.float64]:
-    """(3, 3) rows: right, down and forward of a camera aimed at the picture's centre."""
+def camera_axes(pose: Pose) -> NDArray[np.float64]:
+    """Return right, down and forward, the rows of (3, 3), of a camera aimed at the centre."""
     center = pose.position
     forward = -center / np.linalg.norm(center)
     right = np.cross(forward, np.array([0.0, 1.0, 0.0]))
@@ -88,7 +114,7 @@ def axes_of(pose: Pose) -> NDArray[np.float64]:
 
 
 def plane_from_display(width: int, height: int) -> NDArray[np.float64]:
-    """(3, 3) display pixels to the plane of `Pose.position`: longer side 1, centre at (0, 0)."""
+    """Return the (3, 3) map from display pixels to x and y of `Pose.position`."""
     side = max(width, height)
     return np.array(
         [
@@ -99,16 +125,25 @@ def plane_from_display(width: int, height: int) -> NDArray[np.float64]:
     )
 
 
-def pinhole(focal: float, size: tuple[int, int]) -> NDArray[np.float64]:
-    """(3, 3) camera matrix K of a focal length in pixels and a (width, height) of the image."""
+def pinhole_matrix(focal: float, size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the (3, 3) camera matrix K of a focal length and a (width, height), all in pixels."""
     return np.array([[focal, 0, (size[0] - 1) / 2], [0, focal, (size[1] - 1) / 2], [0, 0, 1]])
 
 
 def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
-    """``H_captured_from_display`` (3, 3) of a pinhole camera that keeps its zoom at every view."""
-    axes, side = axes_of(pose), max(width, height)
+    """Return how a pinhole camera sees the display; it keeps its zoom at every view.
+
+    Args:
+        pose: where the camera stands.
+        width: width of the picture, pixels.
+        height: height of the picture, pixels.
+
+    Returns:
+        ``H_captured_from_display``, (3, 3), to the usual CAPTURE_WIDTH x CAPTURE_HEIGHT pixels.
+    """
+    axes, side = camera_axes(pose), max(width, height)
     focal = FILL * pose.distance * min(CAPTURE_WIDTH * side / width, CAPTURE_HEIGHT * side / height)
-    K = pinhole(focal, (CAPTURE_WIDTH, CAPTURE_HEIGHT))
+    K = pinhole_matrix(focal, (CAPTURE_WIDTH, CAPTURE_HEIGHT))
     extrinsics = np.column_stack([axes[:, 0], axes[:, 1], -axes @ pose.position])
     H = K @ extrinsics @ plane_from_display(width, height)
     return np.asarray(H / H[2, 2])
@@ -117,21 +152,21 @@ def project(pose: Pose, width: int, height: int) -> NDArray[np.float64]:
 def scene_camera(
     pose: Pose, focal: float, size: tuple[int, int], centre: tuple[float, float]
 ) -> NDArray[np.float64]:
-    """(3, 4) projection of a camera that sees the picture's centre at a point of its image.
+    """Return the projection of a camera that sees the picture's centre at a point of its image.
 
     The camera stands as ``pose`` says and turns until the picture's centre falls on ``centre``.
 
     Args:
-        pose: position and roll.
-        focal: length in captured pixels.
+        pose: position and roll of the camera.
+        focal: focal length in captured pixels.
         size: (width, height) of the capture.
         centre: (x, y) captured pixels.
 
     Returns:
-        Projection of homogeneous points in the coordinates of `Pose.position` to captured pixels,
-        with a positive third coordinate for points before the camera.
+        (3, 4) projection of homogeneous points in the coordinates of `Pose.position` to captured
+        pixels, with a positive third coordinate for points before the camera.
     """
-    K, axes = pinhole(focal, size), axes_of(pose)
+    K, axes = pinhole_matrix(focal, size), camera_axes(pose)
     towards = np.linalg.solve(K, np.array([*centre, 1.0]))
     towards /= np.linalg.norm(towards)
     turn, _ = cv2.Rodrigues(
@@ -142,19 +177,22 @@ def scene_camera(
     return np.asarray(K @ turn @ np.column_stack([axes, -axes @ pose.position]))
 
 
-def motion(
+def residual_motion(
     jitter_px: float, breathing: float, size: tuple[int, int], rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Residual motion between two frames: (3, 3), captured pixels to captured pixels.
+    """Draw the motion that registration leaves between two frames.
 
-    A shift of standard deviation ``jitter_px`` per axis, a rotation and a change of distance that
-    move the corner of the image by the same order, and a change of scale by focusing.
+    It consists of a shift, a rotation and a change of distance that move the corner of the image by
+    the same order, and a change of scale by focusing.
 
     Args:
-        jitter_px: see `parameters.Nuisance`.
-        breathing: see `parameters.Camera`.
-        size: (width, height) of the capture.
+        jitter_px: standard deviation of the shift along each axis, captured pixels.
+        breathing: standard deviation of the relative change of scale by focusing.
+        size: (width, height) of the capture, pixels.
         rng: source of the draw.
+
+    Returns:
+        (3, 3) homography from captured pixels to captured pixels.
     """
     dx, dy, turn, zoom = jitter_px * rng.standard_normal(4)
     width, height = size
@@ -177,8 +215,8 @@ def image_of(
     that integrate over their area do.
 
     Args:
-        light: (H, W, 3) float32, linear, display pixels.
-        H_captured_from_display: (3, 3).
+        light: (H, W, 3) or (H, W) float32, linear, display pixels.
+        H_captured_from_display: (3, 3) homography.
         blur_px: Gaussian sigma of lens and anti-alias filter, captured pixels.
         size: (width, height) of the capture.
         surroundings: linear light beside the display.

@@ -1,4 +1,4 @@
-"""Backlight dimming against shutter: flicker of frames and bands across rows."""
+"""The shutter against a pulsed backlight: flicker of frames and bands across rows."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,17 +9,17 @@ from data_gen.parameters import Camera, Display
 def pwm_gain(
     display: Display, camera: Camera, rows: int, phase: float = 0.0
 ) -> NDArray[np.float32]:
-    """Light that each row of the sensor collects, relative to the mean over time.
+    """Return the light that each row of the sensor collects, relative to the mean over time.
 
     The backlight is on during the first ``pwm_duty`` of each period. Row r collects from
     t_r = phase / f + r readout / rows during shutter_s; G is the integral of the square wave:
         gain_r = 1 - depth + depth (G(t_r + shutter) - G(t_r)) / (duty shutter).
 
     Args:
-        display: backlight.
-        camera: shutter.
-        rows: of the sensor's image.
-        phase: of the backlight when the first row opens, in periods.
+        display: rate, duty and depth of the backlight's pulses.
+        camera: exposure time and readout of the shutter.
+        rows: number of rows of the sensor's image.
+        phase: phase of the backlight, in periods, when the first row opens.
 
     Returns:
         (rows,) float32; 1 where the shutter spans whole periods.
@@ -32,6 +32,6 @@ def pwm_gain(
 
 
 def _on_time(t: NDArray[np.float64], duty: float) -> NDArray[np.float64]:
-    """Integral from 0 to t, in periods, of a wave that is 1 during the first ``duty`` of each."""
+    """Integrate from 0 to t, in periods, a wave that is 1 during the first ``duty`` of each."""
     whole = np.floor(t)
     return np.asarray(whole * duty + np.minimum(t - whole, duty))

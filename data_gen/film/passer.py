@@ -1,45 +1,20 @@
 """Someone who walks between camera and display: a blurred figure, dark or in coloured cloth."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.display import Light
-
-
-@dataclass(frozen=True, eq=False)
-class Passer:
-    """A figure in linear light, to lie over an image."""
-
-    light: Light
-    """(h, w, 3) float32 linear, times ``cover``."""
-    cover: Light
-    """(h, w, 1) float32 in [0, 1]."""
-
-    def over(self, image: Light, x: float, y: float) -> None:
-        """Lay the figure over (H, W, 3), in place, its top-left corner at (x, y), whole pixels."""
-        left, top = round(x), round(y)
-        height, width = self.cover.shape[:2]
-        x0, y0 = max(0, left), max(0, top)
-        x1, y1 = min(image.shape[1], left + width), min(image.shape[0], top + height)
-        if x1 <= x0 or y1 <= y0:
-            return
-        inside = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-        part = image[y0:y1, x0:x1]
-        part *= 1 - self.cover[inside]
-        part += self.light[inside]
+from data_gen.channel.composition import Foreground
 
 
 def draw_passer(
     width: int, height: int, level: float, rng: np.random.Generator, blur_px: float = 3.0
-) -> Passer:
-    """A head, shoulders and cloth with folds or stripes.
+) -> Foreground:
+    """Draw a head, shoulders and cloth with folds or stripes, in linear light.
 
     Args:
-        width: pixels, at the shoulders.
-        height: pixels from the crown down to where the figure leaves the image.
+        width: width at the shoulders, pixels.
+        height: distance from the crown down to where the figure leaves the image, pixels.
         level: light of a white sheet in the room; white of the display is 1.
         rng: every random draw comes from here.
         blur_px: standard deviation of the figure's edge: out of focus and in motion.
@@ -77,4 +52,4 @@ def draw_passer(
     )
     cover[-1:] = cover[-2:-1]
     soft: NDArray[np.float32] = cv2.GaussianBlur((level * colour).astype(np.float32), (0, 0), 1.5)
-    return Passer(np.asarray(soft * cover[:, :, None], np.float32), cover[:, :, None])
+    return Foreground(np.asarray(soft * cover[:, :, None], np.float32), cover[:, :, None])

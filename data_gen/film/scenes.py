@@ -6,19 +6,26 @@ rectangles without shadows; depth of field is one blur of all that lies behind t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.channel.display import Light, emitted_light
-from data_gen.channel.optics import Pose, check_view, plane_from_display, scene_camera, view_angles
-from data_gen.channel.viewpoint import Viewpoint
+from data_gen.channel.composition import Shot, Surroundings, Viewpoint, repeat_channels
+from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
+from data_gen.channel.optics import (
+    CAPTURE_WIDTH,
+    Pose,
+    check_view,
+    plane_from_display,
+    scene_camera,
+    view_angles,
+)
+from data_gen.channel.transfer import metered_gain
 from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, Canvas, Painter
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
-from link.errors import InputError, choose
+from link.errors import InputError, ParameterError, choose
 from link.geometry import frame_corners, transform
 from link.layout import Layout
 
@@ -27,45 +34,49 @@ COVERAGE = (0.05, 0.9)
 FIELD_DEG = (45.0, 70.0)
 """Angle of view along the image's longer side: phones' main cameras, webcams (assumed)."""
 MIN_DISTANCE, MAX_DISTANCE = 0.7, 30.0
-"""Of the camera, in longer sides of the picture."""
-MIN_SIDE = 64
-"""Fewest pixels of the image along an axis."""
+"""Smallest and largest distance of the camera, in longer sides of the picture."""
+MIN_IMAGE_SIDE = 64
+"""Fewest pixels that the image may have along an axis."""
 
 
 @dataclass(frozen=True)
 class SceneSettings:
-    """What may be chosen of a scene; None is drawn at random."""
+    """What may be chosen about a scene; None is drawn at random."""
 
     size: tuple[int, int] = (1280, 720)
-    """(width, height) of the capture, pixels."""
+    """Width and height of the image, pixels."""
     coverage: float | None = None
     """Share of the image that the picture covers, 0.05 to 0.9; less where so much does not fit."""
     turn_deg: float | None = None
-    """Rotation of the camera about its axis; drawn: 0, 90, 180 or 270 within 5 degrees."""
+    """Rotation of the camera about its axis, degrees; 0, 90, 180 or 270 within 5 where drawn."""
     room: str | None = None
-    """"dark", "office" or "bright"."""
+    """Light of the room: "dark", "office" or "bright"."""
     centred: bool = False
     """Whether the camera aims at the picture's centre."""
     window: bool | None = None
     """Whether the screen is larger than the picture, with a plain surround."""
     second_display: bool | None = None
-    """Whether another lit display stands beside, with no ratex on it; drawn: one in five."""
+    """Whether another lit display without ratex stands beside; one in five where drawn."""
     pictures: Sequence[Picture] = ()
-    """Photographs for posters, windows and the second display: of the split's own."""
+    """Photographs of the split's own, for posters, windows and the second display."""
     free: float = 0.01
-    """Share of the image that stays free at each side of the picture."""
+    """Share of the image, 0 to 0.2, that stays free at each side of the picture."""
     margin_px: int = 48
-    """Drawn beyond the image on each side, for a camera that moves."""
+    """Number of pixels drawn beyond each side of the image, for a camera that moves."""
 
     def __post_init__(self) -> None:
-        if min(self.size) < MIN_SIDE:
-            raise InputError(f"--size: need at least {MIN_SIDE}x{MIN_SIDE} pixels, got {self.size}")
+        if min(self.size) < MIN_IMAGE_SIDE:
+            raise ParameterError(
+                "size", f"need at least {MIN_IMAGE_SIDE}x{MIN_IMAGE_SIDE} pixels, got {self.size}"
+            )
         if self.coverage is not None and not COVERAGE[0] <= self.coverage <= COVERAGE[1]:
-            raise InputError(f"--coverage: need a share from 0.05 to 0.9, got {self.coverage:g}")
+            raise ParameterError(
+                "coverage", f"need a share from 0.05 to 0.9, got {self.coverage:g}"
+            )
         if self.turn_deg is not None and not abs(self.turn_deg) <= 360:
-            raise InputError(f"--turn: need degrees within ±360, got {self.turn_deg:g}")
+            raise ParameterError("turn_deg", f"need degrees within ±360, got {self.turn_deg:g}")
         if not 0 <= self.free <= 0.2:
-            raise InputError(f"free: need a share from 0 to 0.2, got {self.free:g}")
+            raise ParameterError("free", f"need a share from 0 to 0.2, got {self.free:g}")
         if self.room is not None:
             choose(ROOMS, self.room, "room")
 
@@ -75,33 +86,36 @@ class Scene:
     """A display in a room and a camera before it."""
 
     layout: Layout
+    """Layout of the displayed picture."""
     pair: Pair
-    """With the haze of this room."""
+    """Camera and display, with the haze of this room."""
     view_deg: float
-    """Nominal."""
+    """Nominal angle of observation, degrees."""
     pose: Pose
+    """Where the camera stands."""
     room: str
+    """Name of the room's light, a key of `rooms.ROOMS`."""
     level: float
     """Light of a white sheet in the room relative to the display's frontal white."""
     size: tuple[int, int]
-    """(width, height) of the capture."""
+    """Width and height of the image, pixels."""
     H_captured_from_display: NDArray[np.float64]
-    """(3, 3)."""
+    """Homography (3, 3) from display pixels to pixels of the image."""
     canvas: Light
-    """(height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1: all but the
-    picture, in whose place the casing or the surround goes on."""
+    """Light of all but the picture, in whose place the casing or the surround goes on:
+    (height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1."""
     margin: int
-    """Pixels of ``canvas`` beyond the image on each side."""
+    """Number of pixels of ``canvas`` beyond each side of the image."""
 
     @property
     def background(self) -> Light:
-        """(height, width, 3): the canvas within the image."""
+        """The canvas within the image, (height, width, 3)."""
         width, height = self.size
         return self.canvas[self.margin : self.margin + height, self.margin : self.margin + width]
 
     @property
     def corners(self) -> NDArray[np.float64]:
-        """(4, 2) captured pixels, convention of `link.geometry`."""
+        """Corners of the picture, (4, 2) captured pixels, in the order of `link.geometry`."""
         shape = frame_corners(self.layout.width, self.layout.height)
         return transform(self.H_captured_from_display, shape)
 
@@ -110,10 +124,25 @@ class Scene:
         """Share of the image that the picture covers."""
         return _area(self.corners) / (self.size[0] * self.size[1])
 
-    @cached_property
-    def theta(self) -> Light:
-        """See `view_angles`."""
-        return view_angles(self.pose, self.layout.width, self.layout.height)
+    def viewpoint(self, rng: np.random.Generator) -> Viewpoint:
+        """Return the scene's camera, ready for shots; ``rng`` draws the mirrored lamp."""
+        layout, pair = self.layout, self.pair
+        camera, (width, height) = pair.camera, self.size
+        iso = max(1.0, metered_gain(pair, self.view_deg))
+        noise_scale = pair.nuisance(self.view_deg).noise_scale
+        return Viewpoint(
+            layout=layout,
+            pair=pair,
+            size=self.size,
+            theta=view_angles(self.pose, layout.width, layout.height),
+            room=room_light(pair.display, layout.height, layout.width, rng)[:, :, None],
+            lens=repeat_channels(
+                np.float32(iso) * fall_to_corners(camera.vignetting, height, width)
+            ),
+            iso=iso,
+            noise_scale=noise_scale * width / CAPTURE_WIDTH,  # native pixels pooled in one
+            surroundings=Surroundings.collected(self.canvas, self.margin, pair),
+        )
 
 
 def draw_scene(
@@ -126,11 +155,11 @@ def draw_scene(
     """Draw a room, a display in it, and where the camera stands; the whole picture is in view.
 
     Args:
-        layout: of the picture.
+        layout: layout of the picture.
         pair: camera and display; its haze is that of 150 lux and is changed to the room's.
-        view_deg: nominal angle of observation, degrees; kept within 1.
-        rng: every random draw comes from here.
-        settings: what is not drawn.
+        view_deg: nominal angle of observation, degrees; the camera keeps it within 1.
+        rng: source of every random draw.
+        settings: what is chosen and not drawn.
 
     Raises:
         InputError: ``view_deg`` is out of range, or the pair is without perspective.
@@ -141,7 +170,7 @@ def draw_scene(
         raise InputError("a scene needs perspective; do not switch it off")
     pose_rng, room_rng, paint_rng = rng.spawn(3)
     size = settings.size
-    pose, camera = place(layout, view_deg, pose_rng, settings)
+    pose, camera = aim_camera(layout, view_deg, pose_rng, settings)
     H = camera[:, [0, 1, 3]] @ plane_from_display(layout.width, layout.height)
     H /= H[2, 2]
 
@@ -162,12 +191,19 @@ def draw_scene(
     return Scene(layout, lit, view_deg, pose, room, level, size, H, canvas.light, margin)
 
 
-def place(
+def aim_camera(
     layout: Layout, view_deg: float, rng: np.random.Generator, settings: SceneSettings
 ) -> tuple[Pose, NDArray[np.float64]]:
-    """Pose and (3, 4) `scene_camera` such that the picture covers what is asked for, and is whole.
+    """Draw a camera that sees the whole picture and as much of it as is asked for.
 
-    Arguments as of `draw_scene`.
+    Args:
+        layout: layout of the picture.
+        view_deg: nominal angle of observation, degrees; the camera keeps it within 1.
+        rng: source of every random draw.
+        settings: size of the image, coverage, rotation, and whether the picture is centred.
+
+    Returns:
+        Pose of the camera, and its (3, 4) projection as `optics.scene_camera` gives it.
     """
     turn = rng.choice([0.0, 90.0, 180.0, 270.0], p=[0.55, 0.15, 0.15, 0.15]) + rng.uniform(-5, 5)
     side = rng.uniform(*np.sqrt(COVERAGE))
@@ -195,7 +231,7 @@ def place(
         )
 
     def aimed(distance: float) -> tuple[Pose, NDArray[np.float64], bool]:
-        """As far from the image's centre as was drawn, or as fits."""
+        """Aim as far from the picture's centre as was drawn, or as fits; say whether it fits."""
         there = replace(pose, distance=distance)
         middle = (size - 1) / 2
         box = np.ptp(corners(scene_camera(there, focal, settings.size, tuple(middle))), axis=0)
@@ -224,7 +260,7 @@ def _area(points: NDArray[np.float64]) -> float:
 def _paint(
     painter: Painter, layout: Layout, pair: Pair, view_deg: float, settings: SceneSettings
 ) -> None:
-    """Room, casing, and the screen beside the picture."""
+    """Paint the room, the casing, and the screen beside the picture."""
     rng = painter.rng
     side = max(layout.width, layout.height)
     half = np.array([layout.width, layout.height]) / side / 2
@@ -274,24 +310,26 @@ def photograph(
     rng: np.random.Generator,
     H_captured_from_display: NDArray[np.float64] | None = None,
 ) -> NDArray[np.uint8]:
-    """One still of a displayed frame in a scene; exposure drift, flicker and noise are drawn.
+    """Take one still of a displayed frame in a scene.
+
+    The mirrored lamp, the exposure's drift, the backlight's phase and the noise are drawn.
 
     Args:
         frame: (height, width) or (height, width, 3) uint8, encoded, of the scene's layout.
         scene: room, display and camera.
-        rng: every random draw comes from here.
-        H_captured_from_display: (3, 3) of a camera that has moved a little since; by default the
-            scene's.
+        rng: source of every random draw.
+        H_captured_from_display: (3, 3) homography of a camera that has moved a little since; None
+            for the scene's.
 
     Returns:
         (H, W, 3) uint8, encoded RGB.
     """
-    view = Viewpoint.draw(scene, rng)
+    viewpoint = scene.viewpoint(rng)
     drift = float(np.exp(scene.pair.nuisance(scene.view_deg).drift * rng.standard_normal()))
     H = (
         scene.H_captured_from_display
         if H_captured_from_display is None
         else H_captured_from_display
     )
-    exposure = view.expose([view.emitted(frame)], None, H, drift, float(rng.random()))
-    return view.develop(exposure, rng)
+    shot = Shot(viewpoint, H, drift, float(rng.random()))
+    return shot.develop(shot.expose(frame), rng)

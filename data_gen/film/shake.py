@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 DRIFT = (4.0, 4.0, 0.3, 0.4, 0.15, 0.15)
-"""Standard deviations: shift in x and y, px of an image 1280 px wide; roll, degrees; scale, per
-cent; and keystone in x and y, per cent over half the image's longer side."""
+"""Standard deviations of the drift: shift in x and y, px of an image 1280 px wide; roll, degrees;
+scale, per cent; and keystone in x and y, per cent over half the image's longer side."""
 SLOW_S, SMOOTH_S = 2.0, 0.3
-"""Time constants of the drift: a random walk that returns, and the lag that smooths it. A shift's
-speed has the standard deviation 4 / sqrt(2.0 * 0.3) = 5 px/s."""
+"""Time constants of the drift, seconds: a random walk that returns, and the lag that smooths it.
+The speed of a shift has the standard deviation 4 / sqrt(2.0 * 0.3) = 5 px/s."""
 LIMIT = 2.5
-"""No drift goes beyond so many standard deviations."""
+"""Number of standard deviations beyond which no drift goes."""
 TREMOR_PX = 0.25
 """Standard deviation of the tremor along each axis, px of an image 1280 px wide."""
 TREMOR_HZ = (5.0, 10.0)
+"""Lowest and highest frequency of the tremor, Hz."""
 TONES = 4
+"""Number of sines that make up the tremor along each axis."""
 
 
 @dataclass
@@ -29,21 +31,26 @@ class Wander:
     """N independent smooth processes of standard deviation 1, bounded by `LIMIT`."""
 
     count: int
+    """Number of processes."""
     rng: np.random.Generator
+    """Source of every random draw."""
     slow_s: float = SLOW_S
+    """Time, in seconds, in which a process forgets where it was."""
     smooth_s: float = SMOOTH_S
+    """Time constant, in seconds, of the lag that smooths a process."""
     _walk: NDArray[np.float64] = field(init=False)
     _value: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
-        # of both, in balance: the walk has deviation 1, the lagged value `_spread`, correlated
+        # both start in balance: the walk has deviation 1, and the lagged value that of `step`'s
+        # ``spread``, correlated with the walk
         self._walk = self.rng.standard_normal(self.count)
         share = self.slow_s / (self.slow_s + self.smooth_s)
         rest = np.sqrt(max(0.0, share - share**2))
         self._value = share * self._walk + rest * self.rng.standard_normal(self.count)
 
     def step(self, seconds: float) -> NDArray[np.float64]:
-        """(count,) values after another ``seconds``."""
+        """Return the (count,) values after another ``seconds``."""
         keep, lag = np.exp(-seconds / self.slow_s), np.exp(-seconds / self.smooth_s)
         noise = self.rng.standard_normal(self.count)
         before = self._walk
@@ -54,10 +61,16 @@ class Wander:
 
 
 class Hand:
-    """Motion of a hand-held camera as (3, 3) homographies of its image."""
+    """A hand that holds a camera; its motion is a (3, 3) homography of the image."""
 
     def __init__(self, size: tuple[int, int], amount: float, rng: np.random.Generator) -> None:
-        """A hand that moves ``amount`` times as much as the usual one before ``size`` pixels."""
+        """Draw a hand.
+
+        Args:
+            size: (width, height) of the image, pixels.
+            amount: motion relative to the usual hand's; 0 for a tripod.
+            rng: source of every random draw.
+        """
         self._size, self._amount = size, amount
         self._drift = Wander(len(DRIFT), rng)
         self._hz = rng.uniform(*TREMOR_HZ, (TONES, 2))
@@ -65,7 +78,7 @@ class Hand:
         self._time = 0.0
 
     def step(self, seconds: float) -> NDArray[np.float64]:
-        """(3, 3) pixels of the resting camera to those of this camera, ``seconds`` later."""
+        """Return the (3, 3) map from pixels at rest to this camera's pixels, ``seconds`` later."""
         self._time += seconds
         x, y, roll, zoom, *keystone = self._amount * np.array(DRIFT) * self._drift.step(seconds)
         tones = np.sin(2 * np.pi * self._hz * self._time + self._phase)
@@ -80,19 +93,26 @@ class Hand:
         return np.asarray(middle @ moved @ np.linalg.inv(middle))
 
 
-class Exposure:
-    """Automatic exposure: a gain that breathes, and sometimes makes for another level."""
+class ExposureDrift:
+    """An automatic exposure whose gain breathes, and sometimes makes for another level."""
 
     def __init__(
         self, drift: float, jumps_hz: float, jump: float, rng: np.random.Generator
     ) -> None:
-        """Log gain of deviation ``drift``; jumps of deviation ``jump`` at ``jumps_hz`` a second."""
+        """Start at the usual exposure.
+
+        Args:
+            drift: standard deviation of the log gain within seconds.
+            jumps_hz: number of jumps a second.
+            jump: standard deviation of the log gain to which it jumps.
+            rng: source of every random draw.
+        """
         self._drift, self._jumps_hz, self._jump, self._rng = drift, jumps_hz, jump, rng
         self._breath = Wander(1, rng, slow_s=1.0, smooth_s=0.2)
         self._level = self._target = 0.0
 
     def step(self, seconds: float) -> float:
-        """The gain after another ``seconds``."""
+        """Return the gain after another ``seconds``."""
         breath = self._drift * self._breath.step(seconds)[0]
         jumps, to = self._rng.random() < self._jumps_hz * seconds, self._rng.standard_normal()
         if jumps:

@@ -1,11 +1,11 @@
-"""Why a simulated frame pair was misread: its draw, taken apart into gray levels a block.
+"""Why a simulated frame pair was misread: its channel, taken apart into gray levels a block.
 
 The channel is run again without noise, so that signal, drift, motion and noise are measured, each
 by itself, in the same captured gray levels.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +18,22 @@ from link.layout import Layout, block_mean
 
 Array = NDArray[np.float64]
 DARK, BRIGHT = 40.0, 225.0
-"""Captured levels below and above which a block is called dark or bright."""
+"""Captured gray levels below and above which a block is called dark or bright."""
 FAINT = 0.5
-"""Captured gray levels: less than one rounding step hides half of it."""
+"""Captured gray levels below which the signal of a bit is called faint: rounding hides it."""
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Of one frame pair; arrays are (rows, cols) means over blocks, captured gray levels."""
+    """What changed the blocks of one frame pair.
+
+    Arrays are (rows, cols) means over blocks in captured gray levels of [0, 255].
+    """
 
     level: Array
-    """Luma of the original."""
+    """Captured luma of the original frame."""
     signal: Array
-    """By which a bit 1 is captured brighter than a bit 0."""
+    """Amount by which a bit 1 is captured brighter than a bit 0."""
     drift: Array
     """Change between the frames by exposure and backlight, without message and motion."""
     motion: Array
@@ -41,14 +44,27 @@ class Parts:
     """Motion of the picture's centre between the frames, captured pixels."""
 
     def uneven_drift(self) -> Array:
-        """What is left of the drift when a straight line of the level is taken off."""
+        """Return what is left of the drift when a straight line of the level is taken off."""
         design = np.stack([np.ones(self.level.size), self.level.ravel()], axis=1)
         solution = np.linalg.lstsq(design, self.drift.ravel(), rcond=None)[0]
         return np.asarray(self.drift - (design @ solution).reshape(self.drift.shape))
 
 
 def take_apart(pair: FramePair) -> Parts:
-    """Measure the parts of a simulated frame pair."""
+    """Measure what changed the blocks of a simulated frame pair.
+
+    The pair's own shots are exposed again, without noise and with other messages.
+
+    >>> from data_gen.frame_pair import Cell, Source
+    >>> from link.layout import make_layout
+    >>> source, cell = Source(make_layout(4, 4, 256, 192, 2)), Cell("canon-lg", 45.0, 3)
+    >>> parts = take_apart(FramePair(source, cell, 0))
+    >>> parts.signal.shape
+    (4, 4)
+
+    Args:
+        pair: the frame pair; its noise is that of `FramePair.captured`.
+    """
     layout = pair.layout
     original, embedded = pair.shots
     H_o, H_e = original.H_captured_from_display, embedded.H_captured_from_display
@@ -56,43 +72,44 @@ def take_apart(pair: FramePair) -> Parts:
     def frame(bit: int) -> NDArray[np.uint8]:
         return pair.displayed_with(np.full(layout.n_bits, bit)).embedded
 
-    zeros = _clean(embedded, frame(0))
-    signal = blocks(_clean(embedded, frame(1)), H_e, layout) - blocks(zeros, H_e, layout)
-    still = _clean(original, pair.displayed.original)
-    level = blocks(still, H_o, layout)
+    zeros = _without_noise(embedded, frame(0))
+    signal = block_lumas(_without_noise(embedded, frame(1)), H_e, layout)
+    signal -= block_lumas(zeros, H_e, layout)
+    still = _without_noise(original, pair.displayed.original)
+    level = block_lumas(still, H_o, layout)
     captured = pair.captured
-    sent = _clean(embedded, pair.displayed.embedded)
-    noise = blocks(captured.embedded, H_e, layout) - blocks(sent, H_e, layout)
-    noise -= blocks(captured.original, H_o, layout) - level
+    sent = _without_noise(embedded, pair.displayed.embedded)
+    noise = block_lumas(captured.embedded, H_e, layout) - block_lumas(sent, H_e, layout)
+    noise -= block_lumas(captured.original, H_o, layout) - level
     # the receiver reads the embedded frame where the original was
-    motion = blocks(zeros, H_o, layout) - blocks(zeros, H_e, layout)
+    motion = block_lumas(zeros, H_o, layout) - block_lumas(zeros, H_e, layout)
     centre = frame_corners(layout.width, layout.height).mean(axis=0, keepdims=True)
     shift = float(np.linalg.norm(transform(H_e, centre) - transform(H_o, centre)))
-    return Parts(level, signal, blocks(zeros, H_e, layout) - level, motion, noise, shift)
+    return Parts(level, signal, block_lumas(zeros, H_e, layout) - level, motion, noise, shift)
 
 
-def blocks(image: NDArray[np.uint8], H_captured_from_display: Array, layout: Layout) -> Array:
-    """Mean captured luma of each block, (rows, cols) in [0, 255]."""
+def block_lumas(image: NDArray[np.uint8], H_captured_from_display: Array, layout: Layout) -> Array:
+    """Return the mean captured luma of each block, (rows, cols) in [0, 255]."""
     rectified = rectify(image, H_captured_from_display, layout.width, layout.height)
     luma = 255.0 * intensity(rectified).astype(np.float64)
     return np.asarray(block_mean(luma, layout.rows, layout.cols), np.float64)
 
 
-def _clean(shot: Shot, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A frame as the camera stores it, without noise."""
-    quiet = replace(shot, noise_scale=0.0)
-    return quiet.develop(quiet.expose(frame), np.random.default_rng(0))
+def _without_noise(shot: Shot, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a frame as the camera would store it without noise."""
+    return shot.develop(shot.expose(frame), None)
 
 
 def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tuple[float, float]]]:
     """Name the largest obstacle in the blocks that were misread.
 
     Args:
-        parts: of the frame pair.
-        wrong: (rows, cols), at least one of them; ratex patches count as right.
+        parts: what changed the blocks of the frame pair.
+        wrong: (rows, cols) whether a block was misread, at least one of them; ratex patches count
+            as right.
 
     Returns:
-        a sentence, and by quantity its mean size in wrong and in the other blocks, gray levels.
+        A sentence, and by quantity its mean size in wrong and in the other blocks, gray levels.
     """
     sizes = {
         "captured level": parts.level,

@@ -115,8 +115,8 @@ def test_captures_say_where_they_come_from(captured: Captured) -> None:
     ("source", "cell", "message"),
     [
         (Source(SMALL), Cell("canon-dell", 0.0, 5), "canon-lg.*sony-samsung"),
-        (Source(SMALL), Cell("canon-lg", 0.0, 0), "--kappa"),
-        (Source(SMALL), Cell("canon-lg", 89.0, 5), "--view"),
+        (Source(SMALL), Cell("canon-lg", 0.0, 0), "kappa"),
+        (Source(SMALL), Cell("canon-lg", 89.0, 5), "view_deg"),
         (Source(SMALL, split="dev"), FRONTAL, "train, test"),
         (Source(SMALL, pictures=Path("nowhere")), FRONTAL, "nowhere: no such folder"),
     ],
@@ -225,7 +225,7 @@ def test_the_index_wraps_around_the_pictures_with_a_new_message() -> None:
     source = Source(SMALL)
     pictures = shuffled_pictures(source)
     first, again = FramePair(source, FRONTAL, 2), FramePair(source, FRONTAL, 2 + len(pictures))
-    assert first.picture == again.picture == pictures[2].name
+    assert first.picture.name == again.picture.name == pictures[2].name
     assert np.array_equal(first.displayed.original, again.displayed.original)
     assert not np.array_equal(first.displayed.bits, again.displayed.bits)
 

@@ -1,0 +1,149 @@
+"""Stills of one frame pair: draw what the channel does to it, and capture both frames."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel.composition import Shot, Viewpoint
+from data_gen.channel.display import fall_to_corners, room_light
+from data_gen.channel.optics import (
+    CAPTURE_HEIGHT,
+    CAPTURE_WIDTH,
+    check_view,
+    draw_pose,
+    project,
+    residual_motion,
+    view_angles,
+)
+from data_gen.channel.transfer import metered_gain
+from data_gen.parameters import Pair
+from link.frames import Captured, Displayed
+from link.geometry import frame_corners, transform
+from link.layout import Layout
+
+
+def draw_shots(
+    layout: Layout, pair: Pair, view_deg: float, rng: np.random.Generator
+) -> tuple[Shot, Shot]:
+    """Draw the channel of the original and of the embedded frame.
+
+    Pose, exposure, room light and the transfer function are common to both frames. Between them
+    the exposure drifts by a factor exp(Normal(0, drift)), the backlight's phase is drawn anew, and
+    the camera moves by `optics.residual_motion`. Every random draw is made whether or not its
+    effect is switched off, so that switching one off leaves the others as they were.
+
+    Args:
+        layout: layout of the displayed picture.
+        pair: camera, display, setup and nuisances.
+        view_deg: nominal angle of observation, degrees.
+        rng: source of every random draw.
+
+    Raises:
+        InputError: ``view_deg`` is out of range.
+    """
+    check_view(view_deg, "view_deg")
+    camera, display = pair.camera, pair.display
+    nuisance = pair.nuisance(view_deg)
+    pose = draw_pose(view_deg, rng)
+    size, H_original, reduction = (layout.width, layout.height), np.eye(3), 1.0
+    if pair.setup.perspective:
+        reduction = pair.setup.resolution
+        size = round(CAPTURE_WIDTH * reduction), round(CAPTURE_HEIGHT * reduction)
+        H_original = reduction_homography(size) @ project(pose, layout.width, layout.height)
+    H_moved = residual_motion(reduction * nuisance.jitter_px, camera.breathing, size, rng)
+    drift = float(np.exp(nuisance.drift * rng.standard_normal()))
+    phases = rng.uniform(0, 1, 2)
+    room = room_light(display, layout.height, layout.width, rng)[:, :, None]
+    iso = max(1.0, metered_gain(pair, view_deg))
+    viewpoint = Viewpoint(
+        layout=layout,
+        pair=pair,
+        size=size,
+        theta=view_angles(pose, layout.width, layout.height),
+        room=room,
+        lens=fall_to_corners(camera.vignetting, size[1], size[0])[:, :, None],
+        iso=iso,
+        noise_scale=reduction * nuisance.noise_scale,
+    )
+    original = Shot(viewpoint, H_original, iso, phases[0])
+    embedded = Shot(viewpoint, H_moved @ H_original, iso * drift, phases[1])
+    return original, embedded
+
+
+def reduction_homography(size: tuple[int, int]) -> NDArray[np.float64]:
+    """Return the (3, 3) map from pixels of the usual capture to those of a smaller one.
+
+    Args:
+        size: width and height of the smaller capture, pixels; corners go to corners.
+    """
+    a, b = size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT
+    return np.array([[a, 0, (a - 1) / 2], [0, b, (b - 1) / 2], [0, 0, 1]])
+
+
+def capture_through(
+    shots: tuple[Shot, Shot], displayed: Displayed, view_deg: float, rng: np.random.Generator
+) -> Captured:
+    """Capture one frame pair through a channel that is drawn already.
+
+    The embedded frame keeps the original's corners: the motion is what registration left.
+
+    Args:
+        shots: channel of the original and of the embedded frame.
+        displayed: both frames, uint8, gray or RGB.
+        view_deg: nominal angle of observation, degrees, which the capture's ``meta`` repeats.
+        rng: the generator that drew the shots; noise and the corners' error come from it.
+
+    Returns:
+        RGB frames (CAPTURE_HEIGHT x CAPTURE_WIDTH times the setup's resolution, or of the display's
+        size without perspective), the reported corners, and the true bits.
+    """
+    layout, pair = displayed.layout, shots[0].viewpoint.pair
+    original, embedded = (
+        shot.develop(shot.expose(frame), noise_rng)
+        for shot, frame, noise_rng in zip(
+            shots, (displayed.original, displayed.embedded), rng.spawn(2), strict=True
+        )
+    )
+    corners = transform(
+        shots[0].H_captured_from_display, frame_corners(layout.width, layout.height)
+    )
+    corners += pair.setup.corner_px * rng.standard_normal((4, 2))
+    corners = np.clip(corners, -0.5, np.array(original.shape[1::-1]) - 0.5)
+    return Captured(
+        original=original,
+        embedded=embedded,
+        layout=layout,
+        corners=corners,
+        corners_embedded=corners,
+        bits=displayed.bits,
+        kappa=displayed.kappa,
+        ratex_kappa=displayed.ratex_kappa,
+        meta={"pair": pair.name, "view_deg": view_deg},
+    )
+
+
+def capture(
+    displayed: Displayed, pair: Pair, view_deg: float, rng: np.random.Generator
+) -> Captured:
+    """Draw a channel and capture one frame pair through it.
+
+    >>> from data_gen.pairs import get_pair
+    >>> from link.embed import embed
+    >>> from link.layout import make_layout
+    >>> layout = make_layout()
+    >>> picture = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    >>> displayed = embed(picture, np.arange(layout.n_bits) % 2, layout, 5)
+    >>> captured = capture(displayed, get_pair("canon-lg"), 45.0, np.random.default_rng(0))
+    >>> captured.embedded.shape, captured.embedded.dtype
+    ((576, 768, 3), dtype('uint8'))
+
+    Args:
+        displayed: both frames, uint8, gray or RGB.
+        pair: camera, display, setup and nuisances.
+        view_deg: nominal angle of observation, degrees.
+        rng: source of every random draw.
+
+    Raises:
+        InputError: ``view_deg`` is out of range.
+    """
+    shots = draw_shots(displayed.layout, pair, view_deg, rng)
+    return capture_through(shots, displayed, view_deg, rng)

@@ -1,0 +1,324 @@
+"""A hand-held camera films a display that runs free of it.
+
+Between camera and display nothing is in step: each image row mixes the states that the display
+shows while the row is open, as linear light. Left out: a video codec (each frame is stored as the
+camera stores stills), motion within one frame, and a row's motion against the next.
+"""
+
+import json
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel.composition import Foreground, Shot
+from data_gen.channel.display import Light
+from data_gen.channel.timing import state_shares
+from data_gen.film.passer import draw_passer
+from data_gen.film.scenes import Scene, SceneSettings, draw_scene
+from data_gen.film.shake import ExposureDrift, Hand
+from data_gen.parameters import Pair
+from link.errors import ParameterError
+from link.geometry import frame_corners, transform
+from link.layout import Layout
+
+States = Sequence[NDArray[np.uint8]] | Callable[[int], NDArray[np.uint8]]
+"""What a display shows: frames of a loop, or a function of the state's number."""
+MAX_CLOCK_ERROR = 0.01
+"""Largest share by which the drawn clocks of camera and display differ."""
+UNENDING_LOOP_S = 60.0
+"""Time, in seconds, within which a camera joins a display that shows no loop."""
+KEPT_LIGHTS = 64
+"""Number of states whose emitted light is kept at once."""
+GRID_PX = 4
+"""Number of pixels between the points at which shares are computed, where the panel's rows are
+written one after the other."""
+JUMP = 0.2
+"""Standard deviation of the log exposure to which automatic exposure jumps."""
+PAN_S = 0.5
+"""Time, in seconds, in which the camera turns away, and in which it comes back."""
+STEPS_HZ = 1.8
+"""Number of steps a second of someone who walks by; each lifts the figure a little."""
+
+
+@dataclass(frozen=True)
+class VideoSettings:
+    """What may be chosen about a stream; None is drawn at random."""
+
+    scene: SceneSettings = field(default_factory=lambda: SceneSettings(free=0.03))
+    """Size of the frames, coverage, room, and pictures in the room."""
+    fps: float = 30.0
+    """Number of camera frames a second, by the camera's clock."""
+    state_hz: float = 15.0
+    """Number of states a second, by the display's clock: original, embedded, original, ..."""
+    seconds: float | None = None
+    """Length of the stream in seconds; None for an endless one."""
+    clock_error: float | None = None
+    """Share by which a second of the camera is longer than one of the display; within ±0.01 where
+    drawn."""
+    start_s: float | None = None
+    """Time of the loop, in seconds, at which the camera joins; within the loop where drawn."""
+    response_s: float = 0.004
+    """Time constant of the panel's pixels, seconds (assumed: 9 ms from 10 to 90 per cent)."""
+    scan_s: float = 1 / 60
+    """Time, in seconds, in which the panel writes its rows, top to bottom (assumed: 60 Hz)."""
+    hand: float = 1.0
+    """Motion of the hand relative to `shake.DRIFT`; 0 for a tripod."""
+    exposure_drift: float | None = None
+    """Standard deviation of the log exposure within seconds; None for the pair's drift."""
+    jumps_hz: float = 0.0
+    """Number of times a second that automatic exposure makes for another level."""
+    drop: float = 0.0
+    """Probability that a camera frame is lost: its number is left out."""
+    duplicate: float = 0.0
+    """Probability that a camera frame is the one before, again."""
+    passer_s: tuple[float, float] | None = None
+    """Times of the stream, in seconds, between which someone crosses the image."""
+    away_s: tuple[float, float] | None = None
+    """Times of the stream, in seconds, between which the camera looks elsewhere."""
+
+    def __post_init__(self) -> None:
+        for name, rate in (("fps", self.fps), ("state_hz", self.state_hz)):
+            if not 0.1 <= rate <= 1000:
+                raise ParameterError(name, f"need 0.1 to 1000 a second, got {rate:g}")
+        if self.clock_error is not None and not abs(self.clock_error) <= 0.1:
+            raise ParameterError(
+                "clock_error", f"need a share within ±0.1, got {self.clock_error:g}"
+            )
+        for name, share in (("drop", self.drop), ("duplicate", self.duplicate)):
+            if not 0 <= share < 1:
+                raise ParameterError(name, f"need a probability in [0, 1), got {share:g}")
+        for name, span in (("passer_s", self.passer_s), ("away_s", self.away_s)):
+            if span is not None and not span[0] < span[1]:
+                raise ParameterError(name, f"the end must come after the start, got {span}")
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFrame:
+    """A camera frame and the truth about it."""
+
+    rgb: NDArray[np.uint8]
+    """Pixels of the frame, (H, W, 3), encoded RGB."""
+    number: int
+    """Number of the sensor's frame; lost frames are counted, too."""
+    time_s: float
+    """Time by the camera's own clock, number / fps, seconds."""
+    display_s: float
+    """Time of the loop, in seconds by the display's clock, at which the first row opens."""
+    H_captured_from_display: NDArray[np.float64]
+    """Homography (3, 3) from display pixels to pixels of the frame."""
+    states: dict[int, float]
+    """Share of each state in the light of the display's part of the image; they sum to 1. State k
+    is number k modulo the loop's length; in a frame without display, what it would have shown."""
+    visible: bool
+    """Whether the whole picture lies within the image; someone may stand before it all the same."""
+    duplicate: bool
+    """Whether ``rgb`` is that of the frame before."""
+
+    def truth(self, file: str | None) -> str:
+        """Return the truth about the frame as a line of JSON, with the name of its file if any."""
+        line = {
+            "file": file,
+            "number": self.number,
+            "time_s": round(self.time_s, 6),
+            "display_s": round(self.display_s, 6),
+            "states": {str(k): round(share, 4) for k, share in self.states.items()},
+            "visible": self.visible,
+            "duplicate": self.duplicate,
+            "H_captured_from_display": self.H_captured_from_display.tolist(),
+        }
+        return json.dumps(line, allow_nan=False)
+
+
+def film(
+    states: States,
+    layout: Layout,
+    pair: Pair,
+    view_deg: float,
+    settings: VideoSettings,
+    rng: np.random.Generator,
+) -> Iterator[VideoFrame]:
+    """Film a display that shows states in a loop.
+
+    >>> from data_gen.pairs import get_pair
+    >>> from link.layout import make_layout
+    >>> states = [np.full((96, 128, 3), level, np.uint8) for level in (200, 205)]
+    >>> settings = VideoSettings(SceneSettings(size=(160, 96)), seconds=0.1)
+    >>> layout, rng = make_layout(4, 4, 128, 96, 2), np.random.default_rng(0)
+    >>> frames = list(film(states, layout, get_pair("canon-lg"), 20.0, settings, rng))
+    >>> len(frames), frames[0].rgb.shape
+    (3, (96, 160, 3))
+
+    Args:
+        states: (height, width) or (height, width, 3) uint8 encoded frames, shown in turn and over
+            again; or a function that gives state number k = 0, 1, 2, ...
+        layout: layout of the picture.
+        pair: camera and display.
+        view_deg: nominal angle of observation, degrees.
+        settings: what is chosen and not drawn.
+        rng: source of every random draw.
+
+    Raises:
+        InputError: there is no state, ``view_deg`` is out of range, or the pair is without
+            perspective.
+    """
+    if not callable(states) and not len(states):
+        raise ParameterError("states", "a display needs at least one state to show")
+    scene_rng, rng = rng.spawn(2)
+    scene = draw_scene(layout, pair, view_deg, scene_rng, settings.scene)
+    return _Stream(states, scene, settings, rng).frames()
+
+
+class _Stream:
+    """One stream: what stays the same, and the processes that go on from frame to frame."""
+
+    def __init__(
+        self, states: States, scene: Scene, settings: VideoSettings, rng: np.random.Generator
+    ) -> None:
+        self.states, self.scene, self.settings = states, scene, settings
+        draws, viewpoint_rng, hand_rng, exposure_rng, loss_rng, noise_rng = rng.spawn(6)
+        error = draws.uniform(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)
+        loop_s = UNENDING_LOOP_S if callable(states) else len(states) / settings.state_hz
+        start = draws.uniform(0, loop_s)
+        self.clock = 1 + (error if settings.clock_error is None else settings.clock_error)
+        self.start = start if settings.start_s is None else settings.start_s
+        self.backlight_phase = draws.random()
+        self.viewpoint = scene.viewpoint(viewpoint_rng)
+        self.hand = Hand(scene.size, settings.hand, hand_rng)
+        drift = settings.exposure_drift
+        drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
+        self.exposure = ExposureDrift(drift, settings.jumps_hz, JUMP, exposure_rng)
+        self.loss_rng, self.noise_rng = loss_rng, noise_rng
+        self.passer = self._draw_passer(draws) if settings.passer_s is not None else None
+        self.walks_left = draws.random() < 0.5
+        self.away = np.array([np.cos(a := draws.uniform(0, 2 * np.pi)), np.sin(a)])
+        self.lights: OrderedDict[int, Light] = OrderedDict()
+
+    def frames(self) -> Iterator[VideoFrame]:
+        """Yield the frames that are not lost, in order."""
+        settings, previous = self.settings, None
+        for number in count():
+            time_s = number / settings.fps
+            if settings.seconds is not None and time_s >= settings.seconds:
+                return
+            lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
+            motion = self._look_away(time_s) @ self.hand.step(1 / settings.fps)
+            gain = self.exposure.step(1 / settings.fps)
+            if lost:
+                continue
+            if again and previous is not None:
+                previous = replace(previous, number=number, time_s=time_s, duplicate=True)
+            else:
+                previous = self._film_frame(number, time_s, motion, gain)
+            yield previous
+
+    def _film_frame(
+        self, number: int, time_s: float, motion: NDArray[np.float64], gain: float
+    ) -> VideoFrame:
+        """Expose and develop one frame of a camera that has moved."""
+        scene = self.scene
+        H = motion @ scene.H_captured_from_display
+        H = H / H[2, 2]
+        opens = self.start + time_s * self.clock
+        phase = (self.backlight_phase + scene.pair.display.pwm_hz * opens) % 1
+        shot = Shot(self.viewpoint, H, gain, phase, motion, self._passer_at(time_s))
+        first, shares = self._shares(opens, shot)
+        lights = [self._light(first + k) for k in range(len(shares))]
+        exposure = shot.expose_lights(lights, shares.astype(np.float32))
+        mean = shares.reshape(len(shares), -1).mean(axis=1)
+        points = transform(H, frame_corners(scene.layout.width, scene.layout.height))
+        inside = (points >= -0.5).all() and (points <= np.array(scene.size) - 0.5).all()
+        return VideoFrame(
+            rgb=shot.develop(exposure, self.noise_rng),
+            number=number,
+            time_s=time_s,
+            display_s=opens,
+            H_captured_from_display=H,
+            states={first + k: float(share) for k, share in enumerate(mean) if share > 0},
+            visible=bool(inside),
+            duplicate=False,
+        )
+
+    def _shares(self, opens: float, shot: Shot) -> tuple[int, NDArray[np.float64]]:
+        """Return the first state, and (S, h, 1) or (S, h, w) shares in the shot's region."""
+        settings, camera = self.settings, self.scene.pair.camera
+        height = self.scene.size[1]
+        left, top, right, bottom = shot.region
+        if right <= left or bottom <= top:
+            left, top, right, bottom = 0, 0, *self.scene.size
+        rows = opens + camera.readout_s * np.arange(top, bottom)[:, None] / height
+
+        def shares_at(times: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
+            return state_shares(times, camera.shutter_s, settings.state_hz, settings.response_s)
+
+        if settings.scan_s <= 0:
+            return shares_at(rows)
+        back = np.linalg.inv(shot.H_captured_from_display)
+        x, y = np.meshgrid(_grid(left, right), _grid(top, bottom))
+        row = (back[1, 0] * x + back[1, 1] * y + back[1, 2]) / (
+            back[2, 0] * x + back[2, 1] * y + back[2, 2]
+        )
+        written = settings.scan_s * np.clip((row + 0.5) / self.scene.layout.height, 0, 1)
+        first, coarse = shares_at(opens + camera.readout_s * y / height - written)
+        if len(coarse) == 1:
+            return first, np.ones((1, bottom - top, 1))
+        return first, _refine_grid(coarse, bottom - top, right - left)
+
+    def _light(self, state: int) -> Light:
+        """Return the emitted light of a state, kept or made anew."""
+        state = max(0, state) if callable(self.states) else state % len(self.states)
+        if state not in self.lights:
+            frame = self.states(state) if callable(self.states) else self.states[state]
+            self.lights[state] = self.viewpoint.emitted(frame)
+        self.lights.move_to_end(state)
+        if len(self.lights) > KEPT_LIGHTS:
+            self.lights.popitem(last=False)
+        return self.lights[state]
+
+    def _look_away(self, time_s: float) -> NDArray[np.float64]:
+        """Return the (3, 3) motion of a camera that looks elsewhere for a while."""
+        motion = np.eye(3)
+        if self.settings.away_s is not None:
+            start, end = self.settings.away_s
+            share = np.clip(min(time_s - start, end - time_s) / PAN_S, 0, 1)
+            smooth = share**2 * (3 - 2 * share)
+            motion[:2, 2] = 1.2 * smooth * self.away * max(self.scene.size)
+        return motion
+
+    def _draw_passer(self, rng: np.random.Generator) -> Foreground:
+        """Draw a figure about as tall as the image, as the sensor collects it."""
+        height = self.scene.size[1]
+        tall = int(height * rng.uniform(0.7, 1.1))
+        passer = draw_passer(int(tall * rng.uniform(0.35, 0.55)), tall, self.scene.level, rng)
+        return passer.collected(self.scene.pair)
+
+    def _passer_at(self, time_s: float) -> tuple[Foreground, float, float] | None:
+        """Return who walks by at this time, and the x and y of the figure's top-left corner."""
+        if self.passer is None or self.settings.passer_s is None:
+            return None
+        start, end = self.settings.passer_s
+        share = (time_s - start) / (end - start)
+        if not 0 <= share <= 1:
+            return None
+        width, height = self.scene.size
+        tall, wide = self.passer.cover.shape[:2]
+        share = 1 - share if self.walks_left else share
+        bob = 0.01 * height * np.sin(2 * np.pi * STEPS_HZ * time_s)
+        return self.passer, share * (width + wide) - wide, height - tall + 0.01 * height + bob
+
+
+def _grid(low: int, high: int) -> NDArray[np.int_]:
+    """Return points GRID_PX apart, from the first pixel to the last or beyond."""
+    return np.arange(low, high + GRID_PX, GRID_PX)
+
+
+def _refine_grid(coarse: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
+    """Interpolate (S, h, w) values at points of `_grid` to (S, height, width) pixels, linearly."""
+    scale = np.diag([GRID_PX, GRID_PX, 1.0])[:2]
+    return np.array(
+        [cv2.warpAffine(c.astype(np.float32), scale, (width, height), borderMode=1) for c in coarse]
+    )
