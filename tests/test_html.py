@@ -14,6 +14,7 @@ import pytest
 from conftest import Command, OpenWindow
 from hypothesis import given
 from hypothesis import strategies as st
+from reports.score.metrics import score, write_metrics
 
 import evaluate
 from data_gen.frame_pair import Cell, FramePair, Source
@@ -23,7 +24,7 @@ from link.geometry import homography_from_corners
 from link.layout import Layout, make_layout
 from link.ratex import training_pixels
 from reports.engine.predict import Method
-from reports.evaluation.reasons import Parts, blocks, explain, take_apart
+from reports.evaluation.reasons import Parts, block_lumas, explain, take_apart
 from reports.evaluation.response import one
 from reports.render.markup import VOID, Html, tag
 from reports.render.page import SECTIONS, write_report
@@ -39,7 +40,6 @@ from reports.render.svg import (
 )
 from reports.run import finish, read_run
 from reports.score.findings import groups, leaders_of
-from reports.score.metrics import score, write_metrics
 from reports.score.paired import outcomes
 from reports.studies.sweeps import PAIRS, QUICK_PAIRS, SWEEPS, spoken
 
@@ -536,7 +536,8 @@ def test_the_parts_of_a_frame_pair_add_up(layout: Layout) -> None:
     bits[message] = captured.bits
     # up to the reported corners, which are half a pixel off
     H = homography_from_corners(captured.corners, layout.width, layout.height)
-    seen = blocks(captured.embedded, H, layout) - blocks(captured.original, H, layout)
+    seen = block_lumas(captured.embedded, H, layout)
+    seen -= block_lumas(captured.original, H, layout)
     expected = bits * parts.signal + parts.drift + parts.motion + parts.noise
     error = (seen - expected)[message]
     assert np.abs(error).mean() < 0.15 * parts.signal[message].mean()

@@ -8,7 +8,7 @@ import pytest
 from conftest import Command
 
 import evaluate
-from data_gen.channel.composition import capture
+from data_gen.channel.stills import capture
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import load_pictures
 from export.send import __main__ as send

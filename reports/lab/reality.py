@@ -14,7 +14,7 @@ import scipy.io
 import tyro
 from scipy.optimize import brentq
 
-from data_gen.channel.composition import cdtf
+from data_gen.channel.transfer import cdtf
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.captures import load_capture, read_manifest

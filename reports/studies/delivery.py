@@ -25,7 +25,7 @@ from tqdm import tqdm
 from data_gen.film.scenes import SceneSettings
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
-from data_gen.video import VideoSettings, film
+from data_gen.film.stream import VideoSettings, film
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
