@@ -18,28 +18,25 @@ from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.captures import MANIFEST, read_manifest
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, run_cli
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.engine.backends import make_backend
-from reports.engine.digest import file_digest
 from reports.engine.methods import METHODS, Method, methods_for
 from reports.engine.predict import (
     Condition,
     checkpoint_digest,
-    decode_captures,
     paper_cells,
     predict,
 )
 from reports.engine.protocols import PROTOCOLS, apply
 from reports.engine.provenance import provenance
+from reports.evaluation.captures import evaluate_folder
 from reports.evaluation.evidence import (
     QUICK,
     USUAL,
     Stopwatch,
-    capture_evidence,
     simulated_evidence,
 )
 from reports.evaluation.versus import compare_runs
@@ -121,17 +118,17 @@ def main() -> None:
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
     methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
-    folder, settings = RunFolder(config.out), describe(config, methods)
-    folder.claim(settings)
-    if config.captures is not None:
-        evaluate_captures(config, config.captures, methods, folder, settings)
+    folder = RunFolder(config.out)
+    folder.claim(describe(config, methods))
+    if config.captures is None:
+        evaluate_simulated(config, methods, folder)
     else:
-        evaluate_simulated(config, methods, folder, settings)
+        evaluate_folder(config.captures, methods, folder, config.seed, config.html)
+        if config.show is not None:
+            show(config.captures, methods, config.show)
 
 
-def evaluate_simulated(
-    config: EvaluateConfig, methods: list[Method], folder: RunFolder, settings: dict[str, Any]
-) -> None:
+def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: RunFolder) -> None:
     """Compare on simulated captures; raises an `InputError` at the end where cells failed."""
     amount, clock = QUICK if config.quick else USUAL, Stopwatch()
     backend = make_backend(config.backend, config.jobs, config.scheduler)
@@ -158,7 +155,7 @@ def evaluate_simulated(
             folder, [comparison, *conditions], curves, predicted, swept, methods, amount, clock
         )
         failed = [*failed, *swept.failed]
-        folder.finish(meta, settings, clock.seconds, failed)
+        folder.finish(meta, clock.seconds, failed)
         print(f"written: {write_report(config.out)}")
     for line in failed:
         print(f"failed: {line}", file=sys.stderr)
@@ -167,34 +164,6 @@ def evaluate_simulated(
             f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
             "same command tries the failed ones again"
         )
-
-
-def evaluate_captures(
-    config: EvaluateConfig,
-    captures: Path,
-    methods: list[Method],
-    folder: RunFolder,
-    settings: dict[str, Any],
-) -> None:
-    """Compare on a folder of captures."""
-    clock = Stopwatch()
-    with clock.time("decoding"):
-        records, notes = decode_captures(captures, methods)
-    print(*notes, sep="\n")
-    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
-    meta = provenance(config.seed, simulated)
-    kind = "simulated captures" if simulated else "real captures"
-    table = summary_table(score(records), f"All cells ({kind})").markdown()
-    folder.write_comparison(records, meta, table)
-    print(table, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
-    if config.html:
-        capture_evidence(folder, captures, records, USUAL, clock)
-        digest = file_digest([captures / MANIFEST])[:16]
-        about = {**settings, "captures": f"manifest {digest}"}
-        folder.finish(meta, about, clock.seconds, notes)
-        print(f"written: {write_report(config.out)}")
-    if config.show is not None:
-        show(captures, methods, config.show)
 
 
 def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:

@@ -193,6 +193,8 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.settings: dict[str, Any] = {}
+        """All that decides the result; known once the folder is claimed."""
 
     def claim(self, settings: dict[str, Any]) -> None:
         """Write the settings, or refuse a folder that holds the results of other settings.
@@ -206,9 +208,13 @@ class RunFolder:
         make_folder(self.path)
         file = self.path / "config.json"
         text = (json.dumps(settings, indent=2, default=str) + "\n").encode()
-        if file.is_file() and file.read_bytes() != text:
-            raise InputError(f"--out: {self.path} holds a run with other settings; choose another")
+        holds_results = any(other != file for other in self.path.iterdir())
+        if file.is_file() and file.read_bytes() != text and holds_results:
+            raise InputError(
+                f"--out: {self.path} holds a run with other settings; choose another folder"
+            )
         write_bytes(file, text)
+        self.settings = json.loads(text)
 
     def write_comparison(self, records: pd.DataFrame, meta: dict[str, Any], tables: str) -> None:
         """Write the main comparison: predictions.jsonl, metrics.json and tables.md.
@@ -242,17 +248,26 @@ class RunFolder:
     def finish(
         self,
         meta: dict[str, Any],
-        settings: dict[str, Any],
         seconds: dict[str, float],
         notes: Sequence[str],
+        **stated: str,
     ) -> None:
-        """Write run.json, the mark of a finished run, and copy the results of `REFERENCES`."""
+        """Write run.json, the mark of a finished run, and copy the results of `REFERENCES`.
+
+        Args:
+            meta: what `reports.engine.provenance.provenance` says.
+            seconds: time by what took it.
+            notes: what a reader must know.
+            **stated: settings that run.json says otherwise than config.json, such as the digest of
+                a manifest in place of its folder.
+        """
         for name, source in REFERENCES.items():
             if (ROOT / source).is_file():
                 target = self.path / "reference" / f"{name}.json"
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(ROOT / source, target)
         rounded = {name: round(value, 1) for name, value in seconds.items()}
+        settings = {**self.settings, **stated}
         about = About(meta, commit(), machine(), settings, rounded, list(notes))
         self._write("run.json", asdict(about))
 

@@ -144,7 +144,8 @@ def predict(
         f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}: {why}"
         for (name, cell), why in failed.items()
     ]
-    return Predicted(pd.concat(tables, ignore_index=True), sorted(reports))
+    records = pd.concat(tables, ignore_index=True) if tables else to_records([])
+    return Predicted(records, sorted(reports))
 
 
 def predict_all(

@@ -1,0 +1,44 @@
+"""The comparison of methods on a folder of captures, the user's own or simulated ones."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from link.captures import MANIFEST, read_manifest
+from reports.engine.digest import file_digest
+from reports.engine.methods import Method
+from reports.engine.predict import decode_captures
+from reports.engine.provenance import provenance
+from reports.evaluation.evidence import USUAL, Stopwatch, capture_evidence
+from reports.evaluation.page import write_report
+from reports.render.tables import summary_table
+from reports.run import RunFolder
+from reports.score.accuracy import score
+
+
+def evaluate_folder(
+    captures: Path, methods: Sequence[Method], folder: RunFolder, seed: int, html: bool
+) -> None:
+    """Decode every frame pair of a manifest, score what is known, print and write the results.
+
+    Args:
+        captures: folder with a manifest.
+        methods: those that do not suit a frame pair are left out of it, and a line says so.
+        folder: of the run; its settings are written already.
+        seed: of the paired comparisons' resamples.
+        html: write report.html, and what it shows beside the predictions.
+    """
+    clock = Stopwatch()
+    with clock.time("decoding"):
+        records, notes = decode_captures(captures, methods)
+    print(*notes, sep="\n")
+    simulated = all(bool(entry.get("simulated")) for entry in read_manifest(captures))
+    meta = provenance(seed, simulated)
+    kind = "simulated captures" if simulated else "real captures"
+    table = summary_table(score(records), f"All cells ({kind})").markdown()
+    folder.write_comparison(records, meta, table)
+    print(table, f"written: {folder.path}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
+    if html:
+        capture_evidence(folder, captures, records, USUAL, clock)
+        manifest = f"manifest {file_digest([captures / MANIFEST])[:16]}"
+        folder.finish(meta, clock.seconds, notes, captures=manifest)
+        print(f"written: {write_report(folder.path)}")
