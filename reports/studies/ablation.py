@@ -83,7 +83,7 @@ def main() -> None:
     meta = provenance(config.seed, simulated=True) | {"settings": asdict(config)}
     content = {"meta": meta, **compare_rows(records, config.seed)}
     tables = [f"## {table.markdown()}" for table in ablation_tables(content)]
-    text = "\n\n".join(["# Ablation", described(config), *tables])
+    text = "\n\n".join(["# Ablation", describe_study(config), *tables])
     curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
     calibration = "\n\n".join(
         ["# Reliability", *(table.markdown() for table in reliability_tables(curves))]
@@ -170,7 +170,7 @@ def compare_rows(records: pd.DataFrame, seed: int) -> dict[str, list[dict[str, A
     return {"entries": [asdict(entry) for entry in entries], "behind_oorc": behind}
 
 
-def described(config: AblationConfig) -> str:
+def describe_study(config: AblationConfig) -> str:
     """Return what the numbers are, as Markdown."""
     bits = config.frames * make_layout().n_bits
     rows = []

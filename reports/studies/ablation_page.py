@@ -102,10 +102,11 @@ def ablation_figure(content: Mapping[str, Any]) -> Figure:
             _draw_panel(panel, [by_place[row, condition].against[reference] for row in rows])
             base = by_place[reference, condition]
             panel.set_title(f"{condition}\n{reference}: {100 * base.error:.2f} % wrong", fontsize=9)
-        line[0].set_yticks(range(len(rows)), rows)
+        line[0].set_yticks(range(len(rows)), rows, fontsize=9)
         line[0].set_ylim(len(rows) - 0.5, -0.5)
-        line[0].set_ylabel(f"less that of {reference}")
-    figure.supxlabel("difference in accuracy, points, paired 95 % interval (simulated captures)")
+        line[0].set_ylabel(f"less that of {reference}", fontsize=9)
+    label = "difference in accuracy, points, paired 95 % interval (simulated captures)"
+    figure.supxlabel(label, fontsize=9)
     figure.tight_layout()
     return figure
 

@@ -68,7 +68,7 @@ def sensitivity_tables(records: pd.DataFrame) -> list[Table]:
     """
     methods = list(records["method"].unique())
     effects = [name for name in records["condition"].unique() if name != ALL_EFFECTS]
-    points = records.assign(right=100 * records["correct"] / records["known"]).pivot(
+    points = records.assign(right=100 * (records["correct"] / records["known"])).pivot(
         index=FRAME, columns=["condition", "method"], values="right"
     )
     tables = []
