@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import pytest
@@ -36,6 +36,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_
     os.environ[variable] = "1"  # for the processes that tests start
 
 LEARNED = FULL
+
+
+def slow(*values: object) -> Any:
+    """A case of a parametrised test that the default run leaves out."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what waits for the trained decoder, so that no worker makes it at the end."""
+    items.sort(key=lambda item: "run_folder" not in getattr(item, "fixturenames", ()))
 
 
 @pytest.fixture(scope="session")
@@ -71,13 +81,13 @@ def make_once(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> MakeO
         base = base.parent  # a worker's own folder lies within that of the session
 
     def make(name: str, fill: Callable[[Path], None]) -> Path:
-        folder, unfinished = base / name, base / f"{name}.unfinished"
+        folder, finished = base / name, base / f"{name}.finished"
         with FileLock(base / f"{name}.lock"):
-            if not folder.exists():
-                shutil.rmtree(unfinished, ignore_errors=True)
-                unfinished.mkdir()
-                fill(unfinished)
-                unfinished.rename(folder)
+            if not finished.exists():
+                shutil.rmtree(folder, ignore_errors=True)  # what another worker failed to make
+                folder.mkdir()
+                fill(folder)
+                finished.touch()
         return folder
 
     return make

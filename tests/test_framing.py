@@ -164,6 +164,7 @@ def test_a_new_message_wins_over_the_old_one() -> None:
     assert set(got) == {first, second}
 
 
+@pytest.mark.slow
 def test_noise_never_makes_a_message() -> None:
     rng = np.random.default_rng(4)
     for frames in (3, 5, 9, 17):

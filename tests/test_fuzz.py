@@ -92,6 +92,7 @@ def states() -> list[NDArray[np.uint8]]:
     return states_of(TEXT, LAYOUT, np.random.default_rng(0))
 
 
+@pytest.mark.slow
 def test_mutated_videos(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (320, 240))
@@ -165,6 +166,7 @@ def mirrored(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.u
 CHANGES: list[Callable[..., NDArray[np.uint8]]] = [noise, shuffled, cut, flat, mirrored]
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_frames_of_any_content_and_size_in_any_order(seed: int) -> None:

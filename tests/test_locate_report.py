@@ -61,6 +61,7 @@ def test_photos(tmp_path: Path) -> None:
     assert max(row["errors_px"]) < 1.5
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path, command: Command) -> None:
     done = command(main, "--frames", 1, "--size", 480, 270, "--jobs", 1, "--out", tmp_path / "out")
     assert done.status == 0, done.stderr

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import slow
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -129,7 +130,7 @@ def drawn(generator: np.random.Generator, frames: int) -> Counts:
     return np.stack(counts, axis=1).astype(np.int64)
 
 
-@pytest.mark.parametrize("frames", [10, 40])
+@pytest.mark.parametrize("frames", [10, slow(40)])
 def test_the_interval_covers_the_truth_as_often_as_it_says(frames: int) -> None:
     generator = np.random.default_rng(7)
     total = drawn(generator, 200_000).sum(axis=0)

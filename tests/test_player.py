@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import OpenWindow
+from conftest import OpenWindow, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
@@ -89,9 +89,10 @@ WINDOWS = {
     "phone upright": (205, 365, 2.625, 4),
     "phone on its side": (240, 135, 3.0, 5),
 }
+QUICK = ("desktop", "phone upright")
 
 
-@pytest.mark.parametrize("name", WINDOWS)
+@pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in WINDOWS])
 def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     name: str, open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
@@ -211,6 +212,7 @@ def test_screenshots_decode_to_the_message(
     assert message.data == MESSAGE
 
 
+@pytest.mark.slow
 def test_the_receiver_reads_a_film_of_screenshots(
     open_window: OpenWindow, slow_player: Path, decoder: Decoder
 ) -> None:

@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from reports.score.metrics import read_metrics
 
 from reports.readme import DOCS, METRICS, STEPS
 from reports.render.readme_blocks import BLOCKS
 from reports.render.tables import paper_tables
-from reports.score.metrics import read_metrics
 from reports.studies.prediction import readme_block
 
 ROOT = Path(__file__).parent.parent
@@ -56,6 +56,7 @@ def test_the_first_screen_has_the_two_commands() -> None:
     assert second.endswith("pip install -e '.[test]' && .venv/bin/pytest")
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)  # a minute or two on an idle machine
 def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
     script = "".join(shell_blocks()[1:]).replace(".venv/bin/python", sys.executable)

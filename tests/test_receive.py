@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import slow
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
@@ -60,8 +61,8 @@ def listen(
     [
         Stream(),
         Stream(state_hz=10.07, readout=0.0),
-        Stream(state_hz=29.8, fps=60, shutter=1 / 120),
-        Stream(state_hz=30.2, readout=0.025, shutter=1 / 100),
+        slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
+        slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
         Stream(turn=1),
         Stream(turn=2, readout=0.02),
     ],
@@ -115,7 +116,7 @@ def spoils(kind: str) -> object:
 
 
 @pytest.mark.parametrize(
-    "kind", ["dropped", "leaves", "exposure jumps", "passer-by", "gray", "16 bits"]
+    "kind", ["dropped", slow("leaves"), "exposure jumps", "passer-by", "gray", slow("16 bits")]
 )
 def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: str) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
@@ -188,6 +189,7 @@ def test_command_reads_two_images_in_either_order(
     assert "same state" in same.stderr
 
 
+@pytest.mark.slow
 def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
     path = tmp_path / "film.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))

@@ -56,6 +56,7 @@ def test_without_leaves_out_the_episodes_of_one_pair() -> None:
     assert len(without(episodes, leave_one_out.ALL).bits) == 20
 
 
+@pytest.mark.slow
 def test_leave_one_out_trains_ten_decoders_and_resumes(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
