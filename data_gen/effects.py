@@ -1,4 +1,4 @@
-"""Switch each effect of the channel off, or set any parameter, by name."""
+"""Effects of the channel, to be switched off by name, and parameters, to be set by name."""
 
 import json
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Ideal observer: bits decided with the simulation's true channel, the floor for every decoder.
+"""The ideal observer decides bits with the simulation's true channel: a floor for every decoder.
 
 It knows what no receiver does: picture, pose, photometry and noise model of the very frame pair,
 so only noise can mislead it. Given the channel the original frame tells nothing of the bits, and
@@ -26,50 +26,61 @@ from link.frames import SoftBits
 from link.layout import Layout, block_index
 
 DRAWS = 32
-"""Of the noise, for each bit."""
+"""Number of draws of the noise for each bit."""
 GRAIN_PX = 9
-"""Noise is summed over squares of this side: beyond what demosaicing and JPEG correlate."""
+"""Side, in pixels, of the squares over which noise is summed; demosaicing and JPEG correlate less
+far."""
 SMOOTH_PX = 33
-"""Covariances are averaged over squares of this side, about half a block."""
+"""Side, in pixels, of the squares over which covariances are averaged; about half a block."""
 SIGNAL_SIGMA_PX = 4.0
-"""Gaussian sigma by which the captured difference of the bits is smoothed before it weighs."""
+"""Gaussian sigma, in pixels, by which the captured difference of the bits is smoothed."""
 ROUNDING = 0.02
-"""Gray levels squared, added to variances: keeps pixels without noise finite."""
+"""Variance, in gray levels squared, that is added to keep pixels without noise finite."""
 ALIGN_PX = 16
-"""Captures are cut at multiples of this, so that mosaic and JPEG fall as in the whole."""
+"""Number of pixels at whose multiples captures are cut, so that mosaic and JPEG fall as in the
+whole image."""
 
 
 @dataclass(frozen=True)
-class Before:
-    """The original frame, captured and as the channel may show it; as in the ratios' arguments."""
+class OriginalSeen:
+    """What is known of the original frame where an observer sees only the change from it."""
 
     seen: NDArray[np.uint8]
+    """The original frame as captured, (H, W, 3) encoded."""
     draws: NDArray[np.uint8]
-    """(n, H, W, 3)."""
+    """Captures of the same frame with other noise, (n, H, W, 3)."""
     blocks: NDArray[np.int16]
+    """Number of each pixel's block, (H, W), -1 for none."""
 
 
-def observe(pair: FramePair, draws: int = DRAWS, change: bool = False) -> SoftBits:
-    """Decide a simulated frame pair with its true channel.
+def observe_ideally(pair: FramePair, draws: int = DRAWS, change: bool = False) -> SoftBits:
+    """Decide the bits of a simulated frame pair with its true channel.
+
+    >>> from data_gen.frame_pair import Cell, Source
+    >>> from link.layout import make_layout
+    >>> source, cell = Source(make_layout(4, 4, 256, 192, 2)), Cell("canon-lg", 0.0, 3)
+    >>> pair = FramePair(source, cell, 0)
+    >>> bool((observe_ideally(pair, draws=8).bits == pair.displayed.bits).all())
+    True
 
     Args:
-        pair: not hidden.
-        draws: of the noise, for each bit; at least 4.
-        change: decide from the change between the frames alone.
+        pair: a frame pair with ratex patches (not ``hidden``).
+        draws: number of draws of the noise for each bit, at least 4.
+        change: whether to decide from the change between the frames alone.
 
     Returns:
-        scores that are natural log-likelihood ratios.
+        Bits, and scores that are natural log-likelihood ratios.
     """
     layout, captured = pair.layout, pair.captured
-    first, second = pair.shots
-    blocks = captured_blocks(layout, second.H_captured_from_display, captured.embedded.shape)
-    seen = np.argwhere(blocks >= 0)
-    (top, left), (bottom, right) = (
-        edge // ALIGN_PX * ALIGN_PX for edge in (seen.min(axis=0), seen.max(axis=0) + ALIGN_PX)
-    )
+    first_shot, second_shot = pair.shots
+    blocks = captured_blocks(layout, second_shot.H_captured_from_display, captured.embedded.shape)
+    shown_at = np.argwhere(blocks >= 0)
+    low, high = shown_at.min(axis=0), shown_at.max(axis=0) + ALIGN_PX
+    (top, left), (bottom, right) = (edge // ALIGN_PX * ALIGN_PX for edge in (low, high))
     inside = np.s_[top:bottom, left:right]
 
     def developed(shot: Shot, frame: NDArray[np.uint8], start: int = 0) -> list[NDArray[np.uint8]]:
+        """Captures of a frame, one for each number of a draw from ``start`` on."""
         exposure = shot.expose(frame)[inside]
         numbers = range(start, start + draws)
         rngs = (np.random.default_rng([pair.source.seed, pair.index, number]) for number in numbers)
@@ -77,16 +88,16 @@ def observe(pair: FramePair, draws: int = DRAWS, change: bool = False) -> SoftBi
 
     messages = (np.full(layout.n_bits, bit) for bit in (0, 1))
     shown = (pair.displayed_with(message) for message in messages)
-    both = np.array([developed(second, displayed.embedded) for displayed in shown])
-    before = None
+    both = np.array([developed(second_shot, displayed.embedded) for displayed in shown])
+    original = None
     if change:
-        before = Before(
+        original = OriginalSeen(
             captured.original[inside],
-            np.array(developed(first, pair.displayed.original, draws)),
-            captured_blocks(layout, first.H_captured_from_display, blocks.shape)[inside],
+            np.array(developed(first_shot, pair.displayed.original, draws)),
+            captured_blocks(layout, first_shot.H_captured_from_display, blocks.shape)[inside],
         )
     ratios = log_likelihood_ratios(
-        captured.embedded[inside], both, blocks[inside], layout.message_mask.size, before
+        captured.embedded[inside], both, blocks[inside], layout.message_mask.size, original
     )
     return SoftBits(ratios[layout.message_mask.ravel()])
 
@@ -94,7 +105,16 @@ def observe(pair: FramePair, draws: int = DRAWS, change: bool = False) -> SoftBi
 def captured_blocks(
     layout: Layout, H_captured_from_display: NDArray[np.float64], shape: tuple[int, ...]
 ) -> NDArray[np.int16]:
-    """(H, W) of ``shape``: row-major number of the block that a captured pixel shows, -1 beside."""
+    """Return which block each captured pixel shows.
+
+    Args:
+        layout: layout of the displayed picture.
+        H_captured_from_display: (3, 3) homography of the capture.
+        shape: shape of the captured image; its first two entries are height and width.
+
+    Returns:
+        (H, W) int16: row-major number of the block, -1 beside the picture.
+    """
     rows = block_index(layout.height, layout.rows)[:, None]
     numbers = rows * layout.cols + block_index(layout.width, layout.cols)
     return np.asarray(
@@ -115,24 +135,25 @@ def log_likelihood_ratios(
     draws: NDArray[np.uint8],
     blocks: NDArray[np.int16],
     count: int,
-    before: Before | None = None,
+    original: OriginalSeen | None = None,
 ) -> NDArray[np.float64]:
-    """Bit 1 against bit 0 of every block, by a statistic taken for Gaussian.
+    """Weigh bit 1 against bit 0 of every block, by a statistic that is taken for Gaussian.
 
     t is the sum of w x over the block's pixels and channels, w = C^-1 d with d the smoothed
     difference of the bits' means and C the channels' covariance at low spatial frequency. One half
     of the draws gives w; the other gives mean and variance of t, untouched by the choice of w.
 
     Args:
-        seen: (H, W, 3) uint8, encoded, the capture.
-        draws: (2, n, H, W, 3) of the same, captures of bits 0 and 1, n at least 4; draw i has the
-            same noise for both bits, which so cancels in d.
-        blocks: (H, W) number of each pixel's block, -1 for none.
+        seen: captured image, (H, W, 3) uint8, encoded.
+        draws: captures of bits 0 and 1 by the same channel, (2, n, H, W, 3) uint8, n at least 4;
+            draw i has the same noise for both bits, which so cancels in d.
+        blocks: number of each pixel's block, (H, W), -1 for none.
         count: number of blocks.
-        before: if given, t is less what the same sum is in the original frame.
+        original: the original frame, if t is to be reduced by the same sum over it; None where
+            only the embedded frame is looked at.
 
     Returns:
-        (count,) natural logarithms; 0 where both bits look alike.
+        (count,) natural logarithms of the likelihood ratio; 0 where both bits look alike.
     """
     shaping, probing = draws[:, ::2], draws[:, 1::2]
     mean = shaping.mean(axis=1, dtype=np.float32)
@@ -140,6 +161,7 @@ def log_likelihood_ratios(
     weights = np.linalg.solve(_covariance(shaping, mean), difference[..., None])[..., 0]
 
     def pool(image: NDArray[np.uint8] | Light, where: NDArray[np.int16]) -> NDArray[np.float64]:
+        """Sum weight times image over each block."""
         summed = (weights * image).sum(axis=2).ravel()
         return np.asarray(np.bincount(where.ravel() + 1, summed, count + 1)[1:], np.float64)
 
@@ -147,17 +169,22 @@ def log_likelihood_ratios(
     signal = t[1].mean(axis=0) - t[0].mean(axis=0)
     variance = t.var(axis=1, ddof=1).mean(axis=0) + ROUNDING * pool(weights, blocks)
     surplus = pool(seen, blocks) - t.mean(axis=(0, 1))
-    if before is not None:
-        t = np.array([pool(image, before.blocks) for image in before.draws])
-        variance += t.var(axis=0, ddof=1) + ROUNDING * pool(weights, before.blocks)
-        surplus -= pool(before.seen, before.blocks) - t.mean(axis=0)
+    if original is not None:
+        t = np.array([pool(image, original.blocks) for image in original.draws])
+        variance += t.var(axis=0, ddof=1) + ROUNDING * pool(weights, original.blocks)
+        surplus -= pool(original.seen, original.blocks) - t.mean(axis=0)
     ratios = np.zeros(count)
     np.divide(signal * surplus, variance, out=ratios, where=variance > 0)
     return ratios
 
 
 def _covariance(draws: NDArray[np.uint8], mean: Light) -> Light:
-    """(H, W, 3, 3) float32 of the channels of (2, n, H, W, 3) draws, at low spatial frequency."""
+    """Return the channels' covariance at low spatial frequency, (H, W, 3, 3) float32.
+
+    Args:
+        draws: captures of both bits, (2, n, H, W, 3).
+        mean: their means by bit, (2, H, W, 3) float32.
+    """
     total = np.zeros((*mean.shape[1:], mean.shape[-1]), np.float32)
     for images, expected in zip(draws, mean, strict=True):
         for image in images:

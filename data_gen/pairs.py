@@ -1,4 +1,4 @@
-"""The paper's nine pairs: three cameras x three displays, every number with its source.
+"""The nine pairs of the paper: three cameras before three displays, each number with its source.
 
 Each number is *measured* (citation), *datasheet*, *assumed* (bounds in brackets) or *fitted*
 (`reports.lab.calibrate`, in nuisances.json). Sources:
@@ -168,7 +168,7 @@ DISPLAYS = {
 }
 
 FALLOFF_BOUNDS = {"imac": (1.5, 3.0), "lg": (2.0, 3.6), "samsung": (2.8, 4.8)}
-"""Of the green exponent of ``falloff``."""
+"""Lowest and highest green exponent of ``falloff`` by display, within which it is fitted."""
 
 # Printed by reports.lab.spectra (SPECTRA): stand-in cameras and displays as listed there. Two
 # laboratories differ by up to 0.11 in the red row of Canon (400D 0.63, 600D 0.52 with LCD-Apple).
@@ -189,8 +189,9 @@ CROSSTALK: dict[str, Matrix] = {
 SETUP = Setup(name="setup", perspective=True, metering=0.0, corner_px=0.5)
 
 FITTED_FILE = Path(__file__).with_name("nuisances.json")
+"""File that `reports.lab.calibrate` writes and that ships with the code."""
 FITTED = json.loads(FITTED_FILE.read_text())
-"""Written by `reports.lab.calibrate`: values of `Nuisance` by camera and view, and ``falloff``."""
+"""Fitted values: those of `Nuisance` by camera and view, and ``falloff`` by display."""
 
 
 def _pair(camera: str, display: str) -> Pair:
@@ -207,8 +208,16 @@ def _pair(camera: str, display: str) -> Pair:
 
 
 PAIRS = {f"{c}-{d}": _pair(c, d) for c in CAMERAS for d in DISPLAYS}
+"""The nine camera-display pairs by name, such as "canon-lg"."""
 
 
 def get_pair(name: str) -> Pair:
-    """Return the pair called "camera-display", or raise an `InputError` that lists the names."""
+    """Return a camera-display pair by its name.
+
+    >>> get_pair("canon-lg").camera.name
+    'Canon EOS Rebel XSi'
+
+    Raises:
+        InputError: no pair has this name; the message lists those that there are.
+    """
     return choose(PAIRS, name, "pair")

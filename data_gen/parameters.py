@@ -1,4 +1,4 @@
-"""What describes a camera, a display and how they meet; every value has a range, held by name."""
+"""The parameters of a camera, a display and how they meet; each value is held to its range."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -8,24 +8,37 @@ from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hi
 from link.errors import InputError, choose
 
 RGB = tuple[float, float, float]
+"""One number for each of the channels R, G and B."""
 Curve = tuple[tuple[float, float], ...]
+"""Nodes (in, out) of a curve, in increasing order."""
 Matrix = tuple[RGB, RGB, RGB]
+"""Rows of a matrix that maps colours to colours."""
 IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Matrix that leaves every colour as it is."""
 LINEAR: Curve = ((0.0, 0.0), (1.0, 1.0))
+"""Tone curve that leaves light as it is."""
 ENCODINGS = {"srgb": "IEC 61966-2-1", "linear": "none"}
+"""Transfer functions of stored images by name, and the standard that defines each."""
 
 
 class Limits(NamedTuple):
     """The range of a field, or of each number in it; both ends belong to it."""
 
     low: float
+    """Smallest value allowed."""
     high: float
+    """Largest value allowed."""
 
 
 class Limited:
-    """Checks the fields annotated with `Limits`; raises an `InputError` that names the field."""
+    """A dataclass whose fields annotated with `Limits` are checked.
+
+    Raises:
+        InputError: a value is of the wrong kind or out of its range; the message names the field.
+    """
 
     name: str
+    """What the parameters describe, for messages."""
 
     def __post_init__(self) -> None:
         for field, hint in get_type_hints(type(self), include_extras=True).items():
@@ -47,7 +60,7 @@ class Limited:
 
 
 def _shape(value: Any) -> tuple[int, ...] | None:
-    """Of a number (), or of nested lists of numbers; None for anything else."""
+    """Return the shape of nested lists of numbers, () for one number, None for anything else."""
     if isinstance(value, int | float):
         return ()
     if not isinstance(value, list | tuple) or not value:
@@ -64,26 +77,26 @@ def _flat(value: Any) -> list[float]:
 
 @dataclass(frozen=True)
 class Display(Limited):
-    """What turns a displayed value rho into light, by angle theta from the normal (Eq. emitted)."""
+    """How a display turns a value rho into light, by angle theta from its normal (Eq. emitted)."""
 
     name: str
     """Maker's name of the display."""
     panel: str
     """Liquid-crystal type: "TN", "VA" or "IPS"."""
     gamma: Annotated[RGB, Limits(1.0, 4.0)]
-    """Exponents of R, G, B: light is (rho / 255) ** gamma, frontal."""
+    """Exponents of R, G and B; frontal light is (rho / 255) ** gamma."""
     black: Annotated[float, Limits(0.0, 0.1)]
-    """Luminance of black / white, frontal: 1 / contrast."""
+    """Luminance of black relative to white, seen frontally: 1 / contrast."""
     clip: Annotated[float, Limits(0.5, 1.0)]
-    """Fraction of 255 from which light no longer rises; 1 for none."""
+    """Fraction of 255 from which light no longer rises; 1 for a display that does not clip."""
     falloff: Annotated[RGB, Limits(0.0, 8.0)]
-    """Exponents of R, G, B in e_c(theta) = cos(theta) ** falloff, white / frontal white."""
+    """Exponents of R, G and B by which white darkens with the angle, as cos(theta) ** falloff."""
     washout: Annotated[float, Limits(0.0, 1.0)]
-    """Share w(theta) = washout * sin(theta) ** 2 of the light follows ``washout_gamma``."""
+    """Share of the light that follows ``washout_gamma``, over sin(theta) ** 2."""
     washout_gamma: Annotated[float, Limits(0.5, 4.0)]
     """Exponent of the washed-out share of the light, in place of ``gamma``."""
     leak: Annotated[float, Limits(0.0, 0.1)]
-    """Black luminance / frontal white added by angle: leak * sin(theta) ** 2."""
+    """Luminance of black that the angle adds, relative to frontal white, over sin(theta) ** 2."""
     edge_loss: Annotated[float, Limits(0.0, 0.9)]
     """Fraction of light that the backlight lacks at the corners of the picture."""
     haze: Annotated[float, Limits(0.0, 0.5)]
@@ -91,15 +104,15 @@ class Display(Limited):
     glare: Annotated[float, Limits(0.0, 0.5)]
     """Brightest spot of a mirrored lamp or window, relative to frontal white."""
     pwm_hz: Annotated[float, Limits(30.0, 1e5)]
-    """Rate at which the backlight is dimmed by pulse-width modulation."""
+    """Rate, in Hz, at which the backlight is dimmed by pulse-width modulation."""
     pwm_duty: Annotated[float, Limits(0.01, 1.0)]
     """Share of each period that the backlight is on."""
     pwm_depth: Annotated[float, Limits(0.0, 1.0)]
     """Modulation of the light: 1 for an LED that goes dark, less for a lamp that glows on."""
     grid_contrast: Annotated[float, Limits(0.0, 2.0)]
-    """Amplitude / mean of the stripes' fundamental: 2 sinc(1/3) = 1.65 for RGB stripes."""
+    """Amplitude over mean of the stripes' fundamental; 2 sinc(1/3) = 1.65 for RGB stripes."""
     native_height: Annotated[int, Limits(100, 10_000)]
-    """Rows of the panel; the picture is shown over all of them."""
+    """Number of rows of the panel; the picture is shown over all of them."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -108,32 +121,34 @@ class Display(Limited):
 
 @dataclass(frozen=True)
 class Camera(Limited):
-    """What turns light into the pixels of a file (Eq. camerapixel and the response f)."""
+    """How a camera turns light into the pixels of a file (Eq. camerapixel and the response f)."""
 
     name: str
     """Maker's name of the camera."""
     full_well_e: Annotated[float, Limits(100.0, 1e9)]
-    """Electrons of one native pixel at saturation at the ISO used."""
+    """Number of electrons of one native pixel at saturation, at the ISO used."""
     read_noise_e: Annotated[float, Limits(0.0, 1e3)]
-    """Standard deviation of the read noise at that ISO, electrons."""
+    """Standard deviation of the read noise at the ISO used, electrons."""
     white_level: Annotated[float, Limits(0.05, 1.0)]
     """Exposure of frontal display white as a fraction of saturation."""
     color_matrix: Annotated[Matrix, Limits(-3.0, 4.0)]
-    """White-balanced raw to linear sRGB, rows sum to 1."""
+    """Matrix from white-balanced raw to linear sRGB; its rows sum to 1."""
     tone_curve: Curve
-    """Nodes (linear in, out) of f before the transfer function; for monotone cubic splines."""
+    """Nodes (in, out) of the response before its transfer function, linear light to linear light;
+    a monotone cubic spline joins them."""
     encoding: str
     """Transfer function after the tone curve: "srgb" or "linear"."""
     bayer: bool
     """Whether a mosaic (RGGB) samples one colour a pixel."""
     blur_px: Annotated[float, Limits(0.0, 10.0)]
-    """Standard deviation of lens and anti-alias blur, in captured pixels."""
+    """Standard deviation of the blur of lens and anti-alias filter, captured pixels."""
     native_blur_px: Annotated[float, Limits(0.0, 10.0)]
-    """The same in native pixels of the sensor, where moire arises."""
+    """Standard deviation of the blur of lens and anti-alias filter, native pixels of the sensor;
+    moire arises there."""
     native_width: Annotated[int, Limits(100, 100_000)]
-    """Columns of the sensor; the simulated capture is that image reduced."""
+    """Number of columns of the sensor; the simulated capture is its image reduced."""
     sharpening: Annotated[float, Limits(0.0, 3.0)]
-    """Amount of the camera's unsharp mask, of 1 captured pixel."""
+    """Amount of the camera's unsharp mask, whose sigma is 1 captured pixel."""
     vignetting: Annotated[float, Limits(0.0, 0.9)]
     """Fraction of light lost at the corner of the image."""
     breathing: Annotated[float, Limits(0.0, 0.01)]
@@ -141,7 +156,7 @@ class Camera(Limited):
     shutter_s: Annotated[float, Limits(1e-5, 1.0)]
     """Exposure time, seconds."""
     readout_s: Annotated[float, Limits(0.0, 0.1)]
-    """Delay from the first row to the last: 0 for a global shutter."""
+    """Delay from the first row to the last, seconds; 0 for a global shutter."""
     jpeg_quality: Annotated[int, Limits(0, 100)]
     """Quality of the stored frame on libjpeg's scale, 1 to 100; 0 stores it without loss."""
 
@@ -164,29 +179,33 @@ class Setup(Limited):
     """How the camera is placed and set."""
 
     name: str
+    """Name of the setup, for messages."""
     perspective: bool
-    """False copies display pixels to captured pixels one to one, whatever the view."""
+    """Whether the camera sees the display in perspective; else display pixels are copied to
+    captured pixels one to one, whatever the view."""
     metering: Annotated[float, Limits(0.0, 1.0)]
-    """Share (in log light) of the fall-off by angle that the exposure makes up for: 0 keeps the
+    """Share, in log light, of the fall-off by angle that the exposure makes up for: 0 keeps the
     frontal settings, 1 keeps white equally bright."""
     corner_px: Annotated[float, Limits(0.0, 20.0)]
-    """Standard deviation per coordinate of the reported corners, captured pixels."""
+    """Standard deviation of the error of each reported corner coordinate, captured pixels."""
     resolution: Annotated[float, Limits(0.2, 1.0)] = 1.0
-    """Pixels of the stored image along an axis, relative to the usual capture: the same picture
-    reduced, with ever more native pixels pooled in one captured pixel."""
+    """Number of pixels of the stored image along an axis, relative to the usual capture. With fewer
+    pixels the same picture is reduced, and more native pixels are pooled in one."""
 
 
 @dataclass(frozen=True)
 class Nuisance(Limited):
-    """What no data sheet tells; `reports.lab.calibrate` fits it within bounds."""
+    """Disturbances that no data sheet tells; `reports.lab.calibrate` fits them within bounds."""
 
     name: str
+    """Camera and view, for messages."""
     drift: Annotated[float, Limits(0.0, 0.5)]
     """Standard deviation of the change in log exposure between the two frames."""
     jitter_px: Annotated[float, Limits(0.0, 5.0)]
-    """Standard deviation per axis of the shift left after registration, captured pixels."""
+    """Standard deviation of the shift left after registration, along each axis, captured pixels."""
     noise_scale: Annotated[float, Limits(0.0, 10.0)]
-    """Noise relative to that of a single native pixel: below 1 where native pixels are pooled."""
+    """Standard deviation of the noise relative to a single native pixel's; below 1 where native
+    pixels are pooled."""
 
 
 @dataclass(frozen=True)
@@ -194,19 +213,20 @@ class Pair(Limited):
     """One camera that films one display."""
 
     name: str
-    """Camera and display, such as "canon-lg"."""
+    """Names of camera and display, such as "canon-lg"."""
     camera: Camera
-    """The receiver."""
+    """Camera, the receiver."""
     display: Display
-    """The transmitter."""
+    """Display, the transmitter."""
     setup: Setup
-    """Placement and exposure."""
+    """Placement and exposure of the camera."""
     frontal: Nuisance
-    """At 0 degrees."""
+    """Disturbances at 0 degrees."""
     oblique: Nuisance
-    """At `OBLIQUE_DEG` and beyond; in between, linear in the angle."""
+    """Disturbances at `OBLIQUE_DEG` and beyond; in between they are linear in the angle."""
     crosstalk: Annotated[Matrix, Limits(0.0, 1.0)]
-    """M (3 x 3) of Eq. redpixel: rows camera R, G, B; columns display R, G, B; rows sum to 1."""
+    """Matrix M of Eq. redpixel: its rows are the camera's R, G and B and sum to 1, its columns are the
+    display's R, G and B."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -214,7 +234,7 @@ class Pair(Limited):
             raise InputError(f"{self.name}: rows of crosstalk must sum to 1")
 
     def nuisance(self, view_deg: float) -> Nuisance:
-        """The nuisances at a view, degrees."""
+        """Return the disturbances at a view in degrees."""
         share = min(1.0, abs(view_deg) / OBLIQUE_DEG)
         mixed = {
             entry.name: getattr(self.frontal, entry.name)
@@ -226,3 +246,4 @@ class Pair(Limited):
 
 
 OBLIQUE_DEG = 45.0
+"""Angle, in degrees, for which the disturbances `Pair.oblique` are fitted."""

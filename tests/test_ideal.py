@@ -9,7 +9,12 @@ from scipy.stats import binomtest, norm
 import evaluate
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
-from data_gen.ideal import Before, captured_blocks, log_likelihood_ratios, observe
+from data_gen.ideal import (
+    OriginalSeen,
+    captured_blocks,
+    log_likelihood_ratios,
+    observe_ideally,
+)
 from link.captures import save_captures
 from link.layout import Layout, make_layout
 from models import make_decoder
@@ -62,9 +67,9 @@ def test_the_change_alone_has_the_noise_of_both_frames() -> None:
     bits = rng.integers(0, 2, (TRIALS, COUNT))
     errors = 0
     for message in bits:
-        before = Before(noisy(LOW, rng), other, BLOCKS)
+        original = OriginalSeen(noisy(LOW, rng), other, BLOCKS)
         embedded = noisy(LOW + STEP * message[BLOCKS][..., None], rng)
-        found = log_likelihood_ratios(embedded, draws, BLOCKS, COUNT, before)
+        found = log_likelihood_ratios(embedded, draws, BLOCKS, COUNT, original)
         errors += int(((found > 0) != message).sum())
     d_prime = STEP * np.sqrt(3 * SIDE**2 / 2) / SIGMA
     assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
@@ -82,7 +87,7 @@ def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     cell = Cell("canon-lg", 20.0, 1)
     pair = FramePair(source, cell, 0)
     for change in (False, True):
-        soft = observe(pair, 4, change)
+        soft = observe_ideally(pair, 4, change)
         assert np.array_equal(soft.bits, pair.displayed.bits)
         assert np.isfinite(soft.scores).all()
 
@@ -93,8 +98,8 @@ def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
     for index in range(2):
         pair = FramePair(source, HARD, index)
         bits = pair.displayed.bits
-        ideal += int((observe(pair, 8).bits != bits).sum())
-        change += int((observe(pair, 8, change=True).bits != bits).sum())
+        ideal += int((observe_ideally(pair, 8).bits != bits).sum())
+        change += int((observe_ideally(pair, 8, change=True).bits != bits).sum())
         oorc += int((make_decoder("oorc").decode(pair.rectified).bits != bits).sum())
     assert ideal <= change < oorc / 4
 
@@ -105,7 +110,7 @@ def test_scores_are_calibrated(layout: Layout) -> None:
     wrong, expected = 0, 0.0
     for index in range(4):
         pair = FramePair(source, cell, index)
-        soft = observe(pair, 16)
+        soft = observe_ideally(pair, 16)
         wrong += int((soft.bits != pair.displayed.bits).sum())
         expected += float((1 / (1 + np.exp(np.abs(soft.scores)))).sum())
     assert wrong > 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_gen.pictures.drawings import draw
+from data_gen.pictures.drawings import draw_picture
 from data_gen.pictures.library import SPLITS, Picture, load_folder, load_pictures
 from link.errors import InputError
 
@@ -111,7 +111,7 @@ def test_unknown_names_list_the_valid_ones() -> None:
     with pytest.raises(InputError, match=r"'valid'.*train, test"):
         load_pictures("valid", *SIZE)
     with pytest.raises(InputError, match=r"'chart'.*slide, map, poster"):
-        draw("chart", 0, *SIZE)
+        draw_picture("chart", 0, *SIZE)
 
 
 def test_too_small_a_size_is_refused(tmp_path: Path) -> None:

@@ -16,31 +16,35 @@ from data_gen.channel.display import Light
 from data_gen.pictures.library import Picture
 
 ROOMS = {"dark": (0.004, 0.03), "office": (0.15, 0.5), "bright": (0.5, 1.5)}
-"""Light of a white sheet in the room relative to the display's white, lowest and highest: about 3
-to 24, 120 to 400 and 400 to 1200 lux beside a white of 250 cd/m^2 (sheet: lux / pi)."""
+"""Lowest and highest light of a white sheet in each room, relative to the display's white.
+
+That is about 3 to 24, 120 to 400 and 400 to 1200 lux beside a white of 250 cd/m^2, since the sheet
+sends lux / pi.
+"""
 HAZE_ROOM = 0.19
-"""The same at the 150 lux for which `pairs.DISPLAYS` states its haze."""
+"""Light of a white sheet, relative to the display's white, at the 150 lux for which
+`pairs.DISPLAYS` states its haze."""
 DESK_Y = 0.12
-"""Height of the stand: the desk lies this far below the screen's frame."""
+"""Usual distance of the desk below the screen's frame, in longer sides of the picture."""
 
 
 @dataclass
-class Canvas:
-    """The picture being painted."""
+class RoomCanvas:
+    """The image of a room while it is painted."""
 
     light: Light
-    """(H, W, 3) float32 linear."""
+    """Linear light, (H, W, 3) float32."""
     camera: NDArray[np.float64]
-    """(3, 4), see `optics.scene_camera`."""
+    """Projection (3, 4) of the camera, as `optics.scene_camera` gives it."""
 
     def paint(self, texture: Light, origin: ArrayLike, right: ArrayLike, down: ArrayLike) -> None:
-        """Cover with a rectangle in space.
+        """Cover what is painted with a rectangle in space.
 
         Args:
-            texture: (h, w, 3) float32 linear.
-            origin: (3,) its top-left corner.
-            right: (3,) from there to its top-right corner.
-            down: (3,) from there to its bottom-left corner.
+            texture: light of the rectangle, (h, w, 3) float32 linear.
+            origin: its top-left corner, (3,).
+            right: vector from there to its top-right corner, (3,).
+            down: vector from there to its bottom-left corner, (3,).
         """
         start, u, v = (np.asarray(p, np.float64) for p in (origin, right, down))
         corners = np.array([start, start + u, start + u + v, start + v])
@@ -63,7 +67,7 @@ class Canvas:
         inward = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
 
         def view_of(rows: int, cols: int) -> NDArray[np.float64]:
-            """(3, 3) pixels of a texture of this size to pixels of the part that is painted."""
+            """Return the (3, 3) map from a texture of this size to the part that is painted."""
             plane = np.column_stack([u / cols, v / rows, start + 0.5 * (u / cols + v / rows)])
             H = self.camera[:, :3] @ plane
             H[:, 2] += self.camera[:, 3]
@@ -82,14 +86,14 @@ class Canvas:
 
 
 def _extent(points: NDArray[np.float64]) -> tuple[int, int]:
-    """(rows, columns) that give a rectangle seen with these (4, 2) corners a texel a pixel."""
+    """Return how many rows and columns give a rectangle with (4, 2) corners a texel a pixel."""
     edges = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     width, height = (int(np.clip(np.ceil(max(edges[i], edges[i + 2])), 1, 4096)) for i in (0, 1))
     return height, width
 
 
 def _reduced(texture: Light, most: tuple[int, int]) -> Light:
-    """The texture, averaged to at most so many rows and columns."""
+    """Average a texture to at most so many rows and columns."""
     rows, cols = texture.shape[:2]
     size = min(cols, most[1]), min(rows, most[0])
     if size == (cols, rows):
@@ -97,25 +101,27 @@ def _reduced(texture: Light, most: tuple[int, int]) -> Light:
     return np.asarray(cv2.resize(texture, size, interpolation=cv2.INTER_AREA))
 
 
-def linear(rgb: NDArray[np.uint8]) -> Light:
-    """(H, W, 3) uint8 encoded -> float32 linear in [0, 1], by a power of 2.2."""
+def linear_light(rgb: NDArray[np.uint8]) -> Light:
+    """Decode (H, W, 3) uint8 to float32 linear light in [0, 1], by a power of 2.2."""
     table = (np.arange(256, dtype=np.float32) / 255) ** np.float32(2.2)
     return np.asarray(table[rgb], np.float32)
 
 
 @dataclass(frozen=True)
-class Painter:
-    """Draws objects by one generator, lit by one room."""
+class RoomPainter:
+    """Paints objects that one generator draws, in the light of one room."""
 
-    canvas: Canvas
+    canvas: RoomCanvas
+    """The image to paint on."""
     rng: np.random.Generator
+    """Source of every random draw."""
     pictures: Sequence[Picture]
     """Photographs of one split; may be empty."""
     white: Light
-    """(3,) light of a white sheet in the room."""
+    """Light of a white sheet in the room, (3,)."""
 
     def flat(self, rows: int, cols: int, colour: Light, rough: float = 0.03) -> Light:
-        """A surface of one reflectance (3,), unevenly lit and a little rough."""
+        """Make a surface of one reflectance (3,), unevenly lit and a little rough."""
         rng = self.rng
         coarse = rng.uniform(0.75, 1.1, (2, 2)).astype(np.float32)
         shade = cv2.resize(coarse, (cols, rows), interpolation=cv2.INTER_LINEAR)
@@ -123,26 +129,26 @@ class Painter:
         return np.asarray((shade * grain)[:, :, None] * (colour * self.white), np.float32)
 
     def colour(self, low: float = 0.05, high: float = 0.8, saturation: float = 0.5) -> Light:
-        """(3,) float32 reflectance."""
+        """Draw a reflectance, (3,) float32."""
         level = self.rng.uniform(low, high)
         tint = 1 + saturation * self.rng.uniform(-1, 1, 3)
         return np.asarray(np.clip(level * tint, 0.01, 0.95), np.float32)
 
     def photo(self) -> Light | None:
-        """One of the pictures, or of none None."""
+        """Draw one of the pictures as linear light; None where there is none."""
         if not self.pictures:
             return None
-        return linear(self.pictures[int(self.rng.integers(len(self.pictures)))].rgb)
+        return linear_light(self.pictures[int(self.rng.integers(len(self.pictures)))].rgb)
 
     def backdrop(self) -> None:
-        """Light where nothing is painted: an even gradient."""
+        """Fill the image with an even gradient, which stays where nothing else is painted."""
         rows, cols = self.canvas.light.shape[:2]
         ends = self.rng.uniform(0.15, 0.6, (3, 3, 1)) * self.rng.uniform(0.85, 1.15, (1, 1, 3))
         field = cv2.resize(ends.astype(np.float32), (cols, rows), interpolation=cv2.INTER_LINEAR)
         self.canvas.light[:] = field * self.white
 
     def wall(self, depth: float) -> None:
-        """The wall behind the display, with posters, windows, shelves and boards on it."""
+        """Paint the wall behind the display, with posters, windows, shelves and boards on it."""
         rng, paint = self.rng, self.canvas.paint
         colour = self.colour(0.2, 0.8, 0.2)
         texture = self.flat(120, 240, colour)
@@ -162,7 +168,7 @@ class Painter:
             paint(thing(), corner, (width, 0, 0), (0, height, 0))
 
     def poster(self) -> Light:
-        """A framed photograph, or coloured paper."""
+        """Draw a framed photograph, or coloured paper."""
         photo = self.photo()
         inner = self.flat(96, 128, self.colour())
         if photo is not None:
@@ -177,7 +183,7 @@ class Painter:
         )
 
     def window(self) -> Light:
-        """A bright rectangle: sky, or a lit panel, behind a cross."""
+        """Draw a bright rectangle: sky, or a lit panel, behind a cross."""
         rng = self.rng
         bright = max(0.02, float(self.white.mean())) * rng.uniform(1.5, 6)
         sky = np.linspace(1.2, 0.7, 96, dtype=np.float32)[:, None, None]
@@ -193,7 +199,7 @@ class Painter:
         return np.asarray(pane, np.float32)
 
     def shelf(self) -> Light:
-        """Rows of books."""
+        """Draw a shelf with rows of books."""
         rng = self.rng
         image = self.flat(120, 160, self.colour(0.05, 0.5, 0.3))
         for row in range(0, 120, 40):
@@ -208,7 +214,7 @@ class Painter:
         return image
 
     def board(self) -> Light:
-        """A white board with strokes."""
+        """Draw a white board with strokes."""
         rng = self.rng
         image = self.flat(120, 180, np.full(3, 0.85, np.float32), 0.005)
         for _ in range(rng.integers(2, 12)):
@@ -220,7 +226,7 @@ class Painter:
         return image
 
     def desk(self, y: float, depth: float) -> None:
-        """A desk below the display, with keyboard, papers and boxes on it."""
+        """Paint a desk below the display, with keyboard, papers and boxes on it."""
         rng, paint = self.rng, self.canvas.paint
         near, half = rng.uniform(0.8, 1.4), rng.uniform(1.2, 3.5)
         grain = rng.normal(1, 0.08, (120, 1)).astype(np.float32)
@@ -242,6 +248,7 @@ class Painter:
                 self._box(x, y, z)
 
     def _sheet(self, y: float, near: float) -> None:
+        """Paint a printed page that lies on the desk."""
         rng = self.rng
         page = self.flat(80, 60, np.full(3, 0.8, np.float32), 0.01)
         for row in range(8, 72, 5):
@@ -252,6 +259,7 @@ class Painter:
         self.canvas.paint(page, (x, y, z), 0.3 * right, 0.4 * down)
 
     def _keyboard(self, y: float) -> None:
+        """Paint a keyboard that lies on the desk."""
         rng = self.rng
         light = rng.random() < 0.5
         board = self.flat(50, 150, np.full(3, 0.6 if light else 0.03, np.float32))
@@ -263,7 +271,7 @@ class Painter:
         self.canvas.paint(board, (x, y, z), (width, 0, 0), (0, 0, width / 3))
 
     def _box(self, x: float, y: float, z: float) -> None:
-        """A box: front, the side that the camera sees, top."""
+        """Paint a box: its front, its top and the side that the camera sees."""
         rng, paint = self.rng, self.canvas.paint
         width, height, depth = rng.uniform((0.08, 0.08, 0.05), (0.35, 0.4, 0.25))
         colour = self.colour(0.03, 0.8, 0.8)
@@ -277,12 +285,12 @@ class Painter:
         paint(front, (x, y - height, z), (width, 0, 0), (0, height, 0))
 
     def frame(self, box: NDArray[np.float64], thick: NDArray[np.float64], colour: Light) -> None:
-        """The casing of a screen: front with sheen, at z = 0.
+        """Paint the casing of a screen: its front, with sheen, at z = 0.
 
         Args:
-            box: (4,) left, top, right, bottom of the screen.
-            thick: (4,) of the frame at the same sides.
-            colour: (3,) reflectance.
+            box: left, top, right and bottom of the screen, (4,).
+            thick: thickness of the frame at the same sides, (4,).
+            colour: reflectance, (3,).
         """
         rng = self.rng
         left, top = box[:2] - thick[:2]
@@ -293,18 +301,18 @@ class Painter:
         self.canvas.paint(face, (left, top, 0), (right - left, 0, 0), (0, bottom - top, 0))
 
     def stand(self, x: float, top: float, y: float, colour: Light) -> None:
-        """A foot between the frame's lower edge and the desk."""
+        """Paint a foot between the frame's lower edge and the desk."""
         neck = self.flat(20, 20, 0.7 * colour)
         self.canvas.paint(neck, (x - 0.08, top, -0.05), (0.16, 0, 0), (0, y - top, 0))
         base = self.flat(20, 40, 0.8 * colour)
         self.canvas.paint(base, (x - 0.2, y - 0.01, -0.12), (0.4, 0, 0), (0, 0, 0.24))
 
     def other_display(self, side: float, top: float, view_loss: float) -> None:
-        """A second display beside the first, at an angle, with a photograph or a window on it."""
+        """Paint a second display beside the first, at an angle, with a photograph on it."""
         rng, paint = self.rng, self.canvas.paint
         shown = self.photo()
         if shown is None:
-            shown = linear(rng.integers(0, 256, (6, 8, 3), dtype=np.uint8))
+            shown = linear_light(rng.integers(0, 256, (6, 8, 3), dtype=np.uint8))
             shown = cv2.resize(shown, (160, 120), interpolation=cv2.INTER_NEAREST)
         width, turn = rng.uniform(0.6, 1.0), rng.uniform(0, 0.7)
         height = width * rng.choice([0.5625, 0.75])

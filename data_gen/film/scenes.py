@@ -22,7 +22,7 @@ from data_gen.channel.optics import (
     view_angles,
 )
 from data_gen.channel.transfer import metered_gain
-from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, Canvas, Painter
+from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, RoomCanvas, RoomPainter
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
 from link.errors import InputError, ParameterError, choose
@@ -185,8 +185,8 @@ def draw_scene(
     margin = settings.margin_px
     shifted = np.array([[1, 0, margin], [0, 1, margin], [0, 0, 1.0]]) @ camera
     shape = (size[1] + 2 * margin, size[0] + 2 * margin, 3)
-    canvas = Canvas(np.zeros(shape, np.float32), shifted)
-    painter = Painter(canvas, paint_rng, settings.pictures, np.float32(level) * tint)
+    canvas = RoomCanvas(np.zeros(shape, np.float32), shifted)
+    painter = RoomPainter(canvas, paint_rng, settings.pictures, np.float32(level) * tint)
     _paint(painter, layout, lit, view_deg, settings)
     return Scene(layout, lit, view_deg, pose, room, level, size, H, canvas.light, margin)
 
@@ -258,7 +258,7 @@ def _area(points: NDArray[np.float64]) -> float:
 
 
 def _paint(
-    painter: Painter, layout: Layout, pair: Pair, view_deg: float, settings: SceneSettings
+    painter: RoomPainter, layout: Layout, pair: Pair, view_deg: float, settings: SceneSettings
 ) -> None:
     """Paint the room, the casing, and the screen beside the picture."""
     rng = painter.rng

@@ -19,10 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 from link.errors import choose
 
 Colour = tuple[int, int, int]
+"""Red, green and blue, encoded, 0 to 255."""
 Point = tuple[float, float]
+"""Position x and y as fractions of the picture's width and height."""
 
 WHITE: Colour = (255, 255, 255)
+"""White of paper and of light text."""
 BLACK: Colour = (0, 0, 0)
+"""Black of dark pictures and of dark text."""
 
 _SHIFT = 4  # fractional bits of the coordinates that OpenCV's drawing functions accept
 _CAP_HEIGHT = 21.0  # px height of a capital in OpenCV's fonts at scale 1
@@ -30,16 +34,16 @@ _AROUND = ((-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1))
 
 
 class _Canvas:
-    """A picture being drawn: `rgb` is (H, W, 3) uint8."""
+    """A picture while it is drawn; its attribute `rgb` is (H, W, 3) uint8."""
 
     def __init__(self, width: int, height: int, paper: Colour) -> None:
         self.rgb: NDArray[np.uint8] = np.full((height, width, 3), paper, np.uint8)
         self.width, self.height = width, height
         self.unit = min(height, 0.75 * width)
-        """Pixels of a size of 1."""
+        """Number of pixels of a size of 1."""
 
     def _fixed(self, points: ArrayLike) -> NDArray[np.int32]:
-        """Fractions (N, 2) to OpenCV's fixed-point pixels (N, 2), pixel centres at integers."""
+        """Turn fractions (N, 2) into OpenCV's fixed-point pixels, whose centres are integers."""
         pixels = np.asarray(points, float) * (self.width, self.height) - 0.5
         return np.rint(pixels * (1 << _SHIFT)).astype(np.int32)
 
@@ -194,7 +198,7 @@ _CHARTS = (_bar_chart, _line_chart, _table)
 
 
 def _slide(rng: np.random.Generator, number: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Title, bullets and a chart or a table."""
+    """Draw a slide with a title, bullets and a chart or a table."""
     theme = _SLIDE_THEMES[number % len(_SLIDE_THEMES)]
     canvas = _Canvas(width, height, theme.paper)
     chart = _CHARTS[number % len(_CHARTS)]
@@ -246,7 +250,7 @@ _RIVERS = ("River Lend", "River Ware", "Mill Beck", "River Tarn")
 
 
 def _map(rng: np.random.Generator, number: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Street grid, parks, a river, main roads, labels, a title panel and a scale bar."""
+    """Draw a map: streets, parks, a river, main roads, labels, a title panel and a scale bar."""
     theme = _MAP_THEMES[number % len(_MAP_THEMES)]
     canvas = _Canvas(width, height, theme.land)
     angle = rng.uniform(-0.5, 0.5)
@@ -254,28 +258,28 @@ def _map(rng: np.random.Generator, number: int, width: int, height: int) -> NDAr
     pitch = np.array([0.105, 0.085])  # one block, in fractions of the unit
     stretch = np.array([canvas.unit / width, canvas.unit / height])
 
-    def place(grid: ArrayLike) -> NDArray[np.float64]:
-        """Block coordinates (N, 2), origin at the picture's centre, to fractions (N, 2)."""
+    def on_map(grid: ArrayLike) -> NDArray[np.float64]:
+        """Turn block coordinates (N, 2) about the picture's centre into fractions (N, 2)."""
         at: NDArray[np.float64] = (np.asarray(grid, float) * pitch) @ turn.T * stretch + 0.5
         return at
 
     reach = int(np.ceil(0.75 / (pitch.min() * stretch.min())))
     cells = np.array([(x, y) for x in range(-reach, reach) for y in range(-reach, reach)])
-    middles = place(cells + 0.5)
+    middles = on_map(cells + 0.5)
     cells = cells[np.all(np.abs(middles - 0.5) < 0.6, axis=1)]
     square = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
     for cell in cells[rng.random(len(cells)) < 0.75]:
-        canvas.polygon(place(cell + 0.16 + 0.68 * square), theme.blocks)
+        canvas.polygon(on_map(cell + 0.16 + 0.68 * square), theme.blocks)
 
     for i in range(-reach, reach + 1):
-        canvas.line(place([(i, -reach), (i, reach)]), 0.009, theme.street)
-        canvas.line(place([(-reach, i), (reach, i)]), 0.009, theme.street)
+        canvas.line(on_map([(i, -reach), (i, reach)]), 0.009, theme.street)
+        canvas.line(on_map([(-reach, i), (reach, i)]), 0.009, theme.street)
 
     spots = np.array([(0.20, 0.74), (0.76, 0.28), (0.80, 0.82)]) + rng.uniform(-0.05, 0.05, (3, 2))
     for spot in spots:
         corner = np.floor(np.linalg.solve(turn, (spot - 0.5) / stretch) / pitch)
         blocks = rng.integers(2, 4, 2)
-        canvas.polygon(place(corner - blocks / 2.0 + blocks * square), theme.park)
+        canvas.polygon(on_map(corner - blocks / 2.0 + blocks * square), theme.park)
 
     along = np.linspace(-0.05, 1.05, 60)
     phase, sway = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.05, 0.09)
@@ -285,9 +289,9 @@ def _map(rng: np.random.Generator, number: int, width: int, height: int) -> NDAr
 
     casing = _mix(theme.main_road, BLACK, 0.35)
     west, east, north = (int(i) for i in rng.integers((-4, 2, -3), (0, 5, 0)))
-    roads = [place([(i, -reach), (i, reach)]) for i in (west, east)]
+    roads = [on_map([(i, -reach), (i, reach)]) for i in (west, east)]
     south = north + east - west
-    roads.append(place([(-reach, north), (west, north), (east, south), (reach, south)]))
+    roads.append(on_map([(-reach, north), (west, north), (east, south), (reach, south)]))
     for size, colour in ((0.026, casing), (0.019, theme.main_road)):
         for road in roads:
             canvas.line(road, size, colour)
@@ -364,7 +368,7 @@ def _landscape_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[st
 
 
 def _flat_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[str, str]) -> None:
-    """Discs, bars and triangles in flat colours, and big type."""
+    """Draw discs, bars and triangles in flat colours, and big type."""
     paper, *shapes = _FLATS[int(rng.integers(len(_FLATS)))]
     canvas.box(0.0, 0.0, 1.0, 1.0, paper)
     ink = BLACK if sum(paper) > 380 else WHITE
@@ -383,7 +387,7 @@ def _flat_poster(canvas: _Canvas, rng: np.random.Generator, words: tuple[str, st
 
 
 def _poster(rng: np.random.Generator, number: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Big type over a landscape or over flat shapes."""
+    """Draw big type over a landscape or over flat shapes."""
     canvas = _Canvas(width, height, WHITE)
     words = _POSTERS[int(rng.integers(len(_POSTERS)))]
     (_landscape_poster, _flat_poster)[number % 2](canvas, rng, words)
@@ -394,14 +398,17 @@ _Draw = Callable[[np.random.Generator, int, int, int], NDArray[np.uint8]]
 _KINDS: dict[str, _Draw] = {"slide": _slide, "map": _map, "poster": _poster}
 
 
-def draw(kind: str, number: int, width: int, height: int) -> NDArray[np.uint8]:
-    """Draw picture `number` of a kind: the same bytes on every call with one OpenCV version.
+def draw_picture(kind: str, number: int, width: int, height: int) -> NDArray[np.uint8]:
+    """Draw picture `number` of a kind; with one version of OpenCV every call gives the same bytes.
+
+    >>> draw_picture("map", 0, width=128, height=96).shape
+    (96, 128, 3)
 
     Args:
         kind: "slide", "map" or "poster".
         number: at least 0; seeds all that is random and takes the themes in turn.
-        width: of the picture, px.
-        height: of the picture, px.
+        width: width of the picture, pixels.
+        height: height of the picture, pixels.
 
     Returns:
         The picture, (height, width, 3) uint8, RGB encoded.

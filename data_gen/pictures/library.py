@@ -12,24 +12,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from data_gen.pictures.drawings import draw
+from data_gen.pictures.drawings import draw_picture
 from link.errors import InputError, choose
 from link.images import MIN_SIDE_PX, read_image
 
 SPLITS = ("train", "test")
+"""Names of the two sets of pictures, which share none."""
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
+"""Endings, in lower case, of the files that are taken for images."""
 MIN_SOURCE_SIDE = 64
-"""Smallest width and height, px, of an image in the user's folder."""
+"""Smallest width and height, in pixels, of an image in the user's folder."""
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture to display."""
+    """A picture that a display shows."""
 
     name: str
-    """Unique and stable: "photo/<source>/<crop>", "<kind>/<number>", or the user's file name."""
+    """Name of the picture, the same on every call: "photo/<source>/<crop>" for a photograph,
+    "<kind>/<number>" for a drawing, or the user's file name."""
     rgb: NDArray[np.uint8]
-    """(H, W, 3), RGB encoded."""
+    """Pixels, (H, W, 3) uint8, RGB encoded."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +79,14 @@ _DRAWN: dict[str, dict[str, range]] = {
 def load_pictures(split: str, width: int, height: int) -> list[Picture]:
     """Load the built-in pictures of a split: photographs, then slides, maps and posters.
 
+    >>> pictures = load_pictures("test", 128, 96)
+    >>> len(pictures), pictures[0].name, pictures[0].rgb.shape
+    (15, 'photo/astronaut/0', (96, 128, 3))
+
     Args:
         split: "train" or "test"; no photograph and no drawing is in both.
-        width: of every picture, px.
-        height: of every picture, px.
+        width: width of every picture, pixels.
+        height: height of every picture, pixels.
 
     Returns:
         Pictures with `rgb` (height, width, 3) uint8, RGB encoded; the same bytes and the same
@@ -100,7 +107,7 @@ def load_pictures(split: str, width: int, height: int) -> list[Picture]:
             pictures.append(Picture(f"photo/{path.stem}/{i}", rgb))
     for kind, numbers in _DRAWN[split].items():
         for number in numbers:
-            pictures.append(Picture(f"{kind}/{number}", draw(kind, number, width, height)))
+            pictures.append(Picture(f"{kind}/{number}", draw_picture(kind, number, width, height)))
     return pictures
 
 
@@ -112,8 +119,8 @@ def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
 
     Args:
         folder: holds the image files.
-        width: of every picture, px.
-        height: of every picture, px.
+        width: width of every picture, pixels.
+        height: height of every picture, pixels.
 
     Returns:
         Pictures with `rgb` (height, width, 3) uint8, RGB encoded, named by their files.

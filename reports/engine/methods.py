@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from data_gen.frame_pair import FramePair
-from data_gen.ideal import observe
+from data_gen.ideal import observe_ideally
 from link.errors import choose
 from link.frames import SoftBits
 from models import DECODERS, Card, Decoder, make_decoder
 
 OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
-    name: (Card("data_gen.ideal:observe", colour, llr=True, needs_truth=True, in_sweeps=False), see)
+    name: (
+        Card("data_gen.ideal:observe_ideally", colour, llr=True, needs_truth=True, in_sweeps=False),
+        see,
+    )
     for name, colour, see in (
-        ("ideal", "#8a6d5a", observe),
-        ("ideal_change", "#4f6a5e", partial(observe, change=True)),
+        ("ideal", "#8a6d5a", observe_ideally),
+        ("ideal_change", "#4f6a5e", partial(observe_ideally, change=True)),
     )
 }
 """Floors under the decoders, on simulated captures alone: card, and what decides a frame pair."""
