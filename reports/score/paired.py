@@ -5,6 +5,7 @@ McNemar's test takes bits for independent. Both hold for the pictures that were 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -160,7 +161,7 @@ def compare_methods(
 
 def cells_behind(
     records: pd.DataFrame, method: str, reference: str, rng: np.random.Generator
-) -> list[tuple[dict[str, object], Paired]]:
+) -> list[tuple[dict[str, Any], Paired]]:
     """Cells in which a method is behind the reference beyond the paired 95 % interval.
 
     No allowance is made for their number: of 36 cells with equal methods 0.9 are expected by

@@ -74,7 +74,7 @@ def main() -> None:
         named_condition(name, base, tuple(PAIRS), config.frames) for name in config.conditions
     ]
     errors: dict[str, list[int]] = {}
-    rows = []
+    rows: list[list[str | TableCell]] = []
     for condition in conditions:
         work = {
             f"{cell.pair} {cell.view_deg:g} {cell.kappa} {index}": RepeatedPair(
