@@ -5,8 +5,14 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from export.receive.clock import Clock, Synchroniser, embedded_share, explained, toggle
-from export.receive.states import Shown, compose
+from export.receive.clock import (
+    DisplayClock,
+    Synchroniser,
+    embedded_share,
+    explained_variance,
+    patch_toggles,
+)
+from export.receive.states import RectifiedFrame, compose_state
 from link.embed import embed
 from link.layout import make_layout
 
@@ -14,7 +20,7 @@ PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56
 
 
 def test_shares_of_an_exposure_over_a_change() -> None:
-    clock = Clock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.02, shutter=0.04)
+    clock = DisplayClock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.02, shutter=0.04)
     places = np.array([[0.3, 0.0], [0.9, 0.5], [0.1, 1.0]])
     # exposed from 0.08, 0.09 and 0.10 s on, for 0.04 s; the state changes at 0.1 s
     assert clock.shares(0.08, places, 0) == pytest.approx([0.5, 0.25, 0.0])
@@ -25,7 +31,7 @@ def test_shares_of_an_exposure_over_a_change() -> None:
 
 
 def test_shares_of_all_states_add_to_one() -> None:
-    clock = Clock(period=0.021, start=0.4, delay_x=-0.01, delay_y=0.03, shutter=0.031)
+    clock = DisplayClock(period=0.021, start=0.4, delay_x=-0.01, delay_y=0.03, shutter=0.031)
     for time in np.linspace(0, 1, 11):
         first = int(np.floor(clock.number(time)))
         total = sum(clock.shares(time, PLACES, state) for state in range(first - 2, first + 6))
@@ -37,13 +43,13 @@ def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
     rng = np.random.default_rng(0)
     picture = np.full((layout.height, layout.width), 128, np.uint8)
     shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, 5)
-    before, after = (toggle(frame, layout) for frame in (shown.original, shown.embedded))
+    before, after = (patch_toggles(frame, layout) for frame in (shown.original, shown.embedded))
     assert after - before == pytest.approx(np.full(5, 5.0), abs=0.15)
     brighter = (1.1 * shown.original.astype(float)).clip(0, 255).astype(np.uint8)
-    assert toggle(brighter, layout) == pytest.approx(before, abs=0.3)
+    assert patch_toggles(brighter, layout) == pytest.approx(before, abs=0.3)
     covered = shown.embedded.copy()
     covered[: layout.height // 8, : layout.width // 8] = 90
-    assert np.isnan(toggle(covered, layout)).tolist() == [True, False, False, False, False]
+    assert np.isnan(patch_toggles(covered, layout)).tolist() == [True, False, False, False, False]
 
 
 @pytest.mark.parametrize(
@@ -60,7 +66,7 @@ def test_the_clock_is_found_in_noisy_toggles(
     fps: float, state_hz: float, delays: tuple[float, float]
 ) -> None:
     rng = np.random.default_rng(1)
-    true = Clock(1 / state_hz, 0.123, *delays, 0.5 / fps)
+    true = DisplayClock(1 / state_hz, 0.123, *delays, 0.5 / fps)
     sync = Synchroniser(fps, PLACES)
     for number in range(int(4 * fps)):
         time = number / fps
@@ -75,7 +81,7 @@ def test_the_clock_is_found_in_noisy_toggles(
 
 def test_states_keep_their_numbers_for_a_minute() -> None:
     rng = np.random.default_rng(2)
-    true = Clock(1 / 15.1, 0.123, 0.002, 0.01, 0.016)
+    true = DisplayClock(1 / 15.1, 0.123, 0.002, 0.01, 0.016)
     sync = Synchroniser(30, PLACES)
     offsets, slips = [], 0
     for number in range(60 * 30):
@@ -105,20 +111,20 @@ def test_a_perfect_wave_is_explained_wholly_and_its_opposite_not_at_all() -> Non
     times = np.arange(40) / 30
     wave = embedded_share(clock, times, PLACES)[0]
     wave = wave - wave.mean(axis=0)
-    assert explained(clock, times, PLACES, wave)[0] == pytest.approx(1)
-    assert explained(clock, times, PLACES, -wave)[0] == 0
+    assert explained_variance(clock, times, PLACES, wave)[0] == pytest.approx(1)
+    assert explained_variance(clock, times, PLACES, -wave)[0] == 0
 
 
 def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:
     layout = make_layout()
-    clock = Clock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.1, shutter=0.001)
+    clock = DisplayClock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.1, shutter=0.001)
     # state 1 lasts from 0.1 to 0.2 s: the lower half of the first frame, the upper of the second
-    early = Shown(0.05, np.full((layout.height, layout.width), 100, np.uint8))
-    late = Shown(0.15, np.full((layout.height, layout.width), 200, np.uint8))
-    state = compose([early, late], clock, 1)
+    early = RectifiedFrame(0.05, np.full((layout.height, layout.width), 100, np.uint8))
+    late = RectifiedFrame(0.15, np.full((layout.height, layout.width), 200, np.uint8))
+    state = compose_state([early, late], clock, 1)
     assert state is not None
     assert state.purity.min() > 0.99
     upper, lower = state.image[: layout.height // 3], state.image[-layout.height // 3 :]
     assert (upper == 200).all()
     assert (lower == 100).all()
-    assert compose([early, late], clock, 5) is None
+    assert compose_state([early, late], clock, 5) is None

@@ -10,36 +10,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 MIN_SEGMENT_PX = 9.0
+"""Smallest length, in pixels, of a segment that is used."""
 MAX_LINES = 44
+"""Largest number of lines from which quadrilaterals are made."""
 MAX_SEGMENTS = 350
+"""Largest number of segments that are used, the longest first."""
 COLLINEAR_PX = 1.8
+"""Largest distance, in pixels, of a segment's ends from the line that it is counted to, where both
+are bright on one side."""
 OPPOSED_PX = 0.7
-"""Largest distance of a segment's ends from the line that it is counted to, where both are bright
-on the same side, and where not: a thin bezel's two edges are two lines."""
+"""Largest distance, in pixels, of a segment's ends from the line that it is counted to, where they
+are bright on opposite sides: a thin bezel's two edges are two lines."""
 MIN_AREA = 0.03
-"""Of a quadrilateral, as a share of the image."""
+"""Smallest area of a quadrilateral, as a share of the image."""
 MIN_CROSSING_DEG = 35.0
 """Smallest angle between neighbouring sides; a display seen at 70 degrees still has it."""
 MIN_SIDE_COVER, MIN_MEAN_COVER = 0.15, 0.45
-"""Share of a side, and of all sides, that segments must cover."""
+"""Smallest shares that segments must cover of each side, and of all sides on average."""
 SAME_PX = 3.0
-"""Quadrilaterals whose corners are all closer than this are one."""
+"""Distance, in pixels, of corners below which two quadrilaterals are one."""
 NESTED = (0.65, 0.97)
-"""Share of a bezel's outline that the picture within may have."""
+"""Smallest and largest share of a bezel's area that the picture within may have."""
 THRESHOLD_QUANTILES = (0.3, 0.5, 0.65, 0.8, 0.9)
+"""Quantiles of the image's gray levels that serve as thresholds for outlines."""
 
 
 def signed_areas(quads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4, 2) -> (N,) areas, positive in corner order (clockwise as seen)."""
+    """Measure the areas, (N,), of quadrilaterals (N, 4, 2); clockwise ones are positive."""
     x, y = quads[..., 0], quads[..., 1]
     x_next, y_next = np.roll(x, -1, axis=-1), np.roll(y, -1, axis=-1)
     return np.asarray((x * y_next - x_next * y).sum(axis=-1) / 2)
 
 
 def is_sound(quads: NDArray[np.float64], width: int, height: int) -> NDArray[np.bool_]:
-    """(N, 4, 2) -> (N,): clockwise, convex, not sliver-like, of `MIN_AREA` and inside the image.
+    """Tell which quadrilaterals are clockwise, convex, large enough, no slivers, and in the image.
 
     Corners may lie 1 % outside the image, for lines found on a small image are that uncertain.
+
+    Args:
+        quads: (N, 4, 2) pixels.
+        width: of the image, pixels.
+        height: of the image, pixels.
+
+    Returns:
+        (N,) bool.
     """
     edges = np.roll(quads, -1, axis=1) - quads
     length = np.linalg.norm(edges, axis=2) + 1e-9
@@ -56,7 +70,7 @@ def is_sound(quads: NDArray[np.float64], width: int, height: int) -> NDArray[np.
 
 
 def upright(quads: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4, 2) any rotation of the corner order -> the one nearest to upright in the image."""
+    """Rotate the corner order of (N, 4, 2) quadrilaterals to the one nearest to upright."""
     turned = np.stack([np.roll(quads, -k, axis=1) for k in range(4)])  # -> (4, N, 4, 2)
     top = turned[..., 1, :] - turned[..., 0, :]
     bottom = turned[..., 2, :] - turned[..., 3, :]
@@ -66,7 +80,7 @@ def upright(quads: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def segments(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(N, 4) longest straight segments x1, y1, x2, y2."""
+    """Find the longest straight segments of a (H, W) uint8 image, as (N, 4) x1, y1, x2, y2."""
     found = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(gray)[0]
     if found is None:
         return np.empty((0, 4))
@@ -76,10 +90,14 @@ def segments(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
     return np.asarray(ends[order][length[order] >= MIN_SEGMENT_PX])
 
 
-def merge(
+def merge_segments(
     ends: NDArray[np.float64], diagonal: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Lines that segments lie on, and where along them.
+    """Find the lines that segments lie on, and where along the lines segments are.
+
+    Args:
+        ends: (N, 4) segments x1, y1, x2, y2.
+        diagonal: of the image, pixels.
 
     Returns:
         lines (M, 4): a point and the unit direction, of the best-covered lines; and (M, T) float32
@@ -123,7 +141,15 @@ def merge(
 
 
 def nested(quads: NDArray[np.float64], outer: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(N,) which of (N, 4, 2) lie inside ``outer`` (4, 2), at most a bezel's width from it."""
+    """Tell which quadrilaterals lie inside another, at most a bezel's width from it.
+
+    Args:
+        quads: (N, 4, 2) pixels, clockwise.
+        outer: (4, 2) pixels, clockwise.
+
+    Returns:
+        (N,) bool.
+    """
     along = np.roll(outer, -1, axis=0) - outer
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -135,10 +161,18 @@ def nested(quads: NDArray[np.float64], outer: NDArray[np.float64]) -> NDArray[np
 def distinct(
     quads: NDArray[np.float64], rank: NDArray[np.float64], limit: int, tolerance: float
 ) -> NDArray[np.intp]:
-    """Indices of at most ``limit`` quadrilaterals of highest rank that differ from one another.
+    """Choose the quadrilaterals of highest rank that differ from one another.
 
-    Only the first ``8 * limit`` are looked at. They are alike where all corners, in the same
-    corner order, are closer than ``tolerance`` px.
+    Only the first ``8 * limit`` are looked at.
+
+    Args:
+        quads: (N, 4, 2) pixels.
+        rank: (N,) the higher, the better.
+        limit: largest number chosen.
+        tolerance: distance, in pixels, of all corners below which two are alike.
+
+    Returns:
+        (M,) indices, the best first.
     """
     left = np.argsort(-rank)[: 8 * limit]
     chosen: list[int] = []
@@ -149,13 +183,13 @@ def distinct(
 
 
 def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
-    """(N, 4, 2) quadrilaterals whose sides segments cover best, at most ``limit``."""
+    """Make at most ``limit`` quadrilaterals, (N, 4, 2), of straight lines, best-covered first."""
     height, width = gray.shape
     ends = segments(gray)
     if len(ends) < 4:
         return np.empty((0, 4, 2))
     diagonal = float(np.hypot(width, height))
-    lines, covered = merge(ends, diagonal)
+    lines, covered = merge_segments(ends, diagonal)
     point, axis = lines[:, :2], lines[:, 2:]
     half = covered.shape[1] // 2
     # where line j crosses line i, along i: t[i, j]
@@ -195,7 +229,7 @@ def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
 
 
 def from_contours(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """(N, 4, 2) outlines with four corners of what is brighter than one of some thresholds."""
+    """Make quadrilaterals, (N, 4, 2), of the outlines of what is brighter than some thresholds."""
     height, width = gray.shape
     levels = {float(level) for level in np.quantile(gray[::2, ::2], THRESHOLD_QUANTILES)}
     levels.add(float(cv2.threshold(gray, 0, 255, cv2.THRESH_BINARY | cv2.THRESH_OTSU)[0]))

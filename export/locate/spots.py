@@ -18,13 +18,15 @@ from link.layout import Layout
 from link.ratex import TILES, tile_levels
 
 PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
-"""Sides of a patch that are tried, px of the small image."""
+"""Sides of a patch, in pixels of the small image, that are tried."""
 SEEN_PX, WINDOW_PX = 15, 15
-"""A patch's side on the resized image, and that of the window compared."""
+"""Sides, in pixels of the resized image, of a patch and of the window that is compared."""
 SPOTS = 80
-"""Steepest places of one size that are compared."""
+"""Number of steepest places that are compared at each size of a patch."""
 SHIFTS = (-4, -2, 0, 2, 4)
+"""Shifts, in pixels of the resized image and on each axis, that are tried around such a place."""
 TURNS = 24
+"""Number of directions of a patch that are tried."""
 SHAPES = (
     (1.0, 1.0, 0.0),
     (0.65, 1.0, 0.0),
@@ -34,15 +36,16 @@ SHAPES = (
     (0.75, 0.75, 0.45),
     (0.75, 0.75, -0.45),
 )
-"""Foreshortening of a patch's two axes, and its shear."""
+"""Foreshortenings of a patch's two axes, and shears, that are tried."""
 MIN_MATCH = 0.55
-"""Correlation of a patch that is kept."""
+"""Smallest correlation of a match that is kept."""
 KEPT = 16
-"""Matches kept for each patch."""
+"""Largest number of matches that are kept for each patch."""
 MAX_TURN_DEG, MAX_RATIO = 35.0, 1.8
-"""Largest differences of a patch's turn and size from what the quadrilateral has there."""
+"""Largest differences of a match's direction, in degrees, and size, as a ratio, from what the
+quadrilateral has there."""
 MISSING = 0.35
-"""Match that stands for a patch that is not seen and is put where the three others say."""
+"""Correlation that stands for a patch that is not seen and is put where the three others say."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +53,25 @@ class _Matches:
     """Where one patch may be; arrays of one length."""
 
     at: NDArray[np.float64]
-    """(N, 2)."""
+    """(N, 2) centres, in pixels of the small image."""
     turn: NDArray[np.float64]
     """(N,) direction of the display's x axis in the image, radians."""
     size: NDArray[np.float64]
+    """(N,) side of the patch, in pixels of the small image."""
     match: NDArray[np.float64]
+    """(N,) correlation with the drawn patch, in [-1, 1]."""
 
 
 def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[np.float64]:
-    """(N, 4, 2) quadrilaterals, top-left of the displayed picture first, the likeliest first.
+    """Make quadrilaterals of ratex patches alone.
 
     Args:
         gray: (h, w) uint8.
         layout: with patches in the four corners; else nothing is found.
         limit: largest number returned.
+
+    Returns:
+        (N, 4, 2) pixels, top-left of the displayed picture first; the likeliest one first.
     """
     last = (layout.rows - 1, layout.cols - 1)
     cells = [(0, 0), (0, last[1]), last, (last[0], 0)]
@@ -118,7 +126,7 @@ def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[n
 def _expected(
     points: NDArray[np.float64], layout: Layout
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N, 4) sizes and turns that patches have at the corners of (N, 4, 2) patch centres.
+    """Work out the sizes and turns, (N, 4), of patches whose centres are (N, 4, 2) points.
 
     By the homography of the unit square to the quadrilateral (Heckbert 1989): its area element
     falls with the cube of w.
@@ -146,7 +154,7 @@ def _expected(
 
 
 def _matches(gray: NDArray[np.uint8], layout: Layout, patches: tuple[int, ...]) -> list[_Matches]:
-    """The best matches of each patch, over all sizes."""
+    """Find the best matches of each patch, over all sizes."""
     bank, turns = _bank(layout, patches)
     rows: list[list[tuple[float, ...]]] = [[] for _ in patches]
     for size in PATCH_PX:

@@ -1,4 +1,4 @@
-"""Camera frames to a message: python -m export.receive INPUT --model M.
+"""Read a message from camera frames: python -m export.receive INPUT --model M.
 
 INPUT is a folder of images, a video file or a camera's number; two images are one frame pair.
 Prints JSON lines: display, clock, pair, message, end.
@@ -14,18 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.find import locate
-from export.receive.receiver import Pair, Receiver, Step
-from export.receive.show import draw_pair
-from export.receive.sources import Frame, open_source
+from export.receive.receiver import DecodedPair, Receiver, ReceiverStep
+from export.receive.show import draw_decoded_pair
+from export.receive.sources import CameraFrame, open_source
 from export.receive.track import Tracked
 from export.runtime import Decoder
 from link.code.collect import Message
 from link.errors import InputError, at_least, run_cli
 from link.images import make_folder, read_image, write_bytes, write_image
+from models import PRETRAINED
 
-MODEL = Path(__file__).parents[2] / "models" / "neural" / "pretrained" / "decoder.onnx"
-SHOWN = 50
-"""Annotated pictures kept; later ones replace the oldest, so that an endless stream fits a disk."""
+MODEL = PRETRAINED / "decoder.onnx"
+"""Decoder that is used where --model is absent."""
+KEPT_PICTURES = 50
+"""Number of annotated pictures that are kept; later ones replace the oldest, so that an endless
+stream fits a disk."""
 
 
 def main() -> None:
@@ -49,18 +52,22 @@ def main() -> None:
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")
     if len(args.input) == 2:
-        read_pair(decoder, *args.input)
+        read_two_images(decoder, *args.input)
     else:
         read_stream(decoder, args)
 
 
 def say(event: str, **what: Any) -> None:
-    """One JSON line."""
+    """Print one JSON line: what happened, and values of JSON's types."""
     print(json.dumps({"event": event, **what}), flush=True)
 
 
-def read_pair(decoder: Decoder, first: str, second: str) -> None:
-    """Two images: either order, the display anywhere in each."""
+def read_two_images(decoder: Decoder, first: str, second: str) -> None:
+    """Decode two images in either order, with the display anywhere in each.
+
+    Raises:
+        InputError: an image is unreadable or shows no display, or both show one state.
+    """
     frames = [read_image(path) for path in (first, second)]
     corners = []
     for path, image in zip((first, second), frames, strict=True):
@@ -70,12 +77,12 @@ def read_pair(decoder: Decoder, first: str, second: str) -> None:
         corners.append(found.corners)
         say("display", image=path, corners=found.corners.round(2).tolist())
     receiver = Receiver(decoder)
-    pair = receiver.pair(frames[0], frames[1], corners[0], corners[1])
-    say("pair", **describe(pair, scores=True))
+    pair = receiver.decode_images(frames[0], frames[1], corners[0], corners[1])
+    say("pair", **pair_values(pair, scores=True))
 
 
-def describe(pair: Pair, scores: bool) -> dict[str, Any]:
-    """What is printed of a pair."""
+def pair_values(pair: DecodedPair, scores: bool) -> dict[str, Any]:
+    """Collect what is printed of a pair, with its scores where ``scores`` is true."""
     entry: dict[str, Any] = {
         "pair": pair.number,
         "time": round(pair.time, 4),
@@ -91,12 +98,12 @@ def describe(pair: Pair, scores: bool) -> dict[str, Any]:
 
 
 def read_stream(decoder: Decoder, args: argparse.Namespace) -> None:
-    """A folder, a video or a camera."""
+    """Receive from a folder, a video or a camera until the message is whole or frames end."""
     source = open_source(args.input[0], args.fps)
     receiver = Receiver(decoder, source.fps)
     in_view = clocked = False
     message: Message | None = None
-    last: Frame | None = None
+    last: CameraFrame | None = None
     view: Tracked | None = None
     shown = 0
     try:
@@ -112,42 +119,54 @@ def read_stream(decoder: Decoder, args: argparse.Namespace) -> None:
                 rate = receiver.state_hz
                 say("clock", time=round(frame.time, 4), state_hz=rate and round(rate, 3))
             view = step.tracked or view
-            shown = draw(args.show, shown, step, frame.image, view, decoder)
-            message = report(step, args) or message
+            shown = write_pictures(args.show, shown, step, frame.image, view, decoder)
+            message = print_step(step, args) or message
             if message is not None and not args.keep_on:
                 break
         else:
             step = receiver.finish()
             if last is not None:
-                draw(args.show, shown, step, last.image, view, decoder)
-            message = report(step, args) or message
+                write_pictures(args.show, shown, step, last.image, view, decoder)
+            message = print_step(step, args) or message
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-    finish(receiver, message, last)
+    print_end(receiver, message, last)
 
 
-def draw(
+def write_pictures(
     folder: Path | None,
     number: int,
-    step: Step,
+    step: ReceiverStep,
     image: NDArray[np.uint8],
     view: Tracked | None,
     decoder: Decoder,
 ) -> int:
-    """Write a picture of each pair; the number of the next."""
+    """Write an annotated picture of each pair that a camera frame brought.
+
+    Args:
+        folder: of the pictures; None for no pictures.
+        number: of the next picture.
+        step: what the camera frame brought.
+        image: the camera frame.
+        view: the display where it was last seen, or None.
+        decoder: its layout is that of the display.
+
+    Returns:
+        the number of the next picture.
+    """
     if folder is None or view is None:
         return number
     for pair in step.pairs:
-        picture = draw_pair(image, view, pair, decoder.layout)
-        write_image(folder / f"pair_{number % SHOWN:03d}.png", picture)
+        picture = draw_decoded_pair(image, view, pair, decoder.layout)
+        write_image(folder / f"pair_{number % KEPT_PICTURES:03d}.png", picture)
         number += 1
     return number
 
 
-def report(step: Step, args: argparse.Namespace) -> Message | None:
-    """Print what a step brought; the message, if it came."""
+def print_step(step: ReceiverStep, args: argparse.Namespace) -> Message | None:
+    """Print what a camera frame brought, write the message to --out, and return it if it came."""
     for pair in step.pairs:
-        say("pair", **describe(pair, args.scores))
+        say("pair", **pair_values(pair, args.scores))
     message = step.message
     if message is not None:
         say(
@@ -163,8 +182,12 @@ def report(step: Step, args: argparse.Namespace) -> Message | None:
     return message
 
 
-def finish(receiver: Receiver, message: Message | None, last: Frame | None) -> None:
-    """The closing line, and why there is no message."""
+def print_end(receiver: Receiver, message: Message | None, last: CameraFrame | None) -> None:
+    """Print the closing line.
+
+    Raises:
+        InputError: there is no message; says why.
+    """
     timing = {
         stage: round(1e3 * seconds / receiver.timing.count[stage], 2)
         for stage, seconds in receiver.timing.spent.items()

@@ -1,4 +1,4 @@
-"""Camera frames a second of the whole receiver: python -m export.receive.bench INPUT.
+"""Measure how many camera frames a second the receiver takes: python -m export.receive.bench INPUT.
 
 INPUT is a folder of images or a video, such as `python -m data_gen.video` writes. All frames are
 read before; then each is pushed through the receiver, and one cv2.warpPerspective of the frame to
@@ -17,9 +17,12 @@ from export.receive.receiver import Receiver
 from export.receive.sources import open_source
 from export.runtime import Decoder
 from link.errors import InputError, at_least, run_cli
+from models import PRETRAINED
 
-MODEL = Path(__file__).parents[2] / "models" / "neural" / "pretrained" / "decoder.onnx"
-H = np.array([[2.0, 0.1, 100], [0.05, 1.8, 60], [1e-4, 1e-4, 1]])
+MODEL = PRETRAINED / "decoder.onnx"
+"""Decoder that is used where --model is absent."""
+H_CAPTURED_FROM_DISPLAY = np.array([[2.0, 0.1, 100], [0.05, 1.8, 60], [1e-4, 1e-4, 1]])
+"""Homography of the warp that is timed for comparison."""
 
 
 def main() -> None:
@@ -43,7 +46,7 @@ def main() -> None:
     pushed, warped = [], []
     for frame in frames:
         start = perf_counter()
-        cv2.warpPerspective(frame.image, H, size, flags=flags)
+        cv2.warpPerspective(frame.image, H_CAPTURED_FROM_DISPLAY, size, flags=flags)
         warped.append(perf_counter() - start)
         start = perf_counter()
         receiver.push(frame.image, frame.time)

@@ -1,4 +1,4 @@
-"""The display's clock as the camera sees it: which share of an exposure fell into which state.
+"""The display's clock as the camera sees it, and which share of an exposure fell into which state.
 
 The display shows states 0, 1, 2 ..., even ones original frames and odd ones embedded frames, each
 for ``period`` seconds. A camera reads its rows one after the other, and a panel writes its rows one
@@ -17,59 +17,84 @@ from dataclasses import astuple, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from link import ratex
 from link.layout import Layout
+from link.ratex import match_patches
 
 Array = NDArray[np.float64]
 
 MIN_STATE_HZ = 1.0
+"""Smallest number of states a second that is looked for."""
 MIN_WINDOW_S, WINDOW_S = 1.0, 4.0
-"""The first fit, and how far a fit looks back."""
+"""Seconds of toggles that the first fit needs, and that a later fit looks back."""
 MIN_FRAMES = 12
+"""Number of frames that the first fit needs."""
 REFIT_S = 0.5
+"""Seconds from one fit to the next."""
 LOCKED_R2 = 0.5
 """Share of the toggles' variance that a clock must explain; with noise alone a fit reaches 0.1."""
 GOOD_R2 = 0.85
-"""From here on no other clock is looked for."""
+"""Share of the toggles' variance at which no other clock is looked for."""
 CLIMB, STARTS = 24, 8
-"""Steps of a fit, and where it starts from."""
+"""Number of steps of a fit, and of clocks from which a fit starts."""
 MIN_TOGGLE = 0.1
 """Standard deviation of the toggles, displayed gray levels, below which the display stands still:
 a square wave of kappa 1 has 0.5."""
 OUTLIER = 5.0
 """Distance from a patch's median, in median distances, at which a toggle is no toggle."""
 MIN_CORRELATION = 0.8
-"""Of shown and captured tiles of a patch that nothing covers."""
+"""Smallest correlation of shown and captured tiles of a patch that nothing covers."""
 
 
 @dataclass(frozen=True)
-class Clock:
-    """State n starts at ``start`` + n ``period``; times in seconds of the camera's clock."""
+class DisplayClock:
+    """When the display shows which state: state n begins at ``start`` + n ``period``.
+
+    All values are seconds of the camera's clock.
+
+    >>> clock = DisplayClock(period=0.1, start=0.0, delay_x=0.0, delay_y=0.02, shutter=0.04)
+    >>> clock.number(0.25)
+    2.5
+    >>> top_and_bottom = np.array([[0.5, 0.0], [0.5, 1.0]])
+    >>> clock.shares(0.08, top_and_bottom, state=0).round(3).tolist()  # exposed until 0.12 and 0.14
+    [0.5, 0.0]
+    """
 
     period: float
+    """Time for which the display shows each state."""
     start: float
+    """Time at which state 0 begins."""
     delay_x: float
-    """From the display's left to its right side."""
+    """Time by which the display's right side is exposed after its left side."""
     delay_y: float
-    """From its top to its bottom."""
+    """Time by which the display's bottom is exposed after its top."""
     shutter: float
+    """Time for which each place is exposed."""
 
     def number(self, time: float) -> float:
-        """Which state the display shows at a time; the fraction says how far it has come."""
+        """Say which state the display shows at a time; the fraction says how far it has come."""
         return (time - self.start) / self.period
 
     @property
     def latest(self) -> float:
-        """When the last place's exposure ends, after a frame's time."""
+        """Time from a frame's own to the end of the last place's exposure."""
         return max(self.delay_x, 0) + max(self.delay_y, 0) + self.shutter
 
     @property
     def earliest(self) -> float:
-        """When the first place's exposure begins."""
+        """Time from a frame's own to the beginning of the first place's exposure; 0 or negative."""
         return min(self.delay_x, 0) + min(self.delay_y, 0)
 
     def shares(self, time: float, places: Array, state: int) -> Array:
-        """Share in [0, 1] of the exposure at places (n, 2) of the display that a state has."""
+        """Work out the share that a state has of the exposure at places of the display.
+
+        Args:
+            time: of the frame.
+            places: (n, 2) x and y on the display, in [0, 1].
+            state: number of the state.
+
+        Returns:
+            (n,) in [0, 1].
+        """
         delays = places @ [self.delay_x, self.delay_y]
         begin = (time + delays - self.start) / self.period - state
         length = self.shutter / self.period
@@ -77,37 +102,28 @@ class Clock:
         return np.asarray(np.clip(inside / length, 0, 1))
 
 
-def toggle(frame: NDArray[np.uint8], layout: Layout) -> Array:
-    """How much brighter tiles of label 1 are than their twins of label 0, patch by patch.
+def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> Array:
+    """Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded, rectified, of the layout's size.
+        frame: (H, W) or (H, W, 3) uint8, encoded, rectified.
         layout: with at least one patch.
 
     Returns:
         (patches,) in displayed gray levels, as the patch's own contrast tells; NaN where something
         covers the patch.
     """
-    pixels = ratex.training_pixels(layout)
-    samples = frame[pixels.y, pixels.x].astype(np.float64)
-    gray = samples if samples.ndim == 1 else samples.mean(axis=1)
-    shape = (len(layout.ratex), ratex.TILES**2, ratex.SAMPLES**2)
-    seen = gray.reshape(shape).mean(axis=2)  # (N,) -> (patches, tiles)
-    shown = pixels.rho.reshape(shape)[:, :, 0]
-    sign = 2 * (pixels.label.reshape(shape)[:, :, 0]) - 1
-    seen = seen - seen.mean(axis=1, keepdims=True)
-    shown = shown - shown.mean(axis=1, keepdims=True)
-    product, power = (seen * shown).sum(axis=1), (shown**2).sum(axis=1)
-    correlation = product / np.sqrt((seen**2).sum(axis=1) * power + 1e-9)
-    contrast = np.where(correlation > MIN_CORRELATION, product / power, np.nan)
-    return np.asarray(2 * (seen * sign).mean(axis=1) / contrast)
+    match = match_patches(frame, layout)
+    gain = (match.captured * match.shown).sum(axis=1) / (match.shown**2).sum(axis=1)
+    contrast = np.where(match.correlation > MIN_CORRELATION, gain, np.nan)
+    return np.asarray(2 * (match.captured * (2 * match.label - 1)).mean(axis=1) / contrast)
 
 
 def embedded_share(clocks: Array, times: Array, places: Array) -> Array:
-    """Share of embedded frames in exposures.
+    """Work out the share that embedded frames have of exposures.
 
     Args:
-        clocks: (C, 5) period, start, delays and shutter.
+        clocks: (C, 5) period, start, both delays and shutter, as in `DisplayClock`.
         times: (n,) seconds.
         places: (patches, 2) of the display, in [0, 1].
 
@@ -122,7 +138,7 @@ def embedded_share(clocks: Array, times: Array, places: Array) -> Array:
 
 
 def _on_time(x: Array) -> Array:
-    """Integral from 0 to x of a wave of period 2 that is 0, then 1."""
+    """Integrate, from 0 to x, a wave of period 2 that is 0 and then 1."""
     whole = np.floor(x / 2)
     return np.asarray(whole + np.maximum(x - 2 * whole - 1, 0))
 
@@ -131,23 +147,29 @@ class Synchroniser:
     """Fits the clock to the toggles of the last seconds.
 
     Args:
-        fps: of the camera, frames a second; bounds delays and shutter.
-        places: (patches, 2) of the ratex patches on the display, in [0, 1].
+        fps: frames of the camera in a second; they bound delays and shutter.
+        places: (patches, 2) centres of the ratex patches on the display, in [0, 1].
     """
 
     def __init__(self, fps: float, places: Array) -> None:
         self.fps = fps
         self.places = places
-        self.clock: Clock | None = None
+        self.clock: DisplayClock | None = None
+        """The clock, or None while it is unknown."""
         self.r2 = 0.0
-        """Share of the toggles' variance that the clock explains."""
+        """Share of the toggles' variance that the clock explains, in [0, 1]."""
         self.slips = 0
-        """How often the states' numbers began anew."""
+        """Number of times that the numbers of the states began anew."""
         self._samples: list[tuple[float, Array]] = []
         self._fitted_at = -np.inf
 
     def add(self, time: float, toggles: Array) -> None:
-        """Take one frame's `toggle` (patches,)."""
+        """Take the toggles of one frame, and fit the clock where it is time.
+
+        Args:
+            time: of the frame, seconds; later than before.
+            toggles: (patches,) as `patch_toggles` returns them.
+        """
         self._samples.append((time, toggles))
         while self._samples[0][0] < time - WINDOW_S:
             self._samples.pop(0)
@@ -183,7 +205,7 @@ class Synchroniser:
         self.r2 = best
 
     def _search(self, times: Array, toggles: Array) -> Array:
-        """(C, 5) clocks to start from: the strongest frequencies, each with its best delays."""
+        """Find (C, 5) clocks to start from: strongest frequencies, each with its best delays."""
         span = times[-1] - times[0]
         state_hz = np.arange(max(MIN_STATE_HZ, 3 / span), 1.04 * self.fps, 0.25 / span)
         lines = np.exp(-1j * np.pi * state_hz[:, None] * times) @ np.nan_to_num(toggles)
@@ -204,8 +226,8 @@ class Synchroniser:
             starts.append([period, start, *delays[best[peak]], shutter])
         return np.array(starts)
 
-    def _climb(self, clocks: Array, times: Array, toggles: Array) -> tuple[Clock, float]:
-        """The clock that explains most of those found uphill from each, by compass search."""
+    def _climb(self, clocks: Array, times: Array, toggles: Array) -> tuple[DisplayClock, float]:
+        """Climb from each clock by compass search; the clock that explains most, and how much."""
         period = clocks[:, :1]
         unit = np.full_like(period, 1 / self.fps)
         span = times[-1] - times[0]
@@ -218,16 +240,16 @@ class Synchroniser:
             moves = clocks[:, None] + compass * steps[:, None]  # (C, 11, 5)
             moves = np.clip(moves, low, high)
             flat = moves.reshape(-1, 5)  # (C, 11, 5) -> (11 C, 5)
-            scores = explained(flat, times, self.places, toggles).reshape(moves.shape[:2])
+            scores = explained_variance(flat, times, self.places, toggles).reshape(moves.shape[:2])
             best = np.argmax(scores, axis=1)
             clocks = moves[np.arange(len(moves)), best]
             steps = np.where(best[:, None] == 0, steps / 2, steps)
         winner = int(np.argmax(scores.max(axis=1)))
-        return Clock(*clocks[winner].tolist()), float(scores[winner].max())
+        return DisplayClock(*clocks[winner].tolist()), float(scores[winner].max())
 
 
 def _centred(toggles: Array) -> Array:
-    """Less each patch's mean; half-covered patches, far from the rest, count as covered."""
+    """Take off each patch's mean; half-covered patches, far from the rest, count as covered."""
     covered = np.isnan(toggles)
     ever = ~covered.all(axis=0)
     middle = np.zeros(toggles.shape[1])
@@ -239,14 +261,17 @@ def _centred(toggles: Array) -> Array:
     return np.asarray(kept - np.nansum(kept, axis=0) / count)
 
 
-def explained(clocks: Array, times: Array, places: Array, toggles: Array) -> Array:
-    """(C,) share of the toggles' variance that a common amplitude times each wave explains.
+def explained_variance(clocks: Array, times: Array, places: Array, toggles: Array) -> Array:
+    """Work out how well each clock explains the toggles, with one amplitude for all patches.
 
     Args:
-        clocks: as in `embedded_share`, as are ``times`` and ``places``.
-        times: see there.
-        places: see there.
+        clocks: (C, 5) period, start, both delays and shutter, as in `DisplayClock`.
+        times: (n,) seconds.
+        places: (patches, 2) of the display, in [0, 1].
         toggles: (n, patches), centred; NaN where a patch is covered.
+
+    Returns:
+        (C,) share of the toggles' variance, in [0, 1].
     """
     hidden = np.isnan(toggles)
     toggles = np.where(hidden, 0, toggles)

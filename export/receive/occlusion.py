@@ -1,4 +1,4 @@
-"""Which blocks something in front of the display covers: they become erasures."""
+"""Find the blocks that something in front of the display covers; they become erasures."""
 
 from collections import deque
 
@@ -9,26 +9,37 @@ from numpy.typing import NDArray
 from link.layout import Layout
 
 BLOCK_PX = 6
-"""Pixels of a block, per axis, in the thumbnails that are compared."""
+"""Pixels of a block, along each axis, in the thumbnails that are compared."""
 HISTORY = 9
-"""Original frames whose median shows the picture without what passes by."""
+"""Number of original frames whose median shows the picture without what passes by."""
 STANDS_OUT = 5.0
-"""Residual of a covered block, in medians over all blocks."""
+"""Residual at which a block is covered, in medians over all blocks."""
 MIN_LEVELS = 8.0
-"""The same in gray levels, after exposure is matched."""
+"""Smallest residual of a covered block, in gray levels, after exposure is matched."""
 MAX_COVERED = 0.5
-"""Where more blocks stand out, the picture has changed and nothing is covered."""
+"""Share of blocks above which the picture has changed, and nothing is covered."""
 
 
 class Occlusion:
-    """Compares each original frame with the median of the last ones."""
+    """Compares each original frame with the median of the last ones.
+
+    Args:
+        layout: of the display.
+    """
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
         self._history: deque[NDArray[np.float32]] = deque(maxlen=HISTORY)
 
     def covered(self, original: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """(n_bits,) true where a message block is covered, in a rectified original frame."""
+        """Tell which message blocks are covered in the next original frame.
+
+        Args:
+            original: (height, width) or (height, width, 3) uint8, encoded, rectified.
+
+        Returns:
+            (n_bits,) bool.
+        """
         rows, cols = self.layout.rows, self.layout.cols
         gray = original if original.ndim == 2 else cv2.cvtColor(original, cv2.COLOR_RGB2GRAY)
         size = cols * BLOCK_PX, rows * BLOCK_PX

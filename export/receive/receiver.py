@@ -1,4 +1,7 @@
-"""From camera frames to the message: track, rectify, synchronise, decode, collect."""
+"""From camera frames to the message: track, rectify, synchronise, decode and collect.
+
+`Receiver.push` takes one camera frame through all stages.
+"""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -7,9 +10,15 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.clock import Synchroniser, toggle
+from export.receive.clock import Synchroniser, patch_toggles
 from export.receive.occlusion import Occlusion
-from export.receive.states import MESH, Shown, State, block_purity, compose
+from export.receive.states import (
+    MESH,
+    DisplayState,
+    RectifiedFrame,
+    block_purity,
+    compose_state,
+)
 from export.receive.track import Tracked, Tracker
 from export.runtime import Decoder
 from link.code.collect import Collector, Message
@@ -17,49 +26,57 @@ from link.errors import InputError
 from link.frames import Captured, SoftBits
 
 BUFFER = 256
-"""Rectified frames kept; before the clock is known, or in a folder of single images."""
+"""Largest number of rectified frames that are kept while the clock is unknown."""
 LOST_S = 2.0
-"""A display out of view for longer has to be synchronised anew."""
+"""Seconds out of view after which the display's clock is sought anew."""
 PURE_FROM, PURE_TO = 0.6, 0.95
-"""Purity of a block's exposure at which its score begins to count, and counts in full."""
+"""Purities of a block's exposure at which its score begins to count, and counts in full."""
 STILL = 2.0
-"""Change of the toggles between two images, in standard errors over patches, that counts."""
+"""Smallest change of the toggles between two images, in standard errors over the patches, at which
+the images show different states."""
 APART = 4.0
-"""Distance of the two levels of the toggles, in standard deviations, to go without a clock."""
+"""Smallest distance of the toggles' two levels, in standard deviations, at which images without a
+clock are told apart by their toggles."""
 
 
 @dataclass(frozen=True)
-class Pair:
-    """A decoded frame pair."""
+class DecodedPair:
+    """A frame pair that the receiver has decoded."""
 
     number: int
-    """Of the frame pair on the display, from an arbitrary start."""
+    """Number of the frame pair on the display, counted from an arbitrary start."""
     time: float
-    """Seconds, of the camera's clock."""
+    """Seconds of the camera's clock at which the pair was decoded."""
     soft: SoftBits
     """Scores as they went to the collector: 0 for an erased block."""
-    original: State
-    embedded: State
+    original: DisplayState
+    """The pair's original frame, put together from camera frames."""
+    embedded: DisplayState
+    """The pair's embedded frame, put together from camera frames."""
     progress: float
-    """Information received / needed for the message."""
+    """Information received for the message so far, as a share of what is needed."""
 
 
 @dataclass(frozen=True)
-class Step:
+class ReceiverStep:
     """What one camera frame brought."""
 
     tracked: Tracked | None
-    pairs: list[Pair]
+    """The display in the frame, or None where it was not found."""
+    pairs: list[DecodedPair]
+    """Frame pairs that could be decoded with this frame, in order."""
     message: Message | None
-    """Where it became whole with this frame."""
+    """The message, where it became whole with this frame."""
 
 
 @dataclass
-class Timing:
-    """Seconds spent in each stage, and how often."""
+class StageTimes:
+    """Time that the receiver has spent in each of its stages."""
 
     spent: dict[str, float] = field(default_factory=dict)
+    """Seconds spent in each stage, by its name."""
     count: dict[str, int] = field(default_factory=dict)
+    """Number of times that each stage ran, by its name."""
 
     def add(self, stage: str, since: float) -> None:
         """Add the time since ``since`` (of `perf_counter`) to a stage."""
@@ -72,29 +89,36 @@ class Receiver:
 
     Args:
         decoder: its layout says what to look for.
-        fps: nominal rate of the camera.
+        fps: nominal number of frames of the camera in a second.
 
     Raises:
         InputError: the layout has no ratex patches, or too few message blocks for a message.
+
+    >>> from models import PRETRAINED
+    >>> receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), fps=30)
+    >>> step = receiver.push(np.full((240, 320, 3), 90, np.uint8), time=0.0)  # an empty wall
+    >>> (step.tracked, step.pairs, step.message)
+    (None, [], None)
     """
 
     def __init__(self, decoder: Decoder, fps: float = 30.0) -> None:
         self.decoder = decoder
         self.layout = decoder.layout
-        self.timing = Timing()
+        self.timing = StageTimes()
+        """Time spent in each stage so far."""
         self.found = 0
-        """Frames in which the display was found."""
+        """Number of frames in which the display was found."""
         self.frames = 0
-        """Frames taken."""
+        """Number of frames taken."""
         self.decoded = 0
-        """Frame pairs decoded."""
+        """Number of frame pairs decoded."""
         self._fps = fps
         self._tracker = Tracker(self.layout)
         self._collector = Collector(self.layout.n_bits)
         self._sync = self._fresh_clock()
         self._slips = 0
         self._occlusion = Occlusion(self.layout)
-        self._buffer: deque[tuple[Shown, float]] = deque(maxlen=BUFFER)
+        self._buffer: deque[tuple[RectifiedFrame, float]] = deque(maxlen=BUFFER)
         self._next: int | None = None
         self._seen_at = -np.inf
         self._size = self.layout.width, self.layout.height
@@ -105,7 +129,7 @@ class Receiver:
 
     @property
     def progress(self) -> float:
-        """Information received / needed, about 1 when the message is whole."""
+        """Information received, as a share of what is needed: about 1 when the message is whole."""
         return self._collector.progress
 
     @property
@@ -115,15 +139,15 @@ class Receiver:
 
     @property
     def state_hz(self) -> float | None:
-        """States a second, once known."""
+        """Number of states that the display shows in a second, or None while it is unknown."""
         return None if self._sync.clock is None else 1 / self._sync.clock.period
 
-    def push(self, image: NDArray[np.generic], time: float) -> Step:
+    def push(self, image: NDArray[np.generic], time: float) -> ReceiverStep:
         """Take the next camera frame.
 
         Args:
             image: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB.
-            time: seconds, rising.
+            time: of the frame, seconds; rising from frame to frame.
 
         Raises:
             InputError: not an image.
@@ -134,30 +158,36 @@ class Receiver:
         tracked = self._tracker.follow(frame)
         self.timing.add("track", start)
         if tracked is None:
-            return Step(None, [], None)
+            return ReceiverStep(None, [], None)
         self.found += 1
         if time - self._seen_at > LOST_S and np.isfinite(self._seen_at):
             self._restart()
         self._seen_at = time
         start = perf_counter()
-        toggles = toggle(tracked.rectified, self.layout)
+        toggles = patch_toggles(tracked.rectified, self.layout)
         self._sync.add(time, toggles)
         level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
-        self._buffer.append((Shown(time, tracked.rectified), float(level)))
+        self._buffer.append((RectifiedFrame(time, tracked.rectified), float(level)))
         if self._sync.slips != self._slips:
             self._slips, self._next = self._sync.slips, None
             self._collector.start_run()
         self.timing.add("synchronise", start)
-        return Step(tracked, *self._decode_ready(time))
+        return ReceiverStep(tracked, *self._decode_ready(time))
 
-    def pair(
+    def decode_images(
         self,
         first: NDArray[np.generic],
         second: NDArray[np.generic],
         corners_first: NDArray[np.float64],
         corners_second: NDArray[np.float64],
-    ) -> Pair:
-        """Decode two images of one frame pair, in either order; corners as of `Captured`.
+    ) -> DecodedPair:
+        """Decode two images of one frame pair, in either order.
+
+        Args:
+            first: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB, of either state.
+            second: of the other state; the same shape and type.
+            corners_first: (4, 2) pixels of the display in the first image, in corner order.
+            corners_second: (4, 2) pixels of the display in the second image, in corner order.
 
         Raises:
             InputError: images of unlike size, corners that do not fit, or patches that do not
@@ -167,31 +197,33 @@ class Receiver:
         captured = Captured(frames[0], frames[1], self.layout, corners_first, corners_second)
         rectified = captured.rectified()
         images = [rectified.original, rectified.embedded]
-        gain = toggle(images[1], self.layout) - toggle(images[0], self.layout)
+        before, after = (patch_toggles(image, self.layout) for image in images)
+        gain = after - before
         gain = gain[np.isfinite(gain)]
         if gain.size == 0 or abs(gain.mean()) <= STILL * gain.std() / np.sqrt(gain.size):
             raise InputError("the two images show the same state; take one of each")
         original, embedded = images if gain.mean() > 0 else images[::-1]
         whole = np.ones((MESH, MESH))
-        states = State(original, whole, 1), State(embedded, whole, 1)
-        return Pair(0, 0.0, self.decoder.decode(original, embedded), *states, 0.0)
+        states = DisplayState(original, whole, 1), DisplayState(embedded, whole, 1)
+        return DecodedPair(0, 0.0, self.decoder.decode(original, embedded), *states, 0.0)
 
-    def finish(self) -> Step:
+    def finish(self) -> ReceiverStep:
         """Decode what is left when the frames have ended; images without a clock by their order."""
         if self._sync.clock is not None:
-            return Step(None, *self._decode_ready(np.inf))
-        return Step(None, *self._decode_unclocked())
+            return ReceiverStep(None, *self._decode_ready(np.inf))
+        return ReceiverStep(None, *self._decode_unclocked())
 
     def _restart(self) -> None:
+        """Forget the clock and what waits for it; the collector keeps what it has."""
         self._sync = self._fresh_clock()
         self._slips, self._next = 0, None
         self._buffer.clear()
         self._collector.start_run()
 
-    def _decode_ready(self, now: float) -> tuple[list[Pair], Message | None]:
-        """Decode all frame pairs that are over."""
+    def _decode_ready(self, now: float) -> tuple[list[DecodedPair], Message | None]:
+        """Decode all frame pairs whose time on the display is over."""
         clock = self._sync.clock
-        pairs: list[Pair] = []
+        pairs: list[DecodedPair] = []
         if clock is None or not self._buffer:
             return pairs, None
         if self._next is None:
@@ -203,7 +235,7 @@ class Receiver:
             number, self._next = self._next, self._next + 1
             start = perf_counter()
             frames = [shown for shown, _ in self._buffer]
-            states = [compose(frames, clock, 2 * number + which) for which in (0, 1)]
+            states = [compose_state(frames, clock, 2 * number + which) for which in (0, 1)]
             while self._buffer and clock.number(self._buffer[0][0].time + clock.latest) < 2 * (
                 number + 1
             ):
@@ -218,8 +250,9 @@ class Receiver:
         return pairs, None
 
     def _decode(
-        self, number: int, time: float, original: State, embedded: State
-    ) -> tuple[Pair, Message | None]:
+        self, number: int, time: float, original: DisplayState, embedded: DisplayState
+    ) -> tuple[DecodedPair, Message | None]:
+        """Decode a pair, erase what is covered or impure, and hand the scores to the collector."""
         start = perf_counter()
         soft = self.decoder.decode(original.image, embedded.image)
         pure = block_purity(np.minimum(original.purity, embedded.purity), self.layout)
@@ -231,11 +264,11 @@ class Receiver:
         start = perf_counter()
         message = self._collector.add(soft.scores, number)
         self.timing.add("collect", start)
-        return Pair(number, time, soft, original, embedded, self.progress), message
+        return DecodedPair(number, time, soft, original, embedded, self.progress), message
 
-    def _decode_unclocked(self) -> tuple[list[Pair], Message | None]:
-        """Frames in order, each of one state; a state ends where the toggles change level."""
-        pairs: list[Pair] = []
+    def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
+        """Decode frames in order, each of one state, which ends where the toggles change level."""
+        pairs: list[DecodedPair] = []
         seen = [(shown, level) for shown, level in self._buffer if np.isfinite(level)]
         levels = np.array([level for _, level in seen])
         if levels.size < 2:
@@ -244,14 +277,14 @@ class Receiver:
         spread = max(levels[high].std(), levels[~high].std(), 1e-6) if (~high).any() else np.inf
         if levels[high].mean() - levels[~high].mean() < APART * spread:
             return pairs, None
-        states: list[tuple[bool, list[Shown]]] = []
+        states: list[tuple[bool, list[RectifiedFrame]]] = []
         for (shown, _), up in zip(seen, high, strict=True):
             if not states or states[-1][0] != up:
                 states.append((bool(up), []))
             states[-1][1].append(shown)
         for at in range(len(states) - 1):
             if not states[at][0]:
-                original, embedded = (merge(states[at + which][1]) for which in (0, 1))
+                original, embedded = (_average(states[at + which][1]) for which in (0, 1))
                 time = states[at][1][0].time
                 pair, message = self._decode(at // 2, time, original, embedded)
                 pairs.append(pair)
@@ -260,15 +293,21 @@ class Receiver:
         return pairs, None
 
 
-def merge(frames: list[Shown]) -> State:
-    """Frames of one state, all pure."""
+def _average(frames: list[RectifiedFrame]) -> DisplayState:
+    """Average frames of one state, all of them pure."""
     images = np.stack([frame.rectified for frame in frames])
     mean = np.asarray(images.mean(axis=0) + 0.5, np.uint8)
-    return State(mean, np.ones((MESH, MESH)), len(frames))
+    return DisplayState(mean, np.ones((MESH, MESH)), len(frames))
 
 
 def as_uint8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """(H, W), (H, W, 1) or (H, W, 3) uint8 or uint16 -> (H, W) or (H, W, 3) uint8.
+    """Turn a camera's image into what the receiver takes.
+
+    Args:
+        image: (H, W), (H, W, 1) or (H, W, 3) uint8 or uint16, encoded.
+
+    Returns:
+        (H, W) or (H, W, 3) uint8, encoded.
 
     Raises:
         InputError: any other shape or type.

@@ -9,38 +9,39 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError
-from link.images import read_image
+from link.errors import InputError, ParameterError
+from link.images import image_files, read_image
+from link.video import MAX_FPS, VideoReader, next_frame
 
-IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 DEFAULT_FPS = 30.0
+"""Frames a second of a source that states none."""
 MISSES = 30
-"""A camera that returns so many empty frames in a row is taken to be unplugged."""
+"""Number of empty frames in a row after which a camera is taken to be unplugged."""
 
 
 @dataclass(frozen=True)
-class Frame:
-    """A camera frame."""
+class CameraFrame:
+    """One image of a camera that films the display."""
 
     image: NDArray[np.uint8]
-    """(H, W, 3) uint8, encoded, RGB."""
+    """(H, W, 3) uint8, encoded RGB."""
     time: float
     """Seconds since the first frame."""
     name: str
+    """Name of the image's file, or the frame's number in words."""
 
 
 @dataclass(frozen=True)
-class Source:
-    """Where frames come from; iterate over `frames` once."""
+class FrameSource:
+    """Where camera frames come from."""
 
-    frames: Iterator[Frame]
+    frames: Iterator[CameraFrame]
+    """The frames, in order; they can be taken once."""
     fps: float
-    """Nominal, frames a second."""
-    total: int | None
-    """Frames, where known."""
+    """Nominal number of frames a second."""
 
 
-def open_source(name: str, fps: float | None = None) -> Source:
+def open_source(name: str, fps: float | None = None) -> FrameSource:
     """Open a folder of images, a video file, or a camera by its number.
 
     Args:
@@ -48,10 +49,12 @@ def open_source(name: str, fps: float | None = None) -> Source:
         fps: frames a second, where the source does not know it or is wrong.
 
     Raises:
-        InputError: nothing there, or nothing readable in it.
+        InputError: nothing there, or nothing readable in it; also later, from ``frames``.
     """
-    if fps is not None and not 0 < fps <= 1000:
-        raise InputError(f"--fps: need more than 0 and at most 1000 frames a second, got {fps:g}")
+    if fps is not None and not 0 < fps <= MAX_FPS:
+        raise ParameterError(
+            "fps", f"need more than 0 and at most {MAX_FPS:g} frames a second, got {fps:g}"
+        )
     if name.isdigit():
         return _camera(int(name), fps)
     path = Path(name)
@@ -62,89 +65,57 @@ def open_source(name: str, fps: float | None = None) -> Source:
     return _video(path, fps)
 
 
-def _folder(path: Path, fps: float | None) -> Source:
-    files = sorted(
-        file
-        for file in path.iterdir()
-        if file.suffix.lower() in IMAGES and not file.name.startswith(".")
-    )
-    if not files:
-        raise InputError(f"{path}: no image in this folder; looked for {', '.join(IMAGES)}")
+def _folder(path: Path, fps: float | None) -> FrameSource:
+    files = image_files(path)
     rate = fps or DEFAULT_FPS
 
-    def frames() -> Iterator[Frame]:
+    def frames() -> Iterator[CameraFrame]:
         for number, file in enumerate(files):
             try:
                 image = read_image(file)
             except InputError as error:
                 print(f"skipped: {error}", file=sys.stderr)
                 continue
-            yield Frame(image, number / rate, file.name)
+            yield CameraFrame(image, number / rate, file.name)
 
-    return Source(frames(), rate, len(files))
+    return FrameSource(frames(), rate)
 
 
-def _open(source: str | int) -> cv2.VideoCapture | None:
+def _video(path: Path, fps: float | None) -> FrameSource:
+    reader = VideoReader(path)
+    rate = fps or reader.fps or DEFAULT_FPS
+
+    def frames() -> Iterator[CameraFrame]:
+        for number, image in enumerate(reader.frames()):
+            yield CameraFrame(image, number / rate, f"frame {number}")
+        if reader.broken_off is not None:  # what there is may hold the message
+            print(f"warning: {reader.broken_off}", file=sys.stderr)
+
+    return FrameSource(frames(), rate)
+
+
+def _camera(index: int, fps: float | None) -> FrameSource:
     try:
-        capture = cv2.VideoCapture(source)
+        capture = cv2.VideoCapture(index)
     except cv2.error:
-        return None
-    return capture if capture.isOpened() else None
-
-
-def _read(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
-    try:
-        ok, image = capture.read()
-    except cv2.error:
-        return None
-    if not ok or image is None or image.ndim not in (2, 3):
-        return None
-    code = cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB
-    return np.asarray(cv2.cvtColor(image, code), np.uint8)
-
-
-def _video(path: Path, fps: float | None) -> Source:
-    capture = _open(str(path))
-    if capture is None:
-        raise InputError(f"{path}: not a readable video; give a folder of images or a video file")
-    stated = capture.get(cv2.CAP_PROP_FPS)
-    rate = fps or (stated if 1 <= stated <= 1000 else DEFAULT_FPS)
-    total = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-
-    def frames() -> Iterator[Frame]:
-        number = 0
-        while (image := _read(capture)) is not None:
-            yield Frame(image, number / rate, f"frame {number}")
-            number += 1
-        capture.release()
-        if number == 0:
-            raise InputError(f"{path}: holds no readable frame; copy or record it again")
-        if number < 0.98 * total - 1:
-            text = f"{path}: ends after {number} of {total} frames; it is truncated or damaged"
-            print(f"warning: {text}", file=sys.stderr)
-
-    return Source(frames(), rate, total if total > 0 else None)
-
-
-def _camera(index: int, fps: float | None) -> Source:
-    capture = _open(index)
-    if capture is None:
+        capture = None
+    if capture is None or not capture.isOpened():
         raise InputError(f"camera {index}: cannot be opened; is it plugged in and free?")
     stated = capture.get(cv2.CAP_PROP_FPS)
-    rate = fps or (stated if 1 <= stated <= 1000 else DEFAULT_FPS)
+    rate = fps or (stated if 1 <= stated <= MAX_FPS else DEFAULT_FPS)
 
-    def frames() -> Iterator[Frame]:
+    def frames() -> Iterator[CameraFrame]:
         start, number, missed = cv2.getTickCount(), 0, 0
         while missed < MISSES:
-            image = _read(capture)
+            image = next_frame(capture)
             if image is None:
                 missed += 1
                 continue
             missed = 0
             seconds = (cv2.getTickCount() - start) / cv2.getTickFrequency()
-            yield Frame(image, seconds, f"frame {number}")
+            yield CameraFrame(image, seconds, f"frame {number}")
             number += 1
         capture.release()
         raise InputError(f"camera {index}: returns no more frames; is it unplugged?")
 
-    return Source(frames(), rate, None)
+    return FrameSource(frames(), rate)

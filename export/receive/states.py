@@ -1,4 +1,4 @@
-"""Group rectified camera frames into display states, and states into frame pairs."""
+"""Put display states together from rectified camera frames."""
 
 from dataclasses import dataclass
 
@@ -6,21 +6,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.clock import Clock
+from export.receive.clock import DisplayClock
 from link.layout import Layout
 
 PURE = 0.97
-"""Share of an exposure in one state from which a pixel counts as pure."""
+"""Smallest share of an exposure in one state at which a pixel counts as pure."""
 MESH = 16
-"""Exposure is worked out at this many points along each side of the display."""
+"""Number of points along each side of the display at which exposure is worked out."""
 PLACES = np.stack(np.meshgrid(*2 * [(np.arange(MESH) + 0.5) / MESH]), axis=-1).reshape(
     -1, 2
 )  # (MESH, MESH, 2) -> (MESH MESH, 2)
-"""Those points, (x, y) in [0, 1]."""
+"""Points of the display, x and y in [0, 1], at which exposure is worked out."""
 
 
 @dataclass(frozen=True)
-class Shown:
+class RectifiedFrame:
     """A rectified camera frame."""
 
     time: float
@@ -30,25 +30,32 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class State:
-    """What one display state looked like."""
+class DisplayState:
+    """What one state of the display, an original or an embedded frame, looked like."""
 
     image: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded, rectified."""
     purity: NDArray[np.float64]
-    """(MESH, MESH) best share of an exposure that fell into this state, in [0, 1]."""
+    """(MESH, MESH) largest share of an exposure that fell into this state, in [0, 1]."""
     frames: int
-    """Camera frames averaged."""
+    """Number of camera frames that were averaged."""
 
 
-def compose(frames: list[Shown], clock: Clock, number: int) -> State | None:
-    """The state of this number, averaged over what the camera frames hold of it.
+def compose_state(
+    frames: list[RectifiedFrame], clock: DisplayClock, number: int
+) -> DisplayState | None:
+    """Average what camera frames hold of one state.
 
     Each point of the display takes the frames whose exposure there is pure; where none is, it takes
     the purest.
 
+    Args:
+        frames: in any order.
+        clock: says when the display shows which state.
+        number: of the state.
+
     Returns:
-        None where no frame holds any of it.
+        the state, or None where no frame holds any of it.
     """
     shares = [
         clock.shares(frame.time, PLACES, number).reshape(MESH, MESH) for frame in frames
@@ -60,7 +67,7 @@ def compose(frames: list[Shown], clock: Clock, number: int) -> State | None:
     pure = [frame for frame, share in used if share.min() >= PURE]
     if pure:
         images = [frame.rectified for frame in pure]
-        return State(_mean(images), purity, len(images))
+        return DisplayState(_mean(images), purity, len(images))
     limit = np.minimum(purity, PURE) - 1e-6
     height, width = used[0][0].rectified.shape[:2]
     total = np.zeros(used[0][0].rectified.shape, np.float32)
@@ -72,7 +79,7 @@ def compose(frames: list[Shown], clock: Clock, number: int) -> State | None:
         weights += weight
     weights = np.maximum(weights, 1e-3)
     mean = total / (weights if total.ndim == 2 else weights[:, :, None])
-    return State(np.asarray(mean + 0.5, np.uint8), purity, len(used))
+    return DisplayState(np.asarray(mean + 0.5, np.uint8), purity, len(used))
 
 
 def _mean(images: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
@@ -85,6 +92,14 @@ def _mean(images: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 
 
 def block_purity(purity: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
-    """(MESH, MESH) -> (n_bits,) of the message blocks."""
+    """Average the purity of a state over each message block.
+
+    Args:
+        purity: (MESH, MESH) in [0, 1].
+        layout: of the display.
+
+    Returns:
+        (n_bits,) in [0, 1].
+    """
     blocks = cv2.resize(purity, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
     return np.asarray(blocks[layout.message_mask])

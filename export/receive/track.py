@@ -19,26 +19,29 @@ from link.layout import Layout
 from link.ratex import visibility
 
 FEATURES = 160
-"""Points that are followed, half of them on the ratex patches. At half the resolution, or with half
-as many, errors are three times as large."""
+"""Number of points that are followed, half of them on the ratex patches. At half the resolution, or
+with half as many, errors are three times as large."""
 MIN_INLIERS = 12
+"""Smallest number of points that must move as one for the display to count as followed."""
 INLIER_PX = 1.0
+"""Largest distance, in pixels of the layout, of a point from where the common motion puts it."""
 MIN_VISIBILITY = 0.7
-"""Of `link.ratex.visibility` while following; some patches may be covered."""
+"""Smallest `link.ratex.visibility` of a followed display; some patches may be covered."""
 SEARCH_EVERY = 4
-"""A lost display is searched in every so many frames: a search takes many frames' time."""
+"""Number of frames from one search for a lost display to the next; a search takes the time of many
+frames."""
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """The display in one frame."""
+    """The display in one camera frame."""
 
     corners: NDArray[np.float64]
-    """(4, 2) captured pixels, in corner order."""
+    """(4, 2) pixels of the camera frame, in corner order."""
     rectified: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded, of the layout's size."""
     visibility: float
-    """Of the ratex patches, in [-1, 1]."""
+    """Mean correlation of the ratex patches with those displayed, in [-1, 1]."""
 
 
 class Tracker:
@@ -65,7 +68,14 @@ class Tracker:
         self._missed = 0
 
     def follow(self, image: NDArray[np.uint8]) -> Tracked | None:
-        """The display in the next frame, (H, W) or (H, W, 3) uint8 encoded; None if not in view."""
+        """Find the display in the next frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+        Returns:
+            the display, or None where it is not in view.
+        """
         if self.corners is not None:
             found = self._track(image)
             if found is not None:
@@ -147,7 +157,7 @@ class Tracker:
 
 
 def _equalised(rectified: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Gray of mean 128, standard deviation 50: a change of exposure is no motion."""
+    """Give gray levels a mean of 128 and a deviation of 50: a change of exposure is no motion."""
     gray = rectified if rectified.ndim == 2 else cv2.cvtColor(rectified, cv2.COLOR_RGB2GRAY)
     mean, deviation = cv2.meanStdDev(gray)
     gain = 50 / max(float(deviation[0, 0]), 1.0)
