@@ -1,23 +1,23 @@
 """The ablation: its rows and conditions, its arithmetic, and the command end to end."""
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import pytest
 from conftest import Command
 
-from data_gen.frame_pair import Source
+from data_gen.frame_pair import Cell, Source
 from link.layout import Layout
 from models.neural.checkpoint import save_checkpoint
 from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
-from reports.engine.conditions import CONDITIONS, cells, source
-from reports.score.metrics import score
-from reports.score.paired import outcomes
+from reports.engine.conditions import SETTINGS, named_condition
+from reports.engine.records import to_records
 from reports.studies import ablation
-from reports.studies.ablation_page import measure, table
-from reports.studies.variants import ADDED, REMOVED, ROWS, method_for
+from reports.studies.ablation import compare_rows
+from reports.studies.ablation_page import ablation_figure, ablation_tables, read_entries
+from reports.studies.switches import ADDED, FLOORS, REMOVED, ROWS, row_method
 
 NOWHERE = Path("nowhere")
 QUICK = ["--frames", "1", "--pairs", "canon-lg", "--jobs", "1"]
@@ -25,7 +25,7 @@ QUICK += ["--conditions", "kappa1", "jpeg", "--rows", "phi+register", "full-refi
 
 
 def config_of(row: str) -> DecoderConfig:
-    return dict(method_for(row, NOWHERE).options)["config"]
+    return dict(row_method(row, NOWHERE).options)["config"]
 
 
 def differences(row: str, base: DecoderConfig) -> set[str]:
@@ -36,7 +36,7 @@ def differences(row: str, base: DecoderConfig) -> set[str]:
 
 def test_the_ends_are_the_twin_of_oorc_and_the_full_decoder() -> None:
     assert (config_of("phi"), config_of("full")) == (DecoderConfig(), FULL)
-    assert method_for("oorc", NOWHERE).options == ()
+    assert row_method("oorc", NOWHERE).options == ()
 
 
 def test_every_row_changes_what_it_names_and_no_more() -> None:
@@ -44,39 +44,90 @@ def test_every_row_changes_what_it_names_and_no_more() -> None:
         assert differences(row, DecoderConfig()) == set(change), row
     for row, change in REMOVED.items():
         assert differences(row, FULL) == set(change), row
-    assert len({repr(method_for(row, NOWHERE).options) for row in ROWS}) == len(ROWS)
+    assert len({repr(row_method(row, NOWHERE).options) for row in ROWS}) == len(ROWS)
 
 
 def test_every_condition_films_its_cells(layout: Layout) -> None:
     base = Source(layout, without=("moire",))
-    assert len(cells(CONDITIONS["paper"], ["canon-lg", "nikon-lg"])) == 8
-    for name, condition in CONDITIONS.items():
+    assert len(named_condition("paper", base, ["canon-lg", "nikon-lg"], 1).cells) == 8
+    for name, setting in SETTINGS.items():
         assert name.isascii()
-        filmed = source(condition, base)
-        assert (filmed.without, filmed.parameters) == (("moire",), condition.parameters)
+        condition = named_condition(name, base, ["canon-lg"], 2)
+        assert (condition.name, condition.frames) == (name, 2)
+        views, kappas = setting.views, setting.kappas
+        assert set(condition.cells) == {Cell("canon-lg", v, k) for v in views for k in kappas}
+        filmed = condition.source
+        assert (filmed.without, filmed.parameters) == (("moire",), setting.parameters)
         filmed.pair("canon-lg")
 
 
-def lines(method: str, wrong: int) -> list[dict[str, Any]]:
+def test_the_floors_are_those_that_know_the_channel() -> None:
+    assert FLOORS == ("ideal", "ideal_change")
+
+
+def lines(method: str, wrong: int, condition: str = "jpeg") -> list[dict[str, Any]]:
     """Six frame pairs of four bits, of which ``wrong`` are decided wrong."""
     scores = [-1.0] * wrong + [1.0] * (4 - wrong)
-    cell = {"method": method, "pair": "canon-lg", "view_deg": 0.0, "kappa": 3, "bits": [1] * 4}
-    return [{**cell, "index": index, "scores": scores} for index in range(6)]
+    cell = {"pair": "canon-lg", "view_deg": 0.0, "kappa": 3, "bits": [1] * 4, "picture": None}
+    line = {"condition": condition, "method": method, **cell, "scores": scores}
+    return [{**line, "index": index} for index in range(6)]
+
+
+def content_of(*predictions: list[dict[str, Any]]) -> dict[str, Any]:
+    """What ablation.json would hold, read back from strict JSON."""
+    records = to_records([line for mine in predictions for line in mine])
+    content = {"meta": {"settings": {"frames": 6}}, **compare_rows(records, 0)}
+    return dict(json.loads(json.dumps(content, allow_nan=False)))
 
 
 def test_an_entry_states_error_difference_and_multiple() -> None:
-    predictions = lines("oorc", 3) + lines("full", 2) + lines("full-rows", 3) + lines("ideal", 1)
-    entries = measure(score(predictions), outcomes(predictions), "jpeg", 0)
-    page = table(entries, "full", ("full", "full-rows", "ideal")).splitlines()
-    assert page[0] == "| row | jpeg, 24 bits |"
-    assert page[2:] == [
+    content = content_of(
+        lines("oorc", 3), lines("full", 2), lines("full-rows", 3), lines("ideal", 1)
+    )
+    _, removed, _ = ablation_tables(content)
+    page = removed.markdown().splitlines()
+    assert page[0] == "Removed from the full decoder"
+    assert page[2] == "| row, against full | jpeg, 24 bits |"
+    assert page[4:] == [
         "| full | 50.00 ×2.00 |",
-        "| full-rows | 75.00 (-25.00, -25.00 to -25.00) ×3.00 |",
+        "| full-rows | 75.00 ×3.00 (-25.00, -25.00 to -25.00) |",
         "| ideal | 25.00 (+25.00, +25.00 to +25.00) |",
     ]
-    by_row = {entry.row: entry for entry in entries}
+    assert [row[1].tint for row in removed.cells] == ["", "bad", "good"]
+    by_row = {entry.row: entry for entry in read_entries(content)}
     assert set(by_row["oorc"].against) == {"full", "ideal"}
     assert by_row["full"].ci_low < 0.5 < by_row["full"].ci_high
+    assert [asdict(entry) for entry in read_entries(content)] == content["entries"]
+
+
+def test_cells_behind_oorc_are_named() -> None:
+    content = content_of(
+        lines("oorc", 1), lines("full", 2), lines("oorc", 2, "shift"), lines("full", 1, "shift")
+    )
+    (cell,) = content["behind_oorc"]
+    place = {name: cell[name] for name in ("row", "condition", "pair", "view_deg", "kappa")}
+    assert place == {
+        "row": "full", "condition": "jpeg", "pair": "canon-lg", "view_deg": 0.0, "kappa": 3,
+    }  # fmt: skip
+    whole = ablation_tables(content)[-1].markdown().splitlines()
+    assert whole[4:] == [
+        "| full | jpeg | 2.00 | 2.00 to 2.00 | 1 of 1: canon-lg 0° κ 3: -25.00, -25.00 to -25.00 |",
+        "| full | shift | 0.50 | 0.50 to 0.50 | 0 of 1 |",
+    ]
+
+
+def test_the_shipped_ablation_makes_tables_and_a_figure() -> None:
+    content = json.loads(Path("docs/ablation.json").read_text())
+    added, removed, whole = ablation_tables(content)
+    rows = {entry["row"] for entry in content["entries"]}
+    conditions = {entry["condition"] for entry in content["entries"]}
+    assert {row[0] for row in [*added.rows, *removed.rows]} == rows
+    assert len(added.heads) == len(removed.heads) == 1 + len(conditions)
+    assert len(whole.rows) == 2 * len(conditions)
+    figure = ablation_figure(content)
+    assert len(figure.axes) == 2 * len(conditions)
+    dots = {text.get_text() for axes in figure.axes for text in axes.get_yticklabels()}
+    assert dots == rows - {"oorc"}
 
 
 def test_the_command_writes_tables_numbers_and_pictures(

@@ -1,4 +1,4 @@
-"""The smaller studies: repeated captures, leave-one-pair-out, and the benchmark."""
+"""The smaller studies: repeated captures, tuning, leave-one-pair-out, and the benchmark."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,9 @@ from data_gen.pairs import PAIRS
 from export import bench
 from link.errors import InputError
 from link.frames import SoftBits, combined
-from reports.studies import leave_one_out, repeats
+from reports.engine.records import to_records
+from reports.score.accuracy import score
+from reports.studies import leave_one_out, repeats, tune
 from reports.studies.leave_one_out import without
 
 
@@ -40,12 +42,34 @@ def test_repeats_counts_the_errors_of_added_captures(
     assert 0 <= twice <= bits
     assert 0 < once < bits / 2
     assert "| kappa1 | 531 |" in done.stdout
+    (decoded,) = (tmp_path / "decoded").iterdir()
+    stored = decoded.read_bytes()
+    again = command(repeats.main, *flags, "--checkpoint", run_folder, "--out", tmp_path)
+    assert again.stdout == done.stdout and decoded.read_bytes() == stored
 
 
 def test_an_unknown_condition_lists_the_valid_ones(command: Command, tmp_path: Path) -> None:
     done = command(repeats.main, "--conditions", "fog", "--out", tmp_path)
     assert done.status != 0
     assert "kappa1" in done.stderr
+
+
+def test_tuning_ranks_the_grid_best_first() -> None:
+    labels = [method.label for method in tune.grid_methods()]
+    assert len(set(labels)) == len(labels) == 3 * 16 + 6
+    assert labels[0] == "naive C=0.1 pooling=mean train_on=tile"
+    assert labels[-1] == "hidden_ratex threshold=constant"
+    columns = ["naive worst", "naive best", "naive as good"]
+    lines = [
+        {
+            "method": label, "pair": "canon-lg", "view_deg": view, "kappa": 3, "picture": None,
+            "index": 0, "bits": [1] * 10, "scores": [-1.0] * wrong + [1.0] * (10 - wrong),
+        }
+        for view in (0.0, 45.0)
+        for label, wrong in zip(columns, (5, 1, 1), strict=True)
+    ]  # fmt: skip
+    table = tune.ranked_table(score(to_records(lines)), "naive", columns)
+    assert [row[0] for row in table.rows] == ["naive best", "naive as good", "naive worst"]
 
 
 def test_without_leaves_out_the_episodes_of_one_pair() -> None:
