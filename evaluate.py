@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import tyro
-from reports.evaluation.page import write_report
 
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
@@ -30,7 +29,7 @@ from reports.engine.predict import (
     paper_cells,
     predict,
 )
-from reports.engine.protocols import PROTOCOLS, apply
+from reports.engine.protocols import PROTOCOLS, apply_protocol
 from reports.engine.provenance import provenance
 from reports.evaluation.captures import evaluate_folder
 from reports.evaluation.evidence import (
@@ -39,6 +38,7 @@ from reports.evaluation.evidence import (
     Stopwatch,
     simulated_evidence,
 )
+from reports.evaluation.page import write_report
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import show
 from reports.render.tables import cell_tables, summary_table
@@ -117,7 +117,7 @@ def main() -> None:
     check(config)
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
-    methods = apply(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
+    methods = apply_protocol(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     folder = RunFolder(config.out)
     folder.claim(describe(config, methods))
     if config.captures is None:
