@@ -1,1 +1,6 @@
-"""Everything that leaves the lab: the ONNX graph and what runs it."""
+"""What leaves the lab: the decoder as an ONNX graph, and the sender and receiver around it.
+
+`runtime` decodes with numpy, OpenCV and onnxruntime alone; `to_onnx` writes the graph and `parity`
+compares it with torch; `bench` times it. `send` shows a message on a display, `locate` finds the
+display in a photograph, and `receive` reads the message from camera frames.
+"""

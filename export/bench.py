@@ -1,4 +1,4 @@
-"""Time to fit and decide one frame pair, as ratios taken in one run: python -m export.bench MODEL.
+"""Time what it takes to fit and decide one frame pair: python -m export.bench MODEL.
 
 Every round times all candidates one after another on the same frame pair, so that what else the
 machine does meets all of them; a ratio is taken within each round.
@@ -27,7 +27,9 @@ from models import PRETRAINED
 from models.classical.oorc import OORC, explicit_map
 
 MODEL = PRETRAINED / "decoder.onnx"
+"""Model that is timed where none is given."""
 REFERENCE = "two warpPerspective"
+"""Name of what all times are divided by."""
 CAPTURE = (720, 960)
 """Rows and columns of the capture that the two reference warps rectify."""
 
@@ -37,12 +39,15 @@ class BenchConfig:
     """Compare the exported decoder with two warps and with scikit-learn's SVM."""
 
     model: tyro.conf.Positional[Path] = MODEL
+    """The .onnx file of the decoder."""
     rounds: int = 200
+    """Number of rounds that count."""
     warmup: int = 20
-    """Rounds before them that do not count."""
+    """Number of rounds before them that do not count."""
     threads: int = 2
-    """Of onnxruntime and OpenCV alike."""
+    """Number of threads of onnxruntime, and of OpenCV."""
     seed: int = 0
+    """Seed of the synthetic frame pairs."""
 
 
 def main() -> None:
@@ -55,21 +60,32 @@ def main() -> None:
     rng = np.random.default_rng(config.seed)
     times: dict[str, list[float]] = {}
     for number in trange(config.warmup + config.rounds, desc="bench", unit="round"):
-        for name, action in candidates(decoder, synthetic_pair(decoder.layout, rng), rng).items():
+        for name, action in timed_actions(
+            decoder, synthetic_pair(decoder.layout, rng), rng
+        ).items():
             start = perf_counter()
             action()
             if number >= config.warmup:
                 times.setdefault(name, []).append(1e3 * (perf_counter() - start))
     measured = {name: np.array(values) for name, values in times.items()}
-    print(table(measured, config))
+    print(ratio_table(measured, config))
     ratios = {name: quartiles(value / measured[REFERENCE]) for name, value in measured.items()}
     print(json.dumps({"rounds": config.rounds, "threads": config.threads, "ratios": ratios}))
 
 
-def candidates(
+def timed_actions(
     decoder: Decoder, pair: Rectified, rng: np.random.Generator
 ) -> dict[str, Callable[[], object]]:
-    """What is timed, by name, on one frame pair with everything it needs prepared."""
+    """Prepare what is timed on one frame pair.
+
+    Args:
+        decoder: the exported decoder.
+        pair: rectified frames.
+        rng: draws the capture that the two warps rectify.
+
+    Returns:
+        functions without arguments, by name.
+    """
     layout = pair.layout
     capture = rng.integers(0, 256, (*CAPTURE, 3), dtype=np.uint8)
     H_captured_from_display = np.array([[1.6, 0.1, 40], [0.05, 1.6, 30], [1e-4, 1e-4, 1]])
@@ -97,12 +113,17 @@ def candidates(
 
 
 def quartiles(values: NDArray[np.float64]) -> list[float]:
-    """Lower quartile, median, upper quartile."""
+    """Compute the lower quartile, the median and the upper quartile, rounded to 3 digits."""
     return [round(float(v), 3) for v in np.quantile(values, [0.25, 0.5, 0.75])]
 
 
-def table(times: dict[str, NDArray[np.float64]], config: BenchConfig) -> str:
-    """Markdown: median time, and ratio to the reference with its quartiles."""
+def ratio_table(times: dict[str, NDArray[np.float64]], config: BenchConfig) -> str:
+    """Write a Markdown table of median times, and of ratios to `REFERENCE` with their quartiles.
+
+    Args:
+        times: milliseconds of each round, by name.
+        config: says how many rounds and threads there were.
+    """
     lines = [
         f"{config.rounds} rounds, {config.threads} threads, ratios within each round\n",
         "| what | ms, median | times two warps | quartiles |",

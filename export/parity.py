@@ -1,4 +1,4 @@
-"""Parity of torch and onnxruntime on unseen frames and sizes, down to the bits.
+"""Compare torch and onnxruntime on unseen frames and sizes, down to the bits.
 
 python -m export.parity RUN --frames 1000
 """
@@ -27,37 +27,49 @@ NOISE = (10.0, 100.0)
 """Least and largest standard deviation of a pixel, gray levels: so much that most scores stay clear
 of their bound, where all are alike, at `FAINT`."""
 FAINT = 3
-"""Largest kappa."""
+"""Largest kappa of the compared frame pairs."""
 
 
 @dataclass(frozen=True)
 class Parity:
-    """What a comparison found."""
+    """What a comparison of torch and onnxruntime found."""
 
     frames: int
+    """Number of frame pairs."""
     bits: int
+    """Number of bits in all frame pairs."""
     different_bits: int
+    """Number of bits that differ."""
     max_difference: float
-    """Largest difference of a score."""
+    """Largest difference of a score, in log-likelihood units."""
     largest_score: float
+    """Largest absolute score, in log-likelihood units."""
     median_score: float
-    """Of the absolute scores: well below the largest, where a bound makes all alike."""
+    """Median of the absolute scores; it should be well below the largest, where a bound makes all
+    scores alike."""
 
     @property
     def holds(self) -> bool:
-        """Every bit equal and every score within `TOLERANCE`."""
+        """Whether every bit is equal and every score within `TOLERANCE`."""
         return self.different_bits == 0 and self.max_difference <= TOLERANCE
 
 
-def compare(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Parity:
-    """Decode synthetic frame pairs with both, every third at a size other than the exported one."""
+def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Parity:
+    """Decode synthetic frame pairs with both, every third at a size other than the exported one.
+
+    Args:
+        module: the decoder in torch.
+        decoder: the decoder in onnxruntime.
+        frames: number of frame pairs.
+        seed: of the frame pairs.
+    """
     rng = np.random.default_rng(seed)
     scores, differences, different = [], [], 0
     module.eval()
     for index in tqdm(range(frames), desc="parity", unit="pair"):
         scale = rng.uniform(0.5, 1.5) if index % 3 == 2 else 1.0
         noise = np.exp(rng.uniform(*np.log(NOISE)))
-        pair = synthetic_pair(resized(module.layout, scale), rng, noise, FAINT)
+        pair = synthetic_pair(resized_layout(module.layout, scale), rng, noise, FAINT)
         ours, theirs = run(module, pair), decoder.decode(pair.original, pair.embedded)
         scores.append(np.abs(ours.scores))
         differences.append(np.abs(ours.scores - theirs.scores))
@@ -70,15 +82,15 @@ def compare(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Par
 def synthetic_pair(
     layout: Layout, rng: np.random.Generator, noise: float = 1.5, kappa_max: int = 10
 ) -> Rectified:
-    """A frame pair that looks filmed: clouds of colour behind a curve, drift, motion and noise.
+    """Make a frame pair that looks filmed: clouds of colour behind a curve, drift, motion, noise.
 
     Enough to exercise every part of the graph; accuracy is measured on the channel, not here.
 
     Args:
-        layout: of the frames.
+        layout: grid and ratex patches of the frames.
         rng: draws everything else.
         noise: standard deviation of a pixel, gray levels.
-        kappa_max: kappa is drawn from 1 to this.
+        kappa_max: largest kappa; kappa is drawn from 1 to this.
     """
     size = (layout.width, layout.height)
     coarse = rng.integers(0, 256, (12, 16, 3), dtype=np.uint8)
@@ -97,8 +109,8 @@ def synthetic_pair(
     return Rectified(frames[0], frames[1], layout, kappa)
 
 
-def resized(layout: Layout, scale: float) -> Layout:
-    """The layout over a frame of about ``scale`` times its size, within what layouts allow."""
+def resized_layout(layout: Layout, scale: float) -> Layout:
+    """Spread a layout over a frame of about ``scale`` times its size, within what layouts allow."""
     smallest = {"width": layout.cols * MIN_BLOCK_PX, "height": layout.rows * MIN_BLOCK_PX}
     size = {
         side: min(MAX_SIDE_PX, max(low, round(scale * getattr(layout, side))))
@@ -114,7 +126,9 @@ class ParityConfig:
     run: tyro.conf.Positional[Path]
     """Folder with decoder.pt, config.json and decoder.onnx."""
     frames: int = 1000
+    """Number of synthetic frame pairs."""
     seed: int = 1
+    """Seed of the frame pairs."""
 
 
 def main() -> None:
@@ -123,7 +137,7 @@ def main() -> None:
     at_least(1, frames=config.frames)
     at_least(0, seed=config.seed)
     module, decoder = load_checkpoint(config.run), Decoder(config.run / "decoder.onnx")
-    parity = compare(module, decoder, config.frames, config.seed)
+    parity = compare_with_torch(module, decoder, config.frames, config.seed)
     print(json.dumps(asdict(parity)))
     if not parity.holds:
         raise InputError(f"{config.run}: torch and onnxruntime disagree; export again")

@@ -1,4 +1,4 @@
-"""Decode with numpy, OpenCV and onnxruntime alone.
+"""Decode frame pairs with numpy, OpenCV and onnxruntime alone.
 
 python -m export.runtime MODEL ORIGINAL EMBEDDED [--corners x,y x,y x,y x,y]
 """
@@ -15,7 +15,7 @@ import onnxruntime
 from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
-from link.errors import InputError, run_cli
+from link.errors import InputError, ParameterError, run_cli
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
 from link.images import as_batch, read_image
@@ -31,21 +31,33 @@ ORT_ERRORS = (
     ort_errors.NotImplemented,
     ort_errors.RuntimeException,
 )
+"""Exceptions of onnxruntime that a damaged or foreign model raises."""
 MIN_VISIBILITY = 0.8
-"""Of `link.ratex.visibility`; simulated captures up to 70 degrees have 0.97 and more."""
+"""Smallest `link.ratex.visibility` of frames that the command decodes; simulated captures up to 70
+degrees have 0.97 and more."""
 FORMAT = "1"
-"""Version of the metadata and of the graph's inputs and outputs."""
+"""Version of the metadata, and of the graph's inputs and outputs, that this code reads."""
 
 
 class Decoder:
     """A decoder in an ONNX file, which carries its own layout.
 
     Args:
-        path: written by `export.to_onnx`.
-        threads: of onnxruntime.
+        path: file that `export.to_onnx` wrote.
+        threads: number of threads of onnxruntime.
 
     Raises:
-        InputError: the file is missing, damaged, or not one of ours.
+        InputError: the file is missing, damaged, or no decoder of this version.
+
+    >>> from link.embed import embed
+    >>> from models import PRETRAINED
+    >>> decoder = Decoder(PRETRAINED / "decoder.onnx")
+    >>> layout = decoder.layout
+    >>> gray = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    >>> bits = np.arange(layout.n_bits) % 2
+    >>> shown = embed(gray, bits, layout, kappa=5)
+    >>> bool((decoder.decode(shown.original, shown.embedded).bits == bits).all())
+    True
     """
 
     def __init__(self, path: Path | str, threads: int = 2) -> None:
@@ -91,10 +103,11 @@ class Decoder:
         Args:
             original: (H, W) or (H, W, 3) uint8, encoded RGB. Without ``corners`` the frame is
                 already rectified: the displayed picture fills it, at any size.
-            embedded: the same shape.
+            embedded: uint8 of the shape of ``original``, encoded RGB.
             corners: (4, 2) pixels of the displayed picture in the captured original: top-left,
                 top-right, bottom-right, bottom-left (see `link.geometry`).
-            corners_embedded: the same in the captured embedded frame; ``corners`` if absent.
+            corners_embedded: (4, 2) pixels of the displayed picture in the captured embedded
+                frame; ``corners`` where absent.
 
         Returns:
             scores of the message bits in row-major order, positive for 1, and the fitted head.
@@ -111,7 +124,18 @@ class Decoder:
     def run(
         self, original: NDArray[np.uint8], embedded: NDArray[np.uint8]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Scores (B, n_bits) and heads of a batch of rectified pairs, (B, 3, H, W) uint8 each."""
+        """Run the graph on a batch of rectified frame pairs.
+
+        Args:
+            original: (B, 3, H, W) uint8, encoded RGB.
+            embedded: (B, 3, H, W) uint8, encoded RGB.
+
+        Returns:
+            scores (B, n_bits) float32, and the fitted heads (B, features) float32.
+
+        Raises:
+            InputError: onnxruntime failed.
+        """
         try:
             scores, head = self._session.run(
                 ["scores", "head"], {"original": original, "embedded": embedded}
@@ -128,7 +152,18 @@ class Decoder:
         corners: ArrayLike | None = None,
         corners_embedded: ArrayLike | None = None,
     ) -> Rectified:
-        """The frames as the graph takes them; arguments and errors as of `decode`."""
+        """Resample frames to the displayed picture, or check that they are rectified already.
+
+        Args:
+            original: (H, W) or (H, W, 3) uint8, encoded RGB.
+            embedded: uint8 of the shape of ``original``, encoded RGB.
+            corners: (4, 2) pixels of the displayed picture in the original frame; None where the
+                picture fills the frames.
+            corners_embedded: (4, 2) pixels in the embedded frame; ``corners`` where absent.
+
+        Raises:
+            InputError: frames of wrong type, size or shape, or corners that do not fit.
+        """
         frames = [np.asarray(frame) for frame in (original, embedded)]
         for frame in frames:
             if (
@@ -141,7 +176,7 @@ class Decoder:
                 )
         layout = self.layout
         if corners is None and corners_embedded is not None:
-            raise InputError("--corners-embedded (corners_embedded) is given without --corners")
+            raise ParameterError("corners_embedded", "is given without corners")
         if corners is not None:
             found = as_corners(corners)
             other = found if corners_embedded is None else as_corners(corners_embedded)
@@ -156,7 +191,18 @@ class Decoder:
 
 
 def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | None:
-    """Four "x,y" arguments -> (4, 2), or None where the flag is absent."""
+    """Read four points from the command line.
+
+    Args:
+        points: four texts "x,y", or None where the flag is absent.
+        flag: that the error names.
+
+    Returns:
+        (4, 2) float64, or None.
+
+    Raises:
+        InputError: not four points.
+    """
     if points is None:
         return None
     try:

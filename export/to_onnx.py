@@ -1,4 +1,4 @@
-"""Checkpoint -> decoder.onnx with the layout in its metadata: python -m export.to_onnx RUN."""
+"""Export a checkpoint as decoder.onnx with its layout inside: python -m export.to_onnx RUN."""
 
 import json
 import logging
@@ -13,12 +13,12 @@ import torch
 import tyro
 from onnxscript.values import Opset
 
-from export.parity import Parity, compare
+from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.errors import InputError, at_least, run_cli
 from link.images import write_bytes
-from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout
+from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
 
@@ -30,7 +30,8 @@ INVERSE = onnx.defs.OpSchema(
     outputs=[onnx.defs.OpSchema.FormalParameter("Y", "T")],
     type_constraints=[("T", ["tensor(double)"], "")],
 )
-"""Ships with every onnxruntime; ONNX itself has no solver, and elimination in ONNX took 6 ms."""
+"""Operator that inverts matrices; onnxruntime has it. ONNX itself has no solver, and elimination
+written in ONNX took 6 ms."""
 
 
 def _inverse(A: Any) -> Any:
@@ -44,12 +45,17 @@ def _sum_pixels(frame: Any, weights: Any, stride: int) -> Any:
 
 
 def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | None = None) -> bytes:
-    """The decoder as an ONNX model: batch, height and width free, the head fitted inside.
+    """Turn the decoder into an ONNX model that fits the head itself.
+
+    Batch, height and width are free. The metadata holds the layout.
 
     Args:
-        module: of any layout.
-        run_name: kept in the metadata, as is ``training``: the settings it was trained with.
-        training: see there.
+        module: the decoder in torch, of any layout.
+        run_name: name of the training run, kept in the metadata.
+        training: settings of the training run, in JSON's types, kept in the metadata.
+
+    Returns:
+        the bytes of the .onnx file.
     """
     layout = module.layout
     example = torch.zeros((2, 3, layout.height, layout.width), dtype=torch.uint8)
@@ -120,29 +126,32 @@ def export(
     training: Mapping[str, Any] | None = None,
     seed: int = 1,
 ) -> Parity:
-    """Write ``path`` once parity with torch is shown on ``frames`` synthetic frame pairs.
+    """Write an .onnx file once its parity with torch is shown.
+
+    Args:
+        module: the decoder in torch.
+        path: the .onnx file.
+        run_name: name of the training run, kept in the metadata.
+        frames: number of synthetic frame pairs on which both must agree.
+        training: settings of the training run, in JSON's types, kept in the metadata.
+        seed: of the frame pairs.
+
+    Returns:
+        what the comparison found.
 
     Raises:
-        InputError: parity fails; nothing is left under that name.
+        InputError: torch and onnxruntime disagree; nothing is left under that name.
     """
     candidate = path.with_suffix(".unchecked.onnx")
     write_bytes(candidate, to_onnx(module, run_name, training))
     try:
-        parity = compare(module, Decoder(candidate), frames, seed)
+        parity = compare_with_torch(module, Decoder(candidate), frames, seed)
         if not parity.holds:
             raise InputError(f"{path}: torch and onnxruntime disagree ({asdict(parity)})")
         candidate.replace(path)
     finally:
         candidate.unlink(missing_ok=True)
     return parity
-
-
-def read_layout(file: Path) -> Layout:
-    """A layout from a JSON file, or an `InputError` that names the file."""
-    try:
-        return Layout.from_dict(json.loads(file.read_text()))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: no layout there ({error})") from None
 
 
 @dataclass(frozen=True)

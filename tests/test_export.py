@@ -16,7 +16,7 @@ from tolerances import ONNX_SCORE
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from export import to_onnx
-from export.parity import Parity, compare
+from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.errors import InputError
@@ -99,7 +99,7 @@ def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
 
 
 def test_compare_reports_agreement(module: PhiDecoder, onnx_decoder: Decoder) -> None:
-    parity = compare(module, onnx_decoder, frames=3, seed=UNSEEN_SEED)
+    parity = compare_with_torch(module, onnx_decoder, frames=3, seed=UNSEEN_SEED)
     assert parity.holds
     assert (parity.frames, parity.bits) == (3, 3 * module.layout.n_bits)
     assert parity.different_bits == 0
@@ -109,12 +109,14 @@ def test_compare_reports_agreement(module: PhiDecoder, onnx_decoder: Decoder) ->
 def test_parity_is_not_judged_on_scores_at_their_bound(
     module: PhiDecoder, onnx_decoder: Decoder
 ) -> None:
-    parity = compare(module, onnx_decoder, frames=12, seed=UNSEEN_SEED)
+    parity = compare_with_torch(module, onnx_decoder, frames=12, seed=UNSEEN_SEED)
     assert parity.median_score < 0.9 * parity.largest_score
 
 
 def test_compare_reports_another_checkpoint(layout: Layout, onnx_decoder: Decoder) -> None:
-    parity = compare(PhiDecoder(layout, LEARNED), onnx_decoder, frames=2, seed=UNSEEN_SEED)
+    parity = compare_with_torch(
+        PhiDecoder(layout, LEARNED), onnx_decoder, frames=2, seed=UNSEEN_SEED
+    )
     assert not parity.holds
     assert parity.max_difference > ONNX_SCORE
 

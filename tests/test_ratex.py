@@ -12,7 +12,7 @@ from link.ratex import (
     SAMPLES,
     TILE_ORDERS,
     TILES,
-    draw,
+    draw_patches,
     tile_labels,
     tile_levels,
     training_pixels,
@@ -35,7 +35,7 @@ every_kappa = pytest.mark.parametrize("kappa", [1, 3, 10, 64])
 
 def drawn(layout: Layout, kappa: int, *, embedded: bool) -> NDArray[np.uint8]:
     frame = np.full((layout.height, layout.width), 99, np.uint8)
-    draw(frame, layout, kappa, embedded=embedded)
+    draw_patches(frame, layout, kappa, embedded=embedded)
     return frame
 
 
@@ -106,7 +106,7 @@ def test_drawing_leaves_the_message_blocks_alone(layout: Layout) -> None:
 
 def test_colour_frames_show_the_same_gray_in_every_channel(layout: Layout) -> None:
     colour = np.full((layout.height, layout.width, 3), 99, np.uint8)
-    draw(colour, layout, 3, embedded=True)
+    draw_patches(colour, layout, 3, embedded=True)
     gray = drawn(layout, 3, embedded=True)
     np.testing.assert_array_equal(colour, np.repeat(gray[:, :, None], 3, axis=2))
 
@@ -195,7 +195,7 @@ def test_patches_are_visible_through_a_curve_and_nowhere_else() -> None:
     layout = make_layout()
     frame = np.full((layout.height, layout.width), 90, np.uint8)
     assert abs(visibility(frame, layout)) < 0.1
-    draw(frame, layout, 5, embedded=False)
+    draw_patches(frame, layout, 5, embedded=False)
     curved = (255 * (frame / 255.0) ** 0.6 * 0.7 + 20 + rng.normal(0, 3, frame.shape)).astype(
         np.uint8
     )
