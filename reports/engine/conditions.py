@@ -13,6 +13,8 @@ from reports.engine.predict import Condition, paper_cells
 class Setting:
     """Views, kappas, and what of the channel differs from the fitted one."""
 
+    words: str
+    """The setting in a few words, for tables and sentences."""
     views: tuple[float, ...]
     """Angles of observation, degrees."""
     kappas: tuple[int, ...]
@@ -22,13 +24,13 @@ class Setting:
 
 
 SETTINGS: dict[str, Setting] = {
-    "paper": Setting((0.0, 45.0), (5, 3)),
-    "kappa1": Setting((45.0,), (1,)),
-    "60deg": Setting((60.0,), (3,), (("metering", 1.0),)),
-    "70deg": Setting((70.0,), (3,), (("metering", 1.0),)),
-    "drift": Setting((0.0, 45.0), (3,), (("drift", 0.1),)),
-    "shift": Setting((0.0, 45.0), (3,), (("jitter_px", 1.0),)),
-    "jpeg": Setting((0.0, 45.0), (3,), (("jpeg_quality", 70),)),
+    "paper": Setting("the paper’s cells", (0.0, 45.0), (5, 3)),
+    "kappa1": Setting("κ 1, 45°", (45.0,), (1,)),
+    "60deg": Setting("κ 3, 60°", (60.0,), (3,), (("metering", 1.0),)),
+    "70deg": Setting("κ 3, 70°", (70.0,), (3,), (("metering", 1.0),)),
+    "drift": Setting("drift σ 10 %", (0.0, 45.0), (3,), (("drift", 0.1),)),
+    "shift": Setting("shift σ 1 px", (0.0, 45.0), (3,), (("jitter_px", 1.0),)),
+    "jpeg": Setting("JPEG quality 70", (0.0, 45.0), (3,), (("jpeg_quality", 70),)),
 }
 """Settings by name. ``drift`` and ``jitter_px`` are standard deviations: at 2 sigma ``shift`` is
 2 px an axis. ``metering`` 1 keeps white equally bright at every angle, as automatic exposure does.

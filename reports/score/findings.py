@@ -1,19 +1,25 @@
-"""Who wins, by how much, why, and where it fails: from a stored run, in numbers."""
+"""Who wins, by how much, why, and where it fails: from the tables of a run, in numbers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from link.errors import InputError
-from reports.run import Run, SweepPoint
-from reports.score.metrics import Row, clustered_interval
-from reports.score.paired import MIN_FRAMES, Outcomes, Paired, behind, compare, outcomes, tally
-from reports.score.paper import paper_accuracy
+from reports.run import Run, SweepCurve, SweepPoint
+from reports.score.accuracy import pool, score
+from reports.score.paired import (
+    MIN_FRAMES,
+    Paired,
+    cells_behind,
+    compare_methods,
+    same_captures,
+)
 
 REFERENCES = ("oorc", "hidden_ratex")
-"""Methods that saw the same captures as one of them are compared with it."""
+"""Methods of the paper with which others are compared: a method's reference is the first of them
+that decoded the same captures."""
 WELL_READ = 0.95
 """Share of right bits below which a method is said to fail."""
 
@@ -23,126 +29,108 @@ class Standing:
     """A method over all cells of the main comparison."""
 
     method: str
+    """Label of the method."""
     frames: int
+    """Number of frame pairs that it decoded."""
     bits: int
+    """Number of bits whose truth is known."""
     errors: int
+    """Number of bits that it decided wrong."""
     accuracy: float | None
-    """In [0, 1]; None where no truth is known."""
+    """Share of right bits, in [0, 1]; None where no truth is known."""
     low: float
-    """95 % interval that knows that errors cluster by frame pair."""
+    """Lower end of the 95 % interval of the accuracy, which knows that errors cluster."""
     high: float
+    """Upper end of the 95 % interval of the accuracy."""
     paper: float | None
-    """Mean of the paper's cells, where it has them all."""
+    """Mean accuracy of the paper's cells, in [0, 1]; None where the paper lacks one of them."""
     reference: str | None
-    """Of `REFERENCES`, another method that saw the same captures."""
+    """One of `REFERENCES`: another method that decoded the same captures."""
     against: Paired | None
-    """Against the reference."""
+    """Comparison with the reference."""
     behind: int | None
-    """Cells in which it is behind the reference beyond the paired interval; None where a cell has
-    too few frame pairs for an interval."""
-
-
-def standing(rows: Sequence[Row], method: str) -> tuple[int, int, int, float | None, float, float]:
-    """Frame pairs, bits, errors, accuracy and its interval over all rows of a method."""
-    mine = [row for row in rows if row.method == method]
-    bits, correct = sum(row.bits for row in mine), sum(row.correct for row in mine)
-    low, high = clustered_interval(mine)
-    accuracy = correct / bits if bits else None
-    return sum(row.frames for row in mine), bits, bits - correct, accuracy, low, high
+    """Number of cells in which it is behind the reference beyond the paired interval; None where a
+    cell has too few frame pairs for an interval."""
 
 
 def standings(run: Run) -> list[Standing]:
-    """Every method, best first, those without known bits last."""
-    found = outcomes(run.predictions)
-    together = groups(found)
-    seed = int(run.about["meta"]["seed"])
+    """Compare every method with its reference; the best first, those without known bits last."""
+    groups = same_captures(run.records)
+    smallest = run.scores.groupby("method")["frames"].min()
     result = []
-    for method in run.methods:
-        mine = [row for row in run.rows if row.method == method]
-        printed = [_printed(row) for row in mine]
-        known = [value for value in printed if value is not None]
-        paper = sum(known) / len(known) if len(known) == len(printed) and known else None
-        group = next(group for group in together if method in group)
+    for row in pool(run.scores).itertuples():
+        method = str(row.method)
+        group = next(group for group in groups if method in group)
         reference = next((m for m in REFERENCES if m in group and m != method), None)
-        against, late = None, None
+        against, behind = None, None
         if reference is not None:
-            against = paired(found, method, reference, seed)
-        enough = min(row.frames for row in mine) >= MIN_FRAMES  # else no cell can be behind
-        if reference is not None and against is not None and enough:
-            late = len(behind(found, method, reference, np.random.default_rng(seed)))
-        found_here = standing(run.rows, method)
-        result.append(Standing(method, *found_here, paper, reference, against, late))
-    return sorted(result, key=lambda s: -1.0 if s.accuracy is None else -s.accuracy)
+            against = compare_methods(run.records, method, reference, _resamples(run))
+        if reference is not None and against is not None and smallest[method] >= MIN_FRAMES:
+            behind = len(cells_behind(run.records, method, reference, _resamples(run)))
+        result.append(
+            Standing(
+                method,
+                int(row.frames),
+                int(row.bits),
+                int(row.errors),
+                float(row.accuracy) if row.bits else None,
+                float(row.low),
+                float(row.high),
+                None if pd.isna(row.paper) else float(row.paper),
+                reference,
+                against,
+                behind,
+            )
+        )
+    return sorted(result, key=lambda s: 1.0 if s.accuracy is None else -s.accuracy)
 
 
-def paired(found: Outcomes, method: str, reference: str, seed: int) -> Paired | None:
-    """The comparison on identical captures, or None where the two saw different ones."""
-    try:
-        _, counts = tally(found, method, reference)
-    except InputError:
-        return None
-    if not counts[:, 0].sum():
-        return None
-    return compare(counts, np.random.default_rng(seed))
+def leaders(records: pd.DataFrame, swept: pd.DataFrame) -> list[str]:
+    """Find the best method of each group that decoded the same captures, the best of them first.
 
+    Best in the main comparison, and of equals in the sweeps. Where there are sweeps, a method that
+    they leave out does not lead. A group without a known bit has no leader.
 
-def groups(found: Outcomes) -> list[list[str]]:
-    """Methods in groups that decoded the same captures, so can be paired."""
-    together: dict[bytes, list[str]] = {}
-    for method, frames in found.items():
-        key = repr(sorted(map(str, frames))).encode()
-        key += b"".join(bits.tobytes() for bits, _ in frames.values())
-        together.setdefault(key, []).append(method)
-    return list(together.values())
+    Args:
+        records: predictions of the main comparison.
+        swept: predictions of the sweeps; may be empty.
 
-
-def leaders_of(predictions: Sequence[dict[str, Any]], swept: Sequence[Sequence[Row]]) -> list[str]:
-    """The best method of each of `groups` that has a known bit, the best of them first.
-
-    Best in the main comparison, and of equals in the sweeps; where there are sweeps, a method that
-    they leave out does not lead.
+    Returns:
+        labels of methods.
     """
-    found = outcomes(predictions)
-    swept_rows = [row for point in swept for row in point]
-    names = {row.method for row in swept_rows}
+    main, more = (_wrong_shares(table) for table in (records, swept))
+    known = set(records.loc[records["known"] > 0, "method"])
+    groups = [
+        [method for method in group if method in more or not more] or group
+        for group in same_captures(records)
+        if group[0] in known
+    ]
 
     def wrong(method: str) -> tuple[float, float]:
-        wrongs = [wrong for _, wrong in found[method].values()]
-        bits = sum(each.size for each in wrongs)
-        mine = [row for row in swept_rows if row.method == method]
-        more = sum(row.bits for row in mine)
-        return (
-            sum(int(each.sum()) for each in wrongs) / bits if bits else 1.0,
-            1 - sum(row.correct for row in mine) / more if more else 1.0,
-        )
+        return main[method], more.get(method, 1.0)
 
-    known = [
-        [m for m in group if m in names or not names] or group
-        for group in groups(found)
-        if any(bits.size for bits, _ in found[group[0]].values())
-    ]
-    return sorted((min(group, key=wrong) for group in known), key=wrong)
+    return sorted((min(group, key=wrong) for group in groups), key=wrong)
 
 
-def leaders(run: Run) -> list[str]:
-    """`leaders_of` a stored run."""
-    return leaders_of(run.predictions, [point.rows for point in run.sweeps])
+def undecided(run: Run, method: str, ranked: Sequence[Standing]) -> list[str]:
+    """Find the methods that the main comparison does not tell apart from ``method``.
 
+    Methods that decoded the same captures are compared by the paired interval, others by the
+    overlap of their intervals.
 
-def undecided(run: Run, method: str, table: Sequence[Standing]) -> list[str]:
-    """Methods that the main comparison does not tell apart from ``method``.
-
-    By the paired interval where both saw the same captures, else by overlap of their intervals.
+    Args:
+        run: what was decoded.
+        method: label of the method.
+        ranked: standings of all methods of the run.
     """
-    found = outcomes(run.predictions)
-    mine = next(s for s in table if s.method == method)
+    mine = next(s for s in ranked if s.method == method)
     names = []
-    for other in table:
+    for other in ranked:
         if other.method == method or other.accuracy is None:
             continue
-        result = paired(found, method, other.method, int(run.about["meta"]["seed"]))
-        if result is not None:
-            same = result.low <= 0 <= result.high
+        paired = compare_methods(run.records, method, other.method, _resamples(run))
+        if paired is not None:
+            same = paired.low <= 0 <= paired.high
         else:
             same = other.low <= mine.high and mine.low <= other.high
         if same:
@@ -150,31 +138,115 @@ def undecided(run: Run, method: str, table: Sequence[Standing]) -> list[str]:
     return names
 
 
-def worst_points(run: Run, method: str) -> list[tuple[SweepPoint, float, float, float]]:
-    """Points that ``method`` reads below `WELL_READ`, with accuracy and interval; worst first."""
-    found = []
-    for point in run.sweeps:
-        _, _, _, accuracy, low, high = standing(point.rows, method)
-        if accuracy is not None and accuracy < WELL_READ:
-            found.append((point, accuracy, low, high))
-    return sorted(found, key=lambda entry: entry[1])
+@dataclass(frozen=True)
+class SweptAccuracy:
+    """A method at one value of a sweep, over all its camera-display pairs."""
+
+    curve: SweepCurve
+    point: SweepPoint
+    method: str
+    frames: int
+    """Number of frame pairs."""
+    bits: int
+    """Number of bits whose truth is known, at least 1."""
+    errors: int
+    """Number of bits that were decided wrong."""
+    accuracy: float
+    """Share of right bits, in [0, 1]."""
+    low: float
+    """Lower end of the 95 % interval of the accuracy, which knows that errors cluster."""
+    high: float
+    """Upper end of the 95 % interval of the accuracy."""
+
+    @property
+    def value(self) -> float:
+        """Value of the swept quantity, as the axis shows it."""
+        return self.curve.scale * self.point.value
+
+    @property
+    def words(self) -> str:
+        """Value of the swept quantity in words."""
+        return self.curve.words(self.point.value)
 
 
-def parts_that_pay(ablation: dict[str, Any], count: int) -> list[tuple[str, str, dict[str, Any]]]:
-    """(part, condition, paired difference to the full decoder): the largest losses without it."""
-    losses = [
-        (entry["row"].removeprefix("full-"), entry["condition"], entry["against"]["full"])
-        for entry in ablation["entries"]
-        if entry["row"].startswith("full-") and entry["against"]["full"]["high"] < 0
+def swept_accuracies(run: Run) -> list[SweptAccuracy]:
+    """Pool the predictions at every value of every sweep, by method; without unknown bits."""
+    table = pool(score(run.swept), ["condition", "method"])
+    by_condition = {name: group for name, group in table.groupby("condition", sort=False)}
+    return [
+        SweptAccuracy(
+            curve,
+            point,
+            str(row.method),
+            int(row.frames),
+            int(row.bits),
+            int(row.errors),
+            float(row.accuracy),
+            float(row.low),
+            float(row.high),
+        )
+        for curve in run.sweeps
+        for point in curve.points
+        if point.condition in by_condition
+        for row in by_condition[point.condition].itertuples()
+        if row.bits
     ]
-    losses.sort(key=lambda loss: float(loss[2]["difference"]))
-    first: dict[str, tuple[str, str, dict[str, Any]]] = {}
-    for loss in losses:
-        first.setdefault(loss[0], loss)
+
+
+def worst_points(swept: Sequence[SweptAccuracy], method: str) -> list[SweptAccuracy]:
+    """Find the values of sweeps that ``method`` reads below `WELL_READ`, the worst first."""
+    mine = [entry for entry in swept if entry.method == method and entry.accuracy < WELL_READ]
+    return sorted(mine, key=lambda entry: entry.accuracy)
+
+
+@dataclass(frozen=True)
+class PartLoss:
+    """What the full decoder loses without one of its parts."""
+
+    part: str
+    """Name of the part, as rows of the ablation name it after "full-"."""
+    condition: str
+    """Condition of the ablation in which the loss is largest."""
+    points: float
+    """Loss of accuracy, points."""
+    low: float
+    """Lower end of the 95 % interval of the loss, points; above 0."""
+    high: float
+    """Upper end of the 95 % interval of the loss, points."""
+
+
+def parts_that_pay(ablation: Mapping[str, Any], count: int) -> list[PartLoss]:
+    """Find the parts of the full decoder without which it loses most.
+
+    Args:
+        ablation: content of an ablation.json.
+        count: largest number of parts.
+
+    Returns:
+        for each part its largest loss beyond the paired interval, the largest first.
+    """
+    losses = []
+    for entry in ablation["entries"]:
+        paired = entry["against"].get("full")
+        if entry["row"].startswith("full-") and paired["high"] < 0:
+            part = entry["row"].removeprefix("full-")
+            lost = (-paired["difference"], -paired["high"], -paired["low"])
+            losses.append(PartLoss(part, entry["condition"], *lost))
+    first: dict[str, PartLoss] = {}
+    for loss in sorted(losses, key=lambda loss: -loss.points):
+        first.setdefault(loss.part, loss)
     return list(first.values())[:count]
 
 
-def _printed(row: Row) -> float | None:
-    if row.view_deg is None:
-        return None
-    return paper_accuracy(row.pair, row.view_deg, row.kappa, row.method)
+def _resamples(run: Run) -> np.random.Generator:
+    """The generator with which every comparison of a run draws its resamples."""
+    return np.random.default_rng(run.seed)
+
+
+def _wrong_shares(records: pd.DataFrame) -> dict[str, float]:
+    """Share of wrong bits by method; 1 where no bit is known."""
+    sums = records.groupby("method", sort=False)[["known", "correct"]].sum()
+    return {
+        str(row.Index): 1 - row.correct / row.known if row.known else 1.0
+        for row in sums.itertuples()
+    }

@@ -1,0 +1,253 @@
+"""The page of a run: report.html, one file that needs nothing else, the same bytes every time."""
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+from markupsafe import Markup
+
+from link.errors import InputError
+from link.images import write_bytes
+from reports.engine.conditions import SETTINGS
+from reports.engine.methods import METHODS
+from reports.evaluation import exhibits
+from reports.evaluation.glance import PART_WORDS, find_glance
+from reports.render.charts import colour_of, to_svg
+from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
+from reports.render.tables import (
+    FAR,
+    Table,
+    cell_tables,
+    difference_interval,
+    percent,
+    share_interval,
+    summary_table,
+)
+from reports.run import REPORT, Cost, Response, Run, RunFolder, SweepCurve
+from reports.score.findings import (
+    REFERENCES,
+    WELL_READ,
+    Standing,
+    SweptAccuracy,
+    standings,
+    swept_accuracies,
+)
+from reports.score.paired import MIN_FRAMES
+from reports.score.reliability import ALL, Curves, reliability_curves
+from reports.studies.ablation_page import ablation_tables
+from reports.studies.peers.page import PEER_COLOURS, PeerRow, peers_figure, peers_table
+
+TEMPLATES = Path(__file__).parent / "templates"
+"""Folder of the Jinja2 templates and of the style sheet."""
+SECTIONS = {
+    "glance": "At a glance",
+    "summary": "Summary",
+    "paper": "The paper’s tables",
+    "sweeps": "Sweeps",
+    "ablation": "Ablation",
+    "peers": "Other systems",
+    "reliability": "Reliability",
+    "cdtf": "CDTF",
+    "pictures": "Pictures",
+    "failures": "Worst failures",
+    "cost": "Cost",
+    "provenance": "Provenance",
+}
+"""Titles of the report's sections by anchor, in the order of the page."""
+MAIN, SWEPT = "main comparison", "all sweeps"
+"""Names of the two conditions whose reliability the page shows."""
+
+
+def write_report(folder: Path) -> Path:
+    """Build report.html from what a run left in its folder.
+
+    Args:
+        folder: of a finished run.
+
+    Returns:
+        the page.
+
+    Raises:
+        InputError: the folder holds no finished run, or a damaged one.
+    """
+    path = folder / REPORT
+    write_bytes(path, report_page(RunFolder(folder).read()).encode())
+    return path
+
+
+def report_page(run: Run) -> str:
+    """Fill the report's template with a run.
+
+    Raises:
+        InputError: a picture of a story is missing, or lies outside the run's folder.
+    """
+    ranked, swept = standings(run), swept_accuracies(run)
+    known = any(standing.accuracy is not None for standing in ranked)
+    curves = llr_curves(run)
+    return render(
+        "report.html.j2",
+        {method: colour_of(method) for method in run.methods} | PEER_COLOURS,
+        run=run,
+        sections=SECTIONS,
+        ranked=ranked,
+        glance=find_glance(run, ranked, swept) if known else None,
+        part_words=PART_WORDS,
+        setting_words={name: setting.words for name, setting in SETTINGS.items()},
+        summary=summary_table(run.scores, against={s.method: s.against for s in ranked}),
+        summary_chart=summary_chart(ranked) if known else None,
+        references=REFERENCES,
+        well_read=WELL_READ,
+        min_frames=MIN_FRAMES,
+        far=FAR,
+        paper=paper_tables(run),
+        sweeps=sweep_charts(run, swept),
+        ablation=ablation_tables(run.references["ablation"])
+        if "ablation" in run.references
+        else [],
+        peers=peers_charts(run),
+        peers_table=peers_table(stored_peers(run)) if stored_peers(run) else None,
+        llr_methods=[name for name, card in METHODS.items() if card.llr],
+        reliability=calibration_table(curves) if curves else None,
+        reliability_charts=reliability_charts(curves),
+        reliability_bits=SHOWN_BITS,
+        responses=response_charts(run.responses),
+        response_errors=exhibits.response_table(run.responses),
+        cost=exhibits.cost_table(run.cost) if run.cost else None,
+        cost_chart=cost_chart(run.cost) if run.cost else None,
+        story_table=exhibits.story_table,
+        picture=lambda file: picture_data(run.folder, file),
+    )
+
+
+def render(template: str, colours: Mapping[str, str], **content: object) -> str:
+    """Fill a template.
+
+    Args:
+        template: name of a file of `TEMPLATES`.
+        colours: by text, the colour of a dot that stands before it in tables.
+        **content: what the template shows; texts are escaped, `markupsafe.Markup` is not.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "percent": percent,
+        "interval": share_interval,
+        "difference_interval": difference_interval,
+        "count": lambda number: f"{number:,}",
+    }
+    environment.globals["colours"] = dict(colours)
+    return environment.get_template(template).render(content)
+
+
+def summary_chart(ranked: Sequence[Standing]) -> Markup:
+    """The accuracy of each method as dots."""
+    figure = exhibits.summary_figure(ranked)
+    return to_svg(figure, "Accuracy of each method with its interval")
+
+
+def paper_tables(run: Run) -> list[Table]:
+    """Tables of the cells that the paper has, with ours under its protocol as they are stored."""
+    in_paper = run.scores.groupby(["kappa", "view_deg"], dropna=False)["paper"].transform("count")
+    rows = run.references.get("prediction", {}).get("rows", [])
+    under_paper = {
+        (row["method"], row["pair"], row["view_deg"], row["kappa"]): row["accuracy"] for row in rows
+    }
+    return cell_tables(run.scores[in_paper > 0], under_paper)
+
+
+def sweep_charts(
+    run: Run, swept: Sequence[SweptAccuracy]
+) -> list[tuple[SweepCurve, Markup, Table, list[SweptAccuracy]]]:
+    """For each sweep with a known bit what was swept, its chart, its table, and its accuracies."""
+    least = min([entry.accuracy for entry in swept], default=1.0)
+    bottom = max(0.5, least) if least > 0.45 else 0.3
+    found = []
+    for curve in run.sweeps:
+        mine = [entry for entry in swept if entry.curve is curve]
+        if mine:
+            figure = exhibits.sweep_figure(curve, mine, bottom)
+            svg = to_svg(figure, f"Accuracy by {curve.axis}")
+            found.append((curve, svg, exhibits.sweep_table(curve, mine), mine))
+    return found
+
+
+def stored_peers(run: Run) -> list[PeerRow]:
+    """Results of other systems, as they are stored; none where they are not."""
+    return [PeerRow(**row) for row in run.references.get("peers", {}).get("rows", [])]
+
+
+def peers_charts(run: Run) -> list[tuple[str, int, Markup]]:
+    """For each condition its name, the number of captures of a point, and its chart."""
+    rows = stored_peers(run)
+    found = []
+    for name in dict.fromkeys(row.condition for row in rows):
+        mine = [row for row in rows if row.condition == name]
+        svg = to_svg(peers_figure(mine), f"Accuracy by PSNR, {name}")
+        found.append((name, min(row.captures for row in mine), svg))
+    return found
+
+
+def llr_curves(run: Run) -> Curves | None:
+    """Bins of confidence of the methods whose scores are log-likelihood ratios, if there are any.
+
+    A condition in which one of them has no known bit is left out.
+    """
+    swept = run.swept.assign(condition=SWEPT)
+    records = pd.concat([run.records.assign(condition=MAIN), swept], ignore_index=True)
+    records = records[records["known"] > 0]
+    present = set(records["method"])
+    methods = [m for m in run.methods if m in present and m in METHODS and METHODS[m].llr]
+    whole = [
+        name
+        for name, part in records.groupby("condition", sort=False)
+        if methods and set(methods) <= set(part["method"])
+    ]
+    if not whole:
+        return None
+    return reliability_curves(records[records["condition"].isin(whole)], methods)
+
+
+def reliability_charts(curves: Curves | None) -> list[Markup]:
+    """A diagram of each condition."""
+    names = [name for name in next(iter(curves.values())) if name != ALL] if curves else []
+    return [to_svg(reliability_figure(curves, [name]), f"Reliability, {name}") for name in names]
+
+
+def response_charts(responses: Sequence[Response]) -> list[tuple[Response, Markup]]:
+    """The first frame pair of each cell, and its chart."""
+    return [
+        (
+            response,
+            to_svg(
+                exhibits.response_figure(response),
+                f"CDTF, {response.pair}, {response.view_deg:g}°",
+            ),
+        )
+        for response in responses
+        if response.index == responses[0].index
+    ]
+
+
+def cost_chart(cost: Cost) -> Markup | None:
+    """The time of each method as dots; None where no method was timed."""
+    timed = exhibits.cost_table(cost).rows
+    return to_svg(exhibits.cost_figure(cost), "Time of each method") if timed else None
+
+
+def picture_data(folder: Path, file: str) -> str:
+    """A picture of a run as a data URL.
+
+    Raises:
+        InputError: it is missing, or lies outside the run's folder.
+    """
+    path = (folder / file).resolve()
+    if not path.is_relative_to(folder.resolve()) or not path.is_file():
+        raise InputError(f"{folder}: {file} is not there; a run shows pictures of its own folder")
+    return f"data:image/jpeg;base64,{base64.b64encode(path.read_bytes()).decode()}"
