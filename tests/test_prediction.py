@@ -1,6 +1,9 @@
 """Protocols, the prediction report's arithmetic, and the sensitivity's paired change."""
 
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 from tolerances import FLOAT64
 
@@ -8,22 +11,36 @@ from link.errors import InputError
 from models.classical.naive import Naive
 from models.classical.two_step import TwoStep
 from reports.engine import protocols
-from reports.engine.predict import Method
-from reports.score.metrics import Row, make_row
+from reports.engine.methods import Method
+from reports.engine.records import to_records
+from reports.score.accuracy import SCORES, score, write_scores
 from reports.score.paper import METHODS, paper_accuracy
 from reports.studies import prediction, sensitivity
+from reports.studies.prediction import Rankings
 
 CELL = ("canon-lg", 45.0, 3)
-BITS = 10_000
+FRAMES, BITS = 100, 100
 
 
-def rows(**accuracies: float) -> list[Row]:
-    """One cell's four rows, accuracies in per cent."""
-    made = []
-    for method in METHODS:
-        correct = round(BITS * accuracies[method] / 100)
-        made.append(make_row(method, *CELL, 100, BITS, correct, 100 * (correct // 100) ** 2))
-    return made
+def compared(**accuracies: float) -> pd.DataFrame:
+    """One cell's four methods beside the paper, accuracies in per cent."""
+    lines = []
+    for index in range(FRAMES):
+        for method in METHODS:
+            right = round(accuracies[method] * (index + 1)) - round(accuracies[method] * index)
+            lines.append(
+                {
+                    "method": method,
+                    "pair": CELL[0],
+                    "view_deg": CELL[1],
+                    "kappa": CELL[2],
+                    "picture": None,
+                    "scores": [1.0] * right + [-1.0] * (BITS - right),
+                    "bits": [1] * BITS,
+                    "index": index,
+                }
+            )
+    return prediction.compare_with_paper(score(to_records(lines)))
 
 
 def as_printed() -> dict[str, float]:
@@ -31,37 +48,57 @@ def as_printed() -> dict[str, float]:
 
 
 def test_a_perfect_prediction_has_no_error_and_the_printed_ranking() -> None:
-    perfect = rows(**as_printed())
-    assert prediction.error(perfect) < 0.01
-    assert prediction.rankings(perfect) == (1, 1, 1)
+    perfect = compared(**as_printed())
+    assert prediction.mean_error(perfect) < 0.01
+    assert prediction.rank_methods(perfect) == Rankings(1, 1, 1, 1)
 
 
 def test_the_error_is_in_points_and_absolute() -> None:
     shifted = as_printed()
     shifted["naive"] += 3.0
     shifted["two_step"] -= 1.0
-    assert prediction.error(rows(**shifted)) == pytest.approx(1.0, abs=0.01)
+    table = compared(**shifted)
+    assert prediction.mean_error(table) == pytest.approx(1.0, abs=0.01)
+    assert table["method"].tolist() == list(METHODS)
+    assert table["difference"].tolist() == pytest.approx([3.0, -1.0, 0.0, 0.0], abs=0.01)
 
 
 def test_a_wrong_winner_is_counted() -> None:
     wrong = as_printed() | {"hidden_ratex": 99.9}
-    assert prediction.rankings(rows(**wrong)) == (1, 0, 0)
+    assert prediction.rank_methods(compared(**wrong)) == Rankings(1, 0, 1, 0)
 
 
 def test_a_tie_for_first_counts_for_both() -> None:
     tied = as_printed() | {"oorc": 99.0, "hidden_ratex": 99.0}
-    assert prediction.rankings(rows(**tied)) == (1, 1, 1)
+    assert prediction.rank_methods(compared(**tied)) == Rankings(1, 1, 1, 1)
 
 
-def test_every_disagreement_gets_a_reason() -> None:
-    table = prediction.worst(rows(naive=99.0, two_step=50.0, oorc=60.0, hidden_ratex=50.0), 4)
-    cells = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
-    assert [len(cell) for cell in cells] == [5] * 4
-    assert all(len(cell[4]) > 20 for cell in cells)
+def test_the_largest_disagreements_come_first() -> None:
+    table = compared(naive=99.0, two_step=50.0, oorc=60.0, hidden_ratex=50.0)
+    rows = prediction.worst_table(table, 3).rows
+    assert [row[:3] for row in rows] == [
+        ["canon-lg, 45°, κ 3", "hidden_ratex", "50.0"],
+        ["canon-lg, 45°, κ 3", "naive", "99.0"],
+        ["canon-lg, 45°, κ 3", "oorc", "60.0"],
+    ]
+    assert [row[4] for row in rows] == ["-45.7", "+40.1", "-38.4"]
+
+
+def test_the_tables_are_those_of_the_stored_numbers(tmp_path: Path) -> None:
+    table = compared(**as_printed())
+    stored = tmp_path / "prediction.json"
+    write_scores(stored, table[SCORES], {"seed": 7})
+    blocks = prediction.prediction_blocks(stored)
+    assert "1 cells × 100 frame pairs (10000 bits a method)" in blocks["prediction_sample"]
+    assert "seed 7" in blocks["prediction_sample"]
+    assert blocks["prediction_errors"] == prediction.error_table(table).markdown()
+    assert blocks["prediction_means"] in prediction.results_block(stored)
+    assert "| naive | 58.9 / 58.9 |" in blocks["prediction_means"]
+    assert "58.9 ±" in blocks["prediction_cells"]
 
 
 def test_the_paper_protocol_fixes_thresholds_of_the_baselines_alone() -> None:
-    methods = protocols.apply("paper", [Method(name) for name in (*METHODS, "phi")])
+    methods = protocols.apply_protocol("paper", [Method(name) for name in (*METHODS, "phi")])
     built = {method.name: method.build() for method in methods}
     naive, two_step = built["naive"], built["two_step"]
     assert isinstance(naive, Naive) and naive.threshold == 2.5
@@ -71,19 +108,19 @@ def test_the_paper_protocol_fixes_thresholds_of_the_baselines_alone() -> None:
 
 @pytest.mark.parametrize("name", protocols.PROTOCOLS)
 def test_every_protocol_builds_its_decoders(name: str) -> None:
-    for method in protocols.apply(name, [Method(m) for m in METHODS]):
+    for method in protocols.apply_protocol(name, [Method(m) for m in METHODS]):
         method.build()
 
 
 def test_an_unknown_protocol_lists_the_valid_ones() -> None:
     with pytest.raises(InputError, match=r"protocol 'papr'.*fair, paper"):
-        protocols.apply("papr", [Method("naive")])
+        protocols.apply_protocol("papr", [Method("naive")])
 
 
 def test_the_paired_change_cancels_what_frames_share() -> None:
     rng = np.random.default_rng(0)
     base = rng.uniform(60, 90, 50)
-    same = sensitivity.change(base + 2.0, base)
+    same = sensitivity.paired_change((base + 2.0) - base)
     assert same.mean == pytest.approx(2.0) and same.half < FLOAT64
-    noisy = sensitivity.change(base + 2.0 + rng.normal(0, 1, 50), base)
+    noisy = sensitivity.paired_change((base + 2.0 + rng.normal(0, 1, 50)) - base)
     assert noisy.half == pytest.approx(1.96 / np.sqrt(50), rel=0.3)

@@ -1,4 +1,4 @@
-"""Ways to read what the paper leaves open: thresholds, the kappa of the ratex patches, and votes."""
+"""Ways to read what the paper leaves open: thresholds, kappa of the ratex patches, and votes."""
 
 import json
 from collections.abc import Sequence

@@ -46,7 +46,7 @@ def each_result(
         if outcome.failure is not None:
             failed.append(f"{names[outcome.index]}: {outcome.failure.reason}")
         else:
-            yield names[outcome.index], outcome.result  # type: ignore[misc]
+            yield names[outcome.index], outcome.result
     if failed:
         total = done + len(names)
         raise InputError(f"{title}: {len(failed)} of {total} failed: {'; '.join(failed)}")

@@ -1,31 +1,29 @@
 """Messages from simulated hand-held video: python -m reports.studies.delivery.
 
-Each run draws a picture, a room, a pose, the hand's motion, both clocks and where in the loop the
-camera joins; the receiver gets the frames alone. Runs are stored as they end, and a restarted
-command goes on where it stopped.
+Each run draws a picture, a room, a pose, the motion of the hand, both clocks, and the moment of the
+loop at which the camera joins. The receiver gets the frames alone. Runs are stored as they end, and
+a restarted command goes on where it stopped.
 """
 
+import hashlib
 import json
 import os
 import zlib
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any
 
-import cv2
 import numpy as np
+import pandas as pd
 import tyro
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from data_gen.film.scenes import SceneSettings
+from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
-from data_gen.film.stream import VideoSettings, film
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
@@ -33,12 +31,20 @@ from link.code.framing import encode
 from link.embed import embed
 from link.errors import at_least, run_cli
 from link.images import write_bytes
-from link.layout import Layout, make_layout
+from link.layout import make_layout
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
-from reports.score.metrics import provenance, wilson
+from reports.engine.backends import one_thread
+from reports.engine.digest import code_digest, file_digest, package_versions
+from reports.engine.provenance import provenance
+from reports.engine.stored import resume
+from reports.render.tables import Table, percent, share_interval
+from reports.score.accuracy import wilson
 
-RUNS = "runs.jsonl"
+STORED_VERSION = 1
+"""Raise it when `deliver` changes what it does, so that older runs are not read again."""
+DECIDING = ("data_gen.film.stream", "data_gen.frame_pair", "export.receive.receiver")
+"""Modules that decide, with all that they import, what a run gives."""
 
 
 @dataclass(frozen=True)
@@ -46,40 +52,107 @@ class DeliveryConfig:
     """A message from at most three loops of a hand-held video (simulated)."""
 
     pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs."""
     views: tuple[float, ...] = (0.0, 45.0)
+    """Angles between the camera and the normal of the display, degrees."""
     kappa: int = 3
+    """Gray levels added to a block that carries a 1."""
     grid: int = 8
-    """Blocks along each side: 8 or 16."""
+    """Number of blocks along each side: 8 or 16."""
     state_hz: float = 15.0
-    """States a second; two of them are a frame pair."""
+    """Number of states that the display shows a second; two of them are a frame pair."""
     fps: float = 30.0
+    """Number of frames that the camera takes a second."""
     n_bytes: int = 100
+    """Length of the message, bytes."""
     runs: int = 6
-    """Of each pair and view."""
+    """Number of runs for each pair and view."""
     loops: float = 3.0
-    """Given up after so many."""
+    """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
-    """Share of the image that the display covers, drawn between these."""
+    """Least and largest share of the image that the display covers; drawn between them."""
     seed: int = 0
+    """Seed of all draws."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes."""
     out: Path = Path("runs/delivery")
+    """Folder of the results; runs are stored in a folder of their own in it."""
+
+    @property
+    def name(self) -> str:
+        """Name of the setting, for files."""
+        rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
+        return f"grid{self.grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
 
 
-def simulate(
-    config: DeliveryConfig, pair: str, view: float, run: int, model: bytes
-) -> dict[str, Any]:
-    """One run: film until the message comes or the loops are over."""
-    cv2.setNumThreads(1)
+@dataclass(frozen=True)
+class Take:
+    """One film of a message that is to be received."""
+
+    config: DeliveryConfig
+    pair: str
+    """Camera-display pair."""
+    view: float
+    """Angle between the camera and the normal of the display, degrees."""
+    run: int
+    """Number of the run among those of the pair and view."""
+    model: Path
+    """Exported decoder of the receiver."""
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What became of one message."""
+
+    pair: str
+    """Camera-display pair."""
+    view_deg: float
+    """Angle between the camera and the normal of the display, degrees."""
+    run: int
+    """Number of the run among those of the pair and view."""
+    picture: str
+    """Name of the picture that carried the message."""
+    delivered: bool
+    """Whether the message came."""
+    wrong: bool
+    """Whether a message came that was not sent."""
+    loops: float
+    """Number of loops of the message until then, or until the run was given up."""
+    seconds: float
+    """Time of the film until then, seconds."""
+    frames: int
+    """Number of frames until then."""
+    frames_with_display: int
+    """Number of frames in which the display was found."""
+    bits: int
+    """Number of bits that were decided on the way."""
+    bits_wrong: int
+    """Number of these that are wrong, each frame pair held against the one that it fits best."""
+    loop_frames: int
+    """Number of frame pairs in a loop of the message."""
+    receiver_fps: float
+    """Number of frames that the receiver took in a second of computing."""
+
+
+def deliver(take: Take) -> dict[str, Any]:
+    """Film until the message comes or the loops are over.
+
+    Returns:
+        the fields of a `Delivery`.
+    """
+    one_thread()
+    config = take.config
     layout = make_layout(config.grid, config.grid)
-    key = f"{pair} {view} {run} {config.kappa} {config.grid} {config.state_hz} {config.fps}"
+    setting = f"{config.kappa} {config.grid} {config.state_hz} {config.fps}"
+    key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([config.seed, zlib.crc32(key.encode())])
     source = Source(layout, "test", config.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits)
-    shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
-    states = [frame for one in shown for frame in (one.original, one.embedded)]
+    pairs_shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
+    states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
     settings = VideoSettings(
         scene=SceneSettings(
             coverage=float(rng.uniform(*config.coverage)), pictures=pictures, free=0.03
@@ -88,174 +161,195 @@ def simulate(
         state_hz=config.state_hz,
         seconds=config.loops * 2 * len(bits) / config.state_hz,
     )
-    decoder = Decoder(PRETRAINED / "decoder.onnx", threads=1) if not model else _decoder(model)
-    receiver = Receiver(decoder, config.fps)
-    wrong = decoded = frames = 0
-    spent, got, time = 0.0, None, 0.0
-    for frame in film(states, layout, source.pair(pair), view, settings, rng):
+    receiver = Receiver(Decoder(take.model, threads=1), config.fps)
+    wrong = decided = frames = 0
+    spent, received, time = 0.0, None, 0.0
+    for frame in film(states, layout, source.pair(take.pair), take.view, settings, rng):
         frames, time = frames + 1, frame.time_s
         start = perf_counter()
         step = receiver.push(frame.rgb, frame.time_s)
         spent += perf_counter() - start
-        for one in step.pairs:
-            errors = _errors(one.soft.scores, bits)
-            wrong, decoded = wrong + errors, decoded + layout.n_bits
+        for pair in step.pairs:
+            wrong += fewest_errors(pair.soft.scores, bits)
+            decided += layout.n_bits
         if step.message is not None:
-            got = step.message.data
+            received = step.message.data
             break
-    return {
-        "pair": pair,
-        "view_deg": view,
-        "run": run,
-        "picture": picture.name,
-        "delivered": got == message,
-        "wrong": got is not None and got != message,
-        "loops": time * config.state_hz / 2 / len(bits),
-        "seconds": time,
-        "frames": frames,
-        "frames_with_display": receiver.found,
-        "bits": decoded,
-        "bits_wrong": wrong,
-        "loop_frames": len(bits),
-        "receiver_fps": frames / spent,
-    }
+    delivery = Delivery(
+        pair=take.pair,
+        view_deg=take.view,
+        run=take.run,
+        picture=picture.name,
+        delivered=received == message,
+        wrong=received is not None and received != message,
+        loops=time * config.state_hz / 2 / len(bits),
+        seconds=time,
+        frames=frames,
+        frames_with_display=receiver.found,
+        bits=decided,
+        bits_wrong=wrong,
+        loop_frames=len(bits),
+        receiver_fps=frames / spent,
+    )
+    return asdict(delivery)
 
 
-def _errors(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> int:
-    """Wrong bits of a pair, against the frame of the loop that it fits best."""
+def fewest_errors(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> int:
+    """Count the wrong bits of a frame pair against the frame pair of the loop that it fits best.
+
+    >>> fewest_errors(np.array([2.0, -1.0, 3.0]), np.array([[0, 1, 0], [1, 0, 0]]))
+    1
+
+    Args:
+        scores: (n_bits,) scores of the bits; positive means 1.
+        bits: (loop frames, n_bits) of 0 or 1.
+    """
     return int(((scores > 0) != bits).sum(axis=1).min())
 
 
-def _decoder(model: bytes) -> Decoder:
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "decoder.onnx"
-        write_bytes(path, model)
-        return Decoder(path, threads=1)
-
-
-def model_for(layout: Layout) -> bytes:
-    """The shipped decoder for another layout; empty for its own."""
+def receiver_model(config: DeliveryConfig) -> Path:
+    """Path of the shipped decoder, exported for the layout of a setting."""
+    layout = make_layout(config.grid, config.grid)
     if layout == make_layout():
-        return b""
-    return to_onnx(load_checkpoint(PRETRAINED, layout=layout), "pretrained")
+        return PRETRAINED / "decoder.onnx"
+    path = config.out / config.name / "decoder.onnx"
+    write_bytes(path, to_onnx(load_checkpoint(PRETRAINED, layout=layout), "pretrained"))
+    return path
 
 
-def bound_seconds(row: dict[str, Any], config: DeliveryConfig) -> float:
-    """Time in which no code could deliver faster at this run's share of wrong bits (hard bits)."""
+def stored_runs(config: DeliveryConfig, model: Path) -> Path:
+    """File of the runs, named after all that decides them apart from pair, view and number."""
+    settings = (config.kappa, config.grid, config.state_hz, config.fps, config.n_bytes)
+    parts = [
+        repr((STORED_VERSION, *settings, config.loops, config.coverage, config.seed)),
+        code_digest(*DECIDING),
+        file_digest([model]),
+        *package_versions(),
+    ]
+    mark = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    return config.out / config.name / f"runs_{mark}.jsonl"
+
+
+def bound_seconds(delivery: Delivery, config: DeliveryConfig) -> float:
+    """Time in which no code could deliver faster at this run's share of wrong bits (hard bits).
+
+    It is the capacity of a binary symmetric channel, for a receiver that knows from the start the
+    clock of the display and the place in the loop.
+    """
     n_bits = make_layout(config.grid, config.grid).n_bits
-    p = min(max(row["bits_wrong"] / max(row["bits"], 1), 1e-9), 0.5)
+    p = min(max(delivery.bits_wrong / max(delivery.bits, 1), 1e-9), 0.5)
     entropy = -p * np.log2(p) - (1 - p) * np.log2(1 - p)
     per_pair = max(n_bits * (1 - entropy), 1e-9)
     return float(8 * config.n_bytes / per_pair * 2 / config.state_hz)
 
 
-def summary(rows: list[dict[str, Any]], config: DeliveryConfig) -> list[dict[str, Any]]:
-    """One row a view, and one for all."""
-    groups: list[tuple[str, list[dict[str, Any]]]] = [
-        (f"{view:g}°", [row for row in rows if row["view_deg"] == view]) for view in config.views
-    ]
-    table = []
-    for name, group in [*groups, ("all", rows)]:
-        delivered = [row for row in group if row["delivered"]]
-        low, high = wilson(len(delivered), len(group))
-        seconds = [row["seconds"] for row in delivered] or [float("nan")]
-        table.append(
+def summarise_deliveries(
+    deliveries: list[Delivery], config: DeliveryConfig
+) -> list[dict[str, Any]]:
+    """Pool the runs of each view, and all of them.
+
+    Returns:
+        for each view, and then for "all": numbers of runs and of messages ``delivered``, with
+        Wilson's 95 % interval of their share; ``wrong_messages``; median and 95 % quantile of the
+        seconds, median of the loops, and median of `bound_seconds`; share of ``bits_wrong``; and
+        bits of delivered messages in a second of film.
+    """
+    runs = pd.DataFrame([asdict(delivery) for delivery in deliveries])
+    runs["bound"] = [bound_seconds(delivery, config) for delivery in deliveries]
+    groups = {f"{view:g}°": runs[runs["view_deg"] == view] for view in config.views} | {"all": runs}
+    rows = []
+    for name, group in groups.items():
+        came = group[group["delivered"]]
+        low, high = wilson(len(came), len(group))
+        rows.append(
             {
                 "view": name,
                 "runs": len(group),
-                "delivered": len(delivered),
+                "delivered": len(came),
                 "ci_low": low,
                 "ci_high": high,
-                "wrong_messages": sum(row["wrong"] for row in group),
-                "seconds_median": float(np.median(seconds)),
-                "seconds_95": float(np.quantile(seconds, 0.95)),
-                "loops_median": float(np.median([row["loops"] for row in delivered] or [0.0])),
-                "bound_seconds": float(np.median([bound_seconds(row, config) for row in group])),
-                "bits_wrong": sum(row["bits_wrong"] for row in group)
-                / max(1, sum(row["bits"] for row in group)),
-                "goodput_bit_s": 8
-                * config.n_bytes
-                * len(delivered)
-                / sum(row["seconds"] for row in group),
+                "wrong_messages": int(group["wrong"].sum()),
+                "seconds_median": float(came["seconds"].median()),
+                "seconds_95": float(came["seconds"].quantile(0.95)),
+                "loops_median": float(came["loops"].median()) if len(came) else 0.0,
+                "bound_seconds": float(group["bound"].median()),
+                "bits_wrong": int(group["bits_wrong"].sum()) / max(1, int(group["bits"].sum())),
+                "goodput_bit_s": 8 * config.n_bytes * len(came) / float(group["seconds"].sum()),
             }
         )
-    return table
+    return rows
 
 
-def readme_block(folder: Path) -> str:
-    """What README says of the stored results: one row a delivery.json in ``folder``."""
-    lines = [
-        "Simulated hand-held video at 1280 × 720, 0° and 45°, κ = 3, a 100-byte message; "
-        "picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
-        "(`python -m reports.studies.delivery`):\n",
-        "| grid | states/s | camera fps | pairs | runs | delivered in 3 loops | 95 % interval | "
-        "wrong messages | bits wrong % | seconds, median (95 %) | loops | bound, s | "
-        "goodput, bit/s |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+def delivery_table(folder: Path) -> Table:
+    """Show the stored results of all settings, one row for each file of a folder."""
+    heads = (
+        "grid", "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
+        "wrong messages", "bits wrong %", "seconds, median (95 %)", "loops", "bound, s",
+        "goodput, bit/s",
+    )  # fmt: skip
+    rows = []
     for path in sorted(folder.glob("*.json")):
         stored = json.loads(path.read_text())
         row, setup = stored["summary"][-1], stored["config"]
-        lines.append(
-            f"| {setup['grid']} × {setup['grid']} | {setup['state_hz']:g} | {setup['fps']:g} | "
-            f"{len(setup['pairs'])} | {row['runs']} | {row['delivered']} | "
-            f"{100 * row['ci_low']:.1f} – {100 * row['ci_high']:.1f} % | {row['wrong_messages']} | "
-            f"{100 * row['bits_wrong']:.2f} | {row['seconds_median']:.1f} "
-            f"({row['seconds_95']:.1f}) | {row['loops_median']:.2f} | "
-            f"{row['bound_seconds']:.1f} | {row['goodput_bit_s']:.0f} |"
+        rows.append(
+            [
+                f"{setup['grid']} × {setup['grid']}",
+                f"{setup['state_hz']:g}",
+                f"{setup['fps']:g}",
+                str(len(setup["pairs"])),
+                str(row["runs"]),
+                str(row["delivered"]),
+                f"{share_interval(row['ci_low'], row['ci_high'], 1)} %",
+                str(row["wrong_messages"]),
+                percent(row["bits_wrong"]),
+                f"{row['seconds_median']:.1f} ({row['seconds_95']:.1f})",
+                f"{row['loops_median']:.2f}",
+                f"{row['bound_seconds']:.1f}",
+                f"{row['goodput_bit_s']:.0f}",
+            ]
         )
-    lines.append(
-        "\n*bound*: the time that a perfect code for hard bits would need at the same share of "
-        "wrong bits, with a clock and a place in the loop for nothing."
+    title = (
+        "Simulated hand-held video at 1280 × 720, 0° and 45°, κ = 3, a 100-byte message; picture, "
+        "room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
+        "(`python -m reports.studies.delivery`):"
     )
-    return "\n".join(lines)
+    return Table(heads, rows, title)
+
+
+def delivery_block(folder: Path) -> str:
+    """Show the stored results of all settings, and say what the bound is."""
+    bound = (
+        "*bound*: the time that a perfect code for hard bits would need at the same share of wrong "
+        "bits, if the receiver knew the clock and the place in the loop from the start."
+    )
+    return f"{delivery_table(folder).markdown()}\n\n{bound}"
 
 
 def main() -> None:
-    """Film, receive, print a table."""
+    """Film, receive, store, print."""
     config = tyro.cli(DeliveryConfig)
     at_least(1, runs=config.runs, jobs=config.jobs, n_bytes=config.n_bytes)
-    name = f"grid{config.grid}_{config.state_hz:g}hz_{config.fps:g}fps_kappa{config.kappa}"
-    folder = config.out / f"{name}_{config.n_bytes}B_seed{config.seed}"
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = list(_stored(folder / RUNS))
-    done = {(row["pair"], row["view_deg"], row["run"]) for row in rows}
-    wanted = [
-        (pair, view, run)
-        for run in range(config.runs)
-        for view in config.views
-        for pair in config.pairs
-    ]
-    model = model_for(make_layout(config.grid, config.grid))
-    work = Parallel(n_jobs=config.jobs, return_as="generator_unordered")(
-        delayed(simulate)(config, *key, model) for key in wanted if key not in done
-    )
-    with (folder / RUNS).open("a") as file:
-        for row in tqdm(work, total=len(wanted), initial=len(done), unit="run"):
-            rows.append(row)
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-    rows = [row for row in rows if (row["pair"], row["view_deg"], row["run"]) in set(wanted)]
-    table = summary(rows, config)
-    for line in table:
-        print(json.dumps(line))
-    meta = provenance(config.seed, simulated=True)
+    at_least(0, seed=config.seed)
+    model = receiver_model(config)
+    takes = {
+        f"{pair} {view:g} {run}": Take(config, pair, view, run, model)
+        for run, view, pair in product(range(config.runs), config.views, config.pairs)
+    }
+    stored = resume(deliver, takes, stored_runs(config, model), config.jobs, "runs")
+    deliveries = [Delivery(**run) for run in stored.values()]
+    summary = summarise_deliveries(deliveries, config)
+    for row in summary:
+        print(json.dumps(row))
     setup = {key: value for key, value in asdict(config).items() if key not in ("out", "jobs")}
-    result = {"meta": meta, "config": setup, "summary": table, "runs": sorted(rows, key=_order)}
-    write_bytes(config.out / f"{folder.name}.json", (json.dumps(result, indent=1) + "\n").encode())
-
-
-def _order(row: dict[str, Any]) -> tuple[str, float, int]:
-    return row["pair"], row["view_deg"], row["run"]
-
-
-def _stored(path: Path) -> Iterator[dict[str, Any]]:
-    if path.is_file():
-        for line in path.read_text().splitlines():
-            try:
-                yield json.loads(line)
-            except json.JSONDecodeError:
-                continue  # cut off where a run was killed
+    content = {
+        "meta": provenance(config.seed, simulated=True),
+        "config": setup,
+        "summary": summary,
+        "runs": sorted(stored.values(), key=lambda run: (run["pair"], run["view_deg"], run["run"])),
+    }
+    file = config.out / f"{config.name}.json"
+    write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
+    print(file)
 
 
 if __name__ == "__main__":

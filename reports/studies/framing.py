@@ -1,195 +1,325 @@
-"""Message failure against raw bit error of the codes that a loop could use.
+"""How often a message is lost, by the share of wrong bits: python -m reports.studies.framing.
 
-python -m reports.studies.framing: curves to docs/framing.{json,png}; --wrong counts wrong messages
-in random scores and at 5 to 30 % of bit errors.
+Messages are coded, sent through a simulated binary symmetric channel, and decoded: by the code of
+`link.code.framing`, and by Reed-Solomon where the package reedsolo is installed. ``--wrong`` also
+counts how often a message comes that was not sent. All draws come from one stream of random
+numbers, in a fixed order. So every batch of trials is told where in the stream it begins: batches
+run in parallel, are stored as they end, and a restarted command goes on where it stopped.
 """
 
+import hashlib
 import json
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tyro
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from link.code.framing import SIGNATURE, decode, encode
+from link.errors import at_least, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
-from reports.score.metrics import provenance, wilson
+from reports.engine.digest import code_digest, package_versions
+from reports.engine.provenance import provenance
+from reports.engine.stored import resume
+from reports.render.charts import Point, Series, draw_series, new_panels, save_png
+from reports.score.accuracy import wilson
 
 Array = NDArray[np.float64]
+STORED_VERSION = 1
+"""Raise it when `count_decoded` changes what it does, so that older batches are not read again."""
+LOOPS = (1, 2, 3)
+"""Numbers of loops of the message that the receiver adds up."""
+BATCH = 1000
+"""Number of decodes in a batch of those in which wrong messages are counted."""
 RANDOM, NOISY = 100_000, 10_000
-"""Decodes in which wrong messages are counted."""
+"""Number of decodes in which wrong messages are counted: of random scores, and of messages with
+wrong bits."""
+NOISY_BER = (0.05, 0.3)
+"""Least and largest share of wrong bits in a message in which wrong messages are counted."""
 
 
 @dataclass(frozen=True)
 class FramingConfig:
-    """Message failure against raw bit error (simulated binary symmetric channel)."""
+    """Message failure against the share of wrong bits (simulated binary symmetric channel)."""
 
     out: Path = Path("runs/framing")
+    """Folder for framing.json, framing.png and the stored batches."""
     n_bytes: int = 100
-    """Length of the message."""
+    """Length of the message, bytes."""
     trials: int = 200
-    """Messages a point."""
+    """Number of messages for each code, number of loops and share of wrong bits."""
     ber: tuple[float, ...] = (0.02, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.12)
+    """Shares of wrong bits, in [0, 1]."""
     wrong: bool = False
     """Count wrong messages, too: 100,000 decodes of random scores, 10,000 at 5 to 30 %."""
     seed: int = 0
+    """Seed of the stream of random numbers."""
+    jobs: int = os.cpu_count() or 1
+    """Number of processes."""
 
 
-def llr_of(bits: NDArray[np.integer], ber: float, loops: int, rng: np.random.Generator) -> Array:
-    """Summed log-likelihood ratios of ``loops`` looks through a binary symmetric channel."""
+@dataclass(frozen=True)
+class Trial:
+    """Scores of the bits of a loop, and what they should give."""
+
+    scores: Array
+    """Summed log-likelihood ratios of the coded bits."""
+    message: bytes
+    """What was sent; empty where the scores are random."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Some trials of one kind, and where in the stream of random numbers they begin."""
+
+    kind: str
+    """Key of `CODES`, or "random" or "noisy"."""
+    count: int
+    """Number of trials."""
+    state: Mapping[str, Any]
+    """State of the generator of random numbers before the first trial."""
+    loops: int = 1
+    """Number of loops that the receiver adds up."""
+    ber: float = 0.0
+    """Share of wrong bits, for the kinds that are a code."""
+    n_bytes: int = 0
+    """Length of the message in bytes, for the kinds that are a code."""
+
+
+def received_llr(
+    bits: NDArray[np.integer], ber: float, loops: int, rng: np.random.Generator
+) -> Array:
+    """Send bits through a binary symmetric channel, and add up what comes.
+
+    Args:
+        bits: 0 or 1, of any shape.
+        ber: share of wrong bits, in (0, 1).
+        loops: number of times that the bits are sent.
+        rng: draws which of them are flipped.
+
+    Returns:
+        summed log-likelihood ratios of the bits, natural logarithm, in the shape of ``bits``.
+    """
     flips = np.where(rng.random((loops, *bits.shape)) < ber, -1.0, 1.0)
     return np.asarray(np.log((1 - ber) / ber) * (2.0 * bits - 1) * flips.sum(axis=0))
 
 
-def ours(message: bytes, n_bits: int) -> tuple[NDArray[np.integer], Callable[[Array], bool]]:
-    """Soft LDPC of `link.code.framing`."""
-    bits = encode(message, n_bits)
-    return (
-        bits[:, SIGNATURE:].reshape(-1),
-        lambda llr: (
-            decode(
-                np.concatenate(
-                    [np.zeros((len(bits), SIGNATURE)), llr.reshape(len(bits), -1)], axis=1
-                )
-            )
-            == message
-        ),
-    )
+def encode_ldpc(message: bytes, n_bits: int) -> NDArray[np.integer]:
+    """Encode a message as `link.code.framing` does, without the frames' signatures."""
+    return encode(message, n_bits)[:, SIGNATURE:].reshape(-1)
 
 
-def reed_solomon(
-    message: bytes, n_bits: int
-) -> tuple[NDArray[np.integer], Callable[[Array], bool]]:
-    """Reed-Solomon over bytes (`reedsolo`), of the same length; the least certain third erased."""
+def reads_ldpc(llr: Array, message: bytes, n_bits: int) -> bool:
+    """Whether `link.code.framing` reads a message from what came of `encode_ldpc`."""
+    frames = llr.reshape(-1, n_bits - SIGNATURE)
+    known = np.concatenate([np.zeros((len(frames), SIGNATURE)), frames], axis=1)
+    return decode(known) == message
+
+
+def encode_reed_solomon(message: bytes, n_bits: int) -> NDArray[np.integer]:
+    """Encode a message by Reed-Solomon over bytes, as long as `encode_ldpc` makes it."""
+    codec, _ = _reed_solomon(len(message), n_bits)
+    return np.unpackbits(np.frombuffer(bytes(codec.encode(message)), np.uint8))
+
+
+def reads_reed_solomon(llr: Array, message: bytes, n_bits: int) -> bool:
+    """Whether Reed-Solomon reads a message from what came of `encode_reed_solomon`.
+
+    It tries three times, and takes none, the least certain third, and two thirds of as many bytes
+    as there are parity bytes for erasures.
+    """
     import reedsolo
 
-    length = encode(message, n_bits)[:, SIGNATURE:].size // 8
-    parity = length - len(message)
-    codec = reedsolo.RSCodec(parity) if length <= 255 else reedsolo.RSCodec(128)
-    word = np.frombuffer(bytes(codec.encode(message)), np.uint8)
-
-    def read(llr: Array) -> bool:
-        data = np.packbits(llr > 0)
-        certainty = np.abs(llr).reshape(-1, 8).min(axis=1)
-        for share in (0.0, 0.33, 0.66):
-            erased = np.argsort(certainty)[: int(share * parity)].tolist()
-            try:
-                if bytes(codec.decode(data.tobytes(), erase_pos=erased)[0]) == message:
-                    return True
-            except reedsolo.ReedSolomonError:
-                continue
-        return False
-
-    return np.unpackbits(word), read
-
-
-CODES: dict[str, tuple[Callable[..., Any], str | None]] = {
-    "LDPC (link.code.ldpc)": (ours, None),
-    "Reed-Solomon with erasures": (reed_solomon, "reedsolo"),
-}
-"""Code by name, and the package it needs."""
-
-
-def curves(config: FramingConfig) -> list[dict[str, Any]]:
-    """One row a code, number of loops and bit error rate."""
-    rng = np.random.default_rng(config.seed)
-    n_bits = make_layout().n_bits
-    rows = []
-    for name, (make, package) in CODES.items():
-        if package is not None and find_spec(package) is None:
-            print(f"{name}: skipped; pip install --no-deps {package}")
+    codec, parity = _reed_solomon(len(message), n_bits)
+    data = np.packbits(llr > 0)
+    certainty = np.abs(llr).reshape(-1, 8).min(axis=1)
+    for share in (0.0, 0.33, 0.66):
+        erased = np.argsort(certainty)[: int(share * parity)].tolist()
+        try:
+            if bytes(codec.decode(data.tobytes(), erase_pos=erased)[0]) == message:
+                return True
+        except reedsolo.ReedSolomonError:
             continue
-        for loops in (1, 2, 3):
-            for ber in tqdm(config.ber, desc=f"{name}, {loops} loops"):
-                failed = 0
-                for _ in range(config.trials):
-                    bits, read = make(rng.bytes(config.n_bytes), n_bits)
-                    failed += not read(llr_of(bits, ber, loops, rng))
-                low, high = wilson(failed, config.trials)
-                rows.append(
-                    {
-                        "code": name,
-                        "loops": loops,
-                        "ber": ber,
-                        "messages": config.trials,
-                        "failed": failed,
-                        "failure": failed / config.trials,
-                        "ci_low": low,
-                        "ci_high": high,
-                    }
-                )
+    return False
+
+
+def _reed_solomon(n_bytes: int, n_bits: int) -> tuple[Any, int]:
+    """The codec for messages of a length, and the number of bytes that it could add."""
+    import reedsolo
+
+    length = encode(bytes(n_bytes), n_bits)[:, SIGNATURE:].size // 8
+    parity = length - n_bytes
+    return reedsolo.RSCodec(parity) if length <= 255 else reedsolo.RSCodec(128), parity
+
+
+Encode = Callable[[bytes, int], NDArray[np.integer]]
+Reads = Callable[[Array, bytes, int], bool]
+CODES: dict[str, tuple[Encode, Reads, str]] = {
+    "LDPC (link.code.ldpc)": (encode_ldpc, reads_ldpc, ""),
+    "Reed-Solomon with erasures": (encode_reed_solomon, reads_reed_solomon, "reedsolo"),
+}
+"""Codes by name: what encodes a message, whether it is read again, and the package needed."""
+
+
+def draw_trials(batch: Batch, rng: np.random.Generator) -> Iterator[Trial]:
+    """Draw the trials of a batch, in order."""
+    n_bits = make_layout().n_bits
+    for _ in range(batch.count):
+        if batch.kind == "random":
+            spread, frames = rng.uniform(0.5, 8), int(rng.integers(3, 7))
+            yield Trial(rng.normal(0, spread, (frames, n_bits)), b"")
+        elif batch.kind == "noisy":
+            message = rng.bytes(int(rng.integers(1, 40)))
+            bits = encode(message, n_bits)
+            yield Trial(received_llr(bits, rng.uniform(*NOISY_BER), 1, rng), message)
+        else:
+            message = rng.bytes(batch.n_bytes)
+            coded = CODES[batch.kind][0](message, n_bits)
+            yield Trial(received_llr(coded, batch.ber, batch.loops, rng), message)
+
+
+def count_decoded(batch: Batch) -> dict[str, int]:
+    """Decode the trials of a batch.
+
+    Returns:
+        the number of trials in which a message came (``delivered``), which for the kinds that are
+        a code is the one that was sent, and in which one came that was not sent (``wrong``).
+    """
+    rng = np.random.default_rng()
+    rng.bit_generator.state = batch.state
+    delivered = wrong = 0
+    for trial in draw_trials(batch, rng):
+        if batch.kind in CODES:
+            delivered += CODES[batch.kind][1](trial.scores, trial.message, make_layout().n_bits)
+            continue
+        decoded = decode(trial.scores)
+        delivered += decoded is not None
+        wrong += decoded is not None and decoded != trial.message
+    return {"delivered": delivered, "wrong": wrong}
+
+
+def curve_batches(config: FramingConfig, codes: list[str]) -> dict[str, Batch]:
+    """Plan a batch for each code, number of loops and share of wrong bits."""
+    rng = np.random.default_rng(config.seed)
+    batches = {}
+    for code, loops, ber in product(codes, LOOPS, config.ber):
+        state = rng.bit_generator.state
+        batch = Batch(code, config.trials, state, loops, ber, config.n_bytes)
+        batches[f"{code}, {loops} loops, {ber:g}"] = batch
+        for _ in draw_trials(batch, rng):
+            pass  # moves the stream to where the next batch begins
+    return batches
+
+
+def wrong_batches(seed: int) -> dict[str, Batch]:
+    """Plan the batches in which wrong messages are counted."""
+    rng = np.random.default_rng(seed)
+    batches = {}
+    for kind, total in (("random", RANDOM), ("noisy", NOISY)):
+        for first in range(0, total, BATCH):
+            batch = Batch(kind, min(BATCH, total - first), rng.bit_generator.state)
+            batches[f"{kind} {first}"] = batch
+            for _ in draw_trials(batch, rng):
+                pass
+    return batches
+
+
+def failure_rows(batches: dict[str, Batch], found: dict[str, Any]) -> list[dict[str, Any]]:
+    """State for each code, number of loops and share of wrong bits how many messages were lost."""
+    rows = []
+    for name, batch in batches.items():
+        failed = batch.count - found[name]["delivered"]
+        low, high = wilson(failed, batch.count)
+        rows.append(
+            {
+                "code": batch.kind,
+                "loops": batch.loops,
+                "ber": batch.ber,
+                "messages": batch.count,
+                "failed": failed,
+                "failure": failed / batch.count,
+                "ci_low": low,
+                "ci_high": high,
+            }
+        )
     return rows
 
 
-def count_wrong(seed: int) -> list[dict[str, Any]]:
-    """Wrong messages among decodes of random scores, and of noisy messages of random length."""
-    rng = np.random.default_rng(seed)
-    n_bits = make_layout().n_bits
-    random_wrong = delivered = wrong = 0
-    for _ in tqdm(range(RANDOM), desc="random scores"):
-        loop = rng.normal(0, rng.uniform(0.5, 8), (int(rng.integers(3, 7)), n_bits))
-        random_wrong += decode(loop) is not None
-    for _ in tqdm(range(NOISY), desc="bit errors"):
-        message = rng.bytes(int(rng.integers(1, 40)))
-        got = decode(llr_of(encode(message, n_bits), rng.uniform(0.05, 0.3), 1, rng))
-        delivered += got is not None
-        wrong += got is not None and got != message
-    return [
-        {"scores": "random", "decodes": RANDOM, "delivered": random_wrong, "wrong": random_wrong},
-        {"scores": "5 to 30 % of bits", "decodes": NOISY, "delivered": delivered, "wrong": wrong},
-    ]
+def wrong_rows(batches: dict[str, Batch], found: dict[str, Any]) -> list[dict[str, Any]]:
+    """State how many messages came that were not sent, for random scores and for wrong bits."""
+    rows = []
+    for kind, scores in (("random", "random"), ("noisy", "5 to 30 % of bits")):
+        names = [name for name, batch in batches.items() if batch.kind == kind]
+        rows.append(
+            {
+                "scores": scores,
+                "decodes": sum(batches[name].count for name in names),
+                "delivered": sum(found[name]["delivered"] for name in names),
+                "wrong": sum(found[name]["wrong"] for name in names),
+            }
+        )
+    return rows
 
 
-def plot(rows: list[dict[str, Any]], path: Path) -> None:
-    """Failure against bit error rate, a panel a number of loops."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 3, figsize=(10, 3), sharey=True)
-    for loops, axis in zip((1, 2, 3), axes, strict=True):
-        for name in dict.fromkeys(row["code"] for row in rows):
-            points = [row for row in rows if row["code"] == name and row["loops"] == loops]
-            x = [100 * row["ber"] for row in points]
-            axis.plot(x, [100 * row["failure"] for row in points], "o-", ms=3, label=name)
-            axis.fill_between(
-                x,
-                [100 * row["ci_low"] for row in points],
-                [100 * row["ci_high"] for row in points],
-                alpha=0.2,
-            )
-        axis.set(title=f"{loops} loop{'s' * (loops > 1)}", xlabel="bits wrong, %")
-    axes[0].set_ylabel("messages lost, %")
-    axes[0].legend(fontsize=7)
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+def framing_figure(rows: list[dict[str, Any]]) -> Figure:
+    """Draw lost messages against the share of wrong bits, a panel for each number of loops."""
+    figure, panels = new_panels(len(LOOPS), legend=2.7, size=(7.3, 3.2), title=True)
+    limits = {"xlim": (0, 105 * max(row["ber"] for row in rows)), "ylim": (-2, 102)}
+    for loops, panel in zip(LOOPS, panels, strict=True):
+        panel.set(title=f"{loops} loop{'s' * (loops > 1)}", xlabel="bits wrong, %", **limits)
+        lines = []
+        for code in dict.fromkeys(row["code"] for row in rows):
+            points = [
+                Point(*(100 * row[key] for key in ("ber", "failure", "ci_low", "ci_high")))
+                for row in rows
+                if row["code"] == code and row["loops"] == loops
+            ]
+            lines.append(Series(code, points))
+        draw_series(panel, lines)
+        panel.set_ylabel("messages lost, %")
+    return figure
 
 
 def main() -> None:
     """Measure, print, write framing.json and framing.png."""
     config = tyro.cli(FramingConfig)
-    rows = curves(config)
+    at_least(1, trials=config.trials, n_bytes=config.n_bytes, jobs=config.jobs)
+    at_least(0, seed=config.seed)
+    codes: list[str] = []
+    for name, (_, _, package) in CODES.items():
+        if package and find_spec(package) is None:
+            print(f"{name}: skipped; pip install --no-deps {package}")
+        else:
+            codes.append(name)
+    curves = curve_batches(config, codes)
+    counted = wrong_batches(config.seed) if config.wrong else {}
+    code = code_digest("link.code.framing", "link.layout")
+    settings = (config.n_bytes, config.trials, config.ber, config.seed, codes)
+    parts = (STORED_VERSION, code, *package_versions(), *settings)
+    mark = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    file = config.out / f"batches_{mark}.jsonl"
+    found = resume(count_decoded, curves | counted, file, config.jobs, "batches")
+    rows = failure_rows(curves, found)
     for row in rows:
         print(
             f"{row['code']:28} {row['loops']} loops, {row['ber']:.2f}: "
             f"{row['failed']} of {row['messages']} lost"
         )
-    result: dict[str, Any] = {"meta": provenance(config.seed, True), "rows": rows}
+    content: dict[str, Any] = {"meta": provenance(config.seed, True), "rows": rows}
     if config.wrong:
-        result["wrong"] = count_wrong(config.seed)
-        for entry in result["wrong"]:
-            print(entry)
-    plot(rows, config.out / "framing.png")
-    write_bytes(config.out / "framing.json", (json.dumps(result, indent=1) + "\n").encode())
+        content["wrong"] = wrong_rows(counted, found)
+        print(*content["wrong"], sep="\n")
+    save_png(framing_figure(rows), config.out / "framing.png")
+    write_bytes(config.out / "framing.json", (json.dumps(content, indent=1) + "\n").encode())
 
 
 if __name__ == "__main__":
-    from link.errors import run_cli
-
     run_cli(main)

@@ -1,337 +1,329 @@
 """Predict the paper's 144 printed numbers: python -m reports.studies.prediction (about 12 minutes).
 
-`reports.lab.calibrate` fitted the channel to the naive and two-step columns on training pictures;
-here all four columns are predicted on test pictures. OORC and hidden ratex are held out. Writes
-docs/prediction.md and its picture.
+`reports.lab.calibrate` fitted the channel to the paper's columns of naive and two-step, on training
+pictures. Here all four columns are predicted, on test pictures. The columns of OORC and of hidden
+ratex are held out: nothing was fitted to them. The results go to docs/prediction.json and .png, and
+into the marked blocks of docs/prediction.md, whose other text is written by hand.
 """
 
 import json
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import matplotlib
 import numpy as np
+import pandas as pd
 import tyro
+from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import FITTED_FILE, PAIRS
 from link.errors import at_least, run_cli
-from link.images import write_bytes
 from link.layout import make_layout
-from reports.engine.predict import Method, decode_cells, paper_cells
-from reports.engine.protocols import PROTOCOLS, apply
-from reports.render.tables import paper_tables, replace_block
-from reports.score.metrics import Row, provenance, read_metrics, score, write_metrics
-from reports.score.paper import METHODS, paper_accuracy
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
+from reports.engine.methods import Method
+from reports.engine.predict import Condition, paper_cells, predict_all
+from reports.engine.protocols import PROTOCOLS, apply_protocol
+from reports.engine.provenance import provenance
+from reports.engine.records import CELL
+from reports.render.charts import MUTED, colour_of, new_panels, save_png
+from reports.render.tables import Table, cell_tables, write_blocks
+from reports.score.accuracy import read_scores, score, write_scores
+from reports.score.paper import METHODS
 
 FITTED = ("naive", "two_step")
+"""Methods to whose printed columns the channel was fitted; those of the others are held out."""
 PAGE = Path("docs/prediction.md")
-CANDOUR = (
-    "Three choices were made after a first look at all four columns, and so are not blind: the "
-    "backlights run near full brightness (`pwm_duty` 0.95; at 0.8 bands cost OORC several points), "
-    "drift is at least 0.01 (0.005 had been allowed), and where the two columns do not tell, the "
-    "nominal value is kept. The threshold of 2.5 was found by scanning the fitted columns. Jitter "
-    "and noise are hardly told by these columns at all."
-)
+"""Page whose marked blocks hold the prediction that the repository states."""
+WORST = 16
+"""Number of cells that the table of the largest differences lists."""
 
 
 @dataclass(frozen=True)
 class PredictionConfig:
-    """The paper's 36 cells under `--protocol paper`, then briefly under every other protocol."""
+    """Predict the paper's 36 cells as its protocol has it, then briefly under every other one."""
 
     frames: int = 75
-    """Frame pairs a cell under the paper's protocol: 15 pictures, 5 messages each."""
+    """Number of frame pairs in each cell under the paper's protocol: 15 pictures, 5 messages
+    each."""
     train_frames: int = 40
-    """Frame pairs a cell on the training pictures, to tell what the pictures do; 0 for none."""
+    """Number of frame pairs in each cell on the training pictures, which tells what the pictures
+    do; 0 for none."""
     variant_frames: int = 15
-    """Frame pairs a cell under the other protocols; 0 leaves them out."""
+    """Number of frame pairs in each cell under the other protocols; 0 leaves these out."""
     seed: int = 0
+    """Seed of messages, poses and noise."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes."""
     out: Path = PAGE
+    """Page whose marked blocks are replaced; the numbers and the picture are written beside it."""
     work: Path = Path("runs/prediction")
+    """Folder of the predictions, from which a command that was cut off goes on."""
 
 
-def printed(row: Row) -> float:
-    """The paper's accuracy in per cent."""
-    value = paper_accuracy(row.pair, row.view_deg or 0.0, row.kappa, row.method)
-    assert value is not None
-    return 100 * value
+def decode_printed(
+    config: PredictionConfig, protocol: str, frames: int, split: str = "test"
+) -> pd.DataFrame:
+    """Decode the paper's 36 cells by its four methods.
 
+    Args:
+        config: seed, processes and folder of the predictions.
+        protocol: a key of `PROTOCOLS`.
+        frames: number of frame pairs in each cell.
+        split: "train" or "test" pictures.
 
-def predicted(row: Row) -> float:
-    """Ours in per cent."""
-    return 100 * (row.accuracy or 0.0)
-
-
-def error(rows: Sequence[Row]) -> float:
-    """Mean absolute difference from the paper, points."""
-    return float(np.mean([abs(predicted(row) - printed(row)) for row in rows]))
-
-
-def by_method(rows: Sequence[Row]) -> dict[str, list[Row]]:
-    """Rows of each method, in the paper's order."""
-    return {method: [row for row in rows if row.method == method] for method in METHODS}
-
-
-def rankings(rows: Sequence[Row]) -> tuple[int, int, int]:
-    """Of the cells: how many; OORC first in ours (ties count); the same method first as printed."""
-    cells: dict[Any, list[Row]] = {}
-    for row in rows:
-        cells.setdefault((row.pair, row.view_deg, row.kappa), []).append(row)
-    oorc_first = same_first = 0
-    for group in cells.values():
-        best = max(predicted(row) for row in group)
-        first = {row.method for row in group if predicted(row) == best}
-        oorc_first += "oorc" in first
-        same_first += max(group, key=printed).method in first
-    return len(cells), oorc_first, same_first
-
-
-def summary(rows: Sequence[Row]) -> str:
-    """Per method: error, bias, means, rank correlation over the cells."""
-    lines = [
-        "| method | | mean absolute error, points | our mean % | paper's mean % "
-        "| rank correlation over 36 cells |",
-        "|---|---|---:|---:|---:|---:|",
-    ]
-    for method, mine in by_method(rows).items():
-        ours, theirs = [predicted(row) for row in mine], [printed(row) for row in mine]
-        lines.append(
-            f"| {method} | {'fitted' if method in FITTED else 'held out'} | {error(mine):.2f} "
-            f"| {np.mean(ours):.2f} | {np.mean(theirs):.2f} "
-            f"| {spearmanr(ours, theirs).statistic:.2f} |"
-        )
-    ours, theirs = [predicted(row) for row in rows], [printed(row) for row in rows]
-    lines.append(
-        f"| all 144 | | {error(rows):.2f} | {np.mean(ours):.2f} | {np.mean(theirs):.2f} "
-        f"| {spearmanr(ours, theirs).statistic:.2f} |"
-    )
-    return "\n".join(lines)
-
-
-def by_condition(rows: Sequence[Row]) -> str:
-    """Means over the nine pairs, ours / the paper's."""
-    conditions = list(dict.fromkeys((row.view_deg, row.kappa) for row in rows))
-    titles = " | ".join(f"{view:g}°, κ {kappa}" for view, kappa in conditions)
-    lines = [f"| method | {titles} |", f"|---|{'---:|' * len(conditions)}"]
-    for method, mine in by_method(rows).items():
-        parts = []
-        for condition in conditions:
-            group = [row for row in mine if (row.view_deg, row.kappa) == condition]
-            ours, theirs = (np.mean([f(row) for row in group]) for f in (predicted, printed))
-            parts.append(f"{ours:.1f} / {theirs:.1f}")
-        lines.append(f"| {method} | {' | '.join(parts)} |")
-    return "\n".join(lines)
-
-
-def reason(row: Row) -> str:
-    """Why a cell may disagree, as far as we can tell."""
-    over = predicted(row) > printed(row)
-    if row.method == "hidden_ratex" and row.pair.startswith("sony"):
-        return (
-            "the paper's hidden-ratex cells of the RX100 lie 10 to 20 points below the other "
-            "cameras', its OORC cells do not; hidden ratex was filmed apart (no patches), perhaps "
-            "with a camera that adapted its tone curve between frames, which the channel lacks"
-        )
-    if row.method == "hidden_ratex":
-        return (
-            "the offset that drift leaves decides at a constant threshold; hidden ratex was filmed "
-            "apart from the captures whose drift was fitted"
-        )
-    if row.method == "naive" and row.view_deg == 45.0:
-        return (
-            "the captured κ lies near the threshold, so the cell turns on the slope of the CDTF at "
-            f"45°, which must have been {'smaller' if over else 'larger'} than ours; how the panel "
-            "behaves with angle is assumed within bounds"
-        )
-    if row.method == "naive":
-        return (
-            "bright blocks lie on the shoulder of our tone curve, where κ = 3 is captured as less "
-            "than 2.5 levels; the real camera's curve or exposure must have been gentler"
-            if not over
-            else "the real CDTF must have been flatter, or its exposure drifted more"
-        )
-    if row.method == "two_step" and not over:
-        return (
-            "after g, κ = 3 is half a level above the threshold of 2.5; the printed cell needs a "
-            "threshold nearer to κ / 2 (see protocol constant)"
-            if row.kappa == 3
-            else "the fitted drift of this camera and view is too large for this display"
-        )
-    return "the fitted drift or noise of this camera and view is too small for this display"
-
-
-def worst(rows: Sequence[Row], count: int) -> str:
-    """The cells that disagree most, each with a reason."""
-    ranked = sorted(rows, key=lambda row: -abs(predicted(row) - printed(row)))[:count]
-    lines = ["| cell | method | ours % | paper % | reason |", "|---|---|---:|---:|---|"]
-    lines += [
-        f"| {row.pair}, {row.view_deg:g}°, κ {row.kappa} | {row.method} | {predicted(row):.1f} "
-        f"| {printed(row):.1f} | {reason(row)} |"
-        for row in ranked
-    ]
-    return "\n".join(lines)
-
-
-def variants(config: PredictionConfig) -> str:
-    """Errors under every protocol, on fewer frames."""
-    lines = [
-        f"| protocol | {' | '.join(METHODS)} | what it does |",
-        f"|---|{'---:|' * len(METHODS)}---|",
-    ]
-    fitted = {}
-    for name, protocol in PROTOCOLS.items():
-        rows = run(config, name, config.variant_frames, config.work / name)
-        errors = {method: error(mine) for method, mine in by_method(rows).items()}
-        fitted[name] = float(np.mean([errors[method] for method in FITTED]))
-        parts = [f"{value:.1f}" for value in errors.values()]
-        lines.append(f"| {name} | {' | '.join(parts)} | {protocol.description} |")
-    best = min(fitted, key=lambda name: fitted[name])
-    lines += [
-        "",
-        f"The naive and two-step columns support `{best}` most: {fitted[best]:.1f} points.",
-    ]
-    return "\n".join(lines)
-
-
-def run(
-    config: PredictionConfig, protocol: str, frames: int, folder: Path, split: str = "test"
-) -> list[Row]:
-    """The 36 cells with the paper's four methods under a protocol."""
-    methods = apply(protocol, [Method(name) for name in METHODS])
+    Returns:
+        a score table.
+    """
+    methods = apply_protocol(protocol, [Method(name) for name in METHODS])
     ratex_kappa = PROTOCOLS[protocol].ratex_kappa
     source = Source(make_layout(), split, config.seed, ratex_kappa=ratex_kappa)
-    cells = paper_cells(tuple(PAIRS))
-    return score(decode_cells(source, cells, frames, methods, folder, config.jobs))
+    condition = Condition(protocol, source, paper_cells(tuple(PAIRS)), frames)
+    return score(predict_all([condition], methods, config.work, config.jobs))
 
 
-def plot(path: Path, rows: Sequence[Row]) -> None:
-    """Predicted against printed, one panel a method."""
-    figure, panels = plt.subplots(1, 4, figsize=(13, 3.6), sharex=True, sharey=True)
-    for panel, (method, mine) in zip(panels, by_method(rows).items(), strict=True):
-        panel.plot([45, 100], [45, 100], color="0.7", linewidth=1)
-        for view, marker in ((0.0, "o"), (45.0, "^")):
-            for kappa, colour in ((5, "C0"), (3, "C1")):
-                group = [r for r in mine if (r.view_deg, r.kappa) == (view, kappa)]
-                panel.plot(
-                    [printed(r) for r in group],
-                    [predicted(r) for r in group],
-                    marker,
-                    color=colour,
-                    label=f"{view:g}°, κ {kappa}",
-                    alpha=0.8,
-                )
-        kind = "fitted" if method in FITTED else "held out"
-        panel.set_title(f"{method} ({kind}), error {error(mine):.1f}")
-        panel.set_xlabel("printed in the paper, %")
-    panels[0].set_ylabel("predicted (simulated), %")
-    panels[0].legend()
-    figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+def compare_with_paper(scores: pd.DataFrame) -> pd.DataFrame:
+    """Set accuracies beside the printed ones.
+
+    Args:
+        scores: a score table of cells that the paper has.
+
+    Returns:
+        its rows, ordered as the paper orders the methods, and in per cent ``ours`` and ``printed``,
+        and their ``difference`` in points, which is positive where ours is higher.
+    """
+    order = {name: number for number, name in enumerate(METHODS)}
+    table = scores.sort_values("method", key=lambda names: names.map(order), kind="stable")
+    table = table.reset_index(drop=True)
+    table["ours"], table["printed"] = 100 * table["accuracy"], 100 * table["paper"]
+    table["difference"] = table["ours"] - table["printed"]
+    return table
 
 
-def fitted_table() -> str:
-    """The fitted parameters beside their bounds."""
-    fit = json.loads(FITTED_FILE.read_text())
-    bounds = fit["bounds"]
-    names = ("drift", "jitter_px", "noise_scale")
-    heads = " | ".join(f"{n} [{bounds[n][0]:g} to {bounds[n][1]:g}]" for n in names)
-    lines = [f"| camera, view | {heads} |", "|---|---:|---:|---:|"]
-    for camera, views in fit["fitted"].items():
-        for view, values in views.items():
-            lines.append(f"| {camera}, {view}° | {' | '.join(f'{values[n]:g}' for n in names)} |")
-    lines += ["", "| display | fall-off exponent of green | bounds |", "|---|---:|---|"]
-    for display, (_, green, _) in fit["falloff"].items():
-        low, high = bounds["falloff"][display]
-        lines.append(f"| {display} | {green:g} | {low:g} to {high:g} |")
-    misfits = ", ".join(f"{k} {v:g}" for k, v in fit["meta"]["misfit_points"].items())
-    learned = json.dumps(fit["meta"]["learned_thresholds"])
-    return "\n".join(
+def mean_error(compared: pd.DataFrame) -> float:
+    """Mean absolute difference from the paper, points."""
+    return float(compared["difference"].abs().mean())
+
+
+@dataclass(frozen=True)
+class Rankings:
+    """How often the order of the methods in a cell is the paper's."""
+
+    cells: int
+    """Number of cells."""
+    oorc_first: int
+    """Number of cells in which no method is better than OORC in ours."""
+    oorc_first_printed: int
+    """Number of cells in which the paper prints no method better than OORC."""
+    same_first: int
+    """Number of cells in which no method is better in ours than the one that is printed best."""
+
+
+def rank_methods(compared: pd.DataFrame) -> Rankings:
+    """Count in how many cells a method comes first; of methods that tie, each does."""
+    cells = [cell.set_index("method") for _, cell in compared.groupby(CELL, sort=False)]
+    ours = [set(cell.index[cell["ours"] == cell["ours"].max()]) for cell in cells]
+    printed = [cell["printed"] for cell in cells]
+    return Rankings(
+        cells=len(cells),
+        oorc_first=sum("oorc" in first for first in ours),
+        oorc_first_printed=sum(values["oorc"] >= values.max() for values in printed),
+        same_first=sum(
+            values.idxmax() in first for values, first in zip(printed, ours, strict=True)
+        ),
+    )
+
+
+def error_table(compared: pd.DataFrame) -> Table:
+    """Show each method's error, its means and its rank correlation over the cells."""
+    groups = [
+        (method, "fitted" if method in FITTED else "held out", mine)
+        for method, mine in compared.groupby("method", sort=False)
+    ]
+    rows = [
         [
-            *lines,
-            "",
-            "Mean misfit of the two fitted columns, points, by how the threshold is set (each with "
-            f"its own best nuisances): {misfits}. Thresholds learned once, gray levels: {learned}.",
+            str(name),
+            kind,
+            f"{mean_error(mine):.2f}",
+            f"{mine['ours'].mean():.2f}",
+            f"{mine['printed'].mean():.2f}",
+            f"{spearmanr(mine['ours'], mine['printed']).statistic:.2f}",
+        ]
+        for name, kind, mine in [*groups, (f"all {len(compared)}", "", compared)]
+    ]
+    heads = ["method", "", "mean absolute error, points", "our mean %", "paper's mean %"]
+    cells = len(compared) // len(groups)
+    return Table([*heads, f"rank correlation over {cells} cells"], rows, left=2)
+
+
+def mean_table(compared: pd.DataFrame) -> Table:
+    """Show means over the pairs for each view and kappa, ours / the paper's."""
+    means = compared.groupby(["method", "view_deg", "kappa"], sort=False)[["ours", "printed"]]
+    found = means.mean()
+    settings = list(dict.fromkeys(zip(compared["view_deg"], compared["kappa"], strict=True)))
+    rows = [
+        [method]
+        + ["{:.1f} / {:.1f}".format(*found.loc[(method, view, kappa)]) for view, kappa in settings]
+        for method in compared["method"].unique()
+    ]
+    return Table(["method", *(f"{view:g}°, κ {kappa}" for view, kappa in settings)], rows)
+
+
+def worst_table(compared: pd.DataFrame, count: int) -> Table:
+    """Show the cells that differ most from the paper, the largest difference first."""
+    order = compared["difference"].abs().sort_values(ascending=False, kind="stable").index
+    rows = [
+        [
+            f"{row.pair}, {row.view_deg:g}°, κ {row.kappa}",
+            row.method,
+            f"{row.ours:.1f}",
+            f"{row.printed:.1f}",
+            f"{row.difference:+.1f}",
+        ]
+        for row in compared.loc[order[:count]].itertuples()
+    ]
+    return Table(["cell", "method", "ours %", "paper %", "difference, points"], rows, left=2)
+
+
+def protocol_text(config: PredictionConfig) -> str:
+    """Decode under every protocol on few frame pairs, and state the errors of each."""
+    errors = {}
+    for name in PROTOCOLS:
+        compared = compare_with_paper(decode_printed(config, name, config.variant_frames))
+        errors[name] = {
+            str(method): mean_error(mine) for method, mine in compared.groupby("method", sort=False)
+        }
+    rows = [
+        [name, PROTOCOLS[name].description, *(f"{mine[method]:.1f}" for method in METHODS)]
+        for name, mine in errors.items()
+    ]
+    fitted = {name: float(np.mean([mine[m] for m in FITTED])) for name, mine in errors.items()}
+    best = min(fitted, key=lambda name: fitted[name])
+    return "\n\n".join(
+        [
+            "Mean absolute error, points, under each way to read the paper, all at the fitted "
+            f"nuisances ({config.variant_frames} frame pairs a cell):",
+            Table(["protocol", "what it does", *METHODS], rows, left=2).markdown(),
+            f"The mean error of the naive and two-step columns is smallest under `{best}`: "
+            f"{fitted[best]:.1f} points.",
         ]
     )
 
 
-def readme_block(metrics: Path) -> str:
-    """What README says of the prediction, from stored metrics."""
-    rows, _ = read_metrics(metrics)
-    means = "Means over the nine pairs, ours (simulated) / the paper's, per cent:"
-    return "\n\n".join([summary(rows), means, by_condition(rows)])
+def fit_text() -> str:
+    """State what `reports.lab.calibrate` fitted, beside the bounds, from nuisances.json."""
+    fit = json.loads(FITTED_FILE.read_text())
+    bounds = fit["bounds"]
+    names = ("drift", "jitter_px", "noise_scale")
+    nuisances = Table(
+        ["camera, view", *(f"{n} [{bounds[n][0]:g} to {bounds[n][1]:g}]" for n in names)],
+        [
+            [f"{camera}, {view}°", *(f"{values[n]:g}" for n in names)]
+            for camera, views in fit["fitted"].items()
+            for view, values in views.items()
+        ],
+    )
+    falloff = Table(
+        ["display", "fall-off exponent of green", "bounds"],
+        [
+            [display, f"{green:g}", "{:g} to {:g}".format(*bounds["falloff"][display])]
+            for display, (_, green, _) in fit["falloff"].items()
+        ],
+    )
+    misfits = ", ".join(f"{k} {v:g}" for k, v in fit["meta"]["misfit_points"].items())
+    learned = "; ".join(
+        f"{kind}: {', '.join(f'{method} {value:g}' for method, value in values.items())}"
+        for kind, values in fit["meta"]["learned_thresholds"].items()
+    )
+    return "\n\n".join(
+        [
+            nuisances.markdown(),
+            falloff.markdown(),
+            "Mean misfit of the two fitted columns, points, by how the threshold is set (each with "
+            f"its own best nuisances): {misfits}. Thresholds learned once, in gray levels: "
+            f"{learned}.",
+        ]
+    )
+
+
+def prediction_figure(compared: pd.DataFrame) -> Figure:
+    """Draw ours against the printed accuracies, a panel for each method."""
+    groups = list(compared.groupby("method", sort=False))
+    figure, panels = new_panels(len(groups), columns=2, legend=0.1, title=True)
+    for panel, (method, mine) in zip(panels, groups, strict=True):
+        panel.plot([45, 100], [45, 100], color=MUTED, linewidth=1)
+        for view, marker in ((0.0, "o"), (45.0, "^")):
+            for kappa, face in ((5, None), (3, "none")):
+                some = mine[(mine["view_deg"] == view) & (mine["kappa"] == kappa)]
+                panel.plot(
+                    some["printed"],
+                    some["ours"],
+                    marker,
+                    color=colour_of(str(method)),
+                    markerfacecolor=face,
+                    label=f"{view:g}°, κ {kappa}",
+                )
+        kind = "fitted" if method in FITTED else "held out"
+        panel.set_title(f"{method} ({kind}), error {mean_error(mine):.1f}")
+        panel.set_xlabel("printed in the paper, %")
+        panel.set_ylabel("predicted (simulated), %")
+    panels[0].legend()
+    return figure
+
+
+def results_block(stored: Path) -> str:
+    """Show errors and means, from the numbers that `main` stored."""
+    compared = compare_with_paper(read_scores(stored)[0])
+    title = "Means over the nine pairs, ours (simulated) / the paper's, per cent:"
+    return "\n\n".join([error_table(compared).markdown(), title, mean_table(compared).markdown()])
+
+
+def prediction_blocks(stored: Path) -> dict[str, str]:
+    """Render what docs/prediction.md shows of the stored numbers, by the marker of the block."""
+    scores, meta = read_scores(stored)
+    compared = compare_with_paper(scores)
+    oorc, ranks = compared[compared["method"] == "oorc"], rank_methods(compared)
+    return {
+        "prediction_sample": (
+            f"Simulated: {len(oorc)} cells × {oorc['frames'].iloc[0]} frame pairs "
+            f"({oorc['bits'].sum()} bits a method), test pictures and test channel draws, "
+            f"seed {meta['seed']}. Protocol `paper`: {PROTOCOLS['paper'].description}."
+        ),
+        "prediction_errors": error_table(compared).markdown(),
+        "prediction_order": (
+            f"OORC is first in {ranks.oorc_first} of {ranks.cells} cells (the paper prints it "
+            f"first, or tied, in {ranks.oorc_first_printed}). The method printed first is first in "
+            f"ours in {ranks.same_first}."
+        ),
+        "prediction_means": mean_table(compared).markdown(),
+        "prediction_fit": fit_text(),
+        "prediction_worst": worst_table(compared, WORST).markdown(),
+        "prediction_cells": "\n\n".join(table.markdown() for table in cell_tables(scores)),
+    }
 
 
 def main() -> None:
-    """Predict, compare, write."""
+    """Predict, compare, write the numbers, the picture and the page's blocks."""
     config = tyro.cli(PredictionConfig)
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, variant_frames=config.variant_frames, train_frames=config.train_frames)
     at_least(0, seed=config.seed)
-    rows = run(config, "paper", config.frames, config.work / "main")
+    scores = decode_printed(config, "paper", config.frames)
     stored = config.out.with_suffix(".json")
-    write_metrics(stored, rows, provenance(config.seed, simulated=True))
-    count, oorc_first, same_first = rankings(rows)
-    picture = config.out.with_suffix(".png")
-    config.out.parent.mkdir(parents=True, exist_ok=True)
-    plot(picture, rows)
-    parts = [
-        "# The paper's Tables 1–4, predicted",
-        "Generated by `python -m reports.studies.prediction`, which "
-        f"`python -m reports.lab.calibrate` calls last. "
-        f"Simulated: 36 cells × {config.frames} frame pairs ("
-        f"{sum(r.bits for r in rows if r.method == 'oorc')} bits a method), test pictures and test "
-        f"channel draws, seed {config.seed}. *naive* and *two_step* were fitted to (on training "
-        "pictures and draws); *oorc* and *hidden_ratex* were held out. Protocol `paper`: "
-        f"{PROTOCOLS['paper'].description}.",
-        summary(rows),
-        f"OORC is first in {oorc_first} of {count} cells (the paper prints it first, or tied, in "
-        f"{sum(_paper_oorc_first(r.pair, r.view_deg, r.kappa) for r in rows if r.method == 'oorc')}"
-        f"). The method printed first is first in ours in {same_first}.",
-        f"![predicted against printed]({picture.name})",
-        "Means over the nine pairs, ours / the paper's, per cent:",
-        by_condition(rows),
-        "## What was fitted",
-        fitted_table(),
-        CANDOUR,
-        "## The cells that disagree most",
-        worst(rows, 16),
-    ]
+    write_scores(stored, scores, provenance(config.seed, simulated=True))
+    save_png(prediction_figure(compare_with_paper(scores)), config.out.with_suffix(".png"))
+    blocks = prediction_blocks(stored)
+    print(blocks["prediction_errors"], blocks["prediction_order"], sep="\n\n")
     if config.train_frames:
-        train = run(config, "paper", config.train_frames, config.work / "train", "train")
-        parts += [
-            "## Other pictures",
-            "The paper's fifteen pictures are unknown. The same prediction on the twenty training "
-            f"pictures ({config.train_frames} frame pairs a cell), on which naive and two-step "
-            "were fitted:",
-            summary(train),
-        ]
+        train = compare_with_paper(decode_printed(config, "paper", config.train_frames, "train"))
+        blocks["prediction_pictures"] = (
+            "The same prediction on the twenty training pictures "
+            f"({config.train_frames} frame pairs a cell), on which naive and two-step were "
+            f"fitted:\n\n{error_table(train).markdown()}"
+        )
     if config.variant_frames:
-        parts += [
-            "## What the paper leaves open",
-            "Mean absolute error, points, under each way to read the paper, all at the fitted "
-            f"nuisances ({config.variant_frames} frame pairs a cell):",
-            variants(config),
-        ]
-    parts += ["## All 144 cells", paper_tables(rows)]
-    write_bytes(config.out, ("\n\n".join(parts) + "\n").encode())
-    if config.out == PAGE:
-        replace_block(Path("README.md"), "prediction", readme_block(stored))
-    print(parts[2], parts[3], sep="\n\n")
-
-
-def _paper_oorc_first(pair: str, view: float | None, kappa: int | None) -> bool:
-    values = {m: paper_accuracy(pair, view or 0.0, kappa, m) or 0.0 for m in METHODS}
-    return values["oorc"] >= max(values.values())
+        blocks["prediction_protocols"] = protocol_text(config)
+    write_blocks(config.out, blocks)
 
 
 if __name__ == "__main__":
