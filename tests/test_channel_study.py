@@ -114,10 +114,16 @@ def test_unknown_parts_of_the_channel_are_refused(
     assert command(channel.main, "--only", *only, "--out", tmp_path / "page.md").status == 2
 
 
-def test_a_page_without_blocks_is_refused(command: Command, tmp_path: Path) -> None:
-    (tmp_path / "page.md").write_text("empty")
-    done = command(channel.main, "--only", "time", "--timed", 1, "--out", tmp_path / "page.md")
-    assert done.status == 2 and "'time'" in done.stderr
+@pytest.mark.parametrize("content", [None, "empty", "<!-- time -->\nno end\n"])
+def test_a_page_without_blocks_is_refused_before_any_work(
+    content: str | None, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(channel, "time_report", None)  # calling it would raise
+    page = tmp_path / "page.md"
+    if content is not None:
+        page.write_text(content)
+    done = command(channel.main, "--only", "time", "--out", page)
+    assert done.status == 2 and done.stderr.startswith("error: --out: ")
 
 
 def test_the_effects_are_switched_off_one_at_a_time(layout: Layout) -> None:

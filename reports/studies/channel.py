@@ -5,6 +5,7 @@ method. `--only time` measures the time alone, in a minute, on a machine that do
 """
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,7 +13,7 @@ from typing import Literal
 import tyro
 
 from data_gen.frame_pair import Source
-from link.errors import at_least, each_once, run_cli
+from link.errors import InputError, at_least, each_once, run_cli
 from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.methods import Method, methods_for
@@ -24,6 +25,8 @@ from reports.studies.channel_time import time_report
 from reports.studies.sensitivity import effect_conditions, sensitivity_tables
 
 Part = Literal["pictures", "time", "effects"]
+BLOCKS = ("time", "effects")
+"""Parts that fill the block of their name in the page."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ def main() -> None:
     each_once(only=config.only)
     at_least(1, frames=config.frames, timed=config.timed, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    check_page(config.out, [name for name in BLOCKS if name in config.only])
     source = Source(make_layout(), "test", config.seed)
     if "time" in config.only:
         fill_block(config.out, "time", time_report(source, config.timed))
@@ -59,6 +63,17 @@ def main() -> None:
         draw_channel(source, config.out.parent)
     if "effects" in config.only:
         fill_block(config.out, "effects", effects_report(config, source))
+
+
+def check_page(page: Path, blocks: Sequence[str]) -> None:
+    """Raise an `InputError` unless the page has these blocks; called before any work."""
+    text = page.read_text() if page.is_file() else ""
+    for name in blocks:
+        if f"<!-- {name} -->\n" not in text or f"<!-- /{name} -->" not in text:
+            raise InputError(
+                f"--out: {page} is not here, or has no block between <!-- {name} --> and "
+                f"<!-- /{name} -->; run from the checkout"
+            )
 
 
 def effects_report(config: ChannelConfig, source: Source) -> str:
