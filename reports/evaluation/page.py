@@ -107,7 +107,7 @@ def report_page(run: Run) -> str:
         if "ablation" in run.references
         else [],
         peers=peers_charts(run),
-        peers_table=peers_table(stored_peers(run)) if stored_peers(run) else None,
+        peers_table=peers_table(stored_peers(run), best=True) if stored_peers(run) else None,
         llr_methods=[name for name, card in METHODS.items() if card.llr],
         reliability=calibration_table(curves) if curves else None,
         reliability_charts=reliability_charts(curves),
@@ -156,7 +156,7 @@ def paper_tables(run: Run) -> list[Table]:
     """Tables of the cells that the paper has, with ours under its protocol as they are stored."""
     in_paper = run.scores.groupby(["kappa", "view_deg"], dropna=False)["paper"].transform("count")
     rows = run.references.get("prediction", {}).get("rows", [])
-    under_paper = {
+    under_paper: dict[tuple[object, ...], float] = {
         (row["method"], row["pair"], row["view_deg"], row["kappa"]): row["accuracy"] for row in rows
     }
     return cell_tables(run.scores[in_paper > 0], under_paper)
@@ -216,7 +216,9 @@ def llr_curves(run: Run) -> Curves | None:
 
 def reliability_charts(curves: Curves | None) -> list[Markup]:
     """A diagram of each condition."""
-    names = [name for name in next(iter(curves.values())) if name != ALL] if curves else []
+    if curves is None:
+        return []
+    names = [name for name in next(iter(curves.values())) if name != ALL]
     return [to_svg(reliability_figure(curves, [name]), f"Reliability, {name}") for name in names]
 
 

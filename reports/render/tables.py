@@ -38,7 +38,7 @@ class TableCell:
 class Table:
     """Heads and rows of texts."""
 
-    heads: Sequence[str]
+    heads: Sequence[str | TableCell]
     rows: Sequence[Sequence[str | TableCell]]
     title: str = ""
     """A line above the table; empty for none."""
@@ -55,14 +55,19 @@ class Table:
         | oorc | 99.2 (98 to 100) |
         """
         marks = ["---"] * self.left + ["---:"] * (len(self.heads) - self.left)
-        lines = [f"| {' | '.join(self.heads)} |", f"|{'|'.join(marks)}|"]
+        lines = [f"| {' | '.join(map(_markdown, self.heads))} |", f"|{'|'.join(marks)}|"]
         lines += [f"| {' | '.join(map(_markdown, row))} |" for row in self.rows]
         return "\n".join([self.title, "", *lines] if self.title else lines)
 
     @property
+    def head_cells(self) -> list[TableCell]:
+        """The heads, every one as a `TableCell`, for templates."""
+        return _as_cells(self.heads)
+
+    @property
     def cells(self) -> list[list[TableCell]]:
         """The rows with every entry as a `TableCell`, for templates."""
-        return [[c if isinstance(c, TableCell) else TableCell(c) for c in row] for row in self.rows]
+        return [_as_cells(row) for row in self.rows]
 
 
 def percent(share: float | None, digits: int = 2) -> str:
@@ -97,10 +102,14 @@ def summary_table(
     """
     pooled = pool(scores).set_index("method", drop=False)
     shown = pooled if against is None else pooled.loc[list(against)]
-    heads = ["method", "accuracy %", "95 % interval"]
+    heads: list[str | TableCell] = ["method", "accuracy %", "95 % interval"]
     heads += ["bits"] if against is None else ["wrong of bits"]
     compared = against is not None and any(against.values())
-    heads += ["points to the reference", "× errors of the reference"] if compared else []
+    if compared:
+        heads += [
+            TableCell("points", "to the reference"),
+            TableCell("× errors", "of the reference"),
+        ]
     rows: list[list[str | TableCell]] = []
     for row in shown.itertuples():
         known = row.bits > 0
@@ -175,6 +184,10 @@ def write_blocks(page: Path, blocks: Mapping[str, str]) -> None:
         return
     parts = [f"<!-- {name} -->\n{content}\n<!-- /{name} -->\n" for name, content in blocks.items()]
     write_bytes(page, "\n".join(parts).encode())
+
+
+def _as_cells(row: Sequence[str | TableCell]) -> list[TableCell]:
+    return [cell if isinstance(cell, TableCell) else TableCell(cell) for cell in row]
 
 
 def _markdown(cell: str | TableCell) -> str:
