@@ -55,8 +55,11 @@ class RepeatedPair:
     """A frame pair that is filmed several times, and what decodes it."""
 
     source: Source
+    """Pictures, seed, and the channel as it is set."""
     cell: Cell
+    """Camera-display pair, view and kappa."""
     index: int
+    """Number of the frame pair in its cell."""
     captures: int
     """Number of times that it is filmed, at least 1."""
     checkpoint: Path
