@@ -36,11 +36,10 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
     """
     layout, cell = filmed.layout, filmed.cell
     shot = filmed.shots[0]
-    quiet = replace(shot, noise_scale=0.0)
     seen = []
     for level in LEVELS:
         gray = np.full((layout.height, layout.width, 3), level, np.uint8)
-        stored = quiet.develop(quiet.expose(gray), np.random.default_rng(0))
+        stored = shot.develop(shot.expose(gray), None)
         seen.append(rectify(stored, shot.H_captured_from_display, layout.width, layout.height))
     inside_px = np.s_[MARGIN_PX:-MARGIN_PX, MARGIN_PX:-MARGIN_PX]
     luma = 255.0 * np.array([intensity(frame)[inside_px] for frame in seen], np.float64)
@@ -71,8 +70,22 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
         left = g(median[inside] / 255) - np.array(LEVELS)[inside]
         if left.size:
             error[method.label] = round(float(np.sqrt(np.mean(left**2))), 3)
-    curves = [[round(float(v), 2) for v in curve] for curve in (LEVELS, median, low, high)]
-    return Response(cell.pair, cell.view_deg, cell.kappa, filmed.index, *curves, found, error)
+
+    def rounded(curve: Sequence[float] | Array) -> list[float]:
+        return [round(float(level), 2) for level in curve]
+
+    return Response(
+        pair=cell.pair,
+        view_deg=cell.view_deg,
+        kappa=cell.kappa,
+        index=filmed.index,
+        displayed=rounded(LEVELS),
+        median=rounded(median),
+        low=rounded(low),
+        high=rounded(high),
+        found=found,
+        error=error,
+    )
 
 
 def found_inverse(method: Method, filmed: FramePair) -> Callable[[Array], Any] | None:

@@ -196,7 +196,8 @@ def _filmed_again(
             for name, mine in ((name, chosen.by_method[name]) for name in shown)
         ),
     ]
-    reason, measured = "", {}
+    reason = ""
+    measured: dict[str, tuple[float, float]] = {}
     if kind == "failure":
         reason, measured = explain(take_apart(main), wrong_blocks(row, main.layout))
     where = (
@@ -228,7 +229,8 @@ def _loaded(
         for key in ("pair", "view_deg", "picture")
         if captured.meta.get(key)
     )
-    reason, measured = "", {}
+    reason = ""
+    measured: dict[str, tuple[float, float]] = {}
     if kind == "failure":
         reason, measured = _what_the_capture_tells(captured, drawn[-1])
     title = f"{entry['original']} and {entry['embedded']}"
