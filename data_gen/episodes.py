@@ -1,6 +1,6 @@
 """Training episodes: simulated, rectified frame pairs as tensors."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -22,9 +22,11 @@ class EpisodePlan:
     """What the episodes are drawn from."""
 
     count: int
+    """Number of episodes."""
     kappas: tuple[int, ...]
+    """Values of κ, in gray levels, of which each episode draws one."""
     max_view: float
-    """Views are uniform in [0, max_view] degrees."""
+    """Largest view, in degrees; the episodes' views are uniform from 0 to this."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +34,15 @@ class EpisodeSet:
     """N rectified frame pairs and their messages."""
 
     original: Tensor
-    """(N, 3, H, W) uint8, encoded RGB."""
+    """(N, 3, H, W) uint8 original frames, encoded RGB."""
     embedded: Tensor
-    """The same shape."""
+    """(N, 3, H, W) uint8 embedded frames, encoded RGB."""
     bits: Tensor
-    """(N, n_bits) int64, 0 or 1."""
+    """(N, n_bits) int64 message bits, 0 or 1."""
 
 
 BATCH = 8
-"""Frame pairs augmented at a time."""
+"""Number of frame pairs that are augmented at a time."""
 VARIED = {
     "drift": (0.005, 0.1),
     "jitter_px": (0.05, 0.8),
@@ -48,16 +50,25 @@ VARIED = {
     "metering": (0.0, 1.0),
     "pwm_duty": (0.7, 1.0),
 }
-"""Each episode draws these anew, wider than the fitted values: other cameras differ."""
+"""Parameters of the channel that each episode draws anew, with their least and largest value. The
+ranges are wider than the fitted values, because other cameras differ."""
 JPEG_QUALITY = (70, 97)
+"""Least and largest JPEG quality, of which each episode draws one."""
 
 
 def simulate_episodes(
     source: Source, pairs: Sequence[str], plan: EpisodePlan, jobs: int
 ) -> EpisodeSet:
-    """Simulate episodes in parallel; the draw depends on the source's seed and the plan alone.
+    """Simulate episodes in parallel; what is drawn depends on the source's seed and the plan alone.
 
-    What the source sets or switches off is kept; the rest of `VARIED` is drawn uniformly.
+    What the source sets or switches off is kept. All other parameters of `VARIED` are drawn
+    uniformly.
+
+    Args:
+        source: pictures, seed and layout, and what of the channel is set or switched off.
+        pairs: names of camera-display pairs, which are dealt out in turn.
+        plan: number of episodes, and what their views and kappas are drawn from.
+        jobs: number of processes that simulate.
     """
     rng = np.random.default_rng([source.seed, plan.count])
     cells = [
@@ -90,10 +101,34 @@ def simulate_episodes(
     return EpisodeSet(original.permute(0, 3, 1, 2), embedded.permute(0, 3, 1, 2), bits)
 
 
-def augmented(
+@torch.no_grad()
+def augmented_features(
+    episodes: EpisodeSet,
+    features_of: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]],
+    device: str,
+    generator: torch.Generator,
+) -> tuple[Tensor, Tensor]:
+    """Augment every episode anew and keep only its features, so that frames need no memory.
+
+    Args:
+        episodes: N frame pairs.
+        features_of: turns (B, 3, H, W) original and embedded frames, float32 in [0, 255], into two
+            tensors whose first size is B.
+        device: where frames are augmented and features computed, such as "cpu".
+        generator: source of every random draw, on the CPU.
+
+    Returns:
+        both tensors of features for all N episodes, in order.
+    """
+    parts = [features_of(*batch) for batch in _augmented(episodes, device, generator)]
+    first, second = (torch.cat(part) for part in zip(*parts, strict=True))
+    return first, second
+
+
+def _augmented(
     episodes: EpisodeSet, device: str, generator: torch.Generator
 ) -> Iterator[tuple[Tensor, Tensor]]:
-    """Both frames of all episodes, varied by `augment` anew, in batches on ``device``, in order."""
+    """Yield both frames of `BATCH` episodes at a time, varied by `augment`."""
     for start in trange(0, len(episodes.bits), BATCH, desc="augment", unit="batch", leave=False):
         batch = slice(start, start + BATCH)
         original, embedded = episodes.original[batch], episodes.embedded[batch]
@@ -103,6 +138,7 @@ def augmented(
 def _rectified(
     source: Source, cell: Cell, index: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.intp]]:
+    """Simulate one frame pair; give its rectified frames and its message."""
     cv2.setNumThreads(1)
     pair = FramePair(source, cell, index)
     return pair.rectified.original, pair.rectified.embedded, pair.displayed.bits

@@ -58,9 +58,9 @@ def observe_ideally(pair: FramePair, draws: int = DRAWS, change: bool = False) -
 
     >>> from data_gen.frame_pair import Cell, Source
     >>> from link.layout import make_layout
-    >>> source, cell = Source(make_layout(4, 4, 256, 192, 2)), Cell("canon-lg", 0.0, 3)
-    >>> pair = FramePair(source, cell, 0)
-    >>> bool((observe_ideally(pair, draws=8).bits == pair.displayed.bits).all())
+    >>> source = Source(make_layout(4, 4, 256, 192, 2), parameters=(("resolution", 0.5),))
+    >>> pair = FramePair(source, Cell("canon-lg", view_deg=0.0, kappa=5), index=0)
+    >>> bool((observe_ideally(pair, draws=4).bits == pair.displayed.bits).all())
     True
 
     Args:

@@ -225,8 +225,8 @@ class Pair(Limited):
     oblique: Nuisance
     """Disturbances at `OBLIQUE_DEG` and beyond; in between they are linear in the angle."""
     crosstalk: Annotated[Matrix, Limits(0.0, 1.0)]
-    """Matrix M of Eq. redpixel: its rows are the camera's R, G and B and sum to 1, its columns are the
-    display's R, G and B."""
+    """Matrix M of Eq. redpixel: its rows, which sum to 1, are the camera's R, G and B, and its
+    columns the display's."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

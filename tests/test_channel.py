@@ -1,19 +1,25 @@
 """The whole channel: what one call of `capture` promises."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from filming import even_scene, film, levels, only, scene
+from numpy.typing import NDArray
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
 
+from data_gen.channel import composition
 from data_gen.channel.composition import Shot
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.channel.stills import capture, draw_shots
 from data_gen.channel.transfer import cdtf, metered_gain
 from data_gen.effects import EFFECTS, switch_off, with_parameter
-from data_gen.film.scenes import SceneSettings, draw_scene
+from data_gen.film import stream
+from data_gen.film.scenes import SceneSettings, draw_scene, photograph
+from data_gen.film.stream import VideoSettings
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import Pair
 from link.embed import embed
@@ -129,6 +135,49 @@ def test_an_exposure_ends_at_saturation(room: bool) -> None:
     assert once.max() < 1
     assert longer.max() == 1
     np.testing.assert_allclose(longer, np.minimum(8 * once, 1), rtol=20 * FLOAT32)
+
+
+def still(pair: Pair) -> NDArray[np.uint8]:
+    return film(pair, SCENE).original
+
+
+def still_in_a_room(pair: Pair) -> NDArray[np.uint8]:
+    rng = np.random.default_rng(0)
+    settings = SceneSettings(size=(160, 96), room="dark", coverage=0.4, second_display=False)
+    made = draw_scene(SCENE.layout, pair, 0.0, rng, settings)
+    return photograph(SCENE.original, made, rng)
+
+
+def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
+    scene_settings = SceneSettings(size=(160, 96), room="dark", coverage=0.4, second_display=False)
+    settings = VideoSettings(scene_settings, seconds=0.01)
+    rng = np.random.default_rng(0)
+    return next(stream.film([SCENE.original], SCENE.layout, pair, 0.0, settings, rng)).rgb
+
+
+@pytest.mark.parametrize("expose", [still, still_in_a_room, frame_of_a_film])
+@pytest.mark.parametrize(
+    "name", ["emitted_light", "image_of", "collect", "pwm_gain", "moire_gain", "develop"]
+)
+def test_stills_scenes_and_films_pass_through_the_same_stages(
+    expose: Callable[[Pair], NDArray[np.uint8]], name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An effect that is added to a stage of the composition reaches all of them."""
+    usual, stage = expose(get_pair("canon-lg")), getattr(composition, name)
+
+    def weaker(*args: Any) -> NDArray[Any]:
+        made = stage(*args)
+        return np.asarray((0.5 * made).astype(made.dtype))
+
+    monkeypatch.setattr(composition, name, weaker)
+    changed = expose(get_pair("canon-lg"))
+    assert np.abs(levels(changed) - usual).mean() > 5
+
+
+def test_the_channel_knows_nothing_of_films() -> None:
+    files = list(Path(composition.__file__).parent.glob("*.py"))
+    assert len(files) > 5
+    assert not [file for file in files if "data_gen.film" in file.read_text()]
 
 
 # Metering and the transfer function

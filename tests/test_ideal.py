@@ -18,7 +18,7 @@ from data_gen.ideal import (
 from link.captures import save_captures
 from link.layout import Layout, make_layout
 from models import make_decoder
-from reports.engine.predict import METHODS
+from reports.engine.methods import METHODS
 
 SMALL = make_layout(4, 4, 256, 192, 2)
 HARD = Cell("canon-samsung", 45.0, 1)

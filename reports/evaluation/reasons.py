@@ -143,8 +143,8 @@ def explain(parts: Parts, wrong: NDArray[np.bool_]) -> tuple[str, dict[str, tupl
         reason = f"{rivals[worst]} changes {them} by {size:.2f} gray levels, a bit by {signal:.2f}"
     else:
         reason = (
-            f"a bit changes {them} by {signal:.2f} gray levels and nothing by half of that (most: "
-            f"{rivals[worst]}, {size:.2f}); the calibration of this frame pair is off there"
+            f"a bit changes {them} by {signal:.2f} gray levels, and neither motion nor drift nor "
+            f"noise by half of that (most: {rivals[worst]}, {size:.2f})"
         )
     drift = float(np.median(parts.drift))
     if abs(drift) > signal:
