@@ -37,7 +37,14 @@ from reports.score.findings import (
 from reports.score.paired import MIN_FRAMES
 from reports.score.reliability import ALL, Curves, reliability_curves
 from reports.studies.ablation_page import ablation_tables
-from reports.studies.peers.page import PEER_COLOURS, PeerRow, peers_figure, peers_table
+from reports.studies.peers.page import (
+    COLOURS,
+    PeerRow,
+    best_readings,
+    peer_rows,
+    peers_figure,
+    peers_table,
+)
 
 TEMPLATES = Path(__file__).parent / "templates"
 """Folder of the Jinja2 templates and of the style sheet."""
@@ -88,7 +95,7 @@ def report_page(run: Run) -> str:
     curves = llr_curves(run)
     return render(
         "report.html.j2",
-        {method: colour_of(method) for method in run.methods} | PEER_COLOURS,
+        {method: colour_of(method) for method in run.methods} | COLOURS,
         run=run,
         sections=SECTIONS,
         ranked=ranked,
@@ -107,7 +114,7 @@ def report_page(run: Run) -> str:
         if "ablation" in run.references
         else [],
         peers=peers_charts(run),
-        peers_table=peers_table(stored_peers(run), best=True) if stored_peers(run) else None,
+        peers_table=peers_table(best_readings(stored_peers(run))) if stored_peers(run) else None,
         llr_methods=[name for name, card in METHODS.items() if card.llr],
         reliability=calibration_table(curves) if curves else None,
         reliability_charts=reliability_charts(curves),
@@ -180,17 +187,17 @@ def sweep_charts(
 
 def stored_peers(run: Run) -> list[PeerRow]:
     """Results of other systems, as they are stored; none where they are not."""
-    return [PeerRow(**row) for row in run.references.get("peers", {}).get("rows", [])]
+    return peer_rows(run.references["peers"]) if "peers" in run.references else []
 
 
-def peers_charts(run: Run) -> list[tuple[str, int, Markup]]:
-    """For each condition its name, the number of captures of a point, and its chart."""
+def peers_charts(run: Run) -> list[tuple[int, Markup]]:
+    """For each condition the number of captures of a point, and the chart."""
     rows = stored_peers(run)
     found = []
     for name in dict.fromkeys(row.condition for row in rows):
         mine = [row for row in rows if row.condition == name]
         svg = to_svg(peers_figure(mine), f"Accuracy by PSNR, {name}")
-        found.append((name, min(row.captures for row in mine), svg))
+        found.append((min(row.captures for row in mine), svg))
     return found
 
 
