@@ -5,7 +5,7 @@ from pathlib import Path
 from link.captures import load_capture, read_manifest
 from link.errors import UnsuitedError
 from link.images import write_image
-from reports.engine.predict import Method
+from reports.engine.methods import Method
 from reports.render.figures import annotate
 
 
