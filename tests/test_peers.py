@@ -20,12 +20,23 @@ from link.embed import with_head_room
 from link.frames import Rectified
 from link.layout import make_layout
 from link.quality import psnr
-from reports.engine.predict import Method
+from reports.engine.methods import Method
 from reports.studies.peers import adapters
 from reports.studies.peers.__main__ import main
-from reports.studies.peers.adapters import PACKAGES, Peer, make_peers
-from reports.studies.peers.page import PeerRow, table, tally
-from reports.studies.peers.study import JPEG, NO_CHANNEL, Ours, Shown, Still, measure, received
+from reports.studies.peers.adapters import IMPORTED, Peer, make_peers
+from reports.studies.peers.page import count_readings, peer_rows, peers_figure, peers_table
+from reports.studies.peers.study import (
+    JPEG,
+    NO_CHANNEL,
+    MarkedPicture,
+    PairSystem,
+    PeerTask,
+    Reading,
+    StillSystem,
+    System,
+    read_messages,
+    receptions,
+)
 
 SOURCE = Source(make_layout())
 
@@ -51,13 +62,20 @@ class Stripes:
         return np.array(levels[1:-1]) - (levels[0] + levels[-1]) / 2
 
 
+def readings_of(
+    system: System, pairs: tuple[str, ...], views: tuple[float, ...], frames: int
+) -> list[Reading]:
+    found = read_messages(PeerTask(SOURCE, pairs, views, frames, system))
+    return [Reading(**reading) for reading in found]
+
+
 @pytest.fixture(scope="module")
-def lines() -> list[dict[str, Any]]:
-    return measure(SOURCE, ["canon-lg", "sony-imac"], [0.0, 45.0], 2, Still(Stripes()))
+def readings() -> list[Reading]:
+    return readings_of(StillSystem(Stripes()), ("canon-lg", "sony-imac"), (0.0, 45.0), 2)
 
 
-def test_the_toy_is_read_from_every_condition(lines: list[dict[str, Any]]) -> None:
-    rows = tally(lines)
+def test_the_toy_is_read_from_every_condition(readings: list[Reading]) -> None:
+    rows = count_readings(readings)
     found = {(row.condition, row.frames_used): (row.captures, row.bits) for row in rows}
     assert found == {
         (NO_CHANNEL, 1): (2, 8),
@@ -70,19 +88,19 @@ def test_the_toy_is_read_from_every_condition(lines: list[dict[str, Any]]) -> No
     assert all(row.correct == row.bits and row.message_bits == 4 for row in rows)
 
 
-def test_what_is_read_is_what_was_shown(lines: list[dict[str, Any]]) -> None:
+def test_what_is_read_is_what_was_shown(readings: list[Reading]) -> None:
     for index in (0, 1):
-        shown = Still(Stripes()).show(SOURCE, index)
+        shown = StillSystem(Stripes()).show(SOURCE, index)
         picture = with_head_room(prepare_picture(index), 5)
         assert np.array_equal(shown.clean, picture)
-        mine = [line for line in lines if line["index"] == index]
+        mine = [reading for reading in readings if reading.index == index]
         assert len(mine) == 2 + 2 * 4
-        assert all(line["bits"] == shown.displayed.bits.tolist() for line in mine)
+        assert all(reading.bits == shown.displayed.bits.tolist() for reading in mine)
         expected = psnr(picture, Stripes().embed(picture, shown.displayed.bits))
-        assert {line["psnr"] for line in mine} == {expected}
-        exact = next(line for line in mine if line["condition"] == NO_CHANNEL)
+        assert {reading.psnr for reading in mine} == {expected}
+        exact = next(reading for reading in mine if reading.condition == NO_CHANNEL)
         levels = np.where(shown.displayed.bits == 1, 80.0, -80.0)
-        assert exact["scores"] == levels.tolist()
+        assert exact.scores == levels.tolist()
 
 
 def prepare_picture(index: int) -> NDArray[np.uint8]:
@@ -95,29 +113,29 @@ def test_the_mean_of_two_frames_is_read_where_two_were_filmed() -> None:
     dark, bright = (np.zeros((384, 510, 3), np.uint8) for _ in range(2))
     dark[:, -85:], bright[:, -85:], bright[:, 85:-85] = 100, 100, 201
     pair = Rectified(dark, bright, SOURCE.layout)
-    found = list(Still(Stripes()).read(pair, filmed=True))
+    found = list(StillSystem(Stripes()).read(pair, filmed=True))
     assert [(used, scores.tolist()) for used, scores, _ in found] == [
         (1, [-50.0] * 4),
         (2, [50.0] * 4),  # 100.5 is rounded to even
     ]
-    assert len(list(Still(Stripes()).read(pair, filmed=False))) == 1
+    assert len(list(StillSystem(Stripes()).read(pair, filmed=False))) == 1
 
 
 def test_every_system_gets_the_draws_of_the_channel_that_evaluate_has() -> None:
     cell = Cell("sony-imac", 45.0, 5)
     displayed = FramePair(SOURCE, cell, 1).displayed
-    shown = Shown(displayed.original, displayed)
-    *_, (condition, pair, view, filmed) = received(SOURCE, shown, ["sony-imac"], [45.0], 1)
-    assert (condition, pair, view) == ("45°", "sony-imac", 45.0)
+    shown = MarkedPicture(displayed.original, displayed)
+    task = PeerTask(SOURCE, ("sony-imac",), (45.0,), 2, StillSystem(Stripes()))
+    *_, filmed = receptions(task, shown, 1)
+    assert (filmed.condition, filmed.pair, filmed.view_deg) == ("45°", "sony-imac", 45.0)
     expected = FramePair(SOURCE, cell, 1).rectified
-    assert np.array_equal(filmed.original, expected.original)
-    assert np.array_equal(filmed.embedded, expected.embedded)
+    assert np.array_equal(filmed.frames.original, expected.original)
+    assert np.array_equal(filmed.frames.embedded, expected.embedded)
 
 
 @pytest.mark.parametrize(("method", "n_bits"), [("oorc", 59), ("blind", 64)])
 def test_ours_is_measured_alike(method: str, n_bits: int) -> None:
-    found = measure(SOURCE, ["canon-lg"], [0.0], 1, Ours(Method(method), 5))
-    rows = tally(found)
+    rows = count_readings(readings_of(PairSystem(Method(method), 5), ("canon-lg",), (0.0,), 1))
     assert [(row.condition, row.frames_used) for row in rows] == [
         (NO_CHANNEL, 2),
         (JPEG, 2),
@@ -128,24 +146,29 @@ def test_ours_is_measured_alike(method: str, n_bits: int) -> None:
     assert 30 < rows[0].psnr < 45
 
 
-def entry(strength: str, condition: str, scores: list[float], **changes: Any) -> dict[str, Any]:
-    known = {"method": "toy", "frames_used": 1, "psnr": 40.0, "ssim": 0.9, "decode_s": 0.002}
-    return {
-        **known,
-        "strength": strength,
-        "condition": condition,
-        "scores": scores,
+def reading(strength: str, condition: str, scores: list[float], **changes: Any) -> Reading:
+    known = {
+        "method": "toy",
+        "frames_used": 1,
+        "pair": None,
+        "view_deg": None,
+        "index": 0,
+        "psnr": 40.0,
+        "ssim": 0.9,
+        "decode_s": 0.002,
         "bits": [1, 0],
-        **changes,
     }
+    return Reading(
+        **{**known, "strength": strength, "condition": condition, "scores": scores, **changes}
+    )
 
 
 def test_rows_count_bits_and_average_visibility() -> None:
-    rows = tally(
+    rows = count_readings(
         [
-            entry("weak", "0°", [1.0, -1.0]),
-            entry("weak", "0°", [1.0, 1.0], psnr=30.0, ssim=0.7, decode_s=0.004),
-            entry("strong", "0°", [-1.0, 1.0]),
+            reading("weak", "0°", [1.0, -1.0]),
+            reading("weak", "0°", [1.0, 1.0], psnr=30.0, ssim=0.7, decode_s=0.004),
+            reading("strong", "0°", [-1.0, 1.0]),
         ]
     )
     weak, strong = rows
@@ -153,7 +176,7 @@ def test_rows_count_bits_and_average_visibility() -> None:
     assert (weak.psnr, weak.decode_ms, round(weak.ssim, 6)) == (35.0, 3.0, 0.8)
     assert weak.ci_low < 0.75 < weak.ci_high
     assert (strong.correct, strong.accuracy, strong.ci_low) == (0, 0.0, 0.0)
-    head, _, first, second = table(rows).splitlines()
+    head, _, first, second = peers_table(rows).markdown().splitlines()
     assert head == "| system | strength | PSNR dB | SSIM | bits | 0°, 1 frame | decode ms |"
     assert first.startswith("| toy | weak | 35.0 | 0.8000 | 2 | 75.0 ±")
     assert second.startswith("| toy | strong | 40.0 | 0.9000 | 2 | 0.0 ±")
@@ -186,7 +209,9 @@ def test_the_command_writes_page_numbers_and_picture(tmp_path: Path, command: Co
     predictions = [
         json.loads(line) for line in (tmp_path / "predictions.jsonl").read_text().splitlines()
     ]
-    assert tally(predictions) == [PeerRow(**row) for row in content["rows"]]
+    rows = peer_rows(content)
+    assert count_readings([Reading(**line) for line in predictions]) == rows
+    assert len(peers_figure(rows).axes) == 3
     page = (tmp_path / "peers.md").read_text()
     assert "Simulated" in page
     assert "| stripes | exact |" in page
@@ -198,12 +223,14 @@ def test_a_run_goes_on_where_it_stopped(tmp_path: Path, command: Command) -> Non
     run = (*SMALL, "--systems", "stripes", "--ours", "naive", "--out", tmp_path)
     assert command(main, *run).status == 0
     before = (tmp_path / "predictions.jsonl").read_bytes()
-    kept, lost = sorted((tmp_path / "cells").glob("*/*.json"))
-    assert (kept.name, lost.name) == ("naive,_κ_5.json", "stripes,_exact.json")
-    written = kept.stat().st_mtime_ns
-    lost.unlink()
+    (stored,) = tmp_path.glob("readings_*.jsonl")
+    kept, lost = stored.read_text().splitlines(keepends=True)
+    assert [json.loads(line)["name"][:9] for line in (kept, lost)] == ["naive, κ ", "stripes, "]
+    stored.write_text(kept + lost[: len(lost) // 2])  # as if killed while it was written
     assert command(main, *run).status == 0
-    assert kept.stat().st_mtime_ns == written
+    again, made = stored.read_text().splitlines(keepends=True)
+    assert again == kept
+    assert json.loads(made)["name"] == json.loads(lost)["name"] == "stripes, exact"
     assert untimed(tmp_path / "predictions.jsonl") == [
         {**json.loads(line), "decode_s": 0} for line in before.splitlines()
     ]
@@ -224,19 +251,21 @@ def test_a_system_that_fails_is_named(
     run = (*SMALL, "--systems", "stripes", "--ours", "naive", "--out", tmp_path)
     done = command(main, *run)
     assert done.status == 2
-    assert "1 of 2 systems failed: stripes,_exact: ZeroDivisionError: made" in done.stderr
-    assert [file.name for file in (tmp_path / "cells").glob("*/*")] == ["naive,_κ_5.json"]
+    assert "systems: 1 of 2 failed: stripes, exact: ZeroDivisionError: made" in done.stderr
+    (stored,) = tmp_path.glob("readings_*.jsonl")
+    (kept,) = stored.read_text().splitlines()
+    assert json.loads(kept)["name"].startswith("naive, κ 5")
 
 
-@pytest.mark.parametrize("name", list(PACKAGES))
+@pytest.mark.parametrize("name", list(IMPORTED))
 def test_a_missing_package_is_one_line_with_the_remedy(
     name: str, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     adapters._package.cache_clear()
-    monkeypatch.setitem(sys.modules, PACKAGES[name], None)
+    monkeypatch.setitem(sys.modules, IMPORTED[name], None)
     done = command(main, *SMALL, "--systems", name, "--out", tmp_path)
     assert done.status == 2
-    assert done.stderr.startswith(f"error: {name}: the package {PACKAGES[name]} is missing; run ")
+    assert done.stderr.startswith(f"error: {name}: the package {IMPORTED[name]} is missing; run ")
     assert "pip install --no-deps invisible-watermark==" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
@@ -263,7 +292,7 @@ def test_wrong_flags(
 
 
 def needs(name: str) -> None:
-    if find_spec(PACKAGES[name]) is None or find_spec("pywt") is None:
+    if find_spec(IMPORTED[name]) is None or find_spec("pywt") is None:
         pytest.skip(f"{name} is not installed: {adapters.INSTALL}")
 
 
@@ -294,7 +323,7 @@ def test_adapters_read_what_they_wrote(name: str, strength: str, least: float) -
     assert np.mean((other > 0) == bits) < 0.5
 
 
-@pytest.mark.parametrize("name", list(PACKAGES))
+@pytest.mark.parametrize("name", list(IMPORTED))
 def test_stronger_is_more_visible(name: str) -> None:
     needs(name)
     picture = with_head_room(load_pictures("test", 256, 256)[0].rgb, 5)

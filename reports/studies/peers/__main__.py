@@ -1,20 +1,18 @@
 """Other systems on the same captures: python -m reports.studies.peers --out runs/peers.
 
-Packages, without their dependencies: see `adapters.INSTALL`.
+Packages, without their dependencies: `adapters.INSTALL` is the command that installs them.
 """
 
 import hashlib
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import tyro
-from tqdm import tqdm
 
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Source
@@ -23,45 +21,29 @@ from link.errors import InputError, at_least, choose, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
-from reports.engine.backends import Backend, run_tasks
-from reports.engine.predict import digest_files, fingerprint, methods_for
-from reports.score.metrics import provenance
+from reports.engine.digest import code_digest, package_versions
+from reports.engine.methods import methods_for
+from reports.engine.predict import fingerprint
+from reports.engine.provenance import provenance
+from reports.engine.stored import resume
+from reports.render.charts import save_png
+from reports.render.tables import write_blocks
 from reports.studies.peers.adapters import PEERS, make_peers
-from reports.studies.peers.page import plot, table, tally
-from reports.studies.peers.study import Ours, Still, System, measure
-
-DECISIVE = ("adapters", "study")
-"""Files here that decide numbers."""
-PACKAGES = ("invisible-watermark", "blind-watermark", "PyWavelets")
-NOTE = """# Other systems on the same captures
-
-Simulated captures of held-out pictures, seed {seed}: {pairs}; {frames} pictures, each filmed by
-every pair at every view, with one draw of the channel for all systems. By `{command}`.
-
-Entries are per cent of message bits that are right, ± half the 95 % interval, which knows that
-errors cluster by capture; 50 is chance. Every system gets the true corners, and captures
-rectified to the displayed size. The peers mark one still picture and are read from one captured
-frame, and from the mean of two. Ours ({ours}) is read from two frames, the original and the
-embedded one: the display must show both in turn and the camera must catch each, which the peers
-do not need. PSNR and SSIM compare what carries the message with what does not: the marked with
-the unmarked picture, for ours the embedded with the original frame. Both of these show the five
-ratex patches, except for `blind`, which has none and whose pictures are equalised instead.
-Flicker is in neither measure. *Bits*: message bits of a still picture, or of a pair of frames.
-*Decode ms*: median processor time for one rectified capture, one thread.
-
-Peers come from the packages invisible-watermark (rivaGAN, DWT-DCT, DWT-DCT-SVD) and
-blind-watermark, and decide as those do. "Default" is the package's own strength. rivaGAN has no
-strength: what it adds to the picture was multiplied here. The DWT methods mark the U channel by
-default; Y was tried too. invisible-watermark 0.2.0 swaps horizontal and vertical details when it
-puts the picture together again (`encode` in maxDct.py and dwtDctSvd.py), which costs PSNR
-whatever the strength, most in Y. No peer was made for a filmed display, and none is calibrated to
-its photometry.
-
-![bit accuracy against PSNR](peers.png)
-
-*Of a peer's two readings the better one.*
-
-"""
+from reports.studies.peers.page import (
+    PACKAGES,
+    count_readings,
+    peers_block,
+    peers_figure,
+    write_peers,
+)
+from reports.studies.peers.study import (
+    PairSystem,
+    PeerTask,
+    Reading,
+    StillSystem,
+    System,
+    read_messages,
+)
 
 
 @dataclass(frozen=True)
@@ -71,94 +53,88 @@ class PeersConfig:
     pairs: tuple[str, ...] = ("canon-lg", "nikon-samsung", "sony-imac")
     """Camera-display pairs."""
     views: tuple[float, ...] = (0.0, 45.0)
-    """Degrees."""
+    """Angles between the camera and the normal of the display, degrees."""
     systems: tuple[str, ...] = tuple(PEERS)
     """Other systems."""
     ours: tuple[str, ...] = ("learned", "oorc", "blind")
     """Methods of this repository."""
     kappas: tuple[int, ...] = (1, 2, 3, 5, 10)
-    """Strengths of ours."""
+    """Strengths of ours: gray levels added to a block that carries a 1."""
     frames: int = 6
-    """Pictures."""
+    """Number of pictures."""
     bits: int = 32
-    """Message bits of the other systems; rivaGAN has 32."""
+    """Number of message bits of the other systems; rivaGAN has 32."""
     seed: int = 0
+    """Seed of messages and of the channel."""
     out: Path = Path("runs/peers")
-    """Folder for peers.md, peers.json, peers.png and predictions.jsonl."""
+    """Folder for peers.md, peers.json, peers.png, predictions.jsonl and the stored readings."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes."""
 
 
 def main() -> None:
     """Embed, film, read, print."""
     config = tyro.cli(PeersConfig)
     source = Source(make_layout(), "test", config.seed, parameters=(("corner_px", 0.0),))
-    systems = check(config, source)
-    found = measured(config, source, systems)
-    lines = [line for part in found for line in part]
-    text = "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines)
-    write_bytes(config.out / "predictions.jsonl", text.encode())
-    rows = tally(lines)
-    meta = {**provenance(config.seed, simulated=True), **versions()}
-    content = {"meta": meta, "rows": [asdict(row) for row in rows]}
-    write_bytes(
-        config.out / "peers.json", (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
-    )
-    plot(rows, config.out / "peers.png")
-    note = NOTE.format(
-        seed=config.seed,
-        pairs=", ".join(config.pairs),
-        frames=config.frames,
-        command=meta["command"],
-        ours=", ".join(f"`{name}`" for name in config.ours),
-    )
-    write_bytes(config.out / "peers.md", f"{note}{table(rows)}\n".encode())
-    print(table(rows))
+    readings = read_all(config, source, check_systems(config, source))
+    lines = [json.dumps(reading, allow_nan=False) + "\n" for reading in readings]
+    write_bytes(config.out / "predictions.jsonl", "".join(lines).encode())
+    rows = count_readings([Reading(**reading) for reading in readings])
+    stored = config.out / "peers.json"
+    write_peers(stored, rows, provenance(config.seed, simulated=True) | peer_versions())
+    save_png(peers_figure(rows, columns=2), config.out / "peers.png")
+    block = peers_block(stored)
+    write_blocks(config.out / "peers.md", {"peers": block})
+    print(block)
     print(f"\nwritten: {config.out}/peers.md, peers.json, peers.png, predictions.jsonl")
 
 
-def measured(
+def read_all(
     config: PeersConfig, source: Source, systems: Sequence[System]
-) -> list[list[dict[str, Any]]]:
-    """Predictions of each system; a run that was cut off goes on where it stopped.
+) -> list[dict[str, Any]]:
+    """Let each system embed and read; a run that was cut off goes on where it stopped.
+
+    Returns:
+        the fields of a `Reading` for each message, ordered as ``systems``.
 
     Raises:
         InputError: one failed; those that finished are kept.
     """
-    key = repr((source, config.pairs, config.views, config.frames, config.bits, versions()))
-    key += fingerprint(source, config.frames, methods_for(config.ours, PRETRAINED))
-    key += digest_files([Path(__file__).with_name(f"{name}.py") for name in DECISIVE])
-    folder = config.out / "cells" / hashlib.sha256(key.encode()).hexdigest()[:16]
-    files = [folder / f"{s.name}, {s.strength}.json".replace(" ", "_") for s in systems]
-    todo = [number for number, file in enumerate(files) if not file.is_file()]
-    task = partial(measure, source, config.pairs, config.views, config.frames)
-    outcomes = run_tasks(task, [systems[number] for number in todo], Backend(config.jobs))
-    done, failed = len(systems) - len(todo), []
-    for outcome in tqdm(outcomes, total=len(systems), initial=done, unit="system"):
-        number = todo[outcome.index]
-        if outcome.failure is not None:
-            failed.append(f"{files[number].stem}: {outcome.failure.reason}")
-            continue
-        write_bytes(files[number], json.dumps(outcome.result, allow_nan=False).encode())
-    if failed:
-        raise InputError(f"{len(failed)} of {len(systems)} systems failed: {'; '.join(failed)}")
-    return [json.loads(file.read_text()) for file in files]
+    settings = (source, config.pairs, config.views, config.frames, config.bits, peer_versions())
+    parts = (repr(settings), code_digest("reports.studies.peers.study"), *package_versions())
+    mark = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    tasks = {}
+    for system in systems:
+        name = f"{system.name}, {system.strength}"
+        if isinstance(system, PairSystem):
+            name += f", {fingerprint(source, config.frames, system.method)[:8]}"
+        tasks[name] = PeerTask(source, config.pairs, config.views, config.frames, system)
+    file = config.out / f"readings_{mark}.jsonl"
+    found = resume(read_messages, tasks, file, config.jobs, "systems")
+    return [reading for readings in found.values() for reading in readings]
 
 
-def check(config: PeersConfig, source: Source) -> list[System]:
-    """The systems at their strengths; an `InputError` for a wrong flag or a missing package."""
+def check_systems(config: PeersConfig, source: Source) -> list[System]:
+    """Make the systems at their strengths.
+
+    Raises:
+        InputError: a flag is wrong, or a package is missing.
+    """
     for pair in config.pairs:
         source.pair(pair)
     for view in config.views:
-        check_view(view, "--views")
+        check_view(view, "views")
     for kappa in config.kappas:
         check_kappa(kappa)
     for name in config.ours:
         choose(DECODERS, name, "method")
     at_least(1, frames=config.frames, bits=config.bits, jobs=config.jobs)
     at_least(0, seed=config.seed)
-    stills = [Still(peer) for name in config.systems for peer in make_peers(name, config.bits)]
-    ours = [
-        Ours(method, kappa)
+    stills: list[System] = [
+        StillSystem(peer) for name in config.systems for peer in make_peers(name, config.bits)
+    ]
+    ours: list[System] = [
+        PairSystem(method, kappa)
         for method in methods_for(config.ours, PRETRAINED)
         for kappa in config.kappas
     ]
@@ -167,8 +143,8 @@ def check(config: PeersConfig, source: Source) -> list[System]:
     return [*ours, *stills]
 
 
-def versions() -> dict[str, str]:
-    """Of the peers' packages that are installed."""
+def peer_versions() -> dict[str, str]:
+    """Versions of those packages of the other systems that are installed."""
     found = {}
     for package in PACKAGES:
         try:

@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, choose
 
+# Without their dependencies: both ask for opencv-python, which overwrites our headless build.
 INSTALL = (
     "pip install -e '.[peers]' && "
     "pip install --no-deps invisible-watermark==0.2.0 blind-watermark==0.4.4"
 )
-"""Without their dependencies: both ask for opencv-python, which overwrites our headless build."""
+"""Command that installs the packages of all systems."""
 RIVAGAN_BITS = 32
+"""Number of message bits of rivaGAN."""
 
-Picture = NDArray[np.uint8]
+RgbPicture = NDArray[np.uint8]
 """(H, W, 3) RGB, encoded; at least 256 x 256 pixels in all."""
 
 
@@ -34,25 +36,25 @@ class Peer(Protocol):
 
     @property
     def name(self) -> str:
-        """Of the system."""
+        """What tables call the system."""
         ...
 
     @property
     def strength(self) -> str:
-        """How strongly it embeds, for people; "default" is the package's own choice."""
+        """How strongly it embeds, in its own unit; "default" is the package's own choice."""
         ...
 
     @property
     def n_bits(self) -> int:
-        """Message bits a picture."""
+        """Number of message bits in a picture."""
         ...
 
-    def embed(self, picture: Picture, bits: NDArray[np.intp]) -> Picture:
-        """The picture with (n_bits,) bits of 0 or 1 in it, of the same shape."""
+    def embed(self, picture: RgbPicture, bits: NDArray[np.intp]) -> RgbPicture:
+        """Hide (n_bits,) bits of 0 or 1 in a picture; what comes back has its shape."""
         ...
 
-    def extract(self, picture: Picture) -> NDArray[np.float64]:
-        """(n_bits,) scores; positive means 1."""
+    def extract(self, picture: RgbPicture) -> NDArray[np.float64]:
+        """Read (n_bits,) scores from a picture; a positive score means 1."""
         ...
 
 
@@ -61,38 +63,39 @@ class InvisibleWatermark:
     """`dwtDct` or `dwtDctSvd` of the package invisible-watermark: quantised coefficients."""
 
     family: str
-    """The system's name."""
+    """Name of the system where it marks the default channel."""
     method: str
-    """As the package calls it."""
+    """Name that the package gives to the system."""
     scale: int
-    """Quantisation step; 36 by default."""
+    """Quantisation step; the package's default is 36."""
     n_bits: int
+    """Number of message bits in a picture."""
     channel: str = "U"
-    """The bits are in this channel of YUV; the package's default is U, and Y is the other."""
+    """Channel of YUV that holds the bits: the package's default is U, and Y is the other."""
 
     @property
     def name(self) -> str:
-        """The family, and the channel where it is not the default."""
+        """Family, and the channel where it is not the default."""
         return self.family if self.channel == "U" else f"{self.family} in {self.channel}"
 
     @property
     def strength(self) -> str:
-        """The scale."""
+        """Scale in words, "default" for the package's own."""
         return "default" if (self.channel, self.scale) == ("U", 36) else f"scale {self.scale}"
 
-    def embed(self, picture: Picture, bits: NDArray[np.intp]) -> Picture:
-        """As `Peer`."""
+    def embed(self, picture: RgbPicture, bits: NDArray[np.intp]) -> RgbPicture:
+        """Mark a picture by the package."""
         encoder = _package("imwatermark", self.name).WatermarkEncoder()
         encoder.set_watermark("bits", bits.tolist())
         return _rgb(encoder.encode(_bgr(picture), self.method, scales=self._scales()))
 
-    def extract(self, picture: Picture) -> NDArray[np.float64]:
-        """As `Peer`."""
+    def extract(self, picture: RgbPicture) -> NDArray[np.float64]:
+        """Read a picture by the package."""
         decoder = _package("imwatermark", self.name).WatermarkDecoder("bits", self.n_bits)
         return _signs(decoder.decode(_bgr(picture), self.method, scales=self._scales()))
 
     def _scales(self) -> list[int]:
-        """Of Y, U and V; the package never reads the last."""
+        """Quantisation steps of Y, U and V; the package never reads the last."""
         return [self.scale if name == self.channel else 0 for name in "YUV"]
 
 
@@ -104,15 +107,17 @@ class RivaGan:
     """Factor on what the network adds to the picture. The package has no such parameter: it is
     ours, so that the network can be compared at other visibilities."""
     name: str = "rivaGAN"
+    """What tables call the system."""
     n_bits: int = RIVAGAN_BITS
+    """Number of message bits in a picture."""
 
     @property
     def strength(self) -> str:
-        """The gain."""
+        """Gain in words, "default" for the package's own."""
         return "default" if self.gain == 1 else f"residual x {self.gain:g}"
 
-    def embed(self, picture: Picture, bits: NDArray[np.intp]) -> Picture:
-        """As `Peer`."""
+    def embed(self, picture: RgbPicture, bits: NDArray[np.intp]) -> RgbPicture:
+        """Mark a picture by the network, and scale what it added."""
         self._load()
         encoder = _package("imwatermark", self.name).WatermarkEncoder()
         encoder.set_watermark("bits", bits.tolist())
@@ -120,14 +125,14 @@ class RivaGan:
         residual = marked.astype(np.float64) - picture
         return np.clip(np.rint(picture + self.gain * residual), 0, 255).astype(np.uint8)
 
-    def extract(self, picture: Picture) -> NDArray[np.float64]:
-        """As `Peer`."""
+    def extract(self, picture: RgbPicture) -> NDArray[np.float64]:
+        """Read a picture by the network."""
         self._load()
         decoder = _package("imwatermark", self.name).WatermarkDecoder("bits", self.n_bits)
         return _signs(decoder.decode(_bgr(picture), "rivaGan"))
 
     def _load(self) -> None:
-        """As the package's loadModel, held to one thread as all that is timed here."""
+        """Load the network once, held to one thread, as all that is timed here."""
         module = _package("imwatermark.rivaGan", self.name)
         if module.RivaWatermark.encoder is None:
             encoder, decoder = _sessions(Path(module.__file__).parent)
@@ -141,22 +146,24 @@ class BlindWatermark:
     steps: tuple[int, int] = (36, 20)
     """Quantisation of the first two singular values (d1, d2); 36 and 20 by default."""
     n_bits: int = 32
+    """Number of message bits in a picture."""
     name: str = "blind-watermark"
+    """What tables call the system."""
 
     @property
     def strength(self) -> str:
-        """The steps."""
+        """Quantisation steps in words, "default" for the package's own."""
         return "default" if self.steps == (36, 20) else f"d1 {self.steps[0]}, d2 {self.steps[1]}"
 
-    def embed(self, picture: Picture, bits: NDArray[np.intp]) -> Picture:
-        """As `Peer`."""
+    def embed(self, picture: RgbPicture, bits: NDArray[np.intp]) -> RgbPicture:
+        """Mark a picture by the package."""
         mark = self._mark()
         mark.read_img(img=_bgr(picture))
         mark.read_wm(bits.tolist(), mode="bit")
         return _rgb(np.clip(np.rint(mark.embed()), 0, 255).astype(np.uint8))
 
-    def extract(self, picture: Picture) -> NDArray[np.float64]:
-        """As `Peer`; the package splits the blocks' means into two clusters."""
+    def extract(self, picture: RgbPicture) -> NDArray[np.float64]:
+        """Read a picture: the package splits the blocks' means into two clusters."""
         with np.errstate(invalid="ignore"):
             found = self._mark().extract(embed_img=_bgr(picture), wm_shape=self.n_bits, mode="bit")
         return _signs(found)
@@ -182,26 +189,26 @@ PEERS: dict[str, Callable[[int], list[Peer]]] = {
         BlindWatermark(steps, n_bits) for steps in ((18, 10), (36, 20), (72, 40), (144, 80))
     ],
 }
-"""By name: the system at each strength, for a number of message bits. rivaGAN has 32."""
-PACKAGES = {
+"""Systems by name: the system at each strength, for a number of message bits. rivaGAN has 32."""
+IMPORTED = {
     "rivaGAN": "imwatermark",
     "DWT-DCT": "imwatermark",
     "DWT-DCT-SVD": "imwatermark",
     "blind-watermark": "blind_watermark",
 }
-"""What each imports."""
+"""Module that each system imports."""
 
 
 def make_peers(name: str, n_bits: int) -> list[Peer]:
-    """A system at each of its strengths.
+    """Make a system at each of its strengths.
 
     Raises:
         InputError: the name is unknown (the message lists the valid ones), or its package is not
             installed.
     """
     peers = choose(PEERS, name, "system")(n_bits)
-    if name in PACKAGES:
-        _package(PACKAGES[name], name)
+    if name in IMPORTED:
+        _package(IMPORTED[name], name)
     return peers
 
 
@@ -229,11 +236,11 @@ def _sessions(folder: Path) -> tuple[Any, Any]:
     return encoder, decoder
 
 
-def _bgr(picture: Picture) -> Picture:
+def _bgr(picture: RgbPicture) -> RgbPicture:
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), np.uint8)
 
 
-def _rgb(picture: Any) -> Picture:
+def _rgb(picture: Any) -> RgbPicture:
     return np.asarray(cv2.cvtColor(np.asarray(picture, np.uint8), cv2.COLOR_BGR2RGB), np.uint8)
 
 

@@ -1,30 +1,32 @@
-"""Other systems as rows, a table, and charts of accuracy against visibility."""
+"""What readings show: a row for each system, strength and condition, a table, and a figure.
 
+The rows are stored in docs/peers.json. The command, docs/peers.md and the report of evaluate.py
+show them by `peers_table` and `peers_figure`.
+"""
+
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import ceil, floor
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
+from link.images import write_bytes
 from models import DECODERS
-from reports.render.charts import (
-    Point,
-    Series,
-    colour_of,
-    draw_series,
-    new_panels,
-    set_accuracy_axis,
-    set_ticks,
-)
+from reports.render.charts import Point, Series, draw_series, new_panels, set_accuracy_axis
 from reports.render.tables import Table, percent, share_interval
 from reports.score.accuracy import clustered_interval
+from reports.studies.peers.study import NO_CHANNEL, Reading
 
 OURS = frozenset(DECODERS)
 """Systems that show a pair of frames; the others mark one picture."""
-PEER_COLOURS = {
+PACKAGES = ("invisible-watermark", "blind-watermark", "PyWavelets")
+"""Packages of the other systems, whose versions a stored measurement states."""
+COLOURS = {
     "rivaGAN": "#b04a3a",
     "DWT-DCT": "#5a7d8c",
     "DWT-DCT in Y": "#7a8a2a",
@@ -32,13 +34,11 @@ PEER_COLOURS = {
     "DWT-DCT-SVD in Y": "#b07ab8",
     "blind-watermark": "#2f8f9c",
 }
-"""Colours of the other systems in charts and tables."""
-CHANCE = 0.3
-"""Smallest accuracy that the charts show; guessing reaches 0.5."""
-TICK_DB = 5
-"""Distance of two ticks on the axis of visibility, dB."""
+"""Colours of the other systems in charts, "#rrggbb"."""
 NAMES_IN = 1.8
 """Width beside a panel in which the systems are named, inches."""
+LEAST_ACCURACY = 0.3
+"""Accuracy at which the charts end below; chance gives 0.5."""
 
 
 @dataclass(frozen=True)
@@ -48,54 +48,85 @@ class PeerRow:
     method: str
     """Name of the system."""
     strength: str
-    """Strength of the mark, in words."""
+    """How strongly it embeds."""
     condition: str
-    """What lies between display and reading, in words."""
+    """Name of the condition: no channel, JPEG, or the view in degrees."""
     frames_used: int
     """Number of captured frames that one message is read from."""
     message_bits: int
-    """Number of message bits of a displayed picture, or of a pair of frames."""
+    """Number of message bits in a displayed picture, or frame pair."""
     captures: int
     """Number of captures."""
     bits: int
-    """Number of message bits of all captures."""
+    """Number of bits in all captures."""
     correct: int
     """Number of bits that were read right."""
     accuracy: float
-    """Share of right bits, in [0, 1]."""
+    """Share of bits that were read right, in [0, 1]."""
     ci_low: float
-    """Lower end of the 95 % interval of the accuracy; it knows that errors cluster by capture."""
+    """Lower end of the 95 % interval of the accuracy, which knows that errors cluster by
+    capture."""
     ci_high: float
     """Upper end of the 95 % interval of the accuracy."""
     psnr: float
     """Peak signal-to-noise ratio of the displayed message, dB, mean over pictures."""
     ssim: float
-    """Structural similarity of the picture with and without message, mean over pictures."""
+    """Structural similarity of the pictures with and without the message, mean over pictures."""
     decode_ms: float
-    """Median time of the processor to read a rectified capture with one thread, milliseconds."""
+    """Median processor time of a reading, milliseconds, one thread."""
 
 
-def peer_rows(lines: Sequence[dict[str, Any]]) -> list[PeerRow]:
-    """Count the readings of each system, strength, condition and number of frames.
-
-    Args:
-        lines: readings, as `reports.studies.peers.study.measure` makes them.
+def count_readings(readings: Sequence[Reading]) -> list[PeerRow]:
+    """Pool readings for each system, strength, condition and number of frames used.
 
     Returns:
-        rows in order of first appearance.
+        a row for each, in order of first appearance.
     """
-    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for line in lines:
-        key = (line["method"], line["strength"], line["condition"], line["frames_used"])
-        groups.setdefault(key, []).append(line)
-    return [_row(key, group) for key, group in groups.items()]
+    groups: dict[tuple[str, str, str, int], list[Reading]] = {}
+    for reading in readings:
+        key = (reading.method, reading.strength, reading.condition, reading.frames_used)
+        groups.setdefault(key, []).append(reading)
+    return [_pooled(group) for group in groups.values()]
+
+
+def _pooled(readings: Sequence[Reading]) -> PeerRow:
+    """Pool readings that differ in capture alone."""
+    first = readings[0]
+    truth = np.array([reading.bits for reading in readings])  # (captures, message bits)
+    right = ((np.array([reading.scores for reading in readings]) > 0) == truth).sum(axis=1)
+    correct = int(right.sum())
+    low, high = clustered_interval(len(readings), truth.size, correct, int((right**2).sum()))
+    return PeerRow(
+        method=first.method,
+        strength=first.strength,
+        condition=first.condition,
+        frames_used=first.frames_used,
+        message_bits=truth.shape[1],
+        captures=len(readings),
+        bits=truth.size,
+        correct=correct,
+        accuracy=correct / truth.size,
+        ci_low=low,
+        ci_high=high,
+        psnr=fmean(reading.psnr for reading in readings),
+        ssim=fmean(reading.ssim for reading in readings),
+        decode_ms=1000 * median(reading.decode_s for reading in readings),
+    )
+
+
+def write_peers(file: Path, rows: Sequence[PeerRow], meta: dict[str, Any]) -> None:
+    """Write rows and what produced them as strict JSON: {"meta": ..., "rows": [...]}."""
+    content = {"meta": meta, "rows": [asdict(row) for row in rows]}
+    write_bytes(file, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+
+
+def peer_rows(content: dict[str, Any]) -> list[PeerRow]:
+    """Rows of the parsed content of a peers.json."""
+    return [PeerRow(**row) for row in content["rows"]]
 
 
 def best_readings(rows: Sequence[PeerRow]) -> list[PeerRow]:
-    """Keep the reading that is right more often for each system, strength and condition.
-
-    A system may be read from one captured frame and from the mean of two.
-    """
+    """Keep, of the ways to read a system at a strength in a condition, the one most often right."""
     best: dict[tuple[str, str, str], PeerRow] = {}
     for row in rows:
         key = (row.method, row.strength, row.condition)
@@ -104,101 +135,106 @@ def best_readings(rows: Sequence[PeerRow]) -> list[PeerRow]:
     return list(best.values())
 
 
-def peers_table(rows: Sequence[PeerRow], best: bool = False) -> Table:
-    """Make the table of systems by conditions: per cent of right bits with half its interval.
-
-    Args:
-        rows: all readings.
-        best: show the better reading of each system alone, and bits by displayed frame.
-    """
-    conditions = list(dict.fromkeys(row.condition for row in rows))
-    if best:
-        columns: list[tuple[str, int | None]] = [(name, None) for name in conditions]
-        heads = conditions
-        rows = best_readings(rows)
-    else:
-        present = {(row.condition, row.frames_used) for row in rows}
-        columns = [(name, n) for name in conditions for n in (1, 2) if (name, n) in present]
-        heads = [f"{name}, {n} frame{'s' * (n == 2)}" for name, n in columns]
-    entries = []
-    for method, strength in dict.fromkeys((row.method, row.strength) for row in rows):
-        mine = [row for row in rows if (row.method, row.strength) == (method, strength)]
-        found = {(r.condition, None if best else r.frames_used): _accuracy(r) for r in mine}
-        entries.append(
+def peers_table(rows: Sequence[PeerRow]) -> Table:
+    """Show per cent of bits right with half the 95 % interval, systems by conditions."""
+    table = pd.DataFrame([asdict(row) for row in rows])
+    systems, conditions = ["method", "strength"], ["condition", "frames_used"]
+    half = 50 * (table["ci_high"] - table["ci_low"])
+    table["text"] = [
+        f"{100 * accuracy:.1f} ±{width:.1f}"
+        for accuracy, width in zip(table["accuracy"], half, strict=True)
+    ]
+    shown = table.pivot(index=systems, columns=conditions, values="text").fillna("–")
+    first = table.groupby(systems, sort=False).agg(
+        psnr=("psnr", "first"),
+        ssim=("ssim", "first"),
+        message_bits=("message_bits", "first"),
+        decode_ms=("decode_ms", "median"),
+    )
+    order = [
+        (condition, used)
+        for condition in table["condition"].unique()
+        for used in (1, 2)
+        if (condition, used) in shown.columns
+    ]
+    heads = [f"{condition}, {used} frame{'s' * (used > 1)}" for condition, used in order]
+    return Table(
+        ["system", "strength", "PSNR dB", "SSIM", "bits", *heads, "decode ms"],
+        [
             [
-                method,
-                strength,
-                f"{mine[0].psnr:.1f}",
-                f"{mine[0].ssim:.4f}",
-                f"{mine[0].message_bits / (2 if best and method in OURS else 1):g}",
-                *(found.get(column, "–") for column in columns),
-                f"{median(row.decode_ms for row in mine):.0f}",
+                *names,
+                f"{about.psnr:.1f}",
+                f"{about.ssim:.4f}",
+                str(about.message_bits),
+                *(shown.loc[names, key] for key in order),
+                f"{about.decode_ms:.0f}",
             ]
-        )
-    measures = ["PSNR dB", "SSIM", "bits a frame" if best else "bits"]
-    return Table(["system", "strength", *measures, *heads, "decode ms"], entries, left=2)
+            for names, about in zip(first.index, first.itertuples(), strict=True)
+        ],
+        left=2,
+    )
 
 
-def peers_figure(rows: Sequence[PeerRow], columns: int = 2) -> Figure:
-    """Draw accuracy against visibility, a panel a condition; each system's better reading.
+def peers_figure(rows: Sequence[PeerRow], columns: int = 1) -> Figure:
+    """Draw bit accuracy against PSNR, a panel for each condition; of two readings the better one.
 
     Args:
-        rows: all readings.
+        rows: what was measured.
         columns: largest number of panels beside each other.
     """
     conditions = list(dict.fromkeys(row.condition for row in rows))
-    low = floor(min(row.psnr for row in rows) / TICK_DB) * TICK_DB
-    high = ceil(max(row.psnr for row in rows) / TICK_DB) * TICK_DB
-    ticks = list(range(low, high + 1, TICK_DB))
-    figure, panels = new_panels(len(conditions), columns, NAMES_IN, title=len(conditions) > 1)
+    decibels = [row.psnr for row in rows]
+    several = len(conditions) > 1
+    figure, panels = new_panels(len(conditions), columns, NAMES_IN, title=several)
     for panel, condition in zip(panels, conditions, strict=True):
-        if len(conditions) > 1:
-            panel.set_title(condition)
-        panel.set(xlim=(low, max(high, low + TICK_DB)), xlabel="PSNR of the displayed message, dB")
-        set_ticks(panel.xaxis, ticks, [f"{tick}" for tick in ticks])
-        set_accuracy_axis(panel, "y", CHANCE)
-        series = []
+        panel.set_xlim(min(decibels) - 1, max(decibels) + 1)
+        set_accuracy_axis(panel, "y", LEAST_ACCURACY)
+        lines = []
         for method in dict.fromkeys(row.method for row in rows):
-            mine = [r for r in rows if (r.method, r.condition) == (method, condition)]
-            points = [_point(r) for r in sorted(best_readings(mine), key=lambda row: row.psnr)]
+            here = [row for row in rows if (row.method, row.condition) == (method, condition)]
+            mine = sorted(best_readings(here), key=lambda row: row.psnr)
+            points = [
+                Point(row.psnr, row.accuracy, row.ci_low, row.ci_high, spoken_row(row))
+                for row in mine
+            ]
             if points:
-                colour = colour_of(method, PEER_COLOURS)
-                series.append(Series(method, points, colour, dashed=method not in OURS))
-        draw_series(panel, series)
+                lines.append(Series(method, points, COLOURS.get(method, ""), method not in OURS))
+        draw_series(panel, lines)
+        if several:
+            panel.set_title(condition)
+        panel.set_xlabel("PSNR of the displayed message, dB")
     return figure
 
 
-def _row(key: tuple[Any, ...], lines: list[dict[str, Any]]) -> PeerRow:
-    truth = np.array([line["bits"] for line in lines])  # (captures, message bits)
-    right = ((np.array([line["scores"] for line in lines]) > 0) == truth).sum(axis=1)
-    counts = (len(lines), truth.size, int(right.sum()), int((right**2).sum()))
-    low, high = clustered_interval(*counts)
-    method, strength, condition, frames_used = key
-    return PeerRow(
-        method=method,
-        strength=strength,
-        condition=condition,
-        frames_used=frames_used,
-        message_bits=truth.shape[1],
-        captures=len(lines),
-        bits=truth.size,
-        correct=int(right.sum()),
-        accuracy=float(right.sum() / truth.size),
-        ci_low=low,
-        ci_high=high,
-        psnr=fmean(line["psnr"] for line in lines),
-        ssim=fmean(line["ssim"] for line in lines),
-        decode_ms=1000 * median(line["decode_s"] for line in lines),
-    )
+def spoken_row(row: PeerRow) -> str:
+    """Describe a row in one line.
 
-
-def _accuracy(row: PeerRow) -> str:
-    return f"{100 * row.accuracy:.1f} ±{50 * (row.ci_high - row.ci_low):.1f}"
-
-
-def _point(row: PeerRow) -> Point:
-    note = (
+    >>> spoken_row(PeerRow("toy", "weak", "0°", 1, 2, 2, 4, 3, 0.75, 0.3, 0.95, 35.0, 0.8, 3.0))
+    'toy, weak: 75.00 % (30.00 – 95.00), 4 bits, 35.0 dB'
+    """
+    return (
         f"{row.method}, {row.strength}: {percent(row.accuracy)} % "
         f"({share_interval(row.ci_low, row.ci_high)}), {row.bits} bits, {row.psnr:.1f} dB"
     )
-    return Point(row.psnr, row.accuracy, row.ci_low, row.ci_high, note)
+
+
+def peers_block(file: Path) -> str:
+    """Say what a stored measurement was made on, and show its table.
+
+    Args:
+        file: what `write_peers` wrote.
+    """
+    content = json.loads(file.read_text())
+    rows, meta = peer_rows(content), content["meta"]
+    pictures = next(row.captures for row in rows if row.condition == NO_CHANNEL)
+    pairs = max(row.captures for row in rows) // pictures
+    packages = ", ".join(f"{name} {meta[name]}" for name in PACKAGES if name in meta)
+    sentences = [
+        f"Simulated captures of held-out pictures, seed {meta['seed']}: {pictures} pictures, each "
+        f"filmed by {pairs} camera–display pairs at every view, with one draw of the channel for "
+        "all systems.",
+        f"Packages: {packages}." if packages else "",
+        "Entries are per cent of message bits that are right, ± half the 95 % interval, which "
+        "knows that errors cluster by capture.",
+    ]
+    return f"{' '.join(filter(None, sentences))}\n\n{peers_table(rows).markdown()}"
