@@ -116,7 +116,9 @@ def predict(
                 tasks.append(_Task(condition, cell, missing, own if backend.scheduler else ()))
     total = sum(len(condition.cells) for condition in conditions)
     failed: dict[tuple[str, Cell], str] = {}
-    progress = tqdm(total=total, initial=total - len(tasks), unit="cell", desc="decode")
+    progress = tqdm(
+        total=total, initial=total - len(tasks), unit="cell", desc="decode", disable=not total
+    )
     for outcome in run_tasks(decode_cell, tasks, backend):
         task = tasks[outcome.index]
         trace = folder / "failed" / _trace_name(task)
