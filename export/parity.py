@@ -19,7 +19,7 @@ from link.frames import Rectified
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
-from models.neural.methods import run
+from models.neural.methods import decode_with
 
 TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""
@@ -70,7 +70,8 @@ def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: 
         scale = rng.uniform(0.5, 1.5) if index % 3 == 2 else 1.0
         noise = np.exp(rng.uniform(*np.log(NOISE)))
         pair = synthetic_pair(resized_layout(module.layout, scale), rng, noise, FAINT)
-        ours, theirs = run(module, pair), decoder.decode(pair.original, pair.embedded)
+        ours = decode_with(module, pair)
+        theirs = decoder.decode(pair.original, pair.embedded)
         scores.append(np.abs(ours.scores))
         differences.append(np.abs(ours.scores - theirs.scores))
         different += int((ours.bits != theirs.bits).sum())

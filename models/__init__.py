@@ -8,9 +8,10 @@ from typing import Any, Protocol
 from link.errors import choose
 from link.frames import Rectified, SoftBits
 
-NEURAL = Path(__file__).parent / "neural"
-PRETRAINED = NEURAL / "pretrained"
-"""The shipped checkpoint of the method ``learned``, trained on all nine camera-display pairs."""
+PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
+"""Folder of the shipped checkpoint of ``learned``, trained on all nine camera-display pairs."""
+PRETRAINED_CNN = PRETRAINED.with_name("pretrained_cnn")
+"""Folder of the shipped checkpoint of ``cnn``, trained on all nine camera-display pairs."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Card:
     llr: bool = False
     """Whether its scores are natural log-likelihood ratios of the bits."""
     checkpoint: Path | None = None
-    """Folder of the checkpoint that it loads where no other is named; None for untrained methods."""
+    """Folder of the checkpoint that it loads where no other is named; None for untrained ones."""
     inverse_response_weights: int = 0
     """Number of leading weights of its head that are the coefficients of g in the paper's Φ."""
     needs_truth: bool = False
@@ -54,9 +55,7 @@ DECODERS = {
         checkpoint=PRETRAINED,
         inverse_response_weights=4,
     ),
-    "cnn": Card(
-        "models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=NEURAL / "pretrained_cnn"
-    ),
+    "cnn": Card("models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=PRETRAINED_CNN),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
 

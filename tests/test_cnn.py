@@ -14,9 +14,9 @@ from data_gen.frame_pair import Source
 from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.layout import make_layout
-from models import make_decoder
+from models import PRETRAINED_CNN, make_decoder
 from models.neural.checkpoint import save_checkpoint
-from models.neural.cnn import PRETRAINED, BlockNet, Cnn, CnnConfig, load_cnn
+from models.neural.cnn import BlockNet, Cnn, CnnConfig, load_cnn
 from reports.lab.cnn_baseline import CnnTrainConfig
 
 LAYOUT = make_layout(4, 4, 192, 144, 2)
@@ -53,7 +53,7 @@ def parameters(module: BlockNet) -> dict[str, list[float]]:
     [(8, 8, 512, 384), (3, 7, 333, 101), (1, 1, 40, 40), (6, 4, 16, 24)],
 )
 def test_one_network_reads_any_grid_and_size(rows: int, cols: int, width: int, height: int) -> None:
-    module = load_cnn(PRETRAINED)
+    module = load_cnn(PRETRAINED_CNN)
     frames = noise(2, 3, height, width), noise(2, 3, height, width)
     logits = module(*frames, rows, cols)
     assert logits.shape == (2, rows, cols)
@@ -62,7 +62,7 @@ def test_one_network_reads_any_grid_and_size(rows: int, cols: int, width: int, h
 
 def test_black_frames_without_any_change_give_finite_scores() -> None:
     black = torch.zeros(1, 3, 96, 128)
-    assert torch.isfinite(load_cnn(PRETRAINED)(black, black, 2, 2)).all()
+    assert torch.isfinite(load_cnn(PRETRAINED_CNN)(black, black, 2, 2)).all()
 
 
 def test_the_gradient_reaches_every_parameter() -> None:
@@ -79,7 +79,7 @@ def test_the_network_is_small() -> None:
 
 @pytest.mark.parametrize(("field", "value"), [("width", 12), ("width", 0), ("rounds", 1.5)])
 def test_a_config_that_makes_no_network_is_refused(field: str, value: float) -> None:
-    with pytest.raises(InputError, match=f"--cnn.{field}"):
+    with pytest.raises(InputError, match=f"^{field}: need a"):
         CnnConfig(**{**asdict(SMALL), field: value})
 
 
@@ -166,7 +166,7 @@ def test_a_damaged_checkpoint_is_refused(
 
 def test_it_learns_four_frame_pairs_by_heart(episodes: EpisodeSet) -> None:
     long = replace(CONFIG, epochs=60, batch=4, lr=1e-2, strength=0.0, drift=0.0)
-    module, log = cnn_baseline.train(episodes, LAYOUT, long)
+    module, log = cnn_baseline.train_network(episodes, LAYOUT, long)
     logits = module(episodes.original, episodes.embedded, LAYOUT.rows, LAYOUT.cols)
     bits = logits[:, torch.from_numpy(LAYOUT.message_mask)] > 0
     assert (bits != (episodes.bits > 0)).sum() == 0
@@ -175,10 +175,10 @@ def test_it_learns_four_frame_pairs_by_heart(episodes: EpisodeSet) -> None:
 
 def test_the_same_seed_trains_the_same_network(episodes: EpisodeSet) -> None:
     torch.manual_seed(1)
-    one, log = cnn_baseline.train(episodes, LAYOUT, CONFIG)
+    one, log = cnn_baseline.train_network(episodes, LAYOUT, CONFIG)
     torch.manual_seed(2)  # must not matter
-    two, again = cnn_baseline.train(episodes, LAYOUT, CONFIG)
-    other, _ = cnn_baseline.train(episodes, LAYOUT, replace(CONFIG, seed=1))
+    two, again = cnn_baseline.train_network(episodes, LAYOUT, CONFIG)
+    other, _ = cnn_baseline.train_network(episodes, LAYOUT, replace(CONFIG, seed=1))
     assert parameters(one) == parameters(two)
     assert log == again
     assert parameters(one) != parameters(other)
@@ -187,7 +187,7 @@ def test_the_same_seed_trains_the_same_network(episodes: EpisodeSet) -> None:
 def test_a_loss_that_is_not_finite_stops_training(episodes: EpisodeSet) -> None:
     broken = replace(episodes, bits=torch.full(episodes.bits.shape, torch.inf))
     with pytest.raises(InputError, match="the loss is not finite"):
-        cnn_baseline.train(broken, LAYOUT, CONFIG)
+        cnn_baseline.train_network(broken, LAYOUT, CONFIG)
 
 
 def test_flips_move_frames_labels_and_patches_together() -> None:

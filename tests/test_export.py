@@ -24,7 +24,7 @@ from link.frames import Captured, Rectified
 from link.layout import Layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
-from models.neural.methods import run
+from models.neural.methods import decode_with
 
 UNSEEN_SEED = 7
 SIZES = ((512, 384), (640, 480), (400, 331))
@@ -32,13 +32,13 @@ SIZES = ((512, 384), (640, 480), (400, 331))
 
 
 @pytest.fixture(scope="module")
-def module(run_folder: Path) -> PhiDecoder:
-    return load_checkpoint(run_folder).eval()
+def module(checkpoint: Path) -> PhiDecoder:
+    return load_checkpoint(checkpoint).eval()
 
 
 @pytest.fixture(scope="module")
-def model(run_folder: Path) -> bytes:
-    return (run_folder / "decoder.onnx").read_bytes()
+def model(checkpoint: Path) -> bytes:
+    return (checkpoint / "decoder.onnx").read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
     module: PhiDecoder, onnx_decoder: Decoder, unseen: list[Rectified]
 ) -> None:
     for pair in unseen:
-        ours, theirs = run(module, pair), onnx_decoder.decode(pair.original, pair.embedded)
+        ours, theirs = decode_with(module, pair), onnx_decoder.decode(pair.original, pair.embedded)
         np.testing.assert_allclose(theirs.scores, ours.scores, rtol=0, atol=ONNX_SCORE)
         assert np.array_equal(theirs.bits, ours.bits)
 
@@ -84,7 +84,7 @@ def test_torch_and_onnxruntime_agree_on_a_batch(
     assert head.shape == expected_head.shape
     np.testing.assert_allclose(scores, expected.numpy(), rtol=0, atol=ONNX_SCORE)
     assert np.array_equal(scores > 0, expected.numpy() > 0)
-    alone = run(module, pairs[3]).scores
+    alone = decode_with(module, pairs[3]).scores
     np.testing.assert_allclose(scores[3], alone, rtol=0, atol=ONNX_SCORE)
 
 
@@ -93,7 +93,7 @@ def test_torch_and_onnxruntime_agree_where_both_frames_are_the_same(
     module: PhiDecoder, onnx_decoder: Decoder, rectified: Rectified, level: int | None
 ) -> None:
     frame = rectified.original if level is None else np.full((384, 512, 3), level, np.uint8)
-    ours = run(module, Rectified(frame, frame, module.layout))
+    ours = decode_with(module, Rectified(frame, frame, module.layout))
     theirs = onnx_decoder.decode(frame, frame)
     np.testing.assert_allclose(theirs.scores, ours.scores, rtol=0, atol=ONNX_SCORE)
 
@@ -158,13 +158,13 @@ def test_an_export_with_parity_leaves_the_model_alone(
 
 
 def test_the_metadata_configures_the_runtime(
-    onnx_decoder: Decoder, module: PhiDecoder, layout: Layout
+    onnx_decoder: Decoder, module: PhiDecoder, layout: Layout, checkpoint: Path
 ) -> None:
     metadata = onnx_decoder.metadata
     assert onnx_decoder.layout == layout
     assert metadata["format"] == FORMAT
     assert metadata["version"] == __version__
-    assert metadata["run"] == "canon-lg"
+    assert metadata["run"] == checkpoint.name
     assert json.loads(metadata["layout"]) == layout.to_dict()
     assert json.loads(metadata["decoder"]) == asdict(LEARNED)
     assert json.loads(metadata["features"]) == module.phi.names
@@ -388,7 +388,9 @@ def test_the_smallest_frame_that_fits_is_decoded(
 ) -> None:
     pair = replace(captured, layout=replace(module.layout, width=32, height=32)).rectified()
     soft = onnx_decoder.decode(pair.original, pair.embedded)
-    np.testing.assert_allclose(soft.scores, run(module, pair).scores, rtol=0, atol=ONNX_SCORE)
+    np.testing.assert_allclose(
+        soft.scores, decode_with(module, pair).scores, rtol=0, atol=ONNX_SCORE
+    )
 
 
 @pytest.mark.parametrize(

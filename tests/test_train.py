@@ -1,6 +1,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,17 +9,19 @@ import torch
 from conftest import LEARNED, Command
 
 import train
-from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
+from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from export.parity import Parity
 from export.runtime import Decoder
 from link.errors import InputError
 from link.frames import Captured
 from link.layout import make_layout
-from models import DECODERS
+from models import DECODERS, PRETRAINED
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import PhiDecoder
+from models.neural.decoder import FULL, START_LOG_TEMPERATURE, DecoderConfig, PhiDecoder
 from models.neural.refine import MOMENTS
+from models.neural.training import initial_decoder, training_step
+from reports.engine.digest import imported_modules
 from train import TrainConfig
 
 LAYOUT = make_layout(4, 4, 192, 144, 2)
@@ -48,6 +51,7 @@ def read_log(folder: Path) -> list[dict[str, float]]:
 # The command
 
 
+@pytest.mark.slow
 def test_train_writes_a_run(run_folder: Path) -> None:
     names = {file.name for file in run_folder.iterdir() if file.is_file()}
     assert names >= {"decoder.pt", "config.json", "decoder.onnx", "metrics.json", "log.jsonl"}
@@ -58,6 +62,7 @@ def test_train_writes_a_run(run_folder: Path) -> None:
     assert module.layout == make_layout()
 
 
+@pytest.mark.slow
 def test_the_loss_is_finite_in_every_step(run_folder: Path) -> None:
     log = read_log(run_folder)
     assert [entry["step"] for entry in log] == list(range(6))
@@ -65,12 +70,17 @@ def test_the_loss_is_finite_in_every_step(run_folder: Path) -> None:
     assert all(0 <= entry["bit_error"] <= 0.5 for entry in log)
 
 
-def test_training_changed_the_checkpoint(run_folder: Path) -> None:
-    module = load_checkpoint(run_folder)
-    untrained = PhiDecoder(module.layout, module.config)
-    assert parameters(module) != parameters(untrained)
+@pytest.mark.slow
+def test_training_changed_every_parameter_of_the_shipped_checkpoint(run_folder: Path) -> None:
+    after, before = parameters(load_checkpoint(run_folder)), parameters(load_checkpoint(PRETRAINED))
+    assert list(after) == list(before)
+    for name, values in after.items():
+        moved = np.abs(np.subtract(values, before[name]))
+        assert moved.max() > 0, name
+        assert moved.max() <= 6 * 0.1, name  # six steps of at most the learning rate each
 
 
+@pytest.mark.slow
 def test_metrics_compare_every_method_on_held_out_captures(run_folder: Path) -> None:
     metrics = json.loads((run_folder / "metrics.json").read_text())
     rows = metrics["rows"]
@@ -82,6 +92,7 @@ def test_metrics_compare_every_method_on_held_out_captures(run_folder: Path) -> 
     assert metrics["meta"]["simulated"] is True
 
 
+@pytest.mark.slow
 def test_the_exported_decoder_decodes_as_the_checkpoint(
     run_folder: Path, captured: Captured
 ) -> None:
@@ -92,7 +103,6 @@ def test_the_exported_decoder_decodes_as_the_checkpoint(
     assert np.mean(soft.bits == captured.bits) > 0.8
 
 
-@pytest.mark.slow
 def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +126,33 @@ def test_every_learned_parameter_changes_and_stays_finite(
     for name, value in after.named_parameters():
         assert torch.isfinite(value).all(), name
         assert not torch.equal(value, start[name]), name
+
+
+def test_training_starts_from_the_shipped_parameters_or_from_constants() -> None:
+    shipped = load_checkpoint(PRETRAINED, LAYOUT)
+    assert parameters(initial_decoder(LAYOUT, FULL, "shipped")) == parameters(shipped)
+    constants = PhiDecoder(LAYOUT, FULL)
+    assert parameters(initial_decoder(LAYOUT, FULL, "constants")) == parameters(constants)
+    plain = initial_decoder(LAYOUT, DecoderConfig(), "constants")
+    assert plain.log_temperature.item() == START_LOG_TEMPERATURE
+
+
+def test_the_shipped_parameters_fit_no_other_decoder(tmp_path: Path, command: Command) -> None:
+    done = command(train.main, "--out", tmp_path, "--decoder.refine", "2")
+    assert done.status == 2
+    assert "--start: the shipped decoder has other parts; choose constants" in done.stderr
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_step_without_a_finite_loss_changes_nothing(episodes: EpisodeSet) -> None:
+    module = PhiDecoder(LAYOUT, LEARNED)
+    before = parameters(module)
+    optimiser = torch.optim.Adam(module.parameters(), lr=0.1)
+    with torch.no_grad():
+        ratex, blocks = module.summarise(episodes.original, episodes.embedded)
+    with pytest.raises(FloatingPointError):
+        training_step(module, optimiser, ratex, blocks * torch.nan, episodes.bits)
+    assert parameters(module) == before
 
 
 def test_the_same_seed_trains_the_same_parameters(episodes: EpisodeSet, tmp_path: Path) -> None:
@@ -146,13 +183,12 @@ def test_a_killed_run_goes_on_to_the_same_parameters(
     assert (tmp_path / "cut" / "state.pt").is_file()
 
     rounds: list[int] = []
-    augment_all = train.summarise
 
-    def count(*arguments: object) -> tuple[torch.Tensor, torch.Tensor]:
+    def count(*arguments: Any) -> tuple[torch.Tensor, torch.Tensor]:
         rounds.append(1)
-        return augment_all(*arguments)  # type: ignore[arg-type]
+        return augmented_features(*arguments)
 
-    monkeypatch.setattr(train, "summarise", count)
+    monkeypatch.setattr(train, "augmented_features", count)
     resumed = trained(episodes, tmp_path / "cut")
     assert len(rounds) == CONFIG.rounds - 1  # the first round was not repeated
     assert parameters(resumed) == parameters(whole)
@@ -164,6 +200,23 @@ def test_a_state_of_other_settings_is_not_continued(episodes: EpisodeSet, tmp_pa
     trained(episodes, tmp_path / "used", other)
     anew = trained(episodes, tmp_path / "used")
     assert parameters(anew) == parameters(trained(episodes, tmp_path / "fresh"))
+
+
+@pytest.mark.parametrize("changed", [{"lr": 0.02}, {"batch": 5}, {"seed": 1}, {"kappas": (2,)}])
+def test_every_setting_that_matters_is_part_of_the_key(changed: dict[str, Any]) -> None:
+    assert train.resume_key(replace(CONFIG, **changed)) != train.resume_key(CONFIG)
+
+
+@pytest.mark.parametrize("changed", [{"out": Path("elsewhere")}, {"frames": 2}, {"jobs": 2}])
+def test_settings_of_the_evaluation_are_not_part_of_the_key(changed: dict[str, Any]) -> None:
+    assert train.resume_key(replace(CONFIG, **changed)) == train.resume_key(CONFIG)
+
+
+def test_a_half_finished_training_depends_on_the_code_that_it_runs_alone() -> None:
+    modules = set(imported_modules(train.TRAINED_BY))
+    assert {"data_gen.augment", "data_gen.frame_pair", "link.embed"} <= modules
+    assert {"models.neural.solver", "models.neural.refine", "models.neural.register"} <= modules
+    assert not {name for name in modules if name.startswith(("export.", "reports."))}
 
 
 def test_a_finished_run_is_not_trained_further(episodes: EpisodeSet, tmp_path: Path) -> None:
@@ -179,10 +232,12 @@ def test_a_loss_that_is_not_finite_stops_training(episodes: EpisodeSet, tmp_path
     assert not (tmp_path / "decoder.pt").exists()
 
 
-def test_summarise_augments_anew_in_every_round(episodes: EpisodeSet) -> None:
+def test_every_round_augments_anew(episodes: EpisodeSet) -> None:
     module = PhiDecoder(LAYOUT, LEARNED)
     generator = torch.Generator().manual_seed(0)
-    first, second = (train.summarise(module, episodes, "cpu", generator) for _ in range(2))
+    first, second = (
+        augmented_features(episodes, module.summarise, "cpu", generator) for _ in range(2)
+    )
     features = LEARNED.degree + MOMENTS
     assert first[0].shape == (CONFIG.episodes, 16 * len(LAYOUT.ratex), features)
     assert first[1].shape == (CONFIG.episodes, LAYOUT.n_bits, features)

@@ -11,7 +11,6 @@ between their probabilities and the unknowns, from several starts, and the likel
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 

@@ -1,7 +1,6 @@
 """Method 4, hidden ratex: the histogram calibrates, no patch is shown (paper, § Hidden Ratex)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +51,7 @@ class HiddenRatex:
     """"clusters" (found in each frame) or "constant" (half of kappa, the paper's)."""
     shrinkage: float = 1.0
     """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but two equal blocks make a class."""
+
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block, in equalised gray levels above the threshold."""
         choose({"clusters": 0, "constant": 0}, self.threshold, "threshold")

@@ -1,7 +1,6 @@
 """Method 1, naive threshold: no calibration, a 1-D SVM on i_e - i_o (paper, § Results)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from link.frames import Rectified, SoftBits
 from link.images import intensity
@@ -30,6 +29,7 @@ class Naive:
     """"tile" or "pixel"."""
     threshold: float | None = None
     """Fixed, in captured gray levels; None learns it on each pair's ratex patches."""
+
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches."""
         pixels = require_ratex(pair)

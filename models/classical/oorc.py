@@ -8,7 +8,6 @@ turns their weights into the paper's a_k. Since bit 1 makes i_e brighter, weight
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import Legendre, Polynomial
@@ -80,6 +79,7 @@ class OORC:
     """"mean" or "vote"."""
     train_on: str = "tile"
     """"tile" or "pixel"."""
+
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches."""
         pixels = require_ratex(pair)

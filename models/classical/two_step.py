@@ -1,7 +1,6 @@
 """Method 2, two-step: calibrate, then threshold the calibrated difference (paper, § Results)."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 from numpy.polynomial import Legendre
@@ -50,6 +49,7 @@ class TwoStep:
     """Fixed, in displayed gray levels; None learns it on each pair's ratex patches."""
     threshold_kappa: float | None = None
     """Fixed, in shares of kappa."""
+
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block; raises `UnsuitedError` without ratex patches or kappa."""
         pixels = require_ratex(pair)

@@ -1,4 +1,8 @@
-"""Checkpoints: decoder.pt (a state_dict) and config.json, loaded strictly."""
+"""Checkpoints of trained modules, and the state from which a training that was cut off goes on.
+
+A checkpoint is a folder with decoder.pt, which holds the weights, and config.json, which holds all
+that is needed to rebuild the module around them.
+"""
 
 import hashlib
 import io
@@ -20,23 +24,29 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError, LookupError)
-"""What torch.load and load_state_dict raise on damaged files."""
+"""Exceptions that torch.load and load_state_dict raise on damaged files."""
 
 
 class Saveable(Protocol):
     """A module that can say what it takes to rebuild it."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Its weights."""
+        """Give the weights by name, as `torch.nn.Module.state_dict` does."""
         ...
 
     def to_config(self) -> dict[str, object]:
-        """All else."""
+        """Give the configuration, as values that JSON can hold."""
         ...
 
 
 def save_checkpoint(folder: Path, module: Saveable, extra: dict[str, Any]) -> None:
-    """Write decoder.pt and config.json into ``folder``; ``extra`` says how it was trained."""
+    """Write decoder.pt and config.json into an existing folder.
+
+    Args:
+        folder: where both files are written.
+        module: the module whose weights and configuration are written.
+        extra: further entries of config.json, which say how the module was trained.
+    """
     buffer = io.BytesIO()
     torch.save(module.state_dict(), buffer)
     write_bytes(folder / "decoder.pt", buffer.getvalue())
@@ -46,7 +56,10 @@ def save_checkpoint(folder: Path, module: Saveable, extra: dict[str, Any]) -> No
 
 
 def training_settings(config: "DataclassInstance") -> dict[str, Any]:
-    """What a checkpoint and its export say of their training: the flags as JSON, but no folder."""
+    """Turn the flags of a training into JSON values for the checkpoint and its export.
+
+    Folders are left out, because they say nothing to a reader on another machine.
+    """
     settings: dict[str, Any] = json.loads(json.dumps(asdict(config), default=str))
     return {name: value for name, value in settings.items() if name != "out"}
 
@@ -57,11 +70,19 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
     Its learned parameters do not depend on the layout, so it may be loaded for another one.
 
     Args:
-        folder: with decoder.pt and config.json.
-        layout: in place of the saved one.
+        folder: folder with decoder.pt and config.json.
+        layout: layout of the frames to decode, in place of the saved one.
 
     Raises:
         InputError: a file is missing, damaged, or does not fit the other.
+        UnsuitedError: the given layout has no ratex patch.
+
+    >>> from models import PRETRAINED
+    >>> decoder = load_checkpoint(PRETRAINED)
+    >>> decoder.config.degree, decoder.layout.n_bits
+    (4, 59)
+    >>> sum(parameter.numel() for parameter in decoder.parameters())
+    59
     """
     config = read_config(folder)
     try:
@@ -82,8 +103,8 @@ def read_config(folder: Path, command: str = "python train.py --pair NAME") -> d
     """Read a checkpoint's config.json.
 
     Args:
-        folder: with decoder.pt and config.json.
-        command: that writes such a checkpoint, for the error message.
+        folder: folder with decoder.pt and config.json.
+        command: command that writes such a checkpoint, for the error message.
 
     Raises:
         InputError: a file is missing, or config.json is damaged.
@@ -101,7 +122,12 @@ def read_config(folder: Path, command: str = "python train.py --pair NAME") -> d
 
 
 def load_weights(folder: Path, config: dict[str, Any], module: nn.Module) -> None:
-    """Load decoder.pt into the module that its ``config`` describes.
+    """Load decoder.pt into the module that config.json describes.
+
+    Args:
+        folder: folder with decoder.pt.
+        config: content of config.json, as `read_config` returns it.
+        module: module that was built from this configuration; its weights are replaced.
 
     Raises:
         InputError: the file is damaged, or does not fit the module.
@@ -127,7 +153,16 @@ def save_state(
     done: int,
     log: list[dict[str, Any]],
 ) -> None:
-    """Write all that training needs to go on after ``done`` rounds; ``key`` names its settings."""
+    """Write all that a training needs to go on after ``done`` rounds.
+
+    Args:
+        file: file to write.
+        parts: module, optimiser and whatever else has a ``state_dict``, by name.
+        generator: source of the training's random draws.
+        key: text that names the settings and the code; another key does not go on from here.
+        done: number of rounds made so far.
+        log: entries of the training's log so far, one a step.
+    """
     state = {name: part.state_dict() for name, part in parts.items()}
     state |= {"generator": generator.get_state(), "key": key, "done": done, "log": log}
     buffer = io.BytesIO()
@@ -138,10 +173,17 @@ def save_state(
 def resume_state(
     file: Path, parts: dict[str, Any], generator: torch.Generator, key: str
 ) -> tuple[int, list[dict[str, Any]]]:
-    """Restore what `save_state` wrote, where it has the same ``key``; else start anew.
+    """Restore what `save_state` wrote if it has the same key; otherwise leave all as it is.
+
+    Args:
+        file: file that `save_state` may have written.
+        parts: module, optimiser and whatever else has a ``load_state_dict``, by name.
+        generator: source of the training's random draws, whose state is set.
+        key: text that names the settings and the code.
 
     Returns:
-        the number of rounds already made, and their log.
+        the number of rounds already made, and the entries of their log; 0 and none for a new
+        training.
 
     Raises:
         InputError: the file is damaged.

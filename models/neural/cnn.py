@@ -1,52 +1,57 @@
-"""A calibration-free baseline: one convolutional network from frame pair to bits, as LightNet does.
+"""A calibration-free baseline: one convolutional network from frame pair to bits, like LightNet.
 
 DeepLight's LightNet (Tran et al. 2021) and Light Field Messaging's decoder (Wengrowski and Dana
-2019) learn one mapping for all cameras and displays. So does this one: nothing is fitted to a frame
-pair, and ratex patches are picture like all else.
+2019) learn one mapping for all cameras and displays. So does this one. Nothing is fitted to a frame
+pair, and the ratex patches are part of the picture like everything else.
 """
 
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, silu
 
-from link.errors import InputError
+from link.errors import InputError, ParameterError
 from link.frames import Rectified, SoftBits
 from link.images import as_batch
+from models import PRETRAINED_CNN
 from models.neural.checkpoint import load_weights, read_config
 
-PRETRAINED = Path(__file__).parent / "pretrained_cnn"
 CELLS_Y, CELLS_X = 12, 16
-"""Cells per block to which frames are averaged; the stages below shrink both fourfold."""
+"""Numbers of cells along a block's height and width to which frames are averaged; the network's
+first stages shrink both fourfold."""
 CONTRAST = 20.0
-"""The frames differ by a few gray levels of 255: of the order of 1 once multiplied."""
+"""Factor by which the difference of the frames is multiplied. They differ by a few gray levels of
+255, and the factor brings that to the order of 1."""
 GROUP = 8
-"""Channels normalised together, over the whole frame."""
+"""Number of channels that are normalised together, over the whole frame."""
 
 
 @dataclass(frozen=True)
 class CnnConfig:
-    """What defines the network; saved as config.json beside the weights."""
+    """What defines the network; it is saved in config.json beside the weights.
+
+    Raises:
+        ParameterError: a value is out of range.
+    """
 
     width: int = 32
-    """Channels of the first stage; the later ones have twice as many."""
+    """Number of channels of the first stage; the later stages have twice as many."""
     rounds: int = 3
-    """Of context and convolution among the blocks."""
+    """Number of rounds of context and convolution among the blocks."""
 
     def __post_init__(self) -> None:
         for field, value in asdict(self).items():
             if type(value) is not int or not 1 <= value <= 128:
-                raise InputError(f"--cnn.{field}: a whole number, 1 to 128")
+                raise ParameterError(field, f"need a whole number, 1 to 128, got {value!r}")
         if self.width % GROUP:
-            raise InputError(f"--cnn.width: a multiple of {GROUP}")
+            raise ParameterError("width", f"need a multiple of {GROUP}, got {self.width}")
 
 
 class Residual(nn.Module):
-    """Normalise, bend, convolve 3 x 3, add."""
+    """A residual stage: it normalises, bends, convolves 3 x 3 and adds the result."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -54,13 +59,16 @@ class Residual(nn.Module):
         self.conv = nn.Conv2d(channels, channels, 3, padding=1)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """(B, C, H, W) -> the same shape."""
+        """Apply the stage to (B, C, H, W) maps; the result has the same shape."""
         grown: Tensor = maps + self.conv(silu(self.norm(maps)))
         return grown
 
 
 class Context(nn.Module):
-    """Scales and shifts every channel by what the whole frame shows: room to subtract drift."""
+    """A stage that scales and shifts every channel by what the whole frame shows.
+
+    This lets the network subtract what exposure drift adds to all blocks.
+    """
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -68,7 +76,7 @@ class Context(nn.Module):
         self.excite = nn.Linear(channels, 2 * channels)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """(B, C, H, W) -> the same shape."""
+        """Apply the stage to (B, C, H, W) maps; the result has the same shape."""
         mean = maps.mean((2, 3))
         spread = (maps - mean[:, :, None, None]).square().mean((2, 3)).add(1e-6).sqrt()
         hidden = silu(self.squeeze(torch.cat([mean, spread], dim=1)))
@@ -78,7 +86,15 @@ class Context(nn.Module):
 
 
 class BlockNet(nn.Module):
-    """Both frames in, one logit a block out; fully convolutional, so any grid and size will do."""
+    """A network that takes both frames and gives one logit a block.
+
+    It is fully convolutional, so any grid and any size of the frames will do.
+
+    >>> network = BlockNet(CnnConfig(width=8, rounds=1))
+    >>> frames = torch.zeros(1, 3, 48, 64, dtype=torch.uint8)
+    >>> network(frames, frames, rows=4, cols=4).shape
+    torch.Size([1, 4, 4])
+    """
 
     def __init__(self, config: CnnConfig) -> None:
         super().__init__()
@@ -106,9 +122,9 @@ class BlockNet(nn.Module):
 
         Args:
             original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
-            embedded: the same shape.
-            rows: of blocks.
-            cols: of blocks.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+            rows: number of rows of blocks.
+            cols: number of columns of blocks.
 
         Returns:
             (B, rows, cols) logits, positive for bit 1; those of ratex patches mean nothing.
@@ -116,7 +132,15 @@ class BlockNet(nn.Module):
         return self.decide(*(to_cells(frame, rows, cols) for frame in (original, embedded)))
 
     def decide(self, original: Tensor, embedded: Tensor) -> Tensor:
-        """(B, 3, rows CELLS_Y, cols CELLS_X) in [0, 1], from `to_cells` -> (B, rows, cols)."""
+        """Decide on frames that `to_cells` has averaged.
+
+        Args:
+            original: (B, 3, rows CELLS_Y, cols CELLS_X) in [0, 1], encoded RGB.
+            embedded: (B, 3, rows CELLS_Y, cols CELLS_X) in [0, 1], encoded RGB.
+
+        Returns:
+            (B, rows, cols) logits, positive for bit 1.
+        """
         change = CONTRAST * (embedded - original)
         centred = change - change.mean((2, 3), keepdim=True)
         maps = self.pixels(torch.cat([4 * original - 2, change, centred], dim=1))
@@ -127,12 +151,21 @@ class BlockNet(nn.Module):
         return logits[:, 0]
 
     def to_config(self) -> dict[str, object]:
-        """Enough to rebuild the module for `load_state_dict`."""
+        """Give the configuration, enough to rebuild the module for `load_state_dict`."""
         return {"cnn": asdict(self.config)}
 
 
 def to_cells(frame: Tensor, rows: int, cols: int) -> Tensor:
-    """(B, 3, H, W) in [0, 255] -> (B, 3, rows CELLS_Y, cols CELLS_X) in [0, 1], averaged."""
+    """Average frames over the cells of each block.
+
+    Args:
+        frame: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+        rows: number of rows of blocks.
+        cols: number of columns of blocks.
+
+    Returns:
+        (B, 3, rows CELLS_Y, cols CELLS_X) float32 in [0, 1].
+    """
     return adaptive_avg_pool2d(frame.float() / 255, (rows * CELLS_Y, cols * CELLS_X))
 
 
@@ -161,12 +194,11 @@ def _trained(folder: Path) -> BlockNet:
 class Cnn:
     """One network for all cameras and displays; nothing is calibrated on the frame pair."""
 
-    checkpoint: Path = PRETRAINED
+    checkpoint: Path = PRETRAINED_CNN
     """Folder with decoder.pt and config.json, written by ``python -m reports.lab.cnn_baseline``."""
-    """It uses no patches, but is shown the captures that it was trained on and others get."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block."""
+        """Score every message block of a frame pair, in natural log-likelihood ratios."""
         frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
         with torch.inference_mode():
             logits = _trained(self.checkpoint)(*frames, pair.layout.rows, pair.layout.cols)

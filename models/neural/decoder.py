@@ -1,4 +1,4 @@
-"""PhiDecoder: two rectified frames in, block scores and the head out; one graph, one convex fit."""
+"""PhiDecoder: two rectified frames in, block scores and the fitted head out, in one graph."""
 
 from dataclasses import asdict, dataclass
 
@@ -8,12 +8,12 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from link.errors import InputError, UnsuitedError, choose
+from link.errors import ParameterError, UnsuitedError, choose
 from link.images import LUMA
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
-from models.neural.phi import PhiPolynomial, legendre
+from models.neural.phi import PhiPolynomial, check_degrees, legendre_maps
 from models.neural.reduce import Reduce
 from models.neural.refine import MOMENTS, Refiner
 from models.neural.register import channel_mean, derivatives, register
@@ -24,54 +24,73 @@ CHANNELS = {
     "quiet": ((0.27, 0.5, 0.23),),
     "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
 }
-"""Weights of R, G, B in each intensity: one, or Phi per colour channel with one shared head. quiet:
-where cameras' noise is least in their sum; a colour matrix subtracts what crosstalk added, so that
-neighbouring channels err against each other."""
+"""Weights of R, G and B in each intensity, by name; they sum to 1. "luma" weighs as the eye does.
+"quiet" weighs so that a camera's noise is least: its colour matrix subtracts what crosstalk added,
+and neighbouring channels then err against each other. "rgb" makes Phi of each colour channel, with
+one head that they share."""
 MARGIN = 1 / 6
-"""Of a tile, on each side, that "area" leaves out: the blur of its neighbours."""
+"""Share of a tile's side that ``train_on="area"`` leaves out at each end, where neighbouring tiles
+blur into it."""
 MAX_ROUNDS = 8
+"""Largest number of rounds of refinement."""
 
 
 @dataclass(frozen=True)
 class DecoderConfig:
-    """What defines the graph; saved as config.json beside the weights."""
+    """What defines the decoder's graph; it is saved in config.json beside the weights.
+
+    Raises:
+        ParameterError: a value is out of range or of another type.
+
+    >>> DecoderConfig(coarsen=3)
+    Traceback (most recent call last):
+    ...
+    link.errors.ParameterError: coarsen: need 1 or 2, got 3
+    """
 
     degree: int = 4
-    """Of the inverse response g."""
+    """Degree of the inverse response g."""
     drift_degree: int = 0
-    """Of the polynomial of i_o beside Phi; 0 for none."""
+    """Degree of the polynomial of i_o that stands beside Phi and explains drift; 0 leaves it
+    out."""
     channels: str = "luma"
-    """What an intensity is, of `CHANNELS`: "luma", "quiet", or "rgb" for each by itself."""
+    """Which intensities are made of a frame's colours: "luma", "quiet" or "rgb"."""
     register: bool = False
-    """Remove the motion between the frames first (`models.neural.register`)."""
+    """Whether the motion between the frames is removed first."""
     train_on: str = "tile"
-    """Per-frame training samples: means over a "tile" (as quiet as a block) at 36 points of its
-    inner half or over its "area" but `MARGIN`, or each "pixel" of the 36."""
+    """What a training sample of a frame pair is. "tile" is the mean over 36 points of a ratex
+    tile's inner half, "area" the mean over the tile without its margin, and "pixel" each of the 36
+    points."""
     coarsen: int = 1
-    """Pixels averaged per axis before all else: 1, or 2, which takes a quarter of the time."""
+    """Number of pixels averaged along each axis before all else. 1 keeps all of them; 2 takes a
+    quarter of the time."""
     texture: float = 0.0
-    """Gradient, in intensity a pixel, at which a pixel's weight in its block is halved: little
-    light scatters there, but much motion. 0 weighs all alike."""
+    """Gradient, in intensity per pixel, at which a pixel's weight in its block is halved. Where the
+    picture is steep, little light scatters but motion changes much. 0 weighs all pixels alike."""
     refine: int = 0
-    """Rounds of decision-directed refinement (`models.neural.refine`); the rest needs it."""
+    """Number of rounds of decision-directed refinement; 0 leaves it out."""
     rows: bool = False
-    """A gain for every row of blocks: flicker."""
+    """Whether every row of blocks has a gain of its own, for flicker; needs refinement."""
     space: bool = False
-    """Calibration that varies smoothly over the display."""
+    """Whether the calibration varies smoothly over the display; needs refinement."""
 
     def __post_init__(self) -> None:
-        choose(CHANNELS, self.channels, "--decoder.channels")
-        choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "--decoder.train-on")
+        choose(CHANNELS, self.channels, "channels")
+        choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "train_on")
         for field, value in asdict(self).items():
             kind = type(getattr(DecoderConfig, field))
             if type(value) is not kind:
-                raise InputError(f"{field} must be of type {kind.__name__}")
-        if self.coarsen not in (1, 2) or not 0 <= self.refine <= MAX_ROUNDS:
-            raise InputError(f"--decoder.coarsen: 1 or 2; --decoder.refine: 0 to {MAX_ROUNDS}")
+                raise ParameterError(field, f"must be of type {kind.__name__}, got {value!r}")
+        check_degrees(self.degree, self.drift_degree)
+        if self.coarsen not in (1, 2):
+            raise ParameterError("coarsen", f"need 1 or 2, got {self.coarsen}")
+        if not 0 <= self.refine <= MAX_ROUNDS:
+            raise ParameterError("refine", f"need 0 to {MAX_ROUNDS}, got {self.refine}")
         if not 0 <= self.texture < 1:
-            raise InputError("--decoder.texture: 0 or more, below 1")
-        if self.refine == 0 and (self.rows or self.space):
-            raise InputError("--decoder.rows and space: need --decoder.refine 1 or more")
+            raise ParameterError("texture", f"need at least 0 and below 1, got {self.texture}")
+        for field in ("rows", "space"):
+            if getattr(self, field) and self.refine == 0:
+                raise ParameterError(field, "needs refine of at least 1")
 
 
 FULL = DecoderConfig(
@@ -85,20 +104,35 @@ FULL = DecoderConfig(
     rows=True,
     space=True,
 )
-"""All that pays (docs/ablation.md)."""
+"""Configuration of the shipped decoder: every part that pays in docs/ablation.md."""
+START_LOG_TEMPERATURE = 3.0
+"""Log temperature with which training starts a decoder that has no refinement: its margins are
+about 1, and log-likelihood ratios about 20."""
 
 
 class PhiDecoder(nn.Module):
-    """OORC in torch, and what goes beyond it.
+    """Optimal online radiometric calibration in torch, and what goes beyond it.
 
-    With the default configuration it is, untrained, the twin of `models.classical.oorc` (the
-    method ``phi``): ridge 1, prior 0, C = 1. Training (the method ``learned``) changes what is
-    shared across frames: ridge (which scales each feature) and prior of the head, C, the spreads of
+    With the default configuration and untrained it is the twin of `models.classical.oorc`, the
+    method ``phi``: ridge 1, prior 0, C = 1. Training, the method ``learned``, changes what frame
+    pairs share: the ridge (which scales each feature) and the prior of the head, C, the spreads of
     the `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself
     is always fitted to the ratex pixels of the frame pair at hand.
 
+    Args:
+        layout: grid of blocks and ratex patches that the frames show.
+        config: which parts the graph has.
+
     Raises:
         UnsuitedError: the layout has no ratex patch.
+
+    >>> from link.layout import make_layout
+    >>> layout = make_layout(rows=4, cols=4, width=64, height=48, ratex=2)
+    >>> decoder = PhiDecoder(layout, DecoderConfig())
+    >>> frames = torch.full((1, 3, 48, 64), 128, dtype=torch.uint8)
+    >>> scores, head = decoder(frames, frames)
+    >>> scores.shape, head.shape
+    (torch.Size([1, 14]), torch.Size([1, 5]))
     """
 
     labels: Tensor
@@ -152,7 +186,7 @@ class PhiDecoder(nn.Module):
         Args:
             original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB, any H and W of at
                 least 4 pixels a block.
-            embedded: the same shape.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
 
         Returns:
             scores: (B, n_bits) float32, positive for bit 1, row-major over the message cells.
@@ -161,12 +195,18 @@ class PhiDecoder(nn.Module):
         return self.solve_and_score(*self.summarise(original, embedded))
 
     def summarise(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
-        """All that is computed before the first learned parameter; arguments as of `forward`.
+        """Compute all that comes before the first learned parameter.
+
+        F is the number of features. It is n_features without refinement. With refinement, the
+        terms P_k(i_o) go on up to k = MOMENTS if the drift terms end before that.
+
+        Args:
+            original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
 
         Returns:
-            ratex: (B, N, F) float64, features of the training samples, tiles or pixels.
-            blocks: (B, n_bits, F) float64, features averaged over message blocks. F is n_features,
-                and with refinement `degree` + MOMENTS if that is more: P_k(i_o) go on up to there.
+            ratex: (B, N, F) float64, features of the N training samples, tiles or pixels.
+            blocks: (B, n_bits, F) float64, features averaged over message blocks.
         """
         i_o, i_e = self.reduce(original), self.reduce(embedded)
         if self.config.register or self.config.texture:
@@ -175,7 +215,7 @@ class PhiDecoder(nn.Module):
             i_e = register(i_o, i_e, xx, yy)
         maps = self.phi(i_o, i_e)
         if self.refiner is not None:
-            maps += legendre(i_o, MOMENTS)[self.config.drift_degree :]
+            maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
         stacked = torch.cat([channel_mean(each) for each in maps], dim=1)
         weights = torch.ones_like(stacked[:, :1])
         if self.config.texture:
@@ -184,7 +224,16 @@ class PhiDecoder(nn.Module):
         return self.ratex_samples(stacked), self.block_means(stacked, weights)
 
     def solve_and_score(self, ratex: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
-        """Fit each pair's head to its ratex samples and score its blocks; arguments as above."""
+        """Fit each pair's head to its ratex samples and score its blocks.
+
+        Args:
+            ratex: (B, N, F) float64 features of the training samples, from `summarise`.
+            blocks: (B, n_bits, F) float64 features of the message blocks, from `summarise`.
+
+        Returns:
+            scores: (B, n_bits) float32, positive for bit 1.
+            head: (B, n_features + 1) float32, weights of the features, then the bias.
+        """
         n = self.phi.n_features
         u = ratex[..., :n]
         scale = (u**2).mean(1).sqrt().clamp_min(1e-6)
@@ -205,17 +254,22 @@ class PhiDecoder(nn.Module):
         return scores.float(), head.float()
 
     def statistics(self, features: Tensor) -> Tensor:
-        """Of `summarise`'s F features those that the refiner takes: (B, N, 1 + MOMENTS).
+        """Pick the features that the refiner takes from all of `summarise`'s.
 
-        The change of intensity, i_e - i_o = (P_1(i_o) - P_1(i_e)) / -2, and P_k(i_o).
+        Args:
+            features: (B, N, F) float64 features of tiles or blocks.
+
+        Returns:
+            (B, N, 1 + MOMENTS): the change of intensity, i_e - i_o = (P_1(i_o) - P_1(i_e)) / -2,
+            then the moments P_k(i_o).
         """
         degree = self.config.degree
         return torch.cat([features[..., :1] / -2, features[..., degree : degree + MOMENTS]], dim=-1)
 
     def ratex_samples(self, maps: Tensor) -> Tensor:
-        """Features of the training samples: (B, F, H, W) -> (B, N, F) float64.
+        """Take the training samples from feature maps: (B, F, H, W) to (B, N, F) float64.
 
-        Float64: the fit is small, and torch and onnxruntime then agree on the active set.
+        The fit is small, and in float64 torch and onnxruntime agree on its active set.
         """
         height, width = maps.shape[-2:]
         if self.config.train_on == "area":
@@ -232,7 +286,15 @@ class PhiDecoder(nn.Module):
         return u.transpose(1, 2)
 
     def block_means(self, maps: Tensor, weights: Tensor) -> Tensor:
-        """Weighted mean over each message block: (B, F, H, W) -> (B, n_bits, F) float64."""
+        """Average feature maps over each message block.
+
+        Args:
+            maps: (B, F, H, W) features.
+            weights: (B, 1, H, W) weight of each pixel.
+
+        Returns:
+            (B, n_bits, F) float64 weighted means.
+        """
         height, width = maps.shape[-2:]
         rows = bin_mean(height, self.layout.rows, self.rows, 0.0, maps)
         cols = bin_mean(width, self.layout.cols, self.cols, 0.0, maps)
@@ -241,28 +303,40 @@ class PhiDecoder(nn.Module):
         return means.flatten(2).index_select(2, self.message_index).transpose(1, 2).double()
 
     def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
-        """g of a frame pair from the (n_features + 1,) head: captured [0, 1] -> displayed.
+        """Read the inverse response g off the head of a frame pair.
 
-        Up to scale and offset, which the SVM leaves free.
+        Args:
+            head: (n_features + 1,) weights of the features, then the bias.
+
+        Returns:
+            g from captured intensities in [0, 1] to displayed ones. Its scale and offset mean
+            nothing, because the SVM leaves them free.
         """
         return inverse_response(head[: self.config.degree])
 
     def to_config(self) -> dict[str, object]:
-        """Layout and configuration, enough to rebuild the module for `load_state_dict`."""
+        """Give layout and configuration, enough to rebuild the module for `load_state_dict`."""
         return {"layout": self.layout.to_dict(), "decoder": asdict(self.config)}
 
 
 def bin_mean(length: int, count: int, bins: Tensor, margin: float, like: Tensor) -> Tensor:
-    """(len(bins), length) matrix that averages the pixels of each bin, in the dtype of ``like``.
+    """Make the matrix that averages the pixels of each bin along one axis.
 
     A pixel counts by the share of it that lies inside, so every bin has some, however small.
 
     Args:
-        length: pixels.
-        count: equal bins over them.
-        bins: (N,) those that are averaged.
+        length: number of pixels along the axis.
+        count: number of equal bins over them.
+        bins: (N,) indices of the bins that are averaged.
         margin: share of a bin that is left out at each end, below 1/2.
-        like: says dtype and device.
+        like: tensor whose dtype and device the matrix gets.
+
+    Returns:
+        (N, length) weights, each row of which sums to 1.
+
+    >>> bin_mean(3, 2, torch.arange(2), 0.0, torch.zeros(1)).round(decimals=2)
+    tensor([[0.6700, 0.3300, 0.0000],
+            [0.0000, 0.3300, 0.6700]])
     """
     start = (bins.double().unsqueeze(1) + margin) * (length / count)
     stop = (bins.double().unsqueeze(1) + (1 - margin)) * (length / count)

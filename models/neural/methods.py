@@ -3,20 +3,19 @@
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import ClassVar
 
 import torch
 
-from link.errors import InputError
 from link.frames import Rectified, SoftBits
 from link.images import as_batch
 from link.layout import Layout
+from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import DecoderConfig, PhiDecoder
 
 
-def run(module: PhiDecoder, pair: Rectified) -> SoftBits:
-    """Decode one frame pair with a module of the same layout."""
+def decode_with(module: PhiDecoder, pair: Rectified) -> SoftBits:
+    """Decode one frame pair with a module that was built for the pair's layout."""
     with torch.inference_mode():
         frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
         scores, head = module(*frames)
@@ -36,23 +35,32 @@ def _trained(folder: Path, layout: Layout) -> PhiDecoder:
 
 @dataclass(frozen=True)
 class Phi:
-    """The torch decoder untrained: OORC's twin."""
+    """The torch decoder untrained, which is the twin of `models.classical.oorc.OORC`."""
 
     config: DecoderConfig = field(default_factory=DecoderConfig)
-    """Of the graph."""
+    """Configuration of the decoder's graph."""
+
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `UnsuitedError` without ratex patches."""
-        return run(_untrained(pair.layout, self.config), pair)
+        """Score every message block of a frame pair.
+
+        Raises:
+            UnsuitedError: the layout has no ratex patch.
+        """
+        return decode_with(_untrained(pair.layout, self.config), pair)
 
 
 @dataclass(frozen=True)
 class Learned:
-    """The torch decoder with what training shares across frames."""
+    """The torch decoder with the parameters that training shares across frame pairs."""
 
-    checkpoint: Path | None = None
-    """Folder with decoder.pt and config.json, such as runs/canon-lg."""
+    checkpoint: Path = PRETRAINED
+    """Folder with decoder.pt and config.json, such as runs/canon-lg; the shipped one by default."""
+
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `InputError` without ratex patches or checkpoint."""
-        if self.checkpoint is None:
-            raise InputError("learned needs a checkpoint: give --run, or train one with train.py")
-        return run(_trained(self.checkpoint, pair.layout), pair)
+        """Score every message block of a frame pair, in natural log-likelihood ratios.
+
+        Raises:
+            InputError: a file of the checkpoint is missing or damaged.
+            UnsuitedError: the layout has no ratex patch.
+        """
+        return decode_with(_trained(self.checkpoint, pair.layout), pair)

@@ -2,59 +2,91 @@
 
 from torch import Tensor, nn
 
-from link.errors import InputError
+from link.errors import ParameterError
 
 MAX_DEGREE = 12
+"""Largest degree of the inverse response: float32 features of higher degree are mostly rounding."""
 
 
 class PhiPolynomial(nn.Module):
-    """Polynomial differences, and optionally a polynomial of i_o alone (drift terms).
+    """Differences of polynomials of both intensities, and optionally polynomials of i_o alone.
 
-    Features k = 1 ... degree are P_k(2 i_o - 1) - P_k(2 i_e - 1) with Legendre P_k: the span of the
-    paper's Phi = [i_o^4 - i_e^4, ..., i_o - i_e], conditioned well enough for float32. Drift terms
-    P_1 ... P_drift_degree of 2 i_o - 1 make a change of exposure between the frames part of the
-    same linear, convex problem: it adds to i_e an amount that depends on i_o.
+    Feature k of 1 ... degree is P_k(2 i_o - 1) - P_k(2 i_e - 1), where P_k is the Legendre
+    polynomial of degree k. Together they span the paper's
+    Phi = [i_o^4 - i_e^4, ..., i_o - i_e] and are conditioned well enough for float32.
+
+    The drift terms P_1 ... P_drift_degree of 2 i_o - 1 follow. A change of exposure between the
+    frames adds to i_e an amount that depends on i_o; with these terms it is part of the same
+    linear and convex problem.
+
+    Args:
+        degree: degree of the inverse response g, 1 to `MAX_DEGREE`.
+        drift_degree: number of drift terms, 0 to ``degree``.
 
     Raises:
-        InputError: a degree is out of range.
+        ParameterError: a degree is out of range.
+
+    >>> import torch
+    >>> phi = PhiPolynomial(degree=2, drift_degree=1)
+    >>> phi.names
+    ['P1(i_o)-P1(i_e)', 'P2(i_o)-P2(i_e)', 'P1(i_o)']
+    >>> original, embedded = torch.tensor([0.5]), torch.tensor([0.75])
+    >>> [feature.item() for feature in phi(original, embedded)]
+    [-0.5, -0.375, 0.0]
     """
 
     def __init__(self, degree: int = 4, drift_degree: int = 0) -> None:
         super().__init__()
-        if not 1 <= degree <= MAX_DEGREE or not 0 <= drift_degree <= degree:
-            raise InputError(
-                f"--degree: need 1 to {MAX_DEGREE} with 0 <= --drift-degree <= degree, "
-                f"got {degree} and {drift_degree}"
-            )
+        check_degrees(degree, drift_degree)
         self.degree, self.drift_degree = degree, drift_degree
 
     @property
     def n_features(self) -> int:
-        """Features per pixel: degree + drift_degree."""
+        """Number of features of a pixel, which is ``degree + drift_degree``."""
         return self.degree + self.drift_degree
 
     @property
     def names(self) -> list[str]:
-        """Name of each feature."""
+        """One name for each feature, in the order in which `forward` returns them."""
         differences = [f"P{k}(i_o)-P{k}(i_e)" for k in range(1, self.degree + 1)]
         return differences + [f"P{k}(i_o)" for k in range(1, self.drift_degree + 1)]
 
     def forward(self, i_o: Tensor, i_e: Tensor) -> list[Tensor]:
-        """Feature maps of a frame pair.
+        """Compute the feature maps of a frame pair.
 
         Args:
-            i_o: captured original, float in [0, 1], encoded, any shape.
-            i_e: captured embedded, the same shape.
+            i_o: intensity of the captured original, float in [0, 1], encoded, any shape.
+            i_e: intensity of the captured embedded frame, with the shape of ``i_o``.
 
         Returns:
-            ``n_features`` tensors of that shape.
+            ``n_features`` tensors, each with the shape of ``i_o``.
         """
-        p_o, p_e = legendre(i_o, self.degree), legendre(i_e, self.degree)
+        p_o, p_e = legendre_maps(i_o, self.degree), legendre_maps(i_e, self.degree)
         return [o - e for o, e in zip(p_o, p_e, strict=True)] + p_o[: self.drift_degree]
 
 
-def legendre(i: Tensor, degree: int) -> list[Tensor]:
-    """P_1 ... P_degree at 2 i - 1, by Bonnet's recursion; each of the shape of ``i``."""
+def check_degrees(degree: int, drift_degree: int) -> None:
+    """Raise a `ParameterError` that names the degree that is out of range."""
+    if not 1 <= degree <= MAX_DEGREE:
+        raise ParameterError("degree", f"need 1 to {MAX_DEGREE}, got {degree}")
+    if not 0 <= drift_degree <= degree:
+        raise ParameterError("drift_degree", f"need 0 to degree {degree}, got {drift_degree}")
+
+
+def legendre_maps(i: Tensor, degree: int) -> list[Tensor]:
+    """Evaluate the Legendre polynomials P_1 ... P_degree at 2 i - 1, by Bonnet's recursion.
+
+    `models.classical.oorc.legendre` evaluates them for numpy arrays. The two order their
+    multiplications differently. They stay two functions because a head that is fitted to a few
+    tiles changes in its fifth digit with the last bit of its features.
+
+    Args:
+        i: intensities in [0, 1], any shape.
+        degree: number of polynomials, at least 1.
+
+    Returns:
+        ``degree`` tensors, each with the shape of ``i`` and values in [-1, 1].
+    """
     x = 2 * i - 1
     terms = [x, 1.5 * x * x - 0.5]
     for k in range(2, degree):

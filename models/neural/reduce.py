@@ -1,16 +1,17 @@
-"""Frame -> intensities: colours weighted and pixels averaged in whole numbers, exact and quick."""
+"""Reduction of frames to intensities: colours weighted, pixels averaged, all in whole numbers."""
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
 PARTS = 100
-"""Weights are hundredths where they can be: then onnxruntime adds uint8 pixels as they are."""
+"""Number of equal parts in which colour weights are counted. Weights of whole hundredths let
+onnxruntime add uint8 pixels as they are, without a float copy of the frame."""
 
 
 @torch.library.custom_op("camera_display::sum_pixels", mutates_args=())
 def exported_sum(frame: Tensor, weights: Tensor, stride: int) -> Tensor:
-    """Becomes ONNX's ConvInteger on export (`export.to_onnx`): no float copy of the frame."""
+    """Sum weighted pixels; on export `export.to_onnx` makes ONNX's ConvInteger of this."""
     return conv2d(frame.float(), weights.float(), stride=stride)
 
 
@@ -20,11 +21,11 @@ def _(frame: Tensor, weights: Tensor, stride: int) -> Tensor:
 
 
 class Reduce(nn.Module):
-    """Weighted sums of R, G, B, averaged over ``k`` x ``k`` pixels, in [0, 1].
+    """Weighted sums of R, G and B, averaged over squares of ``k`` x ``k`` pixels.
 
     Args:
-        weights: of R, G, B, for each of C intensities; each sums to 1.
-        k: pixels an axis.
+        weights: weights of R, G and B for each of C intensities; the three sum to 1.
+        k: side of the square over which pixels are averaged, in pixels.
     """
 
     weights: Tensor
@@ -38,7 +39,14 @@ class Reduce(nn.Module):
         self.register_buffer("weights", kernel, persistent=False)
 
     def forward(self, frame: Tensor) -> Tensor:
-        """(B, 3, H, W) uint8, or float in [0, 255], encoded -> (B, C, H // k, W // k) float32."""
+        """Reduce a batch of frames.
+
+        Args:
+            frame: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+
+        Returns:
+            (B, C, H // k, W // k) float32 in [0, 1], encoded.
+        """
         if torch.compiler.is_exporting() and self.whole:
             total: Tensor = exported_sum(frame, self.weights.to(torch.uint8), self.k)
         else:

@@ -3,13 +3,14 @@
 A block's brightness change is modelled as
     y = b s + d + noise,    s = S a,    d = N c,
 with bit b, known columns S and N, and Gaussian a and c of known spread. S holds what kappa gray
-levels become in the capture, h(i) = 1 / g'(i), and how that bends with intensity and place; N what
-drift, flicker and fall-off add.
-Given the bits, or their probabilities, a and c follow from one ridge solve; given a and c, the bits
-follow from a likelihood ratio. Ratex tiles enter the same solve with their known labels. The start
-is the SVM's decision; a block weighs more than a tile for it is larger, so two or three rounds
-bring far more than the tiles alone can. Each round also says how large kappa, flicker and noise are
-in this frame pair, which is what the next one takes for their spread.
+levels become in the capture, h(i) = 1 / g'(i), and how that bends with intensity and place. N holds
+what drift, flicker and fall-off add.
+
+Given the bits, or their probabilities, a and c follow from one ridge solve. Given a and c, the bits
+follow from a likelihood ratio. Ratex tiles enter the same solve with their known labels. The first
+probabilities are those of the SVM's decision. A block weighs more than a tile because it is larger,
+so two or three rounds bring far more than the tiles alone can. Each round also estimates how large
+kappa, flicker and noise are in this frame pair; the next round takes that for their spread.
 """
 
 from typing import Any
@@ -25,29 +26,34 @@ from link.ratex import TILES, tile_labels, tile_levels
 from models.neural.solver import inverse, solve_spd
 
 MOMENTS = 4
-"""Legendre moments of i_o over a block; the degree of g, on which 1 / g' is projected too."""
+"""Number of Legendre moments of i_o over a tile or block. It is also the degree of the inverse
+response g here, and of the polynomial on which 1 / g' is projected."""
 GRID = np.linspace(0, 1, 65)
+"""Intensities in [0, 1] at which the curves g and 1 / g' are evaluated."""
 SHARPNESS = 10.0
-"""Of the soft floor that keeps g' above its least value."""
+"""How sharply the soft floor bends that keeps g' above its least value, per unit of g'."""
 GRAY_LEVELS = 255.0
+"""Number of gray levels that make the intensity 1."""
 BENDS = 4
-"""Columns by which the signal may depart from h: along x, y, and the first two moments."""
+"""Number of columns by which the signal may depart from h: along x, along y, and with the first two
+moments of i_o."""
 LEAST_SIGNAL = 0.4
-"""Of h, wherever on the display."""
+"""Smallest signal at any place of the display, as a share of h."""
 LEAST_AMPLITUDE = 0.1
-"""Gray levels."""
+"""Gray levels that are added to the estimated amplitude of the signal, so that it is never 0."""
 LEAST_NOISE = 0.01
-"""Gray levels: what rounding to 8 bits leaves in the mean of some thousand pixels."""
+"""Standard deviation, in gray levels, that rounding to 8 bits leaves in the mean of some thousand
+pixels."""
 
 
 class Refiner(nn.Module):
     """Soft-label ridge solves over tiles and blocks; about fifty learned numbers.
 
     Args:
-        layout: says where tiles and blocks lie.
-        rounds: of solving and deciding anew, at least 1.
-        rows: a gain for every row of blocks (flicker, rolling shutter).
-        space: gain, offset and g vary smoothly over the display.
+        layout: grid of blocks and ratex patches, which says where tiles and blocks lie.
+        rounds: number of times that it solves and decides anew, at least 1.
+        rows: whether every row of blocks has a gain of its own, for flicker and rolling shutters.
+        space: whether gain, offset and g may vary smoothly over the display.
     """
 
     levels: Tensor
@@ -68,12 +74,12 @@ class Refiner(nn.Module):
     def __init__(self, layout: Layout, rounds: int, rows: bool, space: bool) -> None:
         super().__init__()
         self.rounds, self.space = rounds, space
-        # standard deviations of the coefficients; frames of [0, 255] gray levels
+        # log standard deviations of the coefficients, for frames of [0, 255] gray levels
         self.signal = _logs(1.0, 0.05)
         self.bends = _logs(0.15, 0.05, 0.1, 0.2) if space else None  # relative to the amplitude
         self.nuisance = _logs(20.0, 20.0, 20.0, 1.5, 30.0)
         self.space_nuisance = _logs(0.1, 0.3, 0.2, 0.1, 20.0, 0.01, 0.02) if space else None
-        # of bands: log standard deviation of the mean, and how it falls with the frequency
+        # log standard deviation of the bands' mean, and how it falls with their frequency
         self.bands = nn.Parameter(torch.tensor([0.0, -0.4])) if rows else None
         # what a relative change of exposure adds, as Legendre coefficients in i_o: a camera's toe
         # and shoulder make it a hump; the start is the mean of the cameras of data_gen/pairs.py
@@ -81,7 +87,7 @@ class Refiner(nn.Module):
         # log standard deviation of the noise: constant, linear and quadratic in i_o
         self.tile_noise = nn.Parameter(torch.tensor([-0.9, 0.0, 0.0]))
         self.block_noise = nn.Parameter(torch.tensor([-3.5, 0.0, 0.0]))
-        # of the signal from block to block, relative
+        # log relative standard deviation of the signal from block to block
         self.spread = _logs(0.03)
         # observations that learned noise and learned bands count for, beside this frame pair's
         self.noise_trust = _logs(20.0, 20.0)
@@ -107,16 +113,18 @@ class Refiner(nn.Module):
         self.register_buffer("labels", labels, persistent=False)
 
     def forward(self, tiles: Tensor, blocks: Tensor, scores: Tensor) -> Tensor:
-        """Log-likelihood ratios of the message bits.
+        """Compute the log-likelihood ratios of the message bits.
 
         Args:
-            tiles: (B, tiles, 1 + MOMENTS) float64, as are all tensors here: mean change of
-                intensity, in [-1, 1], and moments P_k of i_o.
-            blocks: (B, n_bits, 1 + MOMENTS).
-            scores: (B, n_bits) of the SVM, margins of about 1; the start.
+            tiles: (B, tiles, 1 + MOMENTS) float64: for each ratex tile the mean change of
+                intensity, in [-1, 1], then the moments P_k of i_o.
+            blocks: (B, n_bits, 1 + MOMENTS) float64: the mean change and the moments of each
+                message block.
+            scores: (B, n_bits) float64 scores of the SVM, with margins of about 1, from which the
+                first probabilities are made.
 
         Returns:
-            (B, n_bits).
+            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1.
         """
         S, N, y, var = self.design(tiles, blocks)
         T, n_bits = tiles.shape[1], blocks.shape[1]
@@ -162,11 +170,15 @@ class Refiner(nn.Module):
         return with_surprises(self.temperature.exp() * llr, self.surprise)
 
     def calibrate(self, tiles: Tensor) -> tuple[Tensor, Tensor]:
-        """What the captured levels of the tiles say of g, the inverse of the CDTF.
+        """Fit g, the inverse of the CDTF, to the captured levels of the tiles.
+
+        Args:
+            tiles: (B, tiles, 1 + MOMENTS) float64, as `forward` takes them.
 
         Returns:
             curves: (B, MOMENTS + 1, 2) Legendre coefficients of h = 1 / g' and of h^2.
-            tilt: (B, 3) what g' gains with x, y and x^2 + y^2; 0 without ``space``.
+            tilt: (B, 3) amounts by which g' grows with x, y and x^2 + y^2; (B, 0) where the
+                calibration does not vary over the display.
         """
         ones = torch.ones_like(tiles[..., :1])
         legendre = torch.cat([ones, tiles[..., 1:]], dim=-1)
@@ -187,16 +199,29 @@ class Refiner(nn.Module):
         return self.project @ torch.stack([h, h * h], dim=-1), tilt
 
     def soft_floor(self, slope: Tensor) -> Tensor:
-        """softplus(slope - least) + least, in what onnxruntime has for float64."""
+        """Keep slopes above their learned least value, as softplus(slope - least) + least does.
+
+        It is made of operations that onnxruntime has for float64.
+        """
         above = SHARPNESS * (slope - self.least_slope.exp())
         softplus = above.relu() + (1 + (-above.abs()).exp()).log()
         return self.least_slope.exp() + softplus / SHARPNESS
 
     def design(self, tiles: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Columns S (B, R, 2 or 6) and N (B, R, K), change y (B, R) and its variance (B, R).
+        """Build the linear model of a frame pair, whose R rows are its tiles and then its blocks.
 
-        Rows are tiles, then blocks. Columns are scaled so that their coefficients have variance 1
-        (those of the bends: the amplitude's square); y is in gray levels.
+        Columns are scaled so that their coefficients have variance 1. The coefficients of the bends
+        have the square of the signal's amplitude as their variance instead.
+
+        Args:
+            tiles: (B, tiles, 1 + MOMENTS) float64, as `forward` takes them.
+            blocks: (B, n_bits, 1 + MOMENTS) float64, as `forward` takes them.
+
+        Returns:
+            S: (B, R, 2 or 2 + BENDS) columns that a bit 1 switches on.
+            N: (B, R, K) columns that count whatever the bit.
+            y: (B, R) change of intensity, gray levels.
+            variance: (B, R) learned variance of y, squared gray levels.
         """
         curves, tilt = self.calibrate(tiles)
         statistics = torch.cat([tiles, blocks], dim=1)
@@ -229,21 +254,25 @@ class Refiner(nn.Module):
 def cavity_llr(
     shared: Tensor, residual: Tensor, noise: Tensor, variance: Tensor, weight: Tensor
 ) -> Tensor:
-    """LLR of each block's bit given all others: the fit without that block, in closed form.
+    """Compute the LLR of each block's bit from a fit to all other blocks, in closed form.
 
-    With A the 2 x 2 covariance of the two predictions (``shared`` off its diagonal), r the
-    residuals and P the diagonal of weights with which the block entered, the cavity (Minka 2001,
-    expectation propagation) is
+    Let A be the 2 x 2 covariance of the block's two predictions, as bit 1 and as bit 0, r their
+    residuals, and P the diagonal of the weights with which the block entered the fit. The fit
+    without the block, its cavity (Minka 2001, expectation propagation), has
         A' = (I - A P)^-1 A,  r' = (I - A P)^-1 r.
-    Otherwise a block that sways the fit would confirm its own label.
+    Without it, a block that sways the fit would confirm its own label.
+
+    Each (B, 2 n_bits) tensor holds the blocks as bit 1, then the same blocks as bit 0.
 
     Args:
-        shared: (B, n_bits).
-        residual: y less its prediction, (B, 2 n_bits), as are all others: first of the blocks as
-            bit 1, then as bit 0.
-        noise: variance.
-        variance: of the prediction.
-        weight: inverse variance.
+        shared: (B, n_bits) covariance of the two predictions of each block.
+        residual: (B, 2 n_bits) change less its prediction, gray levels.
+        noise: (B, 2 n_bits) variance of the noise, squared gray levels.
+        variance: (B, 2 n_bits) variance of the prediction, squared gray levels.
+        weight: (B, 2 n_bits) inverse variance with which the row entered the fit.
+
+    Returns:
+        (B, n_bits) natural log-likelihood ratios, positive for bit 1.
     """
     B, n_bits = shared.shape
     # each (B, 2, n_bits): bit 1, then bit 0
@@ -259,9 +288,21 @@ def cavity_llr(
 
 
 def with_surprises(llr: Tensor, log_surprise: Tensor) -> Tensor:
-    """LLR of a bit that a rare cause outside the model flips with probability surprise / 2.
+    """Bound LLRs by allowing for a rare cause outside the model.
 
-    2 artanh((1 - surprise) tanh(llr / 2)): monotone, bounded by log(2 / surprise).
+    With probability ``surprise`` the bit is drawn anew, so that the LLR becomes
+    2 artanh((1 - surprise) tanh(llr / 2)). It is monotone and stays within log(2 / surprise).
+
+    Args:
+        llr: natural log-likelihood ratios, any shape, float64.
+        log_surprise: (1,) log of the probability of a surprise.
+
+    Returns:
+        natural log-likelihood ratios with the shape of ``llr``.
+
+    >>> bounded = with_surprises(torch.tensor([2.0, 1000.0]), torch.tensor([-5.0]))
+    >>> [round(llr, 4) for llr in bounded.tolist()]
+    [1.9758, 5.6898]
     """
     z = (1 - log_surprise.double().exp()) * (llr / 2).tanh()
     return ((1 + z) / (1 - z)).log()
@@ -272,14 +313,20 @@ def _logs(*values: float) -> nn.Parameter:
 
 
 def _weighted(F: Tensor, y: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Normal equations F' W F and F' W y: (B, N, K), (B, N) or (N,), (B, N)."""
+    """Set up the normal equations F' W F (B, K, K) and F' W y (B, K) of weighted least squares.
+
+    F is (B, N, K), y is (B, N) or (N,), and the weights are (B, N).
+    """
     weighted = F.transpose(1, 2) * weight.unsqueeze(1)
     right = (weighted * y.unsqueeze(-2)).sum(-1)
     return weighted @ F, right
 
 
 def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
-    """Of tiles, then message blocks: centres in -1 to 1, kind, and cosines over the block rows."""
+    """Describe where the tiles and then the blocks lie, by the names of the Refiner's buffers.
+
+    Centres x and y run from -1 to 1 over the display; ``waves`` are cosines over the block rows.
+    """
     row, col = np.nonzero(layout.message_mask)
     cells = np.array(layout.ratex, np.intp).reshape(-1, 2)
     across = np.arange(TILES * TILES)
@@ -306,6 +353,6 @@ def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
 
 
 def _curves() -> dict[str, NDArray[Any]]:
-    """Legendre polynomials on the grid of [0, 1], and the projection of curves on them."""
+    """Tabulate Legendre polynomials on `GRID`, and the matrix that projects curves on them."""
     grid = legvander(2 * GRID - 1, MOMENTS)
     return {"grid": grid, "project": np.linalg.pinv(grid)}

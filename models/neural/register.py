@@ -1,10 +1,11 @@
 """Registration of a frame pair to a few hundredths of a pixel, inside the graph.
 
-Gauss-Newton steps of image alignment (Lucas & Kanade 1981) with the photometric change as an
-unknown of the same least squares, so that drift is no motion:
+The frames are aligned by Gauss-Newton steps (Lucas & Kanade 1981). The photometric change is an
+unknown of the same least squares, so that drift is not taken for motion:
     i_e - i_o = -s_x d/dx i - s_y d/dy i + c_0 + c_1 i_o + c_2 i_o^2.
-One step on a coarse image finds the translation, up to several pixels; one more what remains,
-affine in (x, y). A tenth of a pixel left between the frames costs more than all noise.
+One step on a coarse image finds the translation, up to several pixels. A second step finds what
+remains, which is affine in (x, y). A tenth of a pixel left between the frames costs more than all
+noise.
 """
 
 import torch
@@ -14,15 +15,23 @@ from torch.nn.functional import conv2d, grid_sample, pad
 from models.neural.solver import solve_spd
 
 RIDGE = 1e-6
-"""Of the least squares, per pixel, in squared intensity: flat pictures stay where they are."""
+"""Ridge of the least squares, in squared intensity per pixel; it keeps flat pictures in place."""
 FINE = 2
-"""Pixels averaged per axis for the last step."""
+"""Number of pixels averaged along each axis for the second step."""
 COARSE = 2
-"""The same for the first, of the pixels of the last."""
+"""Number of the second step's averages that are averaged again, along each axis, for the first."""
 
 
 def derivatives(image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """d/dx, d/dy (smoothed across), d2/dx2, d2/dy2 of (B, C, H, W), in its shape; edges repeat."""
+    """Differentiate images along x and y; beyond the edges the outermost pixels repeat.
+
+    Args:
+        image: (B, C, H, W) intensities.
+
+    Returns:
+        d/dx and d/dy, each smoothed across its direction, then d2/dx2 and d2/dy2; all per pixel
+        and (B, C, H, W).
+    """
     smooth, slope = image.new_tensor([1, 2, 1]) / 4, image.new_tensor([-1, 0, 1]) / 2
     here, bend = image.new_tensor([0, 1, 0]), image.new_tensor([1, -2, 1])
     pairs = ((smooth, slope), (slope, smooth), (here, bend), (bend, here))
@@ -38,13 +47,13 @@ def register(i_o: Tensor, i_e: Tensor, xx: Tensor, yy: Tensor) -> Tensor:
     """Move the embedded frame onto the original.
 
     Args:
-        i_o: (B, C, H, W) float in [0, 1], encoded.
-        i_e: the same shape.
-        xx: second derivative of i_o along x, the same shape.
-        yy: along y.
+        i_o: (B, C, H, W) intensities of the original in [0, 1], encoded.
+        i_e: (B, C, H, W) intensities of the embedded frame in [0, 1], encoded.
+        xx: (B, C, H, W) second derivative of i_o along x, per square pixel.
+        yy: (B, C, H, W) second derivative of i_o along y, per square pixel.
 
     Returns:
-        i_e as it would be without the motion, the same shape.
+        i_e as it would be without the motion, (B, C, H, W).
     """
     height, width = i_o.shape[-2:]
     s_x, s_y = motion(i_o, i_e)
@@ -57,7 +66,16 @@ def register(i_o: Tensor, i_e: Tensor, xx: Tensor, yy: Tensor) -> Tensor:
 
 
 def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
-    """(B, 3, 1, 1) each: s_x and s_y, pixels, as coefficients of 1, x and y in [-1, 1]."""
+    """Find the motion of the embedded frame against the original, affine in the position.
+
+    Args:
+        i_o: (B, C, H, W) intensities of the original in [0, 1], encoded.
+        i_e: (B, C, H, W) intensities of the embedded frame in [0, 1], encoded.
+
+    Returns:
+        s_x and s_y, (B, 3, 1, 1) each: coefficients of 1, x and y, in pixels, where x and y run
+        from -1 to 1 over the frame.
+    """
     # float64 and averages: torch and onnxruntime sum in different orders
     o, e = (shrink(channel_mean(i), FINE) for i in (i_o, i_e))
     coarse = translation(o, e).float()
@@ -72,14 +90,32 @@ def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def axes(height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
-    """x (1, width) and y (height, 1) of pixel centres, -1 to 1 over the frame."""
+    """Give the positions of pixel centres, on axes that run from -1 to 1 over the frame.
+
+    Args:
+        height: height of the frame, pixels.
+        width: width of the frame, pixels.
+        like: tensor whose device is used.
+
+    Returns:
+        x (1, width) and y (height, 1).
+    """
     x = (2 * torch.arange(width, device=like.device) + 1) / width - 1
     y = (2 * torch.arange(height, device=like.device) + 1) / height - 1
     return x.unsqueeze(0), y.unsqueeze(1)
 
 
 def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
-    """(B, len(motion)) motion s from its gradient terms; all arguments (B, 1, H, W) float64."""
+    """Solve for the motion that explains a change of intensity, beside a photometric change.
+
+    Args:
+        motion: gradient terms, each (B, 1, H, W) float64, one for each unknown of the motion.
+        i_o: (B, 1, H, W) float64 intensities of the original.
+        change: (B, 1, H, W) float64, embedded minus original.
+
+    Returns:
+        (B, len(motion)) unknowns of the motion, in the pixels of these images.
+    """
     columns = [*motion, torch.ones_like(i_o), i_o, i_o * i_o]
     A = torch.cat(columns, dim=1).flatten(2)  # (B, terms, H W)
     normal = A @ A.transpose(1, 2)
@@ -89,14 +125,31 @@ def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
 
 
 def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
-    """(B, 2) translation (x, y) of the embedded frame, found on a coarse image, pixels."""
+    """Find the translation of the embedded frame on a coarse image.
+
+    Args:
+        i_o: (B, 1, H, W) intensities of the original in [0, 1].
+        i_e: (B, 1, H, W) intensities of the embedded frame in [0, 1].
+
+    Returns:
+        (B, 2) float64 translation along x and y, in pixels of the images given.
+    """
     o, e = (shrink(channel_mean(i), COARSE) for i in (i_o, i_e))
     dx, dy = (g.double() for g in derivatives(o)[:2])
     return COARSE * least_squares([dx, dy], o.double(), (e - o).double())
 
 
 def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
-    """(B, C, H, W) sampled at (x + s_x, y + s_y), pixels, (B, H, W) or (B, 1, 1); edges repeat."""
+    """Sample images bilinearly at moved positions; beyond the edges the outermost pixels repeat.
+
+    Args:
+        image: (B, C, H, W) intensities.
+        s_x: motion along x, in pixels, (B, H, W) or (B, 1, 1).
+        s_y: motion along y, in pixels, (B, H, W) or (B, 1, 1).
+
+    Returns:
+        (B, C, H, W) with image(x + s_x, y + s_y) at (x, y).
+    """
     height, width = image.shape[-2:]
     x, y = axes(height, width, image)
     x, y = x + 2 / width * s_x, y + 2 / height * s_y
@@ -108,10 +161,13 @@ def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
 
 
 def shrink(image: Tensor, k: int) -> Tensor:
-    """(B, 1, H, W) averaged over k x k pixels, as a convolution: onnxruntime's pooling is slow."""
+    """Average (B, 1, H, W) over squares of k x k pixels: (B, 1, H // k, W // k).
+
+    It is a convolution because onnxruntime's pooling is slow.
+    """
     return conv2d(image, image.new_full((1, 1, k, k), 1 / k**2), stride=k)
 
 
 def channel_mean(maps: Tensor) -> Tensor:
-    """(B, C, H, W) -> (B, 1, H, W)."""
+    """Average over channels: (B, C, H, W) -> (B, 1, H, W)."""
     return maps if maps.shape[1] == 1 else maps.mean(1, keepdim=True)

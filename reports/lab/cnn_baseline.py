@@ -1,7 +1,7 @@
-"""Train the calibration-free baseline `cnn`: python -m reports.lab.cnn_baseline --out DIR.
+"""Train the calibration-free baseline ``cnn``: python -m reports.lab.cnn_baseline --out DIR.
 
-It gets the captures that the method ``learned`` is trained on, augmented anew in each round as
-those are, and flips besides. Its network is `models.neural.cnn`.
+The network of `models.neural.cnn` gets the captures on which the method ``learned`` is trained.
+They are augmented anew in each round, as for ``learned``, and flipped besides.
 """
 
 import json
@@ -15,46 +15,49 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import tqdm
 
-from data_gen.episodes import EpisodePlan, EpisodeSet, augmented, simulate_episodes
+from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, ParameterError, at_least, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
+from models import PRETRAINED_CNN
 from models.neural.checkpoint import save_checkpoint, training_settings
-from models.neural.cnn import PRETRAINED, BlockNet, CnnConfig, to_cells
+from models.neural.cnn import BlockNet, CnnConfig, to_cells
 
 
 @dataclass(frozen=True)
 class CnnTrainConfig:
-    """All nine pairs, the episodes of ``train.py --pair all --episodes 900``."""
+    """Train on all nine pairs, on the episodes of ``train.py --pair all --episodes 900``."""
 
-    out: Path = PRETRAINED
+    out: Path = PRETRAINED_CNN
     """Folder for decoder.pt, config.json and log.jsonl."""
     cnn: CnnConfig = field(default_factory=CnnConfig)
     episodes: int = 900
-    """Simulated frame pairs of training pictures."""
+    """Number of simulated frame pairs, of training pictures."""
     rounds: int = 6
-    """Times that all episodes are augmented anew."""
+    """Number of times that all episodes are augmented anew."""
     epochs: int = 8
-    """Passes over them a round."""
+    """Number of passes over all episodes in a round."""
     batch: int = 9
-    """Frame pairs a step."""
+    """Number of frame pairs in a step of the optimiser."""
     lr: float = 3e-3
     """AdamW's learning rate at its highest: it rises in the first twentieth of the steps, then
     falls to zero on a cosine."""
     weight_decay: float = 0.05
+    """Share of a weight, times the learning rate, by which AdamW shrinks it in each step."""
     strength: float = 0.2
     """Standard deviation of the log factor by which a message is made stronger or weaker."""
     drift: float = 0.02
     """Standard deviation of a further relative gain of the embedded frame."""
     kappas: tuple[int, ...] = (1, 2, 3, 5)
-    """Of the episodes."""
+    """Values of κ, in gray levels, from which the episodes draw."""
     max_view: float = 72.0
-    """Views of the episodes are uniform from 0 to this, degrees."""
+    """Largest view of an episode, in degrees; views are uniform from 0 to this."""
     seed: int = 0
+    """Seed of every random draw."""
     jobs: int = 1
-    """Processes that simulate."""
+    """Number of processes that simulate."""
 
 
 def main() -> None:
@@ -64,26 +67,34 @@ def main() -> None:
     at_least(1, batch=config.batch, jobs=config.jobs)
     at_least(0, seed=config.seed)
     if not 0 < config.lr < 1:
-        raise InputError("--lr: between 0 and 1")
+        raise ParameterError("lr", f"need more than 0 and less than 1, got {config.lr:g}")
     make_folder(config.out)
     layout = make_layout()
     plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
     source = Source(layout, "train", config.seed)
     episodes = simulate_episodes(source, tuple(PAIRS), plan, config.jobs)
-    module, log = train(episodes, layout, config)
+    module, log = train_network(episodes, layout, config)
     save_checkpoint(config.out, module, {"train": training_settings(config)})
     lines = "".join(json.dumps(entry) + "\n" for entry in log)
     write_bytes(config.out / "log.jsonl", lines.encode())
     print(f"written: {config.out}/decoder.pt, config.json, log.jsonl")
 
 
-def train(
+def train_network(
     episodes: EpisodeSet, layout: Layout, config: CnnTrainConfig
 ) -> tuple[BlockNet, list[dict[str, float]]]:
     """Fit the network to the message bits' cross-entropy; every draw comes from the seed.
 
+    Args:
+        episodes: frame pairs and their messages.
+        layout: grid of blocks and ratex patches that the frames show.
+        config: budget and strengths of the training.
+
     Returns:
         the network, and for each epoch its mean loss and bit error.
+
+    Raises:
+        InputError: the loss is not finite.
     """
     with torch.random.fork_rng():
         torch.manual_seed(config.seed)
@@ -132,22 +143,36 @@ def train(
 
 
 def block_maps(bits: Tensor, layout: Layout) -> tuple[Tensor, Tensor]:
-    """(N, n_bits) -> labels (N, rows, cols) float32, 0 at ratex patches; mask (rows, cols)."""
+    """Lay the message bits out as the blocks lie.
+
+    Args:
+        bits: (N, n_bits) message bits, 0 or 1.
+        layout: grid of blocks and ratex patches.
+
+    Returns:
+        labels: (N, rows, cols) float32, 0 at ratex patches.
+        mask: (rows, cols) bool, true at message blocks.
+    """
     mask = torch.from_numpy(layout.message_mask)
     labels = torch.zeros(len(bits), layout.rows, layout.cols)
     labels[:, mask] = bits.float()
     return labels, mask
 
 
-@torch.no_grad()
 def augmented_cells(
     episodes: EpisodeSet, layout: Layout, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Every original and embedded frame, augmented as for ``learned`` and averaged to cells."""
-    batches = augmented(episodes, "cpu", generator)
-    parts = ([to_cells(frame, layout.rows, layout.cols) for frame in pair] for pair in batches)
-    original, embedded = (torch.cat(frames) for frames in zip(*parts, strict=True))
-    return original, embedded
+    """Augment every frame as for ``learned`` and average it over the network's cells.
+
+    Returns:
+        original and embedded frames, (N, 3, rows CELLS_Y, cols CELLS_X) each, in [0, 1].
+    """
+
+    def cells_of(original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        rows, cols = layout.rows, layout.cols
+        return to_cells(original, rows, cols), to_cells(embedded, rows, cols)
+
+    return augmented_features(episodes, cells_of, "cpu", generator)
 
 
 def vary(
@@ -161,15 +186,15 @@ def vary(
     """Flip a batch with its labels; vary the strength of the message and the drift.
 
     Args:
-        original: (B, 3, H, W) cells.
-        embedded: the same shape.
-        labels: (B, rows, cols).
-        mask: (rows, cols), true at message blocks.
-        config: for the strengths.
-        generator: of every draw.
+        original: (B, 3, H, W) cells of the original frames, in [0, 1].
+        embedded: (B, 3, H, W) cells of the embedded frames, in [0, 1].
+        labels: (B, rows, cols) message bits.
+        mask: (rows, cols) bool, true at message blocks.
+        config: how far strength and drift vary.
+        generator: source of every random draw.
 
     Returns:
-        the frames and labels, varied, and the mask as (B, rows, cols).
+        the varied frames and labels, and the mask as (B, rows, cols).
     """
     B = len(labels)
     strength, gain = torch.randn(2, B, 1, 1, 1, generator=generator)
