@@ -1,8 +1,9 @@
-"""Regenerate the README's numbers and pictures: python -m reports.readme --steps all.
+"""Measure again what README.md and docs say: python -m reports.readme --steps all.
 
-Each step is a command whose results are kept in docs/; it goes on where it was cut off. Afterwards,
-or alone with --steps none, the blocks of README.md are written from docs/. Real photographs and
-timings are not among the steps: they need what is not here, or depend on the machine.
+Each step is a command whose results are kept in docs/; a step goes on where it was cut off. After
+the steps, or alone with ``--steps none``, the marked blocks of README.md and docs are written from
+these results. Real photographs and timings are not among the steps: they need pictures that are not
+in the repository, or depend on the machine.
 """
 
 import os
@@ -22,26 +23,35 @@ from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
 from models.neural.decoder import FULL
-from reports.engine.predict import Method, decode_cells, methods_for, paper_cells
+from reports.engine.methods import Method, methods_for
+from reports.engine.predict import Condition, paper_cells, predict_all
+from reports.engine.provenance import provenance
+from reports.readme_blocks import BLOCKS
 from reports.render.figures import overview, plot_inverse_responses
-from reports.render.readme_blocks import BLOCKS
 from reports.render.tables import replace_block
-from reports.score.metrics import provenance, score, write_metrics
+from reports.score.accuracy import score, write_scores
 
 DOCS = Path("docs")
+"""Folder of the stored results."""
 METRICS = DOCS / "metrics.json"
+"""Accuracies of all methods in the paper's 36 cells."""
 UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
+"""The learned decoder with the constants from which its training starts."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """A command, and by result its place in docs/ (a file, or a folder's content)."""
+    """A command whose results are kept."""
 
     command: str
+    """Module and flags, as they follow ``python -m``; empty for `measure_table`."""
     copies: dict[str, str] = field(default_factory=dict)
+    """Place in docs/ for each result: a file, or a folder whose JSON files are copied."""
 
 
+# Flags of the deliveries that are measured with three camera-display pairs.
 THREE = "--pairs canon-lg nikon-imac sony-samsung"
+# Results of the ablation that are kept.
 ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "reliability.png")
 STEPS = {
     "table": Step(""),
@@ -72,7 +82,7 @@ STEPS = {
     ),
     "peers": Step(
         "reports.studies.peers --out runs/peers",
-        {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "md", "png")},
+        {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "png")},
     ),
     "framing": Step(
         "reports.studies.framing --wrong --out runs/framing",
@@ -82,7 +92,7 @@ STEPS = {
         "reports.studies.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
     ),
 }
-"""In the order in which they are run; by name."""
+"""Steps by name, in the order in which they are run."""
 STEPS |= {
     f"delivery_{name}": Step(
         f"reports.studies.delivery --runs 4 {THREE} {flags} --out runs/delivery",
@@ -101,15 +111,19 @@ STEPS |= {
 
 @dataclass(frozen=True)
 class ReadmeConfig:
-    """Measure again, and rewrite README.md from docs/."""
+    """Measure again, and rewrite the blocks of README.md and docs."""
 
     steps: tuple[str, ...] = ("table",)
-    """Of reports/readme.py; "all" takes some hours, "none" writes the blocks alone."""
+    """Names of steps in reports/readme.py; "all" takes some hours, "none" writes the blocks
+    alone."""
     frames: int = 15
-    """Frame pairs a cell of the step "table", one a test picture."""
+    """Number of frame pairs in each cell of the step "table": one for each test picture."""
     seed: int = 0
+    """Seed of the step "table"."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes of the step "table"."""
     checkpoint: Path = PRETRAINED
+    """Folder of the trained decoder in the step "table"."""
 
 
 def main() -> None:
@@ -124,15 +138,16 @@ def main() -> None:
     for name in names:
         print(f"step: {name}", flush=True)
         if name == "table":
-            measure(config)
+            measure_table(config)
         else:
-            run(name, STEPS[name])
-    for marker, render in BLOCKS.items():
-        replace_block(Path("README.md"), marker, render(DOCS))
-    print("written: README.md")
+            run_step(name, STEPS[name])
+    for marker, block in BLOCKS.items():
+        replace_block(block.page, marker, block.render(DOCS))
+    pages = dict.fromkeys(str(block.page) for block in BLOCKS.values())
+    print(f"written: {', '.join(pages)}")
 
 
-def run(name: str, step: Step) -> None:
+def run_step(name: str, step: Step) -> None:
     """Run a step's command and copy what it made.
 
     Raises:
@@ -149,34 +164,32 @@ def run(name: str, step: Step) -> None:
             shutil.copyfile(file, place)
 
 
-def measure(config: ReadmeConfig) -> None:
-    """docs/metrics.json, the paper's 36 cells with every method, and the README's pictures."""
+def measure_table(config: ReadmeConfig) -> None:
+    """Decode the paper's 36 cells by every method into docs/metrics.json, and draw the pictures."""
     source = Source(make_layout(), "test", config.seed)
     methods = methods_for(tuple(DECODERS), config.checkpoint)
     methods.insert(tuple(DECODERS).index("learned"), UNTRAINED)
-    cells, folder = paper_cells(tuple(PAIRS)), Path("runs/readme")
-    rows = score(decode_cells(source, cells, config.frames, methods, folder, config.jobs))
-    write_metrics(METRICS, rows, provenance(config.seed, simulated=True))
+    condition = Condition("", source, paper_cells(tuple(PAIRS)), config.frames)
+    records = predict_all([condition], methods, Path("runs/readme"), config.jobs)
+    write_scores(METRICS, score(records), provenance(config.seed, simulated=True))
     draw_pictures(source, config.checkpoint)
 
 
 def draw_pictures(source: Source, checkpoint: Path) -> None:
-    """docs/overview.jpg and docs/inverse_response.png."""
+    """Draw docs/overview.jpg and docs/inverse_response.png."""
     learned = make_decoder("learned", checkpoint=checkpoint)
     cell = Cell("canon-lg", 45.0, 3)
     pairs = (FramePair(source, cell, index) for index in range(15))
-    shown = next(pair for pair in pairs if pair.picture.name == "photo/astronaut/0")
-    soft = learned.decode(shown.rectified)
-    picture = overview(shown.displayed.original, shown.captured, shown.rectified, soft)
+    chosen = next(pair for pair in pairs if pair.picture.name == "photo/astronaut/0")
+    soft = learned.decode(chosen.rectified)
+    picture = overview(chosen.displayed.original, chosen.captured, chosen.rectified, soft)
     write_image(Path("docs/overview.jpg"), picture)
     cases = {}
     for name, view in (("canon-lg", 0.0), ("canon-lg", 45.0), ("canon-samsung", 45.0)):
         pair = FramePair(source, Cell(name, view, 5), 0).rectified
-        heads = {}
-        for method, decoder in (("oorc", make_decoder("oorc")), ("learned", learned)):
-            head = decoder.decode(pair).head
-            assert head is not None
-            heads[method] = head[: FULL.degree]
+        decoders = {"oorc": make_decoder("oorc"), "learned": learned}
+        found = {method: decoder.decode(pair).head for method, decoder in decoders.items()}
+        heads = {method: head[: FULL.degree] for method, head in found.items() if head is not None}
         cases[f"{name}, {view:g}°"] = (pair, heads)
     plot_inverse_responses(Path("docs/inverse_response.png"), cases)
 

@@ -5,12 +5,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from reports.score.metrics import read_metrics
 
 from reports.readme import DOCS, METRICS, STEPS
-from reports.render.readme_blocks import BLOCKS
-from reports.render.tables import paper_tables
-from reports.studies.prediction import readme_block
+from reports.readme_blocks import BLOCKS, current_command
+from reports.render.tables import cell_tables
+from reports.score.accuracy import read_scores
+from reports.studies.prediction import PAGE, prediction_blocks
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -20,17 +20,18 @@ def shell_blocks() -> list[str]:
     return re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
 
 
-def block(name: str) -> str:
-    return README.split(f"<!-- {name} -->\n")[1].split(f"\n<!-- /{name} -->")[0]
-
-
 @pytest.mark.parametrize("name", sorted(BLOCKS))
 def test_each_block_is_that_of_the_stored_results(name: str) -> None:
-    assert block(name) == BLOCKS[name](ROOT / DOCS)
+    page = (ROOT / BLOCKS[name].page).read_text()
+    _, _, rest = page.partition(f"<!-- {name} -->\n")
+    block, end, _ = rest.partition(f"\n<!-- /{name} -->")
+    assert end
+    assert block == BLOCKS[name].render(ROOT / DOCS)
 
 
-def test_the_prediction_is_that_of_the_stored_metrics() -> None:
-    assert block("prediction") == readme_block(ROOT / "docs" / "prediction.json")
+def test_every_table_of_the_stored_prediction_is_a_block() -> None:
+    blocks = prediction_blocks(ROOT / PAGE.with_suffix(".json"))
+    assert blocks.keys() == {name for name, block in BLOCKS.items() if block.page == PAGE}
 
 
 def test_every_stored_result_is_of_a_step_that_is_listed() -> None:
@@ -38,16 +39,17 @@ def test_every_stored_result_is_of_a_step_that_is_listed() -> None:
     listed = {step.command.split(" --out")[0] for step in STEPS.values()}
     files = [*(ROOT / DOCS).glob("*.json"), *(ROOT / DOCS / "delivery").glob("*.json")]
     for file in files:
-        command = json.loads(file.read_text())["meta"]["command"].removeprefix("python -m ")
+        stored = json.loads(file.read_text())["meta"]["command"]
+        command = current_command(stored).removeprefix("python -m ")
         assert re.split(r" --(?:out|jobs)", command)[0] in listed | {"reports.readme"}, file
 
 
 def test_the_stored_metrics_are_the_papers_36_cells() -> None:
-    rows, meta = read_metrics(ROOT / METRICS)
+    scores, meta = read_scores(ROOT / METRICS)
     assert meta["simulated"] is True
     assert meta["command"] == "python -m reports.readme"
-    assert paper_tables(rows).count("| canon-lg |") == 4
-    assert len({(row.pair, row.view_deg, row.kappa) for row in rows}) == 36
+    assert [table.rows[1][0] for table in cell_tables(scores)] == ["canon-lg"] * 4
+    assert len(scores[["pair", "view_deg", "kappa"]].drop_duplicates()) == 36
 
 
 def test_the_first_screen_has_the_two_commands() -> None:

@@ -271,13 +271,6 @@ def prediction_figure(compared: pd.DataFrame) -> Figure:
     return figure
 
 
-def results_block(stored: Path) -> str:
-    """Show errors and means, from the numbers that `main` stored."""
-    compared = compare_with_paper(read_scores(stored)[0])
-    title = "Means over the nine pairs, ours (simulated) / the paper's, per cent:"
-    return "\n\n".join([error_table(compared).markdown(), title, mean_table(compared).markdown()])
-
-
 def prediction_blocks(stored: Path) -> dict[str, str]:
     """Render what docs/prediction.md shows of the stored numbers, by the marker of the block."""
     scores, meta = read_scores(stored)
