@@ -20,6 +20,7 @@ from export.runtime import Decoder
 from link.errors import run_cli
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
+from models import PRETRAINED
 from models.neural.decoder import FULL
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def slow(*values: object) -> Any:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what waits for the trained decoder, so that no worker makes it at the end."""
-    items.sort(key=lambda item: "run_folder" not in getattr(item, "fixturenames", ()))
+    items.sort(key=lambda item: "trained" not in item.name and "test_train" not in item.nodeid)
 
 
 @pytest.fixture(scope="session")
@@ -111,9 +112,18 @@ def run_folder(make_once: MakeOnce) -> Path:
     return make_once("canon-lg", fill)
 
 
+@pytest.fixture(scope="session", params=["shipped", slow("trained")])
+def checkpoint(request: pytest.FixtureRequest) -> Path:
+    """Folder of a decoder: the shipped one, and one whose every parameter has moved."""
+    if request.param == "shipped":
+        return PRETRAINED
+    folder: Path = request.getfixturevalue("run_folder")
+    return folder
+
+
 @pytest.fixture(scope="session")
-def onnx_decoder(run_folder: Path) -> Decoder:
-    return Decoder(run_folder / "decoder.onnx")
+def onnx_decoder(checkpoint: Path) -> Decoder:
+    return Decoder(checkpoint / "decoder.onnx")
 
 
 # Commands

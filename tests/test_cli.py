@@ -21,7 +21,7 @@ from export.runtime import Decoder
 from link.captures import MANIFEST, load_capture, read_manifest
 from link.frames import Captured
 from link.images import write_image
-from models import DECODERS
+from models import DECODERS, PRETRAINED
 
 ROOT = Path(__file__).parents[1]
 
@@ -94,23 +94,23 @@ def points(corners: np.ndarray) -> list[str]:
 
 
 def test_runtime_prints_bits_and_scores_of_rectified_images(
-    images: Path, run_folder: Path, onnx_decoder: Decoder, captured: Captured, command: Command
+    images: Path, captured: Captured, command: Command
 ) -> None:
-    model = run_folder / "decoder.onnx"
+    model = PRETRAINED / "decoder.onnx"
     done = command(runtime_cli.main, model, images / "ro.png", images / "re.png")
     assert (done.status, done.stderr) == (0, "")
     result = json.loads(done.stdout)
     pair = captured.rectified()
-    expected = onnx_decoder.decode(pair.original, pair.embedded)
+    expected = Decoder(model).decode(pair.original, pair.embedded)
     assert result["bits"] == expected.bits.tolist()
     assert result["layout"] == captured.layout.to_dict()
     np.testing.assert_allclose(result["scores"], expected.scores, atol=1e-4)  # four decimals
 
 
 def test_runtime_decodes_captured_images_with_corners(
-    images: Path, run_folder: Path, captured: Captured
+    images: Path, captured: Captured
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
+    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     done = shell("-m", "export.runtime", *files, "--corners", *points(captured.corners))
     assert (done.status, done.stderr) == (0, "")
     assert captured.bits is not None
@@ -118,9 +118,9 @@ def test_runtime_decodes_captured_images_with_corners(
 
 
 def test_the_corners_of_the_embedded_image_count(
-    images: Path, run_folder: Path, captured: Captured, command: Command
+    images: Path, captured: Captured, command: Command
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
+    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     corners = points(captured.corners)
     moved = points(captured.corners + np.array([9.0, 5.0]))
     scores = [
@@ -131,27 +131,27 @@ def test_the_corners_of_the_embedded_image_count(
 
 
 def test_corners_at_the_edge_of_the_image_can_be_given(
-    images: Path, run_folder: Path, command: Command
+    images: Path, command: Command
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "ro.png", images / "re.png"
+    files = PRETRAINED / "decoder.onnx", images / "ro.png", images / "re.png"
     whole = ("-0.5,-0.5", "511.5,-0.5", "511.5,383.5", "-0.5,383.5")
     done = command(runtime_cli.main, *files, "--corners", *whole)
     assert (done.status, done.stderr) == (0, "")
 
 
 def test_corners_that_show_no_ratex_are_refused(
-    images: Path, run_folder: Path, command: Command, captured: Captured
+    images: Path, command: Command, captured: Captured
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
+    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     refused(command(runtime_cli.main, *files), "no ratex patches")
     turned = points(np.roll(captured.corners, 2, axis=0))
     refused(command(runtime_cli.main, *files, "--corners", *turned), "no ratex patches")
 
 
 def test_corners_of_the_embedded_image_alone_are_refused(
-    images: Path, run_folder: Path, captured: Captured, command: Command
+    images: Path, captured: Captured, command: Command
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
+    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     corners = points(captured.corners)
     refused(command(runtime_cli.main, *files, "--corners-embedded", *corners), "--corners")
 
@@ -172,10 +172,9 @@ def test_runtime_refuses_bad_images(
     embedded: str,
     parts: list[str],
     images: Path,
-    run_folder: Path,
     command: Command,
 ) -> None:
-    files = run_folder / "decoder.onnx", images / original, images / embedded
+    files = PRETRAINED / "decoder.onnx", images / original, images / embedded
     refused(command(runtime_cli.main, *files), *parts)
 
 
@@ -192,16 +191,16 @@ def test_runtime_refuses_bad_images(
     ],
 )
 def test_runtime_refuses_bad_corners(
-    corners: str, part: str, images: Path, run_folder: Path, command: Command
+    corners: str, part: str, images: Path, command: Command
 ) -> None:
-    files = run_folder / "decoder.onnx", images / "o.png", images / "e.png"
+    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     refused(command(runtime_cli.main, *files, "--corners", *corners.split()), part)
 
 
 def test_runtime_refuses_a_truncated_model(
-    images: Path, run_folder: Path, tmp_path: Path, command: Command
+    images: Path, tmp_path: Path, command: Command
 ) -> None:
-    whole = (run_folder / "decoder.onnx").read_bytes()
+    whole = (PRETRAINED / "decoder.onnx").read_bytes()
     (tmp_path / "cut.onnx").write_bytes(whole[: len(whole) // 3])
     files = tmp_path / "cut.onnx", images / "o.png", images / "e.png"
     refused(command(runtime_cli.main, *files), "cut.onnx: not a readable ONNX model")
@@ -224,11 +223,11 @@ def test_data_gen_writes_captures_with_a_manifest(captures: Path) -> None:
 
 
 def test_evaluate_decodes_captures_with_every_method(
-    captures: Path, run_folder: Path, tmp_path: Path, command: Command
+    captures: Path, tmp_path: Path, command: Command
 ) -> None:
     out, shown = tmp_path / "out", tmp_path / "shown"
     done = command(
-        evaluate.main, "--captures", captures, "--run", run_folder, "--out", out, "--show", shown
+        evaluate.main, "--captures", captures, "--run", PRETRAINED, "--out", out, "--show", shown
     )
     assert done.status == 0, done.stderr
     rows = json.loads((out / "metrics.json").read_text())["rows"]
@@ -460,6 +459,7 @@ def test_evaluate_refuses_captures_with_a_wrong_field(
 
 def test_evaluate_refuses_a_folder_with_another_run(tmp_path: Path, command: Command) -> None:
     small = ("--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--methods", "naive", "--jobs", 1)
+    small += ("--no-html",)
     assert command(evaluate.main, "--out", tmp_path, *small, "--frames", 1).status == 0
     before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
     done = command(evaluate.main, "--out", tmp_path, *small, "--frames", 2)
@@ -486,11 +486,11 @@ def test_an_out_that_is_a_file_is_refused(tmp_path: Path, command: Command) -> N
 
 
 def test_a_gray_png_is_read_as_rgb(
-    images: Path, run_folder: Path, tmp_path: Path, command: Command
+    images: Path, tmp_path: Path, command: Command
 ) -> None:
     for name in ("ro.png", "re.png"):
         gray = cv2.imread(str(images / name), cv2.IMREAD_GRAYSCALE)
         assert cv2.imwrite(str(tmp_path / name), gray)
-    files = run_folder / "decoder.onnx", tmp_path / "ro.png", tmp_path / "re.png"
+    files = PRETRAINED / "decoder.onnx", tmp_path / "ro.png", tmp_path / "re.png"
     done = command(runtime_cli.main, *files)
     assert (done.status, done.stderr) == (0, "")

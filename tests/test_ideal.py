@@ -104,6 +104,7 @@ def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
     assert ideal <= change < oorc / 4
 
 
+@pytest.mark.slow
 def test_scores_are_calibrated(layout: Layout) -> None:
     source = Source(layout, "train", 7, parameters=(("metering", 1.0),))
     cell = Cell("nikon-samsung", 60.0, 1)

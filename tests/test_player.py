@@ -111,6 +111,7 @@ def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     assert seen == wanted
 
 
+@pytest.mark.slow
 def test_each_state_stays_for_its_refreshes(
     open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
@@ -150,6 +151,7 @@ def test_a_skipped_refresh_is_counted_and_the_rate_kept(
     assert passed == pytest.approx(seconds * after["hz"], abs=4)
 
 
+@pytest.mark.slow
 def test_it_starts_by_itself_and_nothing_covers_the_picture(
     open_window: OpenWindow, player: Path
 ) -> None:

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from streams import Stream, states_of
 
 from export.receive.receiver import Receiver, as_uint8
+from export.receive.sources import open_source
 from export.runtime import Decoder
 from link.errors import InputError
 from link.images import write_image
 from link.layout import make_layout
+from link.video import VideoReader, read_video, write_video
 
 ROOT = Path(__file__).parents[1]
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
@@ -123,6 +125,7 @@ def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: s
     assert data == TEXT
 
 
+@pytest.mark.slow
 def test_memory_is_bounded(decoder: Decoder) -> None:
     """A display that shows one state for ever fills no buffer without end."""
     rng = np.random.default_rng(0)
@@ -205,6 +208,25 @@ def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) 
     assert cut.returncode == 2
     assert cut.stderr.strip().splitlines()[-1].startswith("error: ")
     assert "Traceback" not in cut.stderr
+
+
+def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_the_receiver(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (60, 80, 120, 3), dtype=np.uint8)
+    write_video(tmp_path / "whole.avi", noise, 30)
+    whole = (tmp_path / "whole.avi").read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 3])
+    reader = VideoReader(tmp_path / "whole.avi")
+    assert (reader.fps, len(list(reader.frames())), reader.broken_off) == (30, 60, None)
+    with pytest.raises(InputError, match="breaks off after") as error:
+        list(read_video(tmp_path / "cut.avi"))
+    received = list(open_source(str(tmp_path / "cut.avi")).frames)
+    assert capsys.readouterr().err == f"warning: {error.value}\n"
+    assert 10 < len(received) < 30
+    np.testing.assert_array_equal(received[9].image, noise[9])
+    assert received[9].time == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from data_gen.pairs import PAIRS
 from export import bench
 from link.errors import InputError
 from link.frames import SoftBits, combined
+from models import PRETRAINED
 from reports.engine.records import to_records
 from reports.score.accuracy import score
 from reports.studies import leave_one_out, repeats, tune
@@ -32,10 +33,10 @@ def test_captures_that_cannot_be_combined_are_refused(lengths: tuple[int, ...]) 
 
 
 def test_repeats_counts_the_errors_of_added_captures(
-    command: Command, tmp_path: Path, run_folder: Path
+    command: Command, tmp_path: Path
 ) -> None:
     flags = ["--frames", 1, "--captures", 1, 2, "--conditions", "kappa1", "--jobs", 1]
-    done = command(repeats.main, *flags, "--checkpoint", run_folder, "--out", tmp_path)
+    done = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
     assert done.status == 0, done.stderr
     bits, once, twice = json.loads((tmp_path / "repeats.json").read_text())["errors"]["kappa1"]
     assert bits == 9 * 59
@@ -44,7 +45,7 @@ def test_repeats_counts_the_errors_of_added_captures(
     assert "| kappa1 | 531 |" in done.stdout
     (decoded,) = (tmp_path / "decoded").iterdir()
     stored = decoded.read_bytes()
-    again = command(repeats.main, *flags, "--checkpoint", run_folder, "--out", tmp_path)
+    again = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
     assert again.stdout == done.stdout and decoded.read_bytes() == stored
 
 
@@ -99,8 +100,8 @@ def test_leave_one_out_trains_ten_decoders_and_resumes(
     assert again == made
 
 
-def test_bench_prints_ratios_to_two_warps(command: Command, run_folder: Path) -> None:
-    done = command(bench.main, run_folder / "decoder.onnx", "--rounds", 2, "--warmup", 0)
+def test_bench_prints_ratios_to_two_warps(command: Command) -> None:
+    done = command(bench.main, PRETRAINED / "decoder.onnx", "--rounds", 2, "--warmup", 0)
     assert done.status == 0, done.stderr
     result = json.loads(done.stdout.splitlines()[-1])
     assert result["rounds"] == 2
