@@ -1,4 +1,4 @@
-"""Drawing on pictures: the outline of a display, and frames and crosses on its blocks.
+"""Draw on pictures: the outline of a display, and frames and crosses on its blocks.
 
 Needs OpenCV alone. Colours are (R, G, B) of [0, 255]; pictures are drawn on in place or copied, as
 each function says.
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from link.images import as_rgb
 
 Colour = tuple[int, int, int]
+"""Red, green and blue of [0, 255]."""
 GREEN, RED, YELLOW = (60, 220, 90), (230, 70, 60), (255, 255, 0)
+"""Colours that show on most pictures."""
 CORNER_NAMES = ("TL", "TR", "BR", "BL")
 """Short names of the corners, in corner order, as they are written beside an outline."""
 

@@ -54,7 +54,7 @@ def with_head_room(picture: NDArray[np.uint8], kappa: int) -> NDArray[np.uint8]:
 
 
 def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDArray[np.float32]:
-    """Share of kappa that each pixel receives.
+    """Work out the share of kappa that each pixel receives.
 
     Adding kappa at level L of a Laplacian pyramid and collapsing it is, since both are linear, the
     same as adding kappa times the block mask reduced L times and expanded L times (Burt & Adelson).

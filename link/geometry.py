@@ -1,4 +1,4 @@
-"""Pixel convention, homographies and rectification.
+"""The convention of pixels and corners, homographies, and rectification.
 
 Convention: pixel centres lie at integer coordinates (OpenCV), points are (x, y), and the corners of
 a picture are the outer corners of its corner pixels. A ``width`` x ``height`` display frame spans
@@ -17,13 +17,34 @@ MIN_AREA_PX = 256.0
 
 
 def frame_corners(width: int, height: int) -> NDArray[np.float64]:
-    """(4, 2) outer corners of a ``width`` x ``height`` frame, in corner order."""
+    """List the outer corners of a displayed frame, in corner order.
+
+    Args:
+        width: of the frame, pixels.
+        height: of the frame, pixels.
+
+    Returns:
+        (4, 2) float64.
+
+    >>> frame_corners(4, 3).tolist()
+    [[-0.5, -0.5], [3.5, -0.5], [3.5, 2.5], [-0.5, 2.5]]
+    """
     right, bottom = width - 0.5, height - 0.5
     return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
 
 def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
-    """Four finite points as (4, 2) float64, or an `InputError`."""
+    """Turn four points of any numeric type into an array.
+
+    Args:
+        corners: four points (x, y).
+
+    Returns:
+        (4, 2) float64.
+
+    Raises:
+        InputError: not four points, or not all of their numbers are finite.
+    """
     try:
         given = np.asarray(corners)
         points = given.astype(np.float64) if given.dtype.kind in "iuf" else np.empty(0)

@@ -1,4 +1,4 @@
-"""Reading and writing images: RGB arrays inside, one clear line when a file is no good."""
+"""Read and write images: RGB arrays inside, and one clear line when a file is no good."""
 
 import os
 from pathlib import Path

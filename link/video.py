@@ -27,7 +27,7 @@ SLACK_S = 0.5
 
 
 class VideoReader:
-    """Reads the frames of a video file, one at a time and once.
+    """Reads the frames of a video file, one at a time. They can be taken once.
 
     Args:
         path: of the file.

@@ -122,7 +122,7 @@ def _robust_solution(
 
 @lru_cache(maxsize=8)
 def _grid(layout: Layout, fine: int, free: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Samples of all patches: (N, 2) points of the fine grid, and what the image may be there.
+    """List the samples of all patches: (N, 2) points of the fine grid, and what may be seen there.
 
     The second is (N, 3 * patches), powers of the levels displayed, or (N, tiles of all patches).
     Drawn tiles are blurred about as much as a camera does; the outermost samples of a patch, which

@@ -186,7 +186,7 @@ def _matches(gray: NDArray[np.uint8], layout: Layout, patches: tuple[int, ...]) 
 
 
 def _best(rows: NDArray[np.float64]) -> _Matches:
-    """The `KEPT` best of (N, 5) rows x, y, turn, size, match that are not at one place."""
+    """Keep the `KEPT` best of (N, 5) rows x, y, turn, size, match that are not at one place."""
     rows = rows[rows[:, 4] >= MIN_MATCH]
     rows = rows[np.argsort(-rows[:, 4])]
     kept: list[NDArray[np.float64]] = []
@@ -198,7 +198,7 @@ def _best(rows: NDArray[np.float64]) -> _Matches:
 
 
 def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
-    """(N, 2) y, x of the places where the logarithm of the image is steep in all directions."""
+    """Find (N, 2) places y, x where the logarithm of the image is steep in all directions."""
     light = np.log(cv2.GaussianBlur(image, (0, 0), 0.8) + 4)
     steep = cv2.cornerMinEigenVal(light, WINDOW_PX)
     y, x = np.nonzero((steep >= cv2.dilate(steep, np.ones((7, 7), np.uint8))) & (steep > 1e-6))
@@ -210,7 +210,7 @@ def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
 def _bank(
     layout: Layout, patches: tuple[int, ...]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Templates (patches * shapes, WINDOW_PX**2), zero-mean and of norm 1, and (shapes,) turns."""
+    """Draw templates (patches * shapes, WINDOW_PX**2) of mean 0 and norm 1; (shapes,) turns."""
     half = WINDOW_PX // 2
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
     levels = tile_levels(layout, 3).astype(np.float64)
