@@ -46,7 +46,7 @@ FLOW = (
     ),
     (
         ("step", "reports", "metrics", "reports/score/"),
-        ("step", "reports", "report", "reports/render/"),
+        ("step", "reports", "report", "evaluate.py"),
     ),
 )
 """Rows of boxes from top to bottom: kind, package, name, and a second line."""
