@@ -1,4 +1,4 @@
-"""Augmentation of rectified training pairs: Kornia warps and photometric change, batched torch."""
+"""Augmentation of rectified training pairs: geometric and photometric change, batched in torch."""
 
 import kornia.enhance
 import kornia.geometry.transform
@@ -6,31 +6,32 @@ import torch
 from torch import Tensor
 
 CORNER_PX = 0.5
-"""Standard deviation of a common shift of both frames: corners are never found exactly."""
+"""Standard deviation, in pixels along each axis, of a shift that both frames have in common;
+corners are never found exactly."""
 SHIFT_PX = 0.15
-"""Standard deviation of a further shift of the embedded frame alone."""
+"""Standard deviation, in pixels along each axis, of a further shift of the embedded frame alone."""
 TURN = 2e-4
-"""Standard deviation of the entries of a small rotation and shear."""
+"""Standard deviation of the four entries by which a small linear map differs from the identity."""
 GAMMA = 0.15
-"""Standard deviation of the log exponent of a common tone curve."""
+"""Standard deviation of the log exponent of a tone curve that both frames have in common."""
 DRIFT = 0.02
-"""Standard deviation of the log gain of the embedded frame, on top of the channel's drift."""
+"""Standard deviation of the log gain of the embedded frame, which adds to the channel's drift."""
 NOISE = 1.0
-"""Standard deviation of added noise, gray levels of [0, 255]."""
+"""Standard deviation of the noise added to every pixel, in gray levels of [0, 255]."""
 
 
 def augment(
     original: Tensor, embedded: Tensor, generator: torch.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Vary what the channel kept fixed.
+    """Vary frame pairs in what the channel kept fixed.
 
     Args:
-        original: (B, 3, H, W) uint8, rectified, encoded.
-        embedded: the same shape.
-        generator: every random draw comes from here (CPU).
+        original: (B, 3, H, W) uint8 original frames, rectified, encoded RGB.
+        embedded: (B, 3, H, W) uint8 embedded frames, rectified, encoded RGB.
+        generator: source of every random draw, on the CPU.
 
     Returns:
-        both frames, (B, 3, H, W) float32 in [0, 255].
+        both frames, (B, 3, H, W) float32 in [0, 255], encoded RGB.
     """
     B, device = len(original), original.device
 
@@ -60,7 +61,10 @@ def augment(
 
 
 def _small_homography(shift: Tensor, linear: Tensor) -> Tensor:
-    """(B, 2) pixels and (B, 2, 2) deviations from the identity -> (B, 3, 3) pixel homographies."""
+    """Build (B, 3, 3) affine maps of pixel coordinates, close to the identity.
+
+    They are made of shifts (B, 2), in pixels, and deviations (B, 2, 2) from the identity.
+    """
     H = torch.eye(3, device=shift.device).repeat(len(shift), 1, 1)
     H[:, :2, 2] = shift
     H[:, :2, :2] += linear

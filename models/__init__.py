@@ -1,4 +1,7 @@
-"""Decoders by name, a card each. Importing this package imports no torch; modules load on use."""
+"""Decoders by name, with a card for each. Importing this package imports no torch.
+
+The module of a decoder is imported when the decoder is first built.
+"""
 
 from dataclasses import dataclass
 from importlib import import_module
@@ -19,9 +22,10 @@ class Card:
     """All that is known of a method before it decodes anything."""
 
     target: str
-    """Where its class is, "module:class"; imported when the method is first built."""
+    """Module and class of the method, as "module:class"; imported when it is first built."""
     colour: str
-    """Colour in every chart, "#rrggbb"; told apart with the common kinds of colour blindness."""
+    """Colour in every chart, as "#rrggbb"; people with the common kinds of colour blindness can
+    tell it from the others."""
     marker: str = "o"
     """Marker in every chart, as matplotlib names it."""
     hidden: bool = False
@@ -60,27 +64,31 @@ DECODERS = {
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
 
 
-class Decoder(Protocol):
-    """The one interface of all decoders: calibrate on this frame pair alone, score its blocks."""
+class BlockDecoder(Protocol):
+    """The one interface of all decoders: calibrate on a frame pair alone and score its blocks."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block of a frame pair; a positive score means bit 1."""
+        """Score every message block of a frame pair; a positive score means bit 1.
+
+        Raises:
+            UnsuitedError: the frame pair lacks what the decoder needs, such as ratex patches.
+        """
         ...
 
 
-def make_decoder(name: str, **options: Any) -> Decoder:
+def make_decoder(name: str, **options: Any) -> BlockDecoder:
     """Build the decoder called ``name``.
-
-    >>> make_decoder("oorc", C=1.0)
-    OORC(C=1.0, solver='explicit', pooling='mean', train_on='tile')
 
     Args:
         name: a key of `DECODERS`.
         **options: fields of that decoder's dataclass, such as ``C`` or ``checkpoint``.
 
     Raises:
-        InputError: the name is unknown (the message lists the valid ones).
+        InputError: the name is unknown; the message lists the valid ones.
+
+    >>> make_decoder("oorc", C=10.0)
+    OORC(degree=4, C=10.0, pooling='mean', train_on='tile')
     """
     module, _, attribute = choose(DECODERS, name, "method").target.partition(":")
-    decoder: Decoder = getattr(import_module(module), attribute)(**options)
+    decoder: BlockDecoder = getattr(import_module(module), attribute)(**options)
     return decoder

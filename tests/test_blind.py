@@ -53,7 +53,7 @@ def message(
 
 
 def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captured) -> None:
-    assert not make_decoder("blind").needs_ratex
+    assert DECODERS["blind"].hidden
     pair = filmed.rectified()
     assert errors(pair, truth(filmed)) == 0
     known = make_decoder("blind").decode(pair).scores

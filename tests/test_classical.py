@@ -351,13 +351,13 @@ def test_unknown_names_list_the_valid_ones() -> None:
 @pytest.mark.parametrize("name", [*WITH_RATEX, "phi"])
 def test_methods_that_train_on_patches_refuse_a_layout_without(name: str) -> None:
     pair, _ = make_pair(hidden=True)
-    assert make_decoder(name).needs_ratex
+    assert not DECODERS[name].hidden
     with pytest.raises(InputError, match=r"ratex patches.*layout has none"):
         make_decoder(name).decode(pair)
 
 
 def test_hidden_ratex_wants_no_patches() -> None:
-    assert not make_decoder("hidden_ratex").needs_ratex
+    assert DECODERS["hidden_ratex"].hidden
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Blind mode: no ratex patches; the message's own blocks calibrate the decoder.
+"""Blind mode: without ratex patches, the message's own blocks calibrate the decoder.
 
 The frames are registered, and each block is cut into tones, parts of similar captured intensity i.
 A tone's mean change, in captured gray levels, is modelled as
@@ -18,44 +18,64 @@ from link.frames import Rectified, SoftBits
 from models.classical.tones import Array, Tones, cut_into_tones
 
 SHARE = 0.1
-"""Of a block: below it a tone's error is its pixels' noise, above it an error common to them."""
+"""Share of a block at which two errors of a tone are equal. In smaller tones the noise of their
+pixels prevails, in larger tones an error that their pixels have in common."""
 NOISE_FLOOR = 0.3
-"""Noise that does not pass the CDTF (sensor, 8 bits) relative to what does (picture, display)."""
+"""Standard deviation of the noise that does not pass the CDTF, from the sensor and from rounding,
+relative to the noise that does, from the picture and the display."""
 SIGNAL_BEND = (0.5, 0.35, 0.25)
-"""Prior deviation of s from `slope`, relative, by terms of degree 1, 2 and 3 of the intensity;
-over the cameras and views of data_gen it is 0.2 to 0.5."""
+"""Prior standard deviations of s from `slope`, relative, for terms of degree 1, 2 and 3 of the
+intensity. Over the cameras and views of data_gen they are 0.2 to 0.5."""
 SIGNAL_TILT = 0.15
-"""The same, linear over the display: viewing angle and vignetting."""
+"""Prior standard deviation of s from `slope`, relative, for terms that are linear over the display,
+such as the viewing angle and vignetting make."""
 SPREAD = 0.15
-"""Relative deviation of the signal between blocks at one intensity: colours, viewing angle."""
+"""Relative standard deviation of the signal between blocks of one intensity, which differ in colour
+and viewing angle."""
 OFFSET, GAIN, CURVE = 3.0, 8.0, 3.0
-"""Prior deviations of d in gray levels: of black, of white (3 % of exposure), and of a bend."""
+"""Prior standard deviations of d, in gray levels: for a shift of black, for a shift of white (3 %
+of the exposure), and for a bend between them."""
 UNEVEN, BANDS = 0.5, 0.5
-"""The same of d over the display: its smooth terms, and its terms of single block rows."""
+"""Prior standard deviations of how d varies over the display, in gray levels: smoothly, and from
+one row of blocks to the next."""
 MOTION_PX, BLUR_PX = 0.15, 0.1
-"""Prior deviations of the motion and the blur that registration left, pixels."""
+"""Prior standard deviations of the motion and of the blur that registration left, in pixels."""
 LEAST_SIGNAL = 0.1
-"""Gray levels; the smallest kappa, 1, at 70 degrees is captured as more."""
+"""Smallest amplitude of the signal, in gray levels. Even a kappa of 1 at 70 degrees is captured as
+more."""
 LEAST_SLOPE = 0.15
-"""Least s relative to what `slope` alone predicts: a bit 1 is brighter at every intensity."""
+"""Smallest s, relative to what `slope` alone predicts; a bit 1 is brighter at every intensity."""
 BALANCES = (0.15, 0.3, 0.5, 0.7, 0.85)
 """Shares of zeros among the bits from which the iteration starts."""
 ITERATIONS = 12
+"""Number of rounds of expectation maximisation from each start."""
 OUTLIER = 8.0
-"""Standard deviations at which a block counts half: a pointer or a reflection covers it. At 6, the
-few ones among many zeros (1 in 20) would be taken for that."""
+"""Number of standard deviations at which a block counts half, because a pointer or a reflection
+seems to cover it. At 6, the few ones among many zeros (1 in 20) would be taken for that."""
 
 
 def slope(i: Array) -> Array:
-    """Usual slope of a CDTF where it yields intensity ``i`` in [0, 1], relative to its steepest.
+    """Give the usual slope of a CDTF where it yields an intensity, relative to its steepest.
 
     A display's glare and a camera's toe flatten the dark end, a camera's shoulder the bright end.
+
+    Args:
+        i: captured intensities in [0, 1], any shape.
+
+    Returns:
+        slopes in (0, 1], with the shape of ``i``.
+
+    >>> slope(np.array([0.0, 0.5, 1.0])).round(2)
+    array([0.27, 1.  , 0.27])
     """
     return np.asarray(2 * np.sqrt((np.clip(i, 0, 1) + 0.02) * (1.02 - np.clip(i, 0, 1))) / 1.04)
 
 
 def signal_terms(tones: Tones) -> Array:
-    """Terms of s for a signal of one gray level, (blocks, TONES, 6); unit prior but the first."""
+    """Build the terms of s for a signal of one gray level: (blocks, TONES, 6).
+
+    The coefficients of all terms but the first have a prior standard deviation of 1.
+    """
     h, t = slope(tones.i), 2 * tones.i - 1
     legendre = (t, 1.5 * t**2 - 0.5, 2.5 * t**3 - 1.5 * t)
     bends = [deviation * h * p for deviation, p in zip(SIGNAL_BEND, legendre, strict=True)]
@@ -63,7 +83,7 @@ def signal_terms(tones: Tones) -> Array:
 
 
 def change_terms(tones: Tones) -> Array:
-    """Terms of d, (blocks, TONES, N), each scaled to a unit prior."""
+    """Build the terms of d: (blocks, TONES, N), with a prior standard deviation of 1 each."""
     i, x, y, h = tones.i, tones.x, tones.y, slope(tones.i)
     terms = [OFFSET * np.ones_like(i), GAIN * i, CURVE * i * i, CURVE * h, CURVE * h * (2 * i - 1)]
     light = 0.3 + 0.7 * i  # of uneven light, part adds (glare) and part multiplies
@@ -75,39 +95,44 @@ def change_terms(tones: Tones) -> Array:
 
 
 @dataclass(frozen=True)
-class Fit:
+class BlindFit:
     """Where one start of the iteration ended."""
 
     scores: Array
-    """(blocks,) log odds that the bit is 1."""
+    """(blocks,) natural log odds that the bit is 1."""
     likelihood: float
-    """Penalised log likelihood, comparable between starts."""
+    """Penalised log likelihood, which can be compared between starts."""
 
 
 def log_odds(amplitude: Array, variance: Array) -> Array:
-    """log p(amplitude | 1) - log p(amplitude | 0), for Normal(1, v + SPREAD^2) and Normal(0, v).
+    """Compute log p(amplitude | 1) - log p(amplitude | 0).
 
-    The wider class would win far below 0 too; there the odds stay at their least.
+    The amplitude of a bit 1 is Normal(1, v + SPREAD^2), that of a bit 0 is Normal(0, v). The wider
+    class would win far below 0 too; there the odds stay at their least.
+
+    Args:
+        amplitude: change of each block, relative to the change that a bit 1 makes.
+        variance: v, the variance of a bit 0's amplitude, with the shape of ``amplitude``.
     """
     wide = variance + SPREAD**2
     a = np.maximum(amplitude, -variance / SPREAD**2)
     return np.asarray((a**2 / variance - (a - 1) ** 2 / wide - np.log(wide / variance)) / 2)
 
 
-def fit(tones: Tones, p: Array, keep: Array) -> Fit:
-    """Iterate from a start.
+def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
+    """Run expectation maximisation from one start.
 
     Args:
-        tones: of the frame pair.
-        p: (blocks,) probability that each bit is 1.
-        keep: (blocks,) in (0, 1], how far each block is no outlier.
+        tones: averages over the tones of a frame pair.
+        p: (blocks,) probability that each bit is 1, with which the iteration starts.
+        keep: (blocks,) weights in (0, 1], small where a block seems to be covered.
     """
     h, change = slope(tones.i), tones.change
     S, n_s = signal_terms(tones), 6
     # a swapped pair darkens its ones: d may be as large as s, which has bits for its sign
     D = np.concatenate([S, change_terms(tones)], axis=-1)
     X = np.concatenate([S, D], axis=-1)
-    trust = reliability(tones)
+    trust = tone_reliability(tones)
     XX = np.einsum("bkp,bkq->bpq", X * trust[..., None], X, optimize=True)
     Xy = np.einsum("bkp,bk->bp", X * trust[..., None], change, optimize=True)
     level = block_level(tones)
@@ -150,24 +175,25 @@ def fit(tones: Tones, p: Array, keep: Array) -> Fit:
     mixture = np.logaddexp(mixture, -(OUTLIER**2) / 2)
     mixture -= np.log(noise) / 2  # a density in units that no start changes
     penalty = (prior[1:] * unknowns[1:] ** 2).sum() / 2
-    return Fit(scores, float(mixture.sum() - penalty))
+    return BlindFit(scores, float(mixture.sum() - penalty))
 
 
-def reliability(tones: Tones) -> Array:
-    """(blocks, TONES) inverse variance of each tone's change, but for a common factor."""
+def tone_reliability(tones: Tones) -> Array:
+    """Compute (blocks, TONES) inverse variances of each tone's change, up to a common factor."""
     return tones.share / (tones.share + SHARE) / (slope(tones.i) + NOISE_FLOOR) ** 2 + 1e-9
 
 
 def block_level(tones: Tones) -> Array:
-    """(blocks,) change of each block in captured gray levels at the steepest of the CDTF."""
-    h, trust = slope(tones.i), reliability(tones)
+    """Compute the (blocks,) change of each block, in captured gray levels at the steepest slope."""
+    h, trust = slope(tones.i), tone_reliability(tones)
     return np.asarray((trust * h * tones.change).sum(axis=1) / (trust * h * h).sum(axis=1))
 
 
 def starts(tones: Tones) -> Iterator[tuple[Array, Array]]:
-    """``p`` and ``keep`` of `fit`: every balance, with no outliers and with those that fences show.
+    """Yield the starts of `fit`, each a pair (p, keep): one for every balance of the bits.
 
-    What lies beyond Tukey's outer fences may be covered, or be the few ones among many zeros.
+    Blocks beyond Tukey's outer fences may be covered, or be the few ones among many zeros. Where
+    there are any, a second set of starts treats them as covered.
     """
     level = block_level(tones)
     low, high = np.quantile(level, (0.25, 0.75))
@@ -181,10 +207,10 @@ def starts(tones: Tones) -> Iterator[tuple[Array, Array]]:
 
 @dataclass(frozen=True)
 class Blind:
-    """Decode without ratex patches, kappa, the picture or the balance of bits; see the module."""
+    """Decode without ratex patches, kappa, the picture, or the balance of the bits."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block, in log odds."""
+        """Score every message block of a frame pair, in natural log odds."""
         tones = cut_into_tones(pair)
         ends = [fit(tones, p, keep) for p, keep in starts(tones)]
         return SoftBits(max(ends, key=lambda end: end.likelihood).scores)

@@ -1,7 +1,7 @@
-"""What the paper's methods share: intensities, training samples, the SVM, and pooling.
+"""What the paper's methods share: training samples, the SVM, and pooling over blocks.
 
-A method is a feature function u(i_o, i_e). The SVM trains on the ratex pixels and scores the
-message pixels of the same frame pair.
+Each method is a feature function u(i_o, i_e) of two captured intensities. The SVM trains on the
+ratex pixels and scores the message pixels of the same frame pair.
 """
 
 from collections.abc import Callable
@@ -20,16 +20,20 @@ from link.ratex import SAMPLES, TrainingPixels, training_pixels
 
 Array = NDArray[np.floating[Any]]
 Features = Callable[[Array, Array], Array]
-"""(..., ) i_o and i_e in [0, 1] -> (..., D)."""
+"""Function of (...) intensities i_o and i_e in [0, 1] that returns (..., D) features."""
 
 
 def tile_mean(samples: Array) -> Array:
-    """Mean over the samples of each ratex tile: (N, ...) -> (tiles, ...)."""
+    """Average over the samples of each ratex tile: (N, ...) becomes (tiles, ...)."""
     return np.asarray(samples.reshape(-1, SAMPLES * SAMPLES, *samples.shape[1:]).mean(axis=1))
 
 
 def require_ratex(pair: Rectified) -> TrainingPixels:
-    """Training pixels of the pair, or an `UnsuitedError` where it shows no ratex patches."""
+    """Return the training pixels of a frame pair.
+
+    Raises:
+        UnsuitedError: the layout has no ratex patch.
+    """
     if not pair.layout.ratex:
         raise UnsuitedError("it trains on ratex patches and the layout has none")
     return training_pixels(pair.layout, pair.ratex_toggle or 0)
@@ -37,19 +41,22 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
 
 @dataclass(frozen=True)
 class LinearHead:
-    """A linear SVM: score = weights . u + bias."""
+    """A linear SVM, which scores a sample by weights . u + bias."""
 
     weights: NDArray[np.float64]
-    """(D,) for features as they are (not standardised)."""
+    """(D,) weights of the features as they are, not standardised."""
     bias: float
+    """Score of a sample whose features are all 0."""
 
 
 def fit_svm(features: Array, labels: NDArray[np.intp], C: float) -> LinearHead:
-    """Fit min 1/2 |w|^2 + 1/2 b^2 + C sum max(0, 1 - y (w.u + b))^2, features scaled to unit rms.
+    """Fit a linear SVM to features that are first scaled to a root mean square of 1.
+
+    It minimises 1/2 |w|^2 + 1/2 b^2 + C sum max(0, 1 - y (w.u + b))^2.
 
     Args:
-        features: (N, D).
-        labels: (N,) 0 or 1.
+        features: (N, D) features.
+        labels: (N,) bits, 0 or 1.
         C: weight of the squared hinge loss.
     """
     scale = np.sqrt(np.mean(np.square(features, dtype=np.float64), axis=0)) + 1e-9
@@ -59,11 +66,21 @@ def fit_svm(features: Array, labels: NDArray[np.intp], C: float) -> LinearHead:
 
 
 def pixel_vote(scores: Array, rows: int, cols: int) -> Array:
-    """Share of pixels that vote 1, minus a half: (H, W) -> (rows, cols) in [-1/2, 1/2]."""
+    """Let the pixels of each block vote on its bit.
+
+    Args:
+        scores: (H, W) scores of the pixels, positive for bit 1.
+        rows: number of rows of blocks.
+        cols: number of columns of blocks.
+
+    Returns:
+        (rows, cols) share of pixels that vote 1, minus a half.
+    """
     return block_mean((scores > 0).astype(np.float64), rows, cols) - 0.5
 
 
 POOLINGS = {"mean": block_mean, "vote": pixel_vote}
+"""Ways of making one score of a block's pixels, by name."""
 
 
 def decode_with_threshold(
@@ -73,8 +90,8 @@ def decode_with_threshold(
 
     Args:
         pair: rectified frames, for their layout.
-        difference: (H, W).
-        threshold: in units of the difference.
+        difference: (H, W) difference of the frames, larger where a bit is 1.
+        threshold: threshold, in units of the difference.
         pooling: a key of `POOLINGS`.
     """
     layout = pair.layout
@@ -90,16 +107,19 @@ def decode_with_svm(
     pooling: str,
     train_on: str,
 ) -> SoftBits:
-    """Train on ratex, score every message block.
+    """Train an SVM on the ratex pixels of a frame pair and score its message blocks.
 
     Args:
         pair: rectified frames.
-        pixels: training pixels.
-        features: u(i_o, i_e).
-        C: see `fit_svm`.
-        pooling: a key of `POOLINGS`: average the pixels' scores, or let pixels vote.
-        train_on: "tile" trains on the mean features of each ratex tile, 36 samples with a 36th of
-            a pixel's noise variance; "pixel" on single pixels.
+        pixels: training pixels of the pair's layout.
+        features: the method's feature function u(i_o, i_e).
+        C: weight of the SVM's squared hinge loss.
+        pooling: a key of `POOLINGS`: average the pixels' scores, or let the pixels vote.
+        train_on: "tile" trains on the mean features of each ratex tile, which average 36 pixels and
+            have a 36th of their noise variance; "pixel" trains on single pixels.
+
+    Returns:
+        scores of the message blocks, and the head: (D + 1,) weights, then the bias.
     """
     pool = choose(POOLINGS, pooling, "pooling")
     i_o, i_e = intensity(pair.original), intensity(pair.embedded)

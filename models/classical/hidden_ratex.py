@@ -1,4 +1,7 @@
-"""Method 4, hidden ratex: the histogram calibrates, no patch is shown (paper, § Hidden Ratex)."""
+"""Method 4, hidden ratex: the histogram calibrates, and no patch is shown.
+
+The paper describes it in its section Hidden Ratex.
+"""
 
 from dataclasses import dataclass
 
@@ -13,15 +16,22 @@ from link.layout import block_mean
 
 
 def cluster_threshold(differences: NDArray[np.float64], shrinkage: float) -> float:
-    """The cut that splits this frame's differences into two Gaussian classes of least error.
+    """Find the cut that splits a frame's differences into two Gaussian classes of least error.
 
-    Kittler & Illingworth (1986) with equally likely bits and shrunk variances: the bits 1 scatter
-    more than the bits 0, because the mapping amplifies them differently, so half-way is too high.
-    It follows the offset that exposure drift adds to all blocks, and needs no kappa.
+    This is minimum error thresholding (Kittler & Illingworth 1986) with equally likely bits and
+    shrunk variances. The bits 1 scatter more than the bits 0, because the mapping amplifies them
+    differently, so a cut half-way between the means would be too high. The cut follows the offset
+    that exposure drift adds to all blocks, and needs no kappa.
 
     Args:
-        differences: of the blocks.
-        shrinkage: pseudo-observations that pull each class's variance to the common one.
+        differences: mean difference of each block, equalised gray levels, any shape.
+        shrinkage: number of pseudo-observations that pull each class's variance to the common one.
+
+    Returns:
+        the cut, in equalised gray levels.
+
+    >>> cluster_threshold(np.array([0.0, 0.1, 0.2, 4.8, 5.0, 5.2]), shrinkage=1.0)
+    2.5
     """
     s = np.sort(differences, axis=None)
     n = s.size
@@ -42,18 +52,25 @@ def cluster_threshold(differences: NDArray[np.float64], shrinkage: float) -> flo
 
 @dataclass(frozen=True)
 class HiddenRatex:
-    """Map the captured original to a uniform histogram, map both frames alike, subtract.
+    """Decide by the difference of both frames after a mapping from the captured original.
 
-    One mapping serves all colour channels, as one g does in the paper.
+    The mapping gives the captured original a uniform histogram, as the display's picture had. One
+    mapping serves all colour channels, as one g does in the paper.
     """
 
     threshold: str = "clusters"
-    """"clusters" (found in each frame) or "constant" (half of kappa, the paper's)."""
+    """Where the threshold comes from: "clusters" finds it in each frame; "constant" is the paper's,
+    half of kappa."""
     shrinkage: float = 1.0
-    """Of `cluster_threshold`; 0 is as good (docs/tuning.md) but two equal blocks make a class."""
+    """Number of pseudo-observations that pull the variance of each class to the common one. 0 is as
+    good (docs/tuning.md), but then two equal blocks make a class."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block, in equalised gray levels above the threshold."""
+        """Score every message block of a frame pair, in equalised gray levels above the threshold.
+
+        Raises:
+            UnsuitedError: the threshold is "constant" and kappa is not known.
+        """
         choose({"clusters": 0, "constant": 0}, self.threshold, "threshold")
         if self.threshold == "constant" and pair.kappa is None:
             raise UnsuitedError("threshold 'constant' needs kappa, which is not known")

@@ -1,4 +1,4 @@
-"""Method 1, naive threshold: no calibration, a 1-D SVM on i_e - i_o (paper, § Results)."""
+"""Method 1, naive threshold: no calibration, only an SVM on i_e - i_o (paper, section Results)."""
 
 from dataclasses import dataclass
 
@@ -13,25 +13,29 @@ from models.classical.common import (
 
 
 def difference(i_o: Array, i_e: Array) -> Array:
-    """u = [i_e - i_o], shape (..., 1)."""
+    """Compute the one feature u = [i_e - i_o], with the shape (..., 1)."""
     return (i_e - i_o)[..., None]
 
 
 @dataclass(frozen=True)
 class Naive:
-    """Threshold on the captured difference, learned on this pair's ratex patches."""
+    """Decide by the captured difference, with a threshold from this pair's ratex patches."""
 
     C: float = 10.0
-    """Weight of the SVM's loss."""
+    """Weight of the SVM's squared hinge loss."""
     pooling: str = "mean"
-    """"mean" or "vote"."""
+    """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
     train_on: str = "tile"
-    """"tile" or "pixel"."""
+    """What a training sample is: the mean over a ratex "tile", or a single "pixel"."""
     threshold: float | None = None
-    """Fixed, in captured gray levels; None learns it on each pair's ratex patches."""
+    """Fixed threshold in captured gray levels; None learns one on each pair's ratex patches."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `UnsuitedError` without ratex patches."""
+        """Score every message block of a frame pair.
+
+        Raises:
+            UnsuitedError: the layout has no ratex patch.
+        """
         pixels = require_ratex(pair)
         if self.threshold is not None:
             change = intensity(pair.embedded) - intensity(pair.original)

@@ -1,4 +1,4 @@
-"""Method 3, OORC: calibration and bit decision in one convex SVM (paper, § mainalgorithm).
+"""Method 3, OORC: calibration and bit decision in one convex SVM, the paper's main algorithm.
 
 With g(i) = sum a_k i^k, the decision w (g(i_o) - g(i_e)) + b is linear in
     Phi(i_o, i_e) = [i_o^4 - i_e^4, i_o^3 - i_e^3, i_o^2 - i_e^2, i_o - i_e],
@@ -18,7 +18,17 @@ from models.classical.common import Array, decode_with_svm, require_ratex
 
 
 def legendre(i: Array, degree: int) -> Array:
-    """P_1 ... P_degree at 2 i - 1, for intensities i in [0, 1]: (...) -> (..., degree)."""
+    """Evaluate the Legendre polynomials P_1 ... P_degree at 2 i - 1.
+
+    `models.neural.phi.legendre_maps` does it in torch and says why there are two functions.
+
+    Args:
+        i: (...) intensities in [0, 1].
+        degree: number of polynomials, at least 1.
+
+    Returns:
+        (..., degree) values in [-1, 1].
+    """
     x = 2 * i - 1
     terms = [np.ones_like(x), x]
     for k in range(1, degree):
@@ -27,23 +37,35 @@ def legendre(i: Array, degree: int) -> Array:
 
 
 def explicit_map(i_o: Array, i_e: Array, degree: int = 4) -> Array:
-    """Phi in the Legendre basis: (...) and (...) in [0, 1] -> (..., degree)."""
+    """Compute the features Phi of pixels, in the Legendre basis.
+
+    Args:
+        i_o: (...) intensities of the original in [0, 1].
+        i_e: (...) intensities of the embedded frame in [0, 1].
+        degree: degree of g.
+
+    Returns:
+        (..., degree) features.
+
+    >>> explicit_map(np.array([0.5]), np.array([0.75]), degree=2)
+    array([[-0.5  , -0.375]])
+    """
     return np.asarray(legendre(i_o, degree) - legendre(i_e, degree))
 
 
 def kernel(a: Array, b: Array, degree: int = 4) -> Array:
-    """The equivalent kernel K = Phi(a) . Phi(b), from the Legendre Gram matrix.
+    """Compute the equivalent kernel K = Phi(a) . Phi(b), from the Legendre Gram matrix.
 
     With S(x, y) = sum_k P_k(x) P_k(y), K expands into S(o, o') - S(o, e') - S(e, o') + S(e, e').
-    Fit for ``SVC(kernel=kernel)``.
+    It can be given to scikit-learn as ``SVC(kernel=kernel)``.
 
     Args:
-        a: (N, 2) columns i_o, i_e in [0, 1].
-        b: (M, 2) likewise.
-        degree: of g.
+        a: (N, 2) pixels with columns i_o and i_e in [0, 1].
+        b: (M, 2) pixels with columns i_o and i_e in [0, 1].
+        degree: degree of g.
 
     Returns:
-        (N, M).
+        (N, M) values of the kernel.
     """
     left, right = legendre(np.asarray(a), degree), legendre(np.asarray(b), degree)
     gram = np.einsum("nik,mjk->nmij", left, right)
@@ -51,10 +73,12 @@ def kernel(a: Array, b: Array, degree: int = 4) -> Array:
 
 
 def inverse_response(weights: NDArray[np.float64]) -> Legendre:
-    """g up to scale and offset, from the weights of Phi: increasing where the CDTF is.
+    """Read the inverse response g off the weights of Phi.
+
+    It increases wherever the CDTF does. Its scale and offset mean nothing.
 
     Args:
-        weights: (degree,) of the Legendre features.
+        weights: (degree,) weights of the Legendre features.
 
     Returns:
         g over captured intensities in [0, 1].
@@ -63,25 +87,50 @@ def inverse_response(weights: NDArray[np.float64]) -> Legendre:
 
 
 def paper_coefficients(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """a_0 ... a_degree of g(i) = sum a_k i^k for i in [0, 1], up to a common scale."""
+    """Convert weights of the Legendre features into the paper's coefficients of g.
+
+    Args:
+        weights: (degree,) weights of the Legendre features.
+
+    Returns:
+        (degree + 1,) a_0 ... a_degree of g(i) = sum a_k i^k for i in [0, 1], up to a common scale.
+
+    >>> paper_coefficients(np.array([-1.0]))  # g(i) = 2 i - 1
+    array([-1.,  2.])
+    """
     return np.asarray(inverse_response(weights).convert(kind=Polynomial, domain=[-1, 1]).coef)
 
 
 @dataclass(frozen=True)
 class OORC:
-    """Optimal online radiometric calibration."""
+    """Optimal online radiometric calibration.
+
+    >>> from link.embed import embed
+    >>> from link.layout import make_layout
+    >>> layout = make_layout()
+    >>> picture = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    >>> bits = np.arange(layout.n_bits) % 2
+    >>> shown = embed(picture, bits, layout, kappa=5)
+    >>> pair = Rectified(shown.original, shown.embedded, layout, kappa=5)
+    >>> bool((OORC().decode(pair).bits == bits).all())
+    True
+    """
 
     degree: int = 4
-    """Of the inverse response g."""
+    """Degree of the inverse response g; the paper's is 4."""
     C: float = 1.0
-    """Weight of the SVM's loss."""
+    """Weight of the SVM's squared hinge loss."""
     pooling: str = "mean"
-    """"mean" or "vote"."""
+    """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
     train_on: str = "tile"
-    """"tile" or "pixel"."""
+    """What a training sample is: the mean over a ratex "tile", or a single "pixel"."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `UnsuitedError` without ratex patches."""
+        """Score every message block of a frame pair.
+
+        Raises:
+            UnsuitedError: the layout has no ratex patch.
+        """
         pixels = require_ratex(pair)
 
         def phi(i_o: Array, i_e: Array) -> Array:

@@ -1,4 +1,7 @@
-"""Method 2, two-step: calibrate, then threshold the calibrated difference (paper, § Results)."""
+"""Method 2, two-step: calibrate, then threshold the calibrated difference.
+
+The paper describes it in its section Results.
+"""
 
 from dataclasses import dataclass
 
@@ -18,7 +21,12 @@ from models.classical.common import (
 
 
 def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -> Legendre:
-    """Least-squares g with g(i) = rho on the ratex pixels of both frames.
+    """Fit the inverse response g by least squares, with g(i) = rho on the ratex pixels.
+
+    Args:
+        pair: rectified frames, both of which are used.
+        pixels: the ratex pixels of the pair's layout, with what they displayed.
+        degree: degree of the polynomial g.
 
     Returns:
         g: captured intensity in [0, 1] -> displayed intensity in gray levels of [0, 255].
@@ -35,23 +43,27 @@ def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -
 
 @dataclass(frozen=True)
 class TwoStep:
-    """Fit the fourth-order g first, then a 1-D SVM on g(i_e) - g(i_o)."""
+    """Fit the inverse response g first, then an SVM on the one feature g(i_e) - g(i_o)."""
 
     degree: int = 4
-    """Of the polynomial g."""
+    """Degree of the polynomial g; the paper's is 4."""
     C: float = 100.0
-    """Weight of the SVM's loss."""
+    """Weight of the SVM's squared hinge loss."""
     pooling: str = "mean"
-    """"mean" or "vote"."""
+    """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
     train_on: str = "tile"
-    """"tile" or "pixel"."""
+    """What a training sample is: the mean over a ratex "tile", or a single "pixel"."""
     threshold: float | None = None
-    """Fixed, in displayed gray levels; None learns it on each pair's ratex patches."""
+    """Fixed threshold in displayed gray levels; None learns one on each pair's ratex patches."""
     threshold_kappa: float | None = None
-    """Fixed, in shares of kappa."""
+    """Fixed threshold as a share of kappa, in place of ``threshold``; None sets none."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block; raises `UnsuitedError` without ratex patches or kappa."""
+        """Score every message block of a frame pair.
+
+        Raises:
+            UnsuitedError: the layout has no ratex patch, or kappa is not known.
+        """
         pixels = require_ratex(pair)
         g = fit_inverse_response(pair, pixels, self.degree)
         threshold = self.threshold

@@ -10,7 +10,7 @@ from data_gen.frame_pair import FramePair
 from data_gen.ideal import observe_ideally
 from link.errors import choose
 from link.frames import SoftBits
-from models import DECODERS, Card, Decoder, make_decoder
+from models import DECODERS, BlockDecoder, Card, make_decoder
 
 OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
     name: (
@@ -53,7 +53,7 @@ class Method:
         """Folder of its checkpoint: the one among its options, or the one that it ships with."""
         return dict(self.options).get("checkpoint", self.card.checkpoint)
 
-    def build(self) -> Decoder:
+    def build(self) -> BlockDecoder:
         """The decoder; only for methods whose card does not say ``needs_truth``."""
         return make_decoder(self.name, **dict(self.options))
 
