@@ -11,23 +11,31 @@ from link.images import intensity
 
 Array = NDArray[np.floating]
 HIGH_PASS_PX = 2.0
+"""Standard deviation, in pixels, of the blur that is subtracted before noise is estimated."""
 FLAT = 2.0
-"""Steepest gradient, levels a pixel, of pixels that count: elsewhere misregistration shows."""
+"""Steepest gradient, in gray levels a pixel, of pixels whose noise counts: elsewhere
+misregistration shows."""
 LEVELS = tuple(range(16, 256, 32))
-"""Centres of the gray-level bins, half a bin 16."""
+"""Centres of the bins of captured gray levels; a bin reaches 16 levels to either side."""
 MIN_PIXELS = 300
+"""Number of pixels that a bin needs for its noise to be stated."""
 TILE = 64
 """Side of the tiles in which moire is looked for, pixels."""
 FLATTEST = 0.1
-"""Share of the lit tiles, those in which the displayed picture varies least."""
+"""Share of the lit tiles in which ripple is measured: those that vary least as displayed."""
 LIT = (64, 224)
-"""Mean displayed level of a tile that counts: black shows no moire."""
+"""Least and largest mean displayed level of a lit tile: black shows no moire."""
 BLUR_PX = 3.0
-"""Blur before a CDTF is fitted: what is left of misalignment and moire averages out."""
+"""Standard deviation, in pixels, of the blur before a CDTF is fitted: what is left of
+misalignment and moire averages out."""
 
 
 def at_captured_scale(captured: Captured) -> tuple[Array, Array]:
-    """Both frames rectified at about one pixel a captured pixel: (H, W) luma in [0, 255]."""
+    """Rectify both frames at about one pixel a captured pixel.
+
+    Returns:
+        (H, W) luma of the original and of the embedded frame, in [0, 255].
+    """
     sides = np.linalg.norm(np.roll(captured.corners, -1, axis=0) - captured.corners, axis=1)
     layout = replace(
         captured.layout,
@@ -43,16 +51,16 @@ def _blur(image: Array, sigma: float) -> Array:
 
 
 def passed_share(sigma: float) -> float:
-    """Standard deviation that subtracting a Gaussian blur leaves of white noise of 1."""
+    """Standard deviation that is left of white noise of 1 when its Gaussian blur is subtracted."""
     impulse = np.zeros((65, 65))
     impulse[32, 32] = 1.0
     return float(np.sqrt(np.sum((impulse - _blur(impulse, sigma)) ** 2)))
 
 
 def noise_by_level(original: Array, embedded: Array) -> dict[int, float]:
-    """Standard deviation of one frame's noise, gray levels, by captured level.
+    """Estimate the noise of one frame by captured level.
 
-    Half the variance of the frames' difference, high-passed (which removes message, drift and
+    It is half the variance of the frames' difference, high-passed (which removes message, drift and
     shading), by the median absolute deviation over flat pixels.
 
     Args:
@@ -60,7 +68,7 @@ def noise_by_level(original: Array, embedded: Array) -> dict[int, float]:
         embedded: the same shape, registered to it.
 
     Returns:
-        noise at those of `LEVELS` that have enough pixels.
+        standard deviation, in gray levels, at those of `LEVELS` that have enough pixels.
     """
     difference = embedded - original
     high = difference - _blur(difference, HIGH_PASS_PX)
@@ -80,23 +88,29 @@ class CubicFit:
     """Captured luma as a cubic of displayed luma, both in [0, 255]."""
 
     coefficients: Array
-    """(4,) of rho / 255, highest power first."""
+    """(4,) coefficients of powers of rho / 255, the highest power first."""
     low: float
     """Least displayed level that the fit saw."""
     high: float
-    """Largest."""
+    """Largest displayed level that the fit saw."""
     r2: float
+    """Share of the captured variance that the cubic explains, at most 1."""
     residual: float
-    """Standard deviation, gray levels."""
+    """Standard deviation of what the cubic leaves, gray levels."""
 
     def __call__(self, rho: Array) -> Array:
-        """Captured level of a displayed level; not a number outside what the fit saw."""
+        """Captured levels of displayed levels; not a number outside what the fit saw."""
         seen = (rho >= self.low) & (rho <= self.high)
         return np.asarray(np.where(seen, np.polyval(self.coefficients, rho / 255), np.nan))
 
 
 def fit_cubic(displayed: Array, captured: Array) -> CubicFit:
-    """Least squares over all pixels, both blurred: (H, W) and (H, W) luma in [0, 255]."""
+    """Fit a cubic by least squares over all pixels, after both images were blurred.
+
+    Args:
+        displayed: (H, W) luma in [0, 255], encoded.
+        captured: luma of the same shape, aligned.
+    """
     x, y = _blur(displayed, BLUR_PX).ravel(), _blur(captured, BLUR_PX).ravel()
     coefficients = np.polyfit(x / 255, y, 3)
     left = y - np.polyval(coefficients, x / 255)
@@ -105,14 +119,17 @@ def fit_cubic(displayed: Array, captured: Array) -> CubicFit:
 
 
 def ripple(displayed: Array, captured: Array) -> float:
-    """What a camera adds to flat parts of a picture, gray levels: moire, banding and noise.
+    """Measure what a camera adds to flat parts of a picture: moire, banding and noise.
 
-    Standard deviation of the captured luma in the tiles where the displayed one varies least (of
-    those that are lit), each tile's plane taken off; median over those tiles.
+    It is the standard deviation of the captured luma in those lit tiles where the displayed one
+    varies least, with each tile's plane taken off; the median over those tiles.
 
     Args:
         displayed: (H, W) luma in [0, 255].
-        captured: the same shape, aligned.
+        captured: image of the same shape, aligned.
+
+    Returns:
+        gray levels.
     """
     tops = range(0, displayed.shape[0] - TILE + 1, TILE)
     lefts = range(0, displayed.shape[1] - TILE + 1, TILE)
