@@ -12,7 +12,7 @@ from link.embed import embed
 from link.frames import Captured, Rectified
 from link.images import intensity
 from link.layout import Layout, make_layout
-from models import make_decoder
+from models import DECODERS, make_decoder
 from models.classical.blind import SPREAD, fit, log_odds
 from models.classical.register import REACH_PX, align_frames, high_pass, whole_pixel_shift
 from models.classical.tones import TONES, cut_into_tones
