@@ -3,98 +3,88 @@
 import json
 import re
 import shutil
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import html5lib
 import pytest
 from conftest import Command, OpenWindow
 from hypothesis import given
 from hypothesis import strategies as st
-from reports.score.metrics import score, write_metrics
 
 import evaluate
 from data_gen.frame_pair import Cell, FramePair, Source
-from data_gen.pairs import PAIRS as ALL_PAIRS
 from link.captures import save_captures
-from link.geometry import homography_from_corners
-from link.layout import Layout, make_layout
-from link.ratex import training_pixels
-from reports.engine.predict import Method
-from reports.evaluation.reasons import Parts, block_lumas, explain, take_apart
-from reports.evaluation.response import one
-from reports.render.markup import VOID, Html, tag
-from reports.render.page import SECTIONS, write_report
-from reports.render.svg import (
-    BOTTOM,
-    HEIGHT,
-    LABEL_PX,
-    MARKERS,
-    TOP,
-    accuracy_axis,
+from link.layout import make_layout
+from reports.engine.records import to_records
+from reports.evaluation.page import SECTIONS, render, write_report
+from reports.render.charts import (
+    ACCURACY_TICKS,
+    Point,
+    Series,
+    accuracy_from_scale,
+    accuracy_scale,
+    accuracy_ticks,
+    colour_of,
+    draw_series,
     marker_of,
-    spread,
+    new_panels,
+    to_svg,
 )
-from reports.run import finish, read_run
-from reports.score.findings import groups, leaders_of
-from reports.score.paired import outcomes
-from reports.studies.sweeps import PAIRS, QUICK_PAIRS, SWEEPS, spoken
+from reports.render.tables import Table, TableCell
+from reports.run import RunFolder, Story
+from reports.score.accuracy import score, write_scores
+from reports.score.findings import leaders
+from reports.score.paired import same_captures
+from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
+MACHINE_FREE = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
+"""Attributes by which a document loads something."""
 TINY = ["--pairs", "canon-lg", "nikon-imac", "--views", "45", "--kappas", "3", "--jobs", "1"]
 TINY += ["--quick", "--methods", "naive", "oorc", "hidden_ratex", "learned", "--frames", "2"]
-ANCHORS = ["glance", "summary", *SECTIONS]
-FETCHED = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
+QUICK_PAIRS = SWEPT_PAIRS[:3]
 
 
-class Checker(HTMLParser):
-    """Collects text and attributes; an element that is closed out of turn fails."""
+class Checked:
+    """A document as html5lib, which reads as browsers do and raises on any error of syntax."""
 
     def __init__(self, document: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.attributes: list[tuple[str, str, str]] = []
-        self.text: dict[str, str] = {}
-        self.section = ""
-        self.feed(document)
-        self.close()
-        assert not self.open
+        parser = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False)
+        self.root: ET.Element = parser.parse(document)
+        self.elements = list(self.root.iter())
+        self.ids = [element.attrib["id"] for element in self.elements if "id" in element.attrib]
+        sections = {section.attrib["id"]: section for section in self.root.iter("section")}
+        self.text = {anchor: text_of(section) for anchor, section in sections.items()}
 
-    def handle_starttag(self, name: str, attributes: list[tuple[str, str | None]]) -> None:
-        for key, value in attributes:
-            self.attributes.append((name, key, value or ""))
-            if key == "id":
-                self.ids.append(value or "")
-        if name == "section":
-            self.section = str(dict(attributes)["id"])
-        if name not in VOID:
-            self.open.append(name)
-
-    def handle_endtag(self, name: str) -> None:
-        assert self.open.pop() == name
-        if name == "section":
-            self.section = ""
-
-    def handle_data(self, data: str) -> None:
-        self.text[self.section] = self.text.get(self.section, "") + f" {data}"
+    @property
+    def header(self) -> str:
+        """Text above the sections."""
+        return text_of(self.root.find("body/header"))
 
 
-def check_page(file: Path) -> Checker:
+def text_of(element: ET.Element | None) -> str:
+    """All texts of an element, spaced as one line."""
+    assert element is not None
+    return " ".join(" ".join(element.itertext()).split())
+
+
+def check_page(file: Path) -> Checked:
     """A whole document that loads nothing, every link of which leads to a section."""
     document = file.read_text()
     assert document.startswith("<!doctype html>")
-    checker = Checker(document)
-    assert len(set(checker.ids)) == len(checker.ids)
-    for _, key, value in checker.attributes:
-        if key in FETCHED:
-            assert value.startswith(("data:image/jpeg;base64,", "#")), value
-            assert not value.startswith("#") or value[1:] in checker.ids
-    assert not re.search(r"https?://|@import|url\(|<script|<link", document)
-    return checker
+    checked = Checked(document)
+    assert len(set(checked.ids)) == len(checked.ids)
+    for element in checked.elements:
+        for key, value in element.attrib.items():
+            if str(key).rpartition("}")[2] in MACHINE_FREE:
+                assert value.startswith(("data:image/jpeg;base64,", "#")), value
+                assert not value.startswith("#") or value[1:] in checked.ids
+    assert not re.search(r"https?://|@import|<script|<link|url\((?!#)", document)
+    return checked
 
 
 @pytest.fixture(scope="module")
@@ -112,17 +102,19 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_page_has_every_section_and_needs_no_network(tiny: Path) -> None:
-    checker = check_page(tiny / "report.html")
-    assert [name for name in checker.ids if name in ANCHORS] == ANCHORS
-    for anchor in set(ANCHORS) - {"reliability"}:
-        assert "not in this run" not in checker.text[anchor], anchor
-    assert "All numbers are of simulated captures" in checker.text[""]
+    checked = check_page(tiny / "report.html")
+    assert [name for name in checked.ids if name in SECTIONS] == list(SECTIONS)
+    for anchor in set(SECTIONS) - {"reliability"}:
+        assert "not in this run" not in checked.text[anchor], anchor
+    headings = [text_of(heading) for heading in checked.root.iter("h2")]
+    assert headings == list(SECTIONS.values())
+    assert "All numbers are of simulated captures" in checked.header
     assert (tiny / "report.html").stat().st_size < 8e6
 
 
 def test_the_numbers_are_those_of_the_metrics(tiny: Path) -> None:
     rows = json.loads((tiny / "metrics.json").read_text())["rows"]
-    text = " ".join(check_page(tiny / "report.html").text["summary"].split())
+    text = check_page(tiny / "report.html").text["summary"]
     for method in ("naive", "oorc", "hidden_ratex", "learned"):
         mine = [row for row in rows if row["method"] == method]
         bits, correct = (sum(row[key] for row in mine) for key in ("bits", "correct"))
@@ -132,22 +124,26 @@ def test_the_numbers_are_those_of_the_metrics(tiny: Path) -> None:
 
 def test_sweeps_state_every_point_with_its_size(tiny: Path) -> None:
     text = check_page(tiny / "report.html").text["sweeps"]
-    run = read_run(tiny)
-    assert {point.sweep for point in run.sweeps} == {"ratex", "kappa"}
-    for point in run.sweeps:
-        assert {row.pair for row in point.rows} == set(QUICK_PAIRS)
-        assert {row.frames for row in point.rows} == {1}
-        n_bits = {row.method: row.bits for row in point.rows if row.pair == QUICK_PAIRS[0]}
-        patches = point.value if point.sweep == "ratex" else 5
-        assert n_bits["oorc"] == 64 - patches
-        assert n_bits["hidden_ratex"] == 64
-        mine = [row for row in point.rows if row.method == "oorc"]
-        wrong = sum(row.bits - row.correct for row in mine)
-        assert f"{wrong} of {sum(row.bits for row in mine)} bits wrong" in text
+    run = RunFolder(tiny).read()
+    assert {curve.name for curve in run.sweeps} == {"ratex", "kappa"}
+    scores = score(run.swept)
+    for curve in run.sweeps:
+        assert len(curve.points) == len(SWEEPS[curve.name].quick)
+        for point in curve.points:
+            rows = scores[scores["condition"] == point.condition]
+            assert set(rows["pair"]) == set(QUICK_PAIRS)
+            assert set(rows["frames"]) == {1}
+            first = rows[rows["pair"] == QUICK_PAIRS[0]].set_index("method")["bits"]
+            patches = point.value if curve.name == "ratex" else 5
+            assert first["oorc"] == 64 - patches
+            assert first["hidden_ratex"] == 64
+            mine = rows[rows["method"] == "oorc"]
+            wrong = (mine["bits"] - mine["correct"]).sum()
+            assert f"{wrong} of {mine['bits'].sum()} bits wrong" in text
 
 
 def test_the_papers_cells_stand_beside_ours(tiny: Path) -> None:
-    text = " ".join(check_page(tiny / "report.html").text["paper"].split())
+    text = check_page(tiny / "report.html").text["paper"]
     assert "98.4 |" in text  # oorc, canon-lg, 45 degrees, kappa 3 in the paper
     assert "95.2 |" in text  # nikon-imac
 
@@ -158,9 +154,8 @@ def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
     def forbidden(*_: Any, **__: Any) -> None:
         raise AssertionError("decoded or simulated")
 
-    for name in ("reports.engine.predict.make_decoder", "reports.engine.predict.simulate"):
+    for name in ("reports.engine.methods.make_decoder", "data_gen.frame_pair.draw_shots"):
         monkeypatch.setattr(name, forbidden)
-    monkeypatch.setattr("reports.evaluation.stories.simulate", forbidden)
     before = (tiny / "report.html").read_bytes()
     (tiny / "report.html").unlink()
     done = command(evaluate.main, "--report", tiny)
@@ -175,9 +170,9 @@ def test_a_folder_that_moved_gives_the_same_page(tiny: Path, tmp_path: Path) -> 
 
 def test_failures_carry_a_measured_reason(tiny: Path) -> None:
     stories = json.loads((tiny / "stories.json").read_text())
-    told = [story for story in stories if story["kind"] == "failure"]
-    assert told
-    for story in told:
+    failures = [story for story in stories if story["kind"] == "failure"]
+    assert failures
+    for story in failures:
         assert re.match(r"\d+ wrong blocks?: .*gray levels", story["reason"])
         assert set(story["measured"]) >= {"signal of a bit", "noise", "motion left"}
     for story in stories:
@@ -221,26 +216,40 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
 
 
 def test_the_page_fits_a_phone_and_a_desk(tiny: Path, open_window: OpenWindow) -> None:
-    page = open_window(1280, 900)
     for width in (360, 390, 1280):
-        page.set_viewport_size({"width": width, "height": 900})
-        page.goto((tiny / "report.html").as_uri())
-        assert page.evaluate("document.documentElement.scrollWidth") == width
-        beyond = page.evaluate(
+        window = open_window(width, 900)
+        window.goto((tiny / "report.html").as_uri())
+        assert window.evaluate("document.documentElement.scrollWidth") == width
+        beyond = window.evaluate(
             "[...document.querySelectorAll('main svg text, main p, main h3, main figcaption')]"
             ".filter(e => !e.closest('.scroll, details')"
             f" && e.getBoundingClientRect().right > {width}).map(e => e.textContent)"
         )
         assert beyond == []
-        small = page.evaluate(
+        small = window.evaluate(
             "[...document.querySelectorAll('svg text')].map(e => "
             "parseFloat(getComputedStyle(e).fontSize) * e.ownerSVGElement.getScreenCTM().a)"
         )
         assert min(small) > 8.5  # pixels
-    page.set_viewport_size({"width": 718, "height": 900})  # A4 within Chromium's margins
-    page.emulate_media(media="print")
-    assert page.evaluate("document.documentElement.scrollWidth") == 718
-    assert page.evaluate("[...document.images].every(i => i.alt && i.complete)")
+    window.set_viewport_size({"width": 718, "height": 900})  # A4 within Chromium's margins
+    window.emulate_media(media="print")
+    assert window.evaluate("document.documentElement.scrollWidth") == 718
+    assert window.evaluate("[...document.images].every(i => i.alt && i.complete)")
+
+
+def test_text_and_lines_of_charts_follow_a_dark_screen(tiny: Path, open_window: OpenWindow) -> None:
+    shown = []
+    for scheme in ("light", "dark"):
+        window = open_window(390, 900)
+        window.emulate_media(color_scheme=scheme)
+        window.goto((tiny / "report.html").as_uri())
+        shown.append(
+            window.evaluate(
+                "[getComputedStyle(document.body).color, ...[...document.querySelectorAll("
+                "'figure svg text')].map(e => getComputedStyle(e).fill)]"
+            )
+        )
+    assert all(light != dark for light, dark in zip(*shown, strict=True))
 
 
 # Stored by hand
@@ -262,22 +271,21 @@ def store(tmp_path: Path) -> Store:
     """Write a run as evaluate.py leaves it."""
 
     def write(name: str, lines: list[dict[str, Any]], **settings: Any) -> Path:
-        folder = tmp_path / name
-        folder.mkdir()
-        text = "".join(json.dumps(entry) + "\n" for entry in lines)
-        (folder / "predictions.jsonl").write_text(text)
-        write_metrics(folder / "metrics.json", score(lines), META)
-        finish(folder, META, {"seed": 0, "ratex": 5, **settings}, {"decoding": 1.0})
-        return folder
+        folder = RunFolder(tmp_path / name)
+        decisive = {"seed": 0, "ratex": 5, **settings}
+        folder.claim(decisive)
+        folder.write_comparison(to_records(lines), META, "tables")
+        folder.finish(META, {"decoding": 1.0}, [])
+        return folder.path
 
     return write
 
 
 def test_a_run_with_predictions_alone_says_what_it_lacks(store: Store) -> None:
     folder = store("bare", [line("oorc", i, i % 2) for i in range(6)])
-    checker = check_page(write_report(folder))
+    checked = check_page(write_report(folder))
     for anchor in ("sweeps", "reliability", "cdtf", "pictures", "failures", "cost"):
-        assert "not in this run" in checker.text[anchor]
+        assert "not in this run" in checked.text[anchor]
 
 
 def test_other_systems_show_their_better_reading(store: Store) -> None:
@@ -303,39 +311,57 @@ def test_other_systems_show_their_better_reading(store: Store) -> None:
     text = check_page(write_report(folder)).text["peers"]
     assert "75.0" in text and "62.5" not in text  # of one frame and two
     assert "toy <1>" in text and "blind-watermark 0.4.4" in text
-    assert " 32 " in text and " 29.5 " in text  # bits a displayed frame
+    assert " 32 " in text and " 59 " in text  # bits
 
 
 def test_names_are_escaped(store: Store) -> None:
-    evil = '<img src=x onerror="alert(1)">&'
+    evil = '<img src=x onerror="alert(1)">& $x$ {{ 7 * 7 }}\x0c'
     lines = [line(evil, i, 1, pair="<i>") for i in range(6)]
-    checker = check_page(write_report(store("evil", lines, set=["<u>"])))
-    assert evil in checker.text["summary"]
-    assert "<u>" in checker.text["provenance"]
-    assert not any(name == "img" for name, _, _ in checker.attributes)
+    checked = check_page(write_report(store("evil", lines, set=["<u>"])))
+    assert evil.strip() in checked.text["summary"]
+    assert "<u>" in checked.text["provenance"]
+    assert not list(checked.root.iter("img"))
 
 
-@given(st.text(), st.text())
-def test_text_comes_back_as_it_was(content: str, value: str) -> None:
-    plain = content.replace("\r", "").replace("\0", "")
+READABLE = st.text(st.characters(exclude_categories=["Cs", "Cc", "Cn", "Co"]))
+"""Texts of characters that HTML may hold, without control characters."""
 
-    class Reader(HTMLParser):
-        seen = ""
-        kept = ""
 
-        def handle_data(self, data: str) -> None:
-            self.seen += data
+@given(READABLE, READABLE)
+def test_texts_of_a_table_come_back_as_they_were(head: str, content: str) -> None:
+    table = Table([head, "n"], [[content, TableCell("1", content, "good")]])
+    text = render(
+        "compare.html.j2",
+        {},
+        runs={},
+        simulated=True,
+        tables={"part0": table},
+        notes=[content],
+        sections={"part0": content, "notes": "Notes"},
+    )
+    root = Checked(text).root
+    first, _ = root.iter("th")
+    assert "".join(first.itertext()) == head
+    cell, number = root.iter("td")
+    assert "".join(cell.itertext()) == content
+    assert "".join(number.itertext()) == f"1{content}"
+    assert number.attrib["class"] == "n good"
 
-        def handle_starttag(self, name: str, attributes: list[tuple[str, str | None]]) -> None:
-            assert name == "p"
-            self.kept = dict(attributes)["title"] or ""
 
-    reader = Reader()
-    reader.feed(tag("p", plain, title=value))
-    reader.close()
-    assert reader.seen == plain
-    assert reader.kept == value
-    assert tag("p", Html("<b>x</b>")) == "<p><b>x</b></p>"
+def test_a_chart_says_its_title_and_notes_and_is_the_same_again() -> None:
+    def chart() -> str:
+        figure, (panel,) = new_panels()
+        panel.set(xlim=(0, 2), ylim=(0, 1))
+        point = Point(1.0, 0.5, 0.4, 2.0, "<note> & more")
+        draw_series(panel, [Series("a <b> $c$", [point])])
+        return str(to_svg(figure, "A <title>"))
+
+    root = ET.fromstring(chart())
+    titles = [title.text for title in root.iter("title")]
+    assert titles == ["A <title>", "<note> & more"]
+    assert (root.attrib["role"], root.attrib["aria-label"]) == ("img", "A <title>")
+    assert "a <b> $c$" in [text.text for text in root.iter("text")]
+    assert chart() == chart()
 
 
 @pytest.mark.parametrize("file", ["predictions.jsonl", "run.json"])
@@ -353,10 +379,24 @@ def test_what_is_no_finished_run_is_refused(
 
 def test_scores_that_are_not_of_the_predictions_are_refused(store: Store, command: Command) -> None:
     folder = store("mixed", [line("oorc", 0, 1)])
-    write_metrics(folder / "metrics.json", score([line("oorc", 0, 2)]), META)
+    write_scores(folder / "metrics.json", score(to_records([line("oorc", 0, 2)])), META)
     done = command(evaluate.main, "--report", folder)
     assert done.status == 2
     assert "metrics.json does not score predictions.jsonl" in done.stderr
+
+
+@pytest.mark.parametrize("file", ["../secret.jpg", "stories/gone.jpg"])
+def test_pictures_outside_the_run_or_missing_are_refused(
+    store: Store, command: Command, file: str
+) -> None:
+    folder = store("stories", [line("oorc", 0, 1)])
+    (folder.parent / "secret.jpg").write_bytes(b"secret")
+    RunFolder(folder).write_stories([Story("strip", "title", "where", [(file, "caption")])])
+    done = command(evaluate.main, "--report", folder)
+    assert done.status == 2
+    assert file in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert not (folder / "report.html").exists()
 
 
 # Two runs
@@ -375,8 +415,17 @@ def test_compare_counts_what_both_decoded(store: Store, command: Command) -> Non
     assert "Only in A: naive." in done.stdout
     assert "Only in B: cnn." in done.stdout
     assert "A has 8 frame pairs in its main comparison, B 6; the 6 that both have" in done.stdout
-    text = " ".join(check_page(b / "compare.html").text["part0"].split())
-    assert "oorc 70.00 90.00 +20.00" in text
+    assert "oorc 70.00 90.00 +20.00" in check_page(b / "compare.html").text["part0"]
+
+
+def test_compare_matches_captures_whose_cell_is_unknown(store: Store, command: Command) -> None:
+    a, b = (
+        store(name, [line("oorc", i, wrong, view_deg=None, kappa=None) for i in range(6)])
+        for name, wrong in (("a", 3), ("b", 1))
+    )
+    done = command(evaluate.main, "--compare", a, b)
+    assert done.status == 0, done.stderr
+    assert "| 6 | 60 | B better |" in done.stdout
 
 
 def test_compare_says_equal_and_too_few(store: Store, command: Command) -> None:
@@ -441,12 +490,12 @@ def test_captures_with_unknown_bits_are_shown_and_not_scored(
     run = ("--captures", filmed(False), "--methods", "naive", "oorc", "--out", tmp_path / "out")
     done = command(evaluate.main, *run)
     assert done.status == 0, done.stderr
-    checker = check_page(tmp_path / "out" / "report.html")
-    assert "bits of these captures are not known" in checker.text["glance"]
-    assert "captures of a real display and camera" in checker.text[""]
-    assert "not in this run" in checker.text["failures"]
-    assert sum(name == "img" and key == "src" for name, key, _ in checker.attributes) == 3 * 3
-    assert "%" not in checker.text["pictures"]
+    checked = check_page(tmp_path / "out" / "report.html")
+    assert "bits of these captures are not known" in checked.text["glance"]
+    assert "captures of a real display and camera" in checked.header
+    assert "not in this run" in checked.text["failures"]
+    assert len(list(checked.root.iter("img"))) == 3 * 3
+    assert "%" not in checked.text["pictures"]
 
 
 def test_captures_with_bits_show_their_failures(
@@ -456,132 +505,44 @@ def test_captures_with_bits_show_their_failures(
     run = ("--captures", filmed(True), "--methods", "naive", "--out", out)
     assert command(evaluate.main, *run).status == 0
     (row,) = json.loads((out / "metrics.json").read_text())["rows"]
-    checker = check_page(out / "report.html")
+    checked = check_page(out / "report.html")
     wrong = row["bits"] - row["correct"]
     assert wrong
-    assert f"{wrong} of {row['bits']}" in " ".join(checker.text["summary"].split())
-    assert "captured level" in checker.text["failures"]
+    assert f"{wrong} of {row['bits']}" in checked.text["summary"]
+    assert "captured level" in checked.text["failures"]
     again = (out / "report.html").read_bytes()
     shutil.rmtree(tmp_path / "captures")
     assert write_report(out).read_bytes() == again
 
 
-# Parts
+# Findings, and the scale of charts
 
 
 def test_methods_are_grouped_by_what_they_saw() -> None:
     lines = [line(m, i, wrong) for m, wrong in (("oorc", 2), ("cnn", 1)) for i in range(3)]
     lines += [line("blind", i, 0, n_bits=12) for i in range(3)]
-    assert groups(outcomes(lines)) == [["oorc", "cnn"], ["blind"]]
-    assert leaders_of(lines, []) == ["blind", "cnn"]
-    assert leaders_of(lines, [score([line("oorc", 0, 0), line("blind", 0, 0)])]) == [
-        "blind",
-        "oorc",
-    ]
-    unknown = [line("oorc", 0, 0, bits=[-1] * 10)]
-    assert leaders_of(unknown, []) == []
+    records, none = to_records(lines), to_records([])
+    assert same_captures(records) == [["oorc", "cnn"], ["blind"]]
+    assert leaders(records, none) == ["blind", "cnn"]
+    swept = to_records([line("oorc", 0, 0), line("blind", 0, 0)])
+    assert leaders(records, swept) == ["blind", "oorc"]
+    unknown = to_records([line("oorc", 0, 0, bits=[-1] * 10)])
+    assert leaders(unknown, none) == []
 
 
-@given(st.lists(st.floats(TOP, HEIGHT - BOTTOM), min_size=1, max_size=9))
-def test_labels_keep_their_order_and_their_distance(wanted: list[float]) -> None:
-    placed = spread(wanted)
-    order = np.argsort(wanted, kind="stable")
-    gaps = np.diff([placed[i] for i in order])
-    assert np.all(gaps >= LABEL_PX - 1e-6)
-    assert min(placed) >= TOP
-    if len(wanted) == 1 and wanted[0] >= TOP + 4:
-        assert placed == wanted
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), st.booleans())
+def test_the_scale_of_accuracies_keeps_order(least: float, a: float, b: float, short: bool) -> None:
+    ticks = accuracy_ticks(least, short)
+    assert ticks[0] <= least
+    assert ticks == sorted(set(ticks)) and set(ticks) <= set(ACCURACY_TICKS)
+    assert ticks[-1] == 1.0
+    low, high = accuracy_scale([a, b])
+    assert low <= high or a > b
+    assert accuracy_from_scale(low) == pytest.approx(a, abs=1e-9)
 
 
-@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1))
-def test_the_scale_of_accuracies_keeps_order(least: float, a: float, b: float) -> None:
-    axis = accuracy_axis(least)
-    assert axis.low <= max(least, 0.0)
-    assert (axis.place(a) <= axis.place(b)) or a > b
-    assert axis.place(1.0) == 1.0
-
-
-def test_markers_tell_neighbours_apart() -> None:
-    assert {marker_of(m) for m in ("naive", "two_step", "oorc", "hidden_ratex", "blind")} == set(
-        MARKERS
-    )
-
-
-@pytest.mark.parametrize("name", SWEEPS)
-def test_every_value_of_a_sweep_can_be_filmed(name: str, layout: Layout) -> None:
-    sweep, base = SWEEPS[name], Source(layout)
-    assert set(sweep.quick) <= set(sweep.values)
-    assert list(sweep.values) == sorted(sweep.values)
-    settings = [sweep.setting(name, value, base) for value in sweep.values]
-    assert len(set(settings)) == len(settings)
-    for source, view, kappa in settings:
-        assert FramePair(source, Cell("canon-lg", view, kappa), 0).captured.kappa == kappa
-    assert len({spoken(name, value) for value in sweep.values}) == len(sweep.values)
-
-
-def test_sweeps_use_every_camera_and_display_alike() -> None:
-    for pairs, count in ((PAIRS, 2), (QUICK_PAIRS, 1)):
-        assert set(pairs) <= set(ALL_PAIRS)
-        names = [part for pair in pairs for part in pair.split("-")]
-        assert {names.count(name) for name in names} == {count}
-
-
-def test_the_parts_of_a_frame_pair_add_up(layout: Layout) -> None:
-    source, cell = Source(layout), Cell("canon-lg", 45.0, 5)
-    parts, captured = take_apart(source, cell, 0, False), FramePair(source, cell, 0).captured
-    message = layout.message_mask
-    assert np.all(parts.signal[message] > 0)
-    assert np.all(np.abs(parts.signal[~message]) < 0.2)  # patches carry no bit
-    bits = np.zeros(message.shape)
-    bits[message] = captured.bits
-    # up to the reported corners, which are half a pixel off
-    H = homography_from_corners(captured.corners, layout.width, layout.height)
-    seen = block_lumas(captured.embedded, H, layout)
-    seen -= block_lumas(captured.original, H, layout)
-    expected = bits * parts.signal + parts.drift + parts.motion + parts.noise
-    error = (seen - expected)[message]
-    assert np.abs(error).mean() < 0.15 * parts.signal[message].mean()
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"signal": 0.2, "level": 10.0},
-            "arrives there as 0.20 gray levels, for the picture",
-        ),
-        ({"signal": 0.2, "level": 250.0}, "near saturation"),
-        ({"noise": 3.0}, "noise changes it by 3.00 gray levels, a bit by 2.00"),
-        ({"motion": -3.0}, "motion of 0.70 px over texture changes it by 3.00"),
-        ({}, "nothing by half of that"),
-    ],
-)
-def test_the_reason_names_the_largest_obstacle(change: dict[str, float], words: str) -> None:
-    wrong = np.zeros((2, 3), bool)
-    wrong[1, 2] = True
-    usual = {"level": 100.0, "signal": 2.0, "drift": 0.0, "motion": 0.0, "noise": 0.0}
-    arrays = {name: np.full(wrong.shape, value) for name, value in usual.items()}
-    for name, value in change.items():
-        arrays[name][wrong] = value
-    reason, found = explain(Parts(**arrays, shift_px=0.7), wrong)
-    assert reason.startswith("1 wrong block: ")
-    assert words in reason
-    for name, value in change.items():
-        key = {"level": "captured level", "signal": "signal of a bit"}.get(name, name)
-        key = "motion left" if name == "motion" else key
-        assert found[key][0] == pytest.approx(abs(value))
-    inverted, _ = explain(Parts(**arrays, shift_px=0.7), ~wrong)
-    assert "more than half of the bits" in inverted
-
-
-def test_the_true_response_rises_and_lies_in_its_band(layout: Layout) -> None:
-    source, cell = Source(layout), Cell("canon-lg", 45.0, 5)
-    found = one(source, cell, 0, [Method("naive"), Method("two_step"), Method("cnn")])
-    low, median, high = (np.array(v) for v in (found.low, found.median, found.high))
-    assert np.all(np.diff(median) > -1)
-    assert np.all((low <= median) & (median <= high))
-    assert set(found.found) == set(found.error) == {"naive", "two_step"}
-    pixels = training_pixels(layout, 5)
-    pair = FramePair(source, cell, 0).rectified
-    seen = pair.original[pixels.y, pixels.x].mean()
-    assert found.found["naive"][0][1] <= seen <= found.found["naive"][-1][1]
+def test_colours_and_markers_tell_neighbours_apart() -> None:
+    methods = ("naive", "two_step", "oorc", "hidden_ratex", "blind")
+    assert len({marker_of(method) for method in methods}) == len(methods)
+    assert len({colour_of(method) for method in methods}) == len(methods)
+    assert colour_of("not a method") == colour_of("not a method")

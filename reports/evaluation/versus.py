@@ -63,6 +63,7 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
         "compare.html.j2",
         colours,
         runs={"A": a, "B": b},
+        simulated=a.simulated,
         tables=dict(zip(sections, tables, strict=True)),
         notes=notes,
         sections={**sections, "notes": "Notes"},
