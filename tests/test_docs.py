@@ -1,4 +1,4 @@
-"""The Python code that the documents show runs as it stands, from the first block to the last."""
+"""The code that the documents show runs as it stands, from the first block to the last."""
 
 import os
 import re
@@ -6,7 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from link.images import write_image
 
 ROOT = Path(__file__).parents[1]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -28,3 +31,21 @@ def test_the_code_of_a_document_runs(file: Path, tmp_path: Path) -> None:
         check=False,
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_receiver_run(tmp_path: Path) -> None:
+    shown = (ROOT / "docs" / "receiver.md").read_text()
+    script = "".join(re.findall(r"^```bash\n(.*?)^```$", shown, re.DOTALL | re.MULTILINE))
+    photo = np.random.default_rng(0).integers(60, 200, (384, 512, 3)).astype(np.uint8)
+    write_image(tmp_path / "photo.png", photo)
+    script = script.replace(".venv/bin/python", sys.executable)
+    script = script.replace("runs/", f"{tmp_path}/").replace("photo.png", f"{tmp_path}/photo.png")
+    done = subprocess.run(
+        ["bash", "-ec", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert '"text": "Hello"' in done.stdout
+    assert (tmp_path / "player.html").is_file()
+    assert list((tmp_path / "sent").glob("*.png"))
+    assert list((tmp_path / "seen").glob("*.png"))
