@@ -1,32 +1,27 @@
 """Fit what no data sheet tells to the paper's tables: python -m reports.lab.calibrate.
 
-Fitted: exposure drift, jitter and noise scale for each camera and view, and each display's fall-off
-with angle, all on grids inside stated bounds. Fitted to: the paper's *naive* and *two-step* columns
-alone (72 numbers), on training pictures and training channel draws. OORC and hidden ratex are held
-out. The fit is repeated for each way in which the paper may have set the thresholds
-(`THRESHOLDS`); the way that fits the two columns best decides the values in nuisances.json.
-`reports.studies.prediction` then predicts all four columns on test pictures; this command ends by
-calling it.
+Fitted are exposure drift, jitter and noise scale for each camera and view, and each display's
+fall-off with angle, all on grids inside stated bounds. They are fitted to the paper's *naive* and
+*two-step* columns alone (72 numbers), on training pictures and training channel draws. OORC and
+hidden ratex are held out. The fit is repeated for each way in which the paper may have set the
+thresholds (`THRESHOLDS`); the way that fits the two columns best decides the values in
+nuisances.json. `python -m reports.studies.prediction` then predicts all four columns on test
+pictures.
 """
 
 import hashlib
 import json
 import os
-import subprocess
-import sys
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import tyro
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED_FILE
@@ -36,8 +31,10 @@ from link.layout import block_mean, make_layout
 from link.ratex import tile_labels
 from models.classical.common import fit_svm, require_ratex, tile_mean
 from models.classical.two_step import fit_inverse_response
-from reports.engine.predict import digest_files
-from reports.score.metrics import command
+from reports.engine.backends import one_thread
+from reports.engine.digest import code_digest, package_versions
+from reports.engine.provenance import command
+from reports.engine.stored import resume
 from reports.score.paper import paper_accuracy
 
 BOUNDS = {
@@ -45,18 +42,26 @@ BOUNDS = {
     "jitter_px": (0.05, 0.3),  # a hand between two shots, after registration
     "noise_scale": (0.2, 1.0),  # 4 to 7 native pixels a captured one and axis, pooled or skipped
 }
+"""Least and largest value of each nuisance that the fit may choose."""
 GRID = {
     "drift": (0.01, 0.015, 0.02, 0.03, 0.05),
     "jitter_px": (0.05, 0.15, 0.3),
     "noise_scale": (0.2, 0.5, 1.0),
 }
+"""Values of each nuisance that are tried."""
 NOMINAL = {"drift": 0.02, "jitter_px": 0.15, "noise_scale": 0.5}
-"""Assumed where the columns do not tell; the fall-off is fitted at this jitter and noise."""
+"""Values that are assumed where the columns do not tell, and the jitter and noise at which the
+fall-off is fitted."""
 TOLERANCE = 0.3
-"""Points of misfit that do not tell: of the grid points this close to the best, the one nearest to
-nominal is taken. (Twelve numbers a camera and view; the paper's cells alone scatter by more.)"""
-METHODS = ("naive", "two_step")
+"""Difference of misfits, in points, that does not tell: of the grid points this close to the best,
+the one nearest to nominal is taken. A camera and view has twelve numbers, and the paper's cells
+alone scatter by more."""
+FITTED_METHODS = ("naive", "two_step")
+"""Methods to whose columns the channel is fitted."""
 VIEWS, KAPPAS = (0.0, 45.0), (5, 3)
+"""Angles, in degrees, and kappas of the paper's tables."""
+STORED_VERSION = 1
+"""Raise it when `observe_cell` changes what it does, so that older cells are not read again."""
 THRESHOLDS = {
     "frame": "learned in each frame pair on its ratex patches",
     "once": "learned once, on the ratex patches of all captures",
@@ -64,84 +69,105 @@ THRESHOLDS = {
     "constant": "fixed: 2 captured gray levels for naive, kappa / 2 after g for two-step",
     "held": "fixed: 2.5 gray levels for both, half of kappa 5, captured and after g",
 }
+"""Ways in which the paper may have set the thresholds of the two methods, by name."""
 Array = NDArray[np.float64]
-Point = tuple[tuple[str, Any], ...]
+GridPoint = tuple[tuple[str, Any], ...]
+"""Values of parameters of the channel, by name."""
 
 
 @dataclass(frozen=True)
 class CalibrateConfig:
-    """Fit on the training split; then predict on the test split."""
+    """Fit the channel to the paper's columns, on the training split."""
 
     frames: int = 8
-    """Frame pairs a cell and grid point."""
-    test_frames: int = 75
-    """Frame pairs a cell of the prediction; 0 leaves it out."""
+    """Number of frame pairs in each cell at each grid point."""
     seed: int = 0
+    """Seed of messages, poses and noise."""
     work: Path = Path("runs/calibration")
-    """Finished cells, so that a run that was cut off goes on."""
+    """Folder of finished cells, from which a command that was cut off goes on."""
     out: Path = FITTED_FILE
+    """File of the fitted values."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes."""
 
 
 @dataclass(frozen=True)
-class Task:
+class GridCell:
     """One cell at one grid point."""
 
     cell: Cell
-    point: Point
+    point: GridPoint
 
 
-def observe(task: Task, frames: int, seed: int) -> dict[str, NDArray[Any]]:
-    """What every threshold needs of a cell, so that thresholds cost no simulation.
+@dataclass(frozen=True)
+class Observation:
+    """A cell at a grid point that is to be simulated."""
+
+    where: GridCell
+    frames: int
+    """Number of frame pairs."""
+    seed: int
+    """Seed of messages, poses and noise."""
+
+
+def observe_cell(task: Observation) -> dict[str, Any]:
+    """Simulate a cell, and keep what every threshold needs, so that thresholds cost no simulation.
 
     Returns:
-        truth (N, bits), labels (tiles,), and for naive and two_step, in captured and in displayed
-        gray levels: blocks (N, bits), the mean difference of each block, and tiles (N, tiles).
+        lists of ``truth`` (N, bits) and ``labels`` (tiles,); and for naive and two_step, in
+        captured and in displayed gray levels, of ``blocks`` (N, bits), the mean difference of each
+        block, and ``tiles`` (N, tiles), that of each ratex tile.
     """
-    cv2.setNumThreads(1)
-    source = Source(make_layout(), "train", seed, parameters=task.point)
-    found: dict[str, list[Any]] = defaultdict(list)
-    for index in range(frames):
-        captured = FramePair(source, task.cell, index).captured
-        pair = captured.rectified()
+    one_thread()
+    source = Source(make_layout(), "train", task.seed, parameters=task.where.point)
+    found: dict[str, Any] = defaultdict(list)
+    for index in range(task.frames):
+        frame_pair = FramePair(source, task.where.cell, index)
+        pair = frame_pair.rectified
         pixels = require_ratex(pair)
         frames_01 = intensity(pair.original), intensity(pair.embedded)
         g = fit_inverse_response(pair, pixels, 4)
-        found["truth"].append(captured.bits)
+        found["truth"].append(frame_pair.displayed.bits.tolist())
         for method, (o, e) in (
             ("naive", [255 * frame for frame in frames_01]),
             ("two_step", [g(frame) for frame in frames_01]),
         ):
             grid = block_mean(e - o, pair.layout.rows, pair.layout.cols)
-            found[f"{method}_blocks"].append(grid[pair.layout.message_mask])
-            found[f"{method}_tiles"].append(tile_mean((e - o)[pixels.y, pixels.x]))
+            found[f"{method}_blocks"].append(grid[pair.layout.message_mask].tolist())
+            tiles = tile_mean((e - o)[pixels.y, pixels.x])
+            found[f"{method}_tiles"].append(tiles.tolist())
     labels = tile_labels(source.layout).reshape(-1)  # (patches, 4, 4) -> (tiles,)
-    return {**{key: np.array(value) for key, value in found.items()}, "labels": labels}
+    return {**found, "labels": labels.tolist()}
 
 
-def cut(differences: Array, labels: NDArray[np.intp]) -> float:
-    """The threshold of a 1-D SVM on differences (N,) with labels (N,)."""
+def svm_threshold(differences: Array, labels: NDArray[np.intp]) -> float:
+    """Learn the threshold of a 1-D SVM on differences (N,) with labels (N,) of 0 or 1."""
     head = fit_svm(differences[:, None], labels, C=10.0)
     return -head.bias / float(head.weights[0])
 
 
-Observed = dict[Task, dict[str, NDArray[Any]]]
+Observed = Mapping[GridCell, Mapping[str, NDArray[Any]]]
+"""What `observe_cell` kept of each cell at each grid point, as arrays."""
 
 
-def shared_cut(observed: Observed, tasks: Sequence[Task], kind: str, method: str) -> float:
-    """The threshold learned once on the ratex tiles of these tasks, or of the frontal ones."""
+def shared_threshold(
+    observed: Observed, tasks: Sequence[GridCell], kind: str, method: str
+) -> float:
+    """Learn one threshold on the ratex tiles of all cells, or, for "frontal", of those at 0°."""
     chosen = [task for task in tasks if kind == "once" or task.cell.view_deg == 0]
     tiles = np.concatenate([observed[task][f"{method}_tiles"] for task in chosen])
-    return cut(tiles.reshape(-1), np.tile(observed[chosen[0]]["labels"], len(tiles)))
+    return svm_threshold(tiles.reshape(-1), np.tile(observed[chosen[0]]["labels"], len(tiles)))
 
 
-def accuracies(
-    observed: Observed, tasks: Sequence[Task], kind: str
+def cell_accuracies(
+    observed: Observed, tasks: Sequence[GridCell], kind: str
 ) -> dict[tuple[Cell, str], float]:
-    """Accuracy of naive and two-step in each task's cell, with thresholds of one kind."""
+    """Accuracy in [0, 1] of naive and two-step in each cell, with thresholds of one kind."""
     result = {}
-    for method in METHODS:
-        shared = shared_cut(observed, tasks, kind, method) if kind in ("once", "frontal") else 0.0
+    for method in FITTED_METHODS:
+        shared = (
+            shared_threshold(observed, tasks, kind, method) if kind in ("once", "frontal") else 0.0
+        )
         for task in tasks:
             seen = observed[task]
             threshold: Any = shared
@@ -150,15 +176,15 @@ def accuracies(
             elif kind == "held":
                 threshold = 2.5
             elif kind == "frame":
-                cuts = [cut(row, seen["labels"]) for row in seen[f"{method}_tiles"]]
+                cuts = [svm_threshold(row, seen["labels"]) for row in seen[f"{method}_tiles"]]
                 threshold = np.array(cuts)[:, None]
             decided = seen[f"{method}_blocks"] > threshold
             result[task.cell, method] = float((decided == seen["truth"]).mean())
     return result
 
 
-def misfit(predicted: dict[tuple[Cell, str], float]) -> dict[tuple[Cell, str], float]:
-    """Absolute difference from the paper, in points."""
+def cell_misfits(predicted: Mapping[tuple[Cell, str], float]) -> dict[tuple[Cell, str], float]:
+    """Absolute difference of accuracies in [0, 1] from the paper's, in points."""
     return {
         (cell, method): 100
         * abs(value - (paper_accuracy(cell.pair, cell.view_deg, cell.kappa, method) or 0.0))
@@ -166,58 +192,56 @@ def misfit(predicted: dict[tuple[Cell, str], float]) -> dict[tuple[Cell, str], f
     }
 
 
-def run_tasks(config: CalibrateConfig, tasks: Sequence[Task], title: str) -> Observed:
-    """Observe every task, in parallel, each kept on disk."""
-    root = Path(__file__).parents[2]
-    packages = ("link", "data_gen", "models")
-    code = digest_files(sorted(file for p in packages for file in (root / p).rglob("*.py")))
-    folder = config.work / "cells"
-    folder.mkdir(parents=True, exist_ok=True)
-
-    def work(task: Task) -> dict[str, NDArray[Any]]:
-        key = repr((task, config.frames, config.seed, code))
-        file = folder / f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.npz"
-        if not file.is_file():
-            observed = observe(task, config.frames, config.seed)
-            part = file.with_suffix(f".{os.getpid()}.npz")
-            np.savez(part, **observed)  # type: ignore[arg-type]
-            part.replace(file)
-        with np.load(file) as stored:
-            return dict(stored)
-
-    results = Parallel(n_jobs=config.jobs, return_as="generator")(delayed(work)(t) for t in tasks)
-    return dict(zip(tasks, tqdm(results, total=len(tasks), desc=title, unit="cell"), strict=True))
+def observe_all(config: CalibrateConfig, tasks: Sequence[GridCell], title: str) -> Observed:
+    """Observe every cell at its grid point, in parallel; each is stored as it ends."""
+    code = code_digest("data_gen.frame_pair", "models.classical.two_step")
+    parts = (STORED_VERSION, config.frames, config.seed, code, *package_versions())
+    mark = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    named = {
+        f"{task.cell.pair} {task.cell.view_deg:g} {task.cell.kappa} {task.point}": task
+        for task in tasks
+    }
+    items = {name: Observation(task, config.frames, config.seed) for name, task in named.items()}
+    found = resume(observe_cell, items, config.work / f"cells_{mark}.jsonl", config.jobs, title)
+    return {
+        named[name]: {key: np.array(values) for key, values in lists.items()}
+        for name, lists in found.items()
+    }
 
 
 def falloff_value(display: str, green: float) -> tuple[float, float, float]:
-    """The display's exponents with green set to a value, red and blue in proportion."""
+    """Fall-off exponents of red, green and blue, with green set and the others in proportion."""
     red, middle, blue = DISPLAYS[display].falloff
     return (round(red * green / middle, 3), green, round(blue * green / middle, 3))
 
 
 Losses = dict[tuple[str, float], float]
-"""Mean misfit of each camera and view."""
+"""Mean misfit, in points, by camera and view."""
 
 
-def losses_of(predicted: dict[tuple[Cell, str], float]) -> Losses:
-    """Mean misfit of each camera and view, over displays, kappas and the two methods."""
+def camera_losses(predicted: Mapping[tuple[Cell, str], float]) -> Losses:
+    """Average misfits over displays, kappas and the two methods, for each camera and view."""
     groups = defaultdict(list)
-    for (cell, _), off in misfit(predicted).items():
+    for (cell, _), off in cell_misfits(predicted).items():
         groups[cell.pair.split("-")[0], cell.view_deg].append(off)
     return {group: float(np.mean(offs)) for group, offs in groups.items()}
 
 
-def tasks_at(point: dict[str, float], display: str, green: float) -> list[Task]:
-    """All cells of one display at a grid point."""
+def cells_at(point: Mapping[str, float], display: str, green: float) -> list[GridCell]:
+    """List all cells of one display at a grid point with a fall-off exponent of green."""
     full = (*point.items(), ("falloff", falloff_value(display, green)))
     pairs = [f"{camera}-{display}" for camera in CAMERAS]
-    return [Task(Cell(p, v, k), full) for p, v, k in product(pairs, VIEWS, KAPPAS)]
+    return [GridCell(Cell(p, v, k), full) for p, v, k in product(pairs, VIEWS, KAPPAS)]
 
 
 def fit_falloff(config: CalibrateConfig) -> dict[str, tuple[float, dict[str, float]]]:
-    """For each kind of threshold, the misfit and each display's best fall-off.
+    """Fit each display's fall-off, for each kind of threshold.
 
     Jitter and noise stay `NOMINAL`; each camera and view has its own best drift.
+
+    Returns:
+        by kind of threshold, the mean misfit in points, and the fall-off exponent of green of each
+        display.
     """
     options = {d: (low, (low + high) / 2, high) for d, (low, high) in FALLOFF_BOUNDS.items()}
     points = [{**NOMINAL, "drift": drift} for drift in GRID["drift"]]
@@ -225,9 +249,9 @@ def fit_falloff(config: CalibrateConfig) -> dict[str, tuple[float, dict[str, flo
         task
         for display, greens in options.items()
         for green, point in product(greens, points)
-        for task in tasks_at(point, display, green)
+        for task in cells_at(point, display, green)
     ]
-    observed = run_tasks(config, every, "fall-off")
+    observed = observe_all(config, every, "fall-off")
     fits = {}
     for kind in THRESHOLDS:
         chosen, total = {}, []
@@ -235,7 +259,7 @@ def fit_falloff(config: CalibrateConfig) -> dict[str, tuple[float, dict[str, flo
             scores = {}
             for green in greens:
                 losses = [
-                    losses_of(accuracies(observed, tasks_at(point, display, green), kind))
+                    camera_losses(cell_accuracies(observed, cells_at(point, display, green), kind))
                     for point in points
                 ]
                 scores[green] = float(np.mean([min(x[g] for x in losses) for g in losses[0]]))
@@ -245,10 +269,10 @@ def fit_falloff(config: CalibrateConfig) -> dict[str, tuple[float, dict[str, flo
     return fits
 
 
-def choice(losses: Sequence[float], points: Sequence[dict[str, float]]) -> int:
-    """Index of the point nearest to nominal, in shares of the bounds, among the best."""
+def choose_point(losses: Sequence[float], points: Sequence[Mapping[str, float]]) -> int:
+    """Find the index of the point nearest to nominal, in shares of the bounds, among the best."""
 
-    def distance(point: dict[str, float]) -> float:
+    def distance(point: Mapping[str, float]) -> float:
         return sum(
             abs(point[name] - NOMINAL[name]) / (high - low) for name, (low, high) in BOUNDS.items()
         )
@@ -258,19 +282,19 @@ def choice(losses: Sequence[float], points: Sequence[dict[str, float]]) -> int:
 
 
 @dataclass(frozen=True)
-class Fit:
-    """Under one kind of threshold."""
+class NuisanceFit:
+    """The fit under one kind of threshold."""
 
     misfit: float
-    """Mean over the 72 numbers, points."""
+    """Mean misfit over the 72 numbers, points."""
     chosen: dict[tuple[str, float], dict[str, float]]
-    """Camera and view -> grid point."""
+    """Chosen grid point by camera and view."""
     learned: dict[str, float]
-    """Method -> threshold in gray levels, where it is learned once for all."""
+    """Threshold in gray levels by method, where it is learned once for all."""
 
 
-def fit_nuisances(config: CalibrateConfig, falloff: dict[str, float]) -> dict[str, Fit]:
-    """The best grid point of each camera and view, for each kind of threshold."""
+def fit_nuisances(config: CalibrateConfig, falloff: dict[str, float]) -> dict[str, NuisanceFit]:
+    """Find the best grid point of each camera and view, for each kind of threshold."""
     points = [
         {**NOMINAL, "drift": drift, name: value}
         for drift, name in product(GRID["drift"], ("jitter_px", "noise_scale"))
@@ -278,14 +302,16 @@ def fit_nuisances(config: CalibrateConfig, falloff: dict[str, float]) -> dict[st
         if name == "jitter_px" or value != NOMINAL[name]
     ]  # at each drift a cross through nominal: the columns hardly tell jitter or noise
     tasks = {
-        i: [task for d in DISPLAYS for task in tasks_at(point, d, falloff[d])]
+        i: [task for d in DISPLAYS for task in cells_at(point, d, falloff[d])]
         for i, point in enumerate(points)
     }
-    observed = run_tasks(config, [task for group in tasks.values() for task in group], "nuisances")
+    observed = observe_all(
+        config, [task for group in tasks.values() for task in group], "nuisances"
+    )
     fits = {}
     for kind in THRESHOLDS:
-        losses = [losses_of(accuracies(observed, group, kind)) for group in tasks.values()]
-        best = {g: choice([x[g] for x in losses], points) for g in losses[0]}
+        losses = [camera_losses(cell_accuracies(observed, group, kind)) for group in tasks.values()]
+        best = {g: choose_point([x[g] for x in losses], points) for g in losses[0]}
         fitted = [
             task
             for i, group in tasks.items()
@@ -293,20 +319,20 @@ def fit_nuisances(config: CalibrateConfig, falloff: dict[str, float]) -> dict[st
             if best[task.cell.pair.split("-")[0], task.cell.view_deg] == i
         ]
         learned = {
-            method: round(shared_cut(observed, fitted, kind, method), 3)
-            for method in METHODS
+            method: round(shared_threshold(observed, fitted, kind, method), 3)
+            for method in FITTED_METHODS
             if kind in ("once", "frontal")
         }
         total = float(np.mean([losses[i][g] for g, i in best.items()]))
-        fits[kind] = Fit(total, {g: points[i] for g, i in best.items()}, learned)
+        fits[kind] = NuisanceFit(total, {g: points[i] for g, i in best.items()}, learned)
     return fits
 
 
 def main() -> None:
-    """Fit under every kind of threshold, keep the best, write, predict."""
+    """Fit under every kind of threshold, keep the best, write it."""
     config = tyro.cli(CalibrateConfig)
     at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, seed=config.seed, test_frames=config.test_frames)
+    at_least(0, seed=config.seed)
     angles = fit_falloff(config)
     falloff = min(angles.values(), key=lambda fit: fit[0])[1]
     fits = fit_nuisances(config, falloff)
@@ -334,9 +360,7 @@ def main() -> None:
     }
     write_bytes(config.out, (json.dumps(content, indent=1) + "\n").encode())
     print(json.dumps(content["meta"], indent=1))
-    if config.test_frames:
-        options = ["--frames", str(config.test_frames), "--jobs", str(config.jobs)]
-        subprocess.run([sys.executable, "-m", "reports.studies.prediction", *options], check=True)
+    print(f"written: {config.out}; next: python -m reports.studies.prediction")
 
 
 if __name__ == "__main__":

@@ -237,11 +237,11 @@ def noise_figure(real: list[dict[int, float]], simulated: dict[str, dict[int, fl
     figure, (panel,) = new_panels(legend=2.0, size=(8.0, 5.2))
     for number, (label, noise) in enumerate(simulated.items()):
         style = "--" if label.endswith("45°") else "-"
-        look = {"color": f"C{number // 2}", "linewidth": 1}
-        panel.plot(list(noise), list(noise.values()), style, label=label, **look)
+        colour = f"C{number // 2}"
+        panel.plot(list(noise), list(noise.values()), style, color=colour, linewidth=1, label=label)
     for number, noise in enumerate(real):
-        label = "real phone frames" if number == 0 else None
-        panel.plot(list(noise), list(noise.values()), "o-", color=INK, linewidth=2, label=label)
+        name = "real phone frames" if number == 0 else None
+        panel.plot(list(noise), list(noise.values()), "o-", color=INK, linewidth=2, label=name)
     panel.set(xlabel="captured level", ylabel="noise of one frame, levels")
     panel.set_ylim(0)
     panel.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
