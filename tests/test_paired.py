@@ -9,7 +9,8 @@ from scipy.stats import binomtest
 from tolerances import FLOAT64
 
 from link.errors import InputError
-from reports.score.paired import Counts, behind, compare, outcomes, tally
+from reports.engine.records import to_records
+from reports.score.paired import COUNTS, Counts, cells_behind, compare, tally
 
 CELL = {"pair": "canon-lg", "view_deg": 45.0, "kappa": 3}
 
@@ -22,11 +23,17 @@ def lines(method: str, wrong: list[list[int]], **cell: Any) -> list[dict[str, An
             **CELL,
             **cell,
             "index": index,
+            "picture": None,
             "scores": [-1.0 if error else 1.0 for error in errors],
             "bits": [1] * len(errors),
         }
         for index, errors in enumerate(wrong)
     ]
+
+
+def counted(made: list[dict[str, Any]], method: str = "a", reference: str = "b") -> Counts:
+    """Counts of two methods on the frame pairs of both, (frames, 4)."""
+    return tally(to_records(made), method, reference)[COUNTS].to_numpy()
 
 
 def rng() -> np.random.Generator:
@@ -35,7 +42,7 @@ def rng() -> np.random.Generator:
 
 def test_identical_methods_differ_by_nothing() -> None:
     wrong = [[1, 0, 0, 0], [0, 0, 0, 0], [1, 1, 0, 0], [0, 0, 0, 1], [0, 0, 0, 0]]
-    counts = tally(outcomes(lines("a", wrong) + lines("b", wrong)), "a", "b")[1]
+    counts = counted(lines("a", wrong) + lines("b", wrong))
     result = compare(counts, rng())
     assert (result.difference, result.low, result.high, result.p_bits) == (0, 0, 0, 1)
     assert (result.ratio, result.frames, result.bits) == (1, 5, 20)
@@ -43,9 +50,7 @@ def test_identical_methods_differ_by_nothing() -> None:
 
 
 def test_a_constant_gain_has_an_interval_without_width() -> None:
-    counts = tally(
-        outcomes(lines("a", [[0, 0, 0, 0]] * 6) + lines("b", [[1, 0, 0, 0]] * 6)), "a", "b"
-    )[1]
+    counts = counted(lines("a", [[0, 0, 0, 0]] * 6) + lines("b", [[1, 0, 0, 0]] * 6))
     result = compare(counts, rng())
     assert (result.difference, result.low, result.high) == (25, 25, 25)
     assert (result.ratio, result.ratio_low, result.ratio_high) == (0, 0, 0)
@@ -54,7 +59,7 @@ def test_a_constant_gain_has_an_interval_without_width() -> None:
 def test_discordant_bits_are_mcnemars() -> None:
     a = [[1, 0, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0, 0]]
     b = [[1, 1, 1, 1, 1, 0, 0, 0], [0, 1, 1, 1, 1, 1, 0, 0]]
-    result = compare(tally(outcomes(lines("a", a) + lines("b", b)), "a", "b")[1], rng())
+    result = compare(counted(lines("a", a) + lines("b", b)), rng())
     assert (result.better, result.worse) == (8, 1)
     assert result.p_bits == pytest.approx(binomtest(8, 9).pvalue, abs=FLOAT64)
     assert result.p_bits == pytest.approx(2 * (1 + 9) / 2**9, abs=FLOAT64)
@@ -62,16 +67,16 @@ def test_discordant_bits_are_mcnemars() -> None:
 
 
 def test_a_handful_of_frame_pairs_gives_no_interval() -> None:
-    found = outcomes(lines("a", [[0, 0]] * 4) + lines("b", [[1, 1]] * 4))
-    result = compare(tally(found, "a", "b")[1], rng())
+    made = lines("a", [[0, 0]] * 4) + lines("b", [[1, 1]] * 4)
+    result = compare(counted(made), rng())
     assert (result.low, result.high) == (-100, 100)
     assert (result.ratio_low, result.ratio_high) == (0, None)
-    assert behind(found, "b", "a", rng()) == {}
+    assert cells_behind(to_records(made), "b", "a", rng()) == []
 
 
 def test_no_error_of_the_reference_gives_no_ratio() -> None:
-    found = outcomes(lines("a", [[1, 0]] * 6) + lines("b", [[0, 0]] * 6))
-    result = compare(tally(found, "a", "b")[1], rng())
+    made = lines("a", [[1, 0]] * 6) + lines("b", [[0, 0]] * 6)
+    result = compare(counted(made), rng())
     assert (result.ratio, result.ratio_low, result.ratio_high) == (None, 0, None)
 
 
@@ -79,18 +84,18 @@ def test_unknown_bits_count_for_nothing() -> None:
     made = lines("a", [[0, 1, 1]]) + lines("b", [[1, 1, 0]])
     for line in made:
         line["bits"] = [1, 1, -1]
-    assert tally(outcomes(made), "a", "b")[1].tolist() == [[2, 1, 2, 1]]
+    assert counted(made).tolist() == [[2, 1, 2, 1]]
 
 
 def test_frame_pairs_are_matched_whatever_their_order() -> None:
     a = lines("a", [[1, 1], [0, 0]])
     b = lines("b", [[1, 1], [0, 0]])
-    assert compare(tally(outcomes(a + b[::-1]), "a", "b")[1], rng()).worse == 0
+    assert compare(counted(a + b[::-1]), rng()).worse == 0
 
 
 def test_behind_lists_the_cells_that_lose() -> None:
     good, bad = [[0, 0, 0, 0]] * 6, [[1, 0, 0, 0]] * 6
-    found = outcomes(
+    records = to_records(
         [
             *lines("a", good),
             *lines("b", bad),
@@ -100,9 +105,9 @@ def test_behind_lists_the_cells_that_lose() -> None:
             *lines("b", bad, condition="jpeg"),
         ]
     )
-    losing = behind(found, "a", "b", rng())
-    assert list(losing) == [(None, "canon-lg", 45.0, 5)]
-    assert next(iter(losing.values())).difference == -25
+    ((cell, paired),) = cells_behind(records, "a", "b", rng())
+    assert cell == {"condition": "", "pair": "canon-lg", "view_deg": 45.0, "kappa": 5}
+    assert paired.difference == -25
 
 
 @pytest.mark.parametrize(
@@ -117,7 +122,7 @@ def test_behind_lists_the_cells_that_lose() -> None:
 )
 def test_what_cannot_be_paired_is_refused(other: list[dict[str, Any]], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        tally(outcomes(lines("a", [[0, 0], [0, 0]]) + other), "a", "b")
+        counted(lines("a", [[0, 0], [0, 0]]) + other)
 
 
 def drawn(generator: np.random.Generator, frames: int) -> Counts:

@@ -190,14 +190,14 @@ def stored_peers(run: Run) -> list[PeerRow]:
     return peer_rows(run.references["peers"]) if "peers" in run.references else []
 
 
-def peers_charts(run: Run) -> list[tuple[int, Markup]]:
-    """For each condition the number of captures of a point, and the chart."""
+def peers_charts(run: Run) -> list[tuple[str, int, Markup]]:
+    """For each condition its name, the number of captures of a point, and the chart."""
     rows = stored_peers(run)
     found = []
     for name in dict.fromkeys(row.condition for row in rows):
         mine = [row for row in rows if row.condition == name]
         svg = to_svg(peers_figure(mine), f"Accuracy by PSNR, {name}")
-        found.append((min(row.captures for row in mine), svg))
+        found.append((name, min(row.captures for row in mine), svg))
     return found
 
 

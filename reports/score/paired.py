@@ -86,8 +86,8 @@ def tally(records: pd.DataFrame, method: str, reference: str) -> pd.DataFrame:
     counts = []
     for row in both.itertuples(index=False):
         if not np.array_equal(row.bits, row.bits_):
-            frame = tuple(getattr(row, key) for key in KEYS if key != "index")
-            raise InputError(f"{method}, {reference}: bits of a frame pair of {frame} differ")
+            cell = ", ".join(f"{key} {getattr(row, key)}" for key in CELL)
+            raise InputError(f"{method}, {reference}: bits of frame pair ({cell}) differ")
         known = row.bits >= 0
         wrong = ((row.scores > 0) != row.bits)[known]
         other = ((row.scores_ > 0) != row.bits)[known]
