@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished
+from conftest import Command, Finished, slow
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
@@ -107,9 +107,7 @@ def test_runtime_prints_bits_and_scores_of_rectified_images(
     np.testing.assert_allclose(result["scores"], expected.scores, atol=1e-4)  # four decimals
 
 
-def test_runtime_decodes_captured_images_with_corners(
-    images: Path, captured: Captured
-) -> None:
+def test_runtime_decodes_captured_images_with_corners(images: Path, captured: Captured) -> None:
     files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     done = shell("-m", "export.runtime", *files, "--corners", *points(captured.corners))
     assert (done.status, done.stderr) == (0, "")
@@ -130,9 +128,7 @@ def test_the_corners_of_the_embedded_image_count(
     assert scores[0] == scores[1] != scores[2]
 
 
-def test_corners_at_the_edge_of_the_image_can_be_given(
-    images: Path, command: Command
-) -> None:
+def test_corners_at_the_edge_of_the_image_can_be_given(images: Path, command: Command) -> None:
     files = PRETRAINED / "decoder.onnx", images / "ro.png", images / "re.png"
     whole = ("-0.5,-0.5", "511.5,-0.5", "511.5,383.5", "-0.5,383.5")
     done = command(runtime_cli.main, *files, "--corners", *whole)
@@ -197,9 +193,7 @@ def test_runtime_refuses_bad_corners(
     refused(command(runtime_cli.main, *files, "--corners", *corners.split()), part)
 
 
-def test_runtime_refuses_a_truncated_model(
-    images: Path, tmp_path: Path, command: Command
-) -> None:
+def test_runtime_refuses_a_truncated_model(images: Path, tmp_path: Path, command: Command) -> None:
     whole = (PRETRAINED / "decoder.onnx").read_bytes()
     (tmp_path / "cut.onnx").write_bytes(whole[: len(whole) // 3])
     files = tmp_path / "cut.onnx", images / "o.png", images / "e.png"
@@ -284,7 +278,7 @@ def test_evaluate_refuses_a_wrong_pair_with_the_valid_names(
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("train.py", "--pair", "canon-dell"),
+        slow(("train.py", "--pair", "canon-dell")),
         ("-m", "data_gen", "--out", "/nowhere/at/all", "--frames", "0"),
     ],
 )
@@ -485,9 +479,7 @@ def test_an_out_that_is_a_file_is_refused(tmp_path: Path, command: Command) -> N
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_gray_png_is_read_as_rgb(
-    images: Path, tmp_path: Path, command: Command
-) -> None:
+def test_a_gray_png_is_read_as_rgb(images: Path, tmp_path: Path, command: Command) -> None:
     for name in ("ro.png", "re.png"):
         gray = cv2.imread(str(images / name), cv2.IMREAD_GRAYSCALE)
         assert cv2.imwrite(str(tmp_path / name), gray)

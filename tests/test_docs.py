@@ -16,6 +16,7 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SHOWN = {file: BLOCK.findall(file.read_text()) for file in sorted((ROOT / "docs").glob("*.md"))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "file", [file for file, found in SHOWN.items() if found], ids=lambda f: f.name
 )

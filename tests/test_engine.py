@@ -176,7 +176,8 @@ def test_commands_that_need_every_cell_refuse_to_go_on(tmp_path: Path) -> None:
         predict_all(condition(BAD), NAIVE, tmp_path, 1)
 
 
-@pytest.mark.parametrize("where", ["loky", slow("dask")])
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["loky", "dask"])
 def test_a_task_whose_process_dies_fails_alone(where: str, request: pytest.FixtureRequest) -> None:
     def task(number: int) -> int:
         if number == 1:

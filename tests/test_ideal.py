@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command, slow
+from conftest import Command
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
@@ -145,7 +145,8 @@ def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> Non
 # The comparison
 
 
-@pytest.mark.parametrize("methods", [("oorc", "ideal"), slow(("ideal", "ideal_change"))])
+@pytest.mark.slow
+@pytest.mark.parametrize("methods", [("oorc", "ideal"), ("ideal", "ideal_change")])
 def test_the_comparison_knows_it_as_a_method(
     methods: tuple[str, ...], tmp_path: Path, command: Command
 ) -> None:
