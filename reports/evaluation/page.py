@@ -63,6 +63,20 @@ SECTIONS = {
     "provenance": "Provenance",
 }
 """Titles of the report's sections by anchor, in the order of the page."""
+ENVIRONMENT = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(TEMPLATES),
+    autoescape=True,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+"""Compiles the templates; every text is escaped, and a name that is not given is an error."""
+ENVIRONMENT.filters |= {
+    "percent": percent,
+    "interval": share_interval,
+    "difference_interval": difference_interval,
+    "count": "{:,}".format,
+}
 MAIN, SWEPT = "main comparison", "all sweeps"
 """Names of the two conditions whose reliability the page shows."""
 
@@ -136,21 +150,7 @@ def render(template: str, colours: Mapping[str, str], **content: object) -> str:
         colours: by text, the colour of a dot that stands before it in tables.
         **content: what the template shows; texts are escaped, `markupsafe.Markup` is not.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {
-        "percent": percent,
-        "interval": share_interval,
-        "difference_interval": difference_interval,
-        "count": lambda number: f"{number:,}",
-    }
-    environment.globals["colours"] = dict(colours)
-    return environment.get_template(template).render(content)
+    return ENVIRONMENT.get_template(template).render(content, colours=colours)
 
 
 def summary_chart(ranked: Sequence[Standing]) -> Markup:

@@ -336,7 +336,7 @@ def to_svg(figure: Figure, title: str) -> Markup:
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = re.sub(r"[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "", buffer.getvalue())
-    root = ET.fromstring(text)
+    root = ET.fromstring(text)  # without the characters that no XML may hold
     for child in [root.find(f"{SVG}metadata"), *root.findall(f"{SVG}defs/{SVG}style/..")]:
         if child is not None:
             root.remove(child)
