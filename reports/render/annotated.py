@@ -1,4 +1,4 @@
-"""One annotated picture a frame pair and method of a folder of captures."""
+"""Annotated pictures of a folder of captures, one for each frame pair and method."""
 
 from pathlib import Path
 
@@ -10,7 +10,13 @@ from reports.render.figures import annotate
 
 
 def show(captures: Path, methods: list[Method], folder: Path) -> None:
-    """Write one annotated picture a frame pair and method."""
+    """Decode a folder of captures and write an annotated picture of each frame pair and method.
+
+    Args:
+        captures: folder with a manifest.
+        methods: what decodes; a method that cannot decode such captures is passed over.
+        folder: gets the pictures, as PNG.
+    """
     for number, entry in enumerate(read_manifest(captures)):
         captured = load_capture(captures, entry)
         pair = captured.rectified()

@@ -1,33 +1,41 @@
 """Pictures of a decoded frame pair and of the response that was recovered from it."""
 
-import io
 from collections.abc import Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from export.overlay import frame_block
 from link.frames import Captured, Rectified, SoftBits
-from link.images import as_rgb, intensity, write_bytes
+from link.images import as_rgb, intensity
 from link.layout import block_index
 from link.ratex import training_pixels
 from models.classical.common import tile_mean
 from models.classical.oorc import inverse_response
+from reports.render.charts import MUTED, colour_of, new_panels, save_png
 
 GAIN = 8.0
+"""Factor by which differences between two frames are enlarged in pictures."""
 RIGHT, WRONG, UNKNOWN = (40, 170, 70), (220, 40, 40), (60, 120, 220)
+"""Colours, as (R, G, B) of [0, 255], of blocks whose bit is right, wrong, or not known."""
 MIN_HEIGHT_PX = 384
+"""Smallest height of a picture of a decoded frame pair, pixels."""
 
 
 def annotate(
     pair: Rectified, soft: SoftBits, truth: NDArray[np.intp] | None = None
 ) -> NDArray[np.uint8]:
-    """Rectified original | amplified difference | decided bits, side by side.
+    """Set the rectified original, the amplified difference and the decided bits side by side.
+
+    Args:
+        pair: the rectified frames.
+        soft: scores of the message blocks.
+        truth: (n_bits,) true bits, -1 where unknown; None where none is known.
 
     Returns:
-        (H, 3 W, 3) uint8 RGB, at least 384 pixels high.
+        (H, 3 W, 3) uint8 RGB, encoded, at least 384 pixels high.
     """
     original, embedded = (as_rgb(frame) for frame in (pair.original, pair.embedded))
     change = embedded.astype(np.float64) - original
@@ -40,13 +48,18 @@ def annotate(
 def bits_panel(
     pair: Rectified, soft: SoftBits, truth: NDArray[np.intp] | None = None
 ) -> NDArray[np.uint8]:
-    """The rectified original under its decided bits: light blocks are 1, dark blocks 0.
+    """Lay the decided bits over the rectified original: light blocks are 1, dark blocks 0.
 
     A block's frame is green where the bit is right, red and thick where it is wrong, blue where the
     truth is unknown. Ratex patches are left as they are.
 
+    Args:
+        pair: the rectified frames.
+        soft: scores of the message blocks.
+        truth: (n_bits,) true bits, -1 where unknown; None where none is known.
+
     Returns:
-        (H, W, 3) uint8 RGB, at least 384 pixels high.
+        (H, W, 3) uint8 RGB, encoded, at least 384 pixels high.
     """
     layout = pair.layout
     panel = _enlarge(as_rgb(pair.original), layout.height)
@@ -62,19 +75,29 @@ def bits_panel(
     mixed = 0.45 * panel + 0.55 * 255 * (of_pixel == 1)
     panel = np.where(of_pixel >= 0, mixed, panel).astype(np.uint8)
     for row, col in np.argwhere(bits >= 0):
-        top, bottom, left, right = (factor * edge for edge in layout.cell_box(int(row), int(col)))
+        top, bottom, left, right = layout.cell_box(int(row), int(col))
+        box = (factor * top, factor * bottom, factor * left, factor * right)
         colour = UNKNOWN
         if known[row, col] >= 0:
             colour = RIGHT if known[row, col] == bits[row, col] else WRONG
-        thickness = 3 if colour == WRONG else 1
-        cv2.rectangle(panel, (left + 2, top + 2), (right - 3, bottom - 3), colour, thickness)
+        frame_block(panel, box, colour, thickness=3 if colour == WRONG else 1, inset=2)
     return panel
 
 
 def overview(
     displayed: NDArray[np.uint8], captured: Captured, pair: Rectified, soft: SoftBits
 ) -> NDArray[np.uint8]:
-    """Displayed | captured, with the display outlined | decoded: (H, W, 3) uint8 RGB."""
+    """Set the displayed, the captured and the decoded picture side by side.
+
+    Args:
+        displayed: (H, W, 3) uint8 frame on the display, encoded.
+        captured: what the camera stored of it; the display is outlined there.
+        pair: the rectified frames.
+        soft: scores of the message blocks.
+
+    Returns:
+        (H, W, 3) uint8 RGB, encoded.
+    """
     photo = captured.original.copy()
     outline = captured.corners.round().astype(np.int32)
     cv2.polylines(photo, [outline], True, RIGHT, 2, cv2.LINE_AA)
@@ -95,34 +118,31 @@ def overview(
 def plot_inverse_responses(
     path: Path, cases: Mapping[str, tuple[Rectified, Mapping[str, NDArray[np.float64]]]]
 ) -> None:
-    """Plot g, captured -> displayed intensity, as recovered by each method from each frame pair.
+    """Draw g, captured to displayed intensity, as each method recovers it from each frame pair.
 
     A head gives g up to scale and offset, so each curve is fitted to the ratex tiles (dots) by
     those two numbers alone.
 
     Args:
-        path: of the PNG.
-        cases: title -> the frame pair (kappa known), and method -> weights of its Phi features.
+        path: the PNG file.
+        cases: by title of a panel, the frame pair (its kappa is known), and by method the weights
+            of its Phi features.
     """
-    figure = Figure(figsize=(4.2 * len(cases), 3.6))
-    axes = figure.subplots(1, len(cases), sharey=True, squeeze=False)
-    for ax, (title, (pair, heads)) in zip(axes[0], cases.items(), strict=True):
+    figure, panels = new_panels(len(cases), columns=len(cases), title=True)
+    for panel, (title, (pair, heads)) in zip(panels, cases.items(), strict=True):
         pixels = training_pixels(pair.layout, pair.kappa or 0)
         tiles = tile_mean(intensity(pair.original)[pixels.y, pixels.x].astype(np.float64))
         shown = tile_mean(pixels.rho)
         grid = np.linspace(tiles.min(), tiles.max(), 200)
-        ax.plot(255 * tiles, shown, "o", ms=3, color="0.6", label="ratex tiles")
+        panel.plot(255 * tiles, shown, "o", ms=3, color=MUTED, label="ratex tiles")
         for method, weights in heads.items():
             g = inverse_response(weights)
             slope, offset = np.polyfit(g(tiles), shown, 1)
-            ax.plot(255 * grid, slope * g(grid) + offset, label=method)
-        ax.set(title=title, xlabel="captured intensity", xlim=(0, 255), ylim=(-10, 265))
-    axes[0, 0].set_ylabel("displayed intensity")
-    axes[0, 0].legend(frameon=False)
-    figure.tight_layout()
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
-    write_bytes(path, buffer.getvalue())
+            panel.plot(255 * grid, slope * g(grid) + offset, label=method, color=colour_of(method))
+        panel.set(title=title, xlabel="captured intensity", ylabel="displayed intensity")
+        panel.set(xlim=(0, 255), ylim=(-10, 265))
+        panel.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02))
+    save_png(figure, path)
 
 
 def _enlarge(panel: NDArray[np.uint8], height: int) -> NDArray[np.uint8]:
