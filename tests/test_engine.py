@@ -34,7 +34,6 @@ from reports.engine.predict import (
     predict_all,
 )
 
-ROOT = Path(__file__).parents[1]
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
 RUN += ["--methods", "oorc", "learned", "hidden_ratex", "--no-html"]
 N_CELLS, N_METHODS = 4, 3

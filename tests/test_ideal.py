@@ -60,6 +60,7 @@ def test_log_likelihood_ratios_of_white_noise_are_those_of_the_formula() -> None
     assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
 
 
+@pytest.mark.slow
 def test_the_change_alone_has_the_noise_of_both_frames() -> None:
     """Error rates are those of twice the variance."""
     rng = np.random.default_rng(1)
@@ -92,6 +93,7 @@ def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
         assert np.isfinite(soft.scores).all()
 
 
+@pytest.mark.slow
 def test_no_decoder_passes_the_ideal_observer(layout: Layout) -> None:
     source = Source(layout, "train", 7)
     ideal, change, oorc = 0, 0, 0

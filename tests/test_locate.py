@@ -163,6 +163,7 @@ def test_refine_keeps_the_order_of_corners(with_patches: NDArray[np.uint8]) -> N
     np.testing.assert_allclose(refine_corners(even, CORNERS, LAYOUT), CORNERS, atol=1e-6)
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(st.floats(-8, 8), st.floats(-0.12, 0.12), st.floats(0.75, 1.05))
 def test_a_turned_image_has_turned_corners(degrees: float, shear: float, size: float) -> None:

@@ -193,6 +193,7 @@ def decoder() -> Decoder:
     return Decoder(PRETRAINED)
 
 
+@pytest.mark.slow
 def test_screenshots_decode_to_the_message(
     open_window: OpenWindow, slow_player: Path, decoder: Decoder
 ) -> None:

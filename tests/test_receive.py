@@ -65,7 +65,7 @@ def listen(
         Stream(state_hz=10.07, readout=0.0),
         slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
         slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
-        Stream(turn=1),
+        slow(Stream(turn=1)),
         Stream(turn=2, readout=0.02),
     ],
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
@@ -118,7 +118,8 @@ def spoils(kind: str) -> object:
 
 
 @pytest.mark.parametrize(
-    "kind", ["dropped", slow("leaves"), "exposure jumps", "passer-by", "gray", slow("16 bits")]
+    "kind",
+    ["dropped", "passer-by", *map(slow, ("leaves", "exposure jumps", "gray", "16 bits"))],
 )
 def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: str) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))

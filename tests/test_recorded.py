@@ -65,6 +65,7 @@ def test_the_manifest_holds_what_was_sent_and_where(
         assert error.max() < 4.0  # pixels; the reported corners themselves are half a pixel off
 
 
+@pytest.mark.slow
 def test_the_recorded_set_gives_a_report(
     filmed: tuple[Path, list[Captured]], command: Command, tmp_path: Path
 ) -> None:

@@ -45,6 +45,7 @@ def even(level: int) -> NDArray[np.uint8]:
     return even_scene(level, LAYOUT).original
 
 
+@pytest.mark.slow
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10_000), view=st.floats(-60, 60), coverage=st.floats(0.05, 0.9))
 def test_the_whole_picture_is_in_view(seed: int, view: float, coverage: float) -> None:

@@ -32,9 +32,8 @@ def test_captures_that_cannot_be_combined_are_refused(lengths: tuple[int, ...]) 
         combined([SoftBits(np.zeros(n)) for n in lengths])
 
 
-def test_repeats_counts_the_errors_of_added_captures(
-    command: Command, tmp_path: Path
-) -> None:
+@pytest.mark.slow
+def test_repeats_counts_the_errors_of_added_captures(command: Command, tmp_path: Path) -> None:
     flags = ["--frames", 1, "--captures", 1, 2, "--conditions", "kappa1", "--jobs", 1]
     done = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
     assert done.status == 0, done.stderr
