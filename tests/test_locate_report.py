@@ -9,7 +9,14 @@ from conftest import Command
 
 from link.errors import InputError
 from link.images import write_image
-from reports.lab.locate import Outcome, groups, main, measure_photos, overlap, summary
+from reports.lab.locate import (
+    Sighting,
+    group_sightings,
+    main,
+    measure_photos,
+    overlap,
+    summarise_sightings,
+)
 
 SQUARE = np.array([[10.0, 10.0], [110.0, 10.0], [110.0, 110.0], [10.0, 110.0]])
 
@@ -21,26 +28,26 @@ def test_overlap() -> None:
     assert overlap(SQUARE, SQUARE + np.array([200, 0])) == 0
 
 
-def outcome(*errors: float, coverage: float = 0.1) -> Outcome:
-    return Outcome("edges", "office", 0.0, coverage, bool(errors), list(errors), 0.05)
+def outcome(*errors: float, coverage: float = 0.1) -> Sighting:
+    return Sighting("edges", "office", 0.0, coverage, bool(errors), list(errors), 0.05)
 
 
 def test_summary_counts_found_missed_and_wrong() -> None:
     outcomes = [outcome(0.1, 0.2, 0.3, 0.4), outcome(1, 2, 3, 11), outcome()]
-    row = summary("all", outcomes, 1.0)
+    row = summarise_sightings("all", outcomes, 1.0)
     assert (row["photographs"], row["found"], row["wrong"]) == (3, 1, 1)
     assert row["median_px"] == pytest.approx(0.25)
     assert row["found_low"] < 1 / 3 < row["found_high"]
     assert row["median_ms"] == pytest.approx(50)
-    assert summary("all", outcomes, 2.0)["found"] == 2
-    nothing = summary("all", [outcome()], 1.0)
+    assert summarise_sightings("all", outcomes, 2.0)["found"] == 2
+    nothing = summarise_sightings("all", [outcome()], 1.0)
     assert nothing["median_px"] is None
     json.dumps(nothing, allow_nan=False)
 
 
 def test_groups_hold_each_photograph_once() -> None:
     outcomes = [outcome(coverage=share) for share in (0.05, 0.15, 0.39, 0.4, 0.9)]
-    split = groups(outcomes)
+    split = group_sightings(outcomes)
     covers = [o for name, some in split.items() if name.startswith("covers") for o in some]
     assert sorted(o.coverage for o in covers) == [0.05, 0.15, 0.39, 0.4, 0.9]
 

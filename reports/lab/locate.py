@@ -1,24 +1,22 @@
-"""How well the display is found: python -m reports.lab.locate [--photos DIR] [--frames 200].
+"""Measure how well displays are found: python -m reports.lab.locate [--photos DIR] [--frames 200].
 
-Simulated photographs of held-out pictures in drawn rooms, with ratex patches and without; held-out
-photographs that show no display; and real photographs whose corners are known, where a folder is
-given.
+It searches simulated photographs of held-out pictures in drawn rooms, with ratex patches and
+without; held-out photographs that show no display; and, where a folder is given, real photographs
+whose corners are known.
 """
 
 import json
 import os
 import time
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import tyro
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import PAIRS, get_pair
@@ -29,16 +27,25 @@ from export.locate.refine import corners_on_patches
 from link.embed import embed
 from link.errors import InputError, at_least, run_cli
 from link.geometry import as_corners
-from link.images import read_image, write_bytes
+from link.images import IMAGE_SUFFIXES, read_image, write_bytes
 from link.layout import Layout, make_layout
-from reports.score.metrics import provenance, wilson
+from reports.engine.backends import one_thread
+from reports.engine.provenance import provenance
+from reports.engine.stored import all_results
+from reports.render.tables import Table, TableCell, percent, share_interval
+from reports.score.accuracy import wilson
 
 VIEWS = (0.0, 15.0, 30.0, 45.0, 60.0)
+"""Angles, in degrees, between camera and display that are simulated."""
 FOUND_PX = 10.0
-"""A display counts as found where no corner is farther off, at a width of 1280."""
+"""Largest distance of a corner from the true one, in pixels of an image 1280 wide, at which a
+display counts as found."""
 COVERS = (("5 to 15 %", 0.0, 0.15), ("15 to 40 %", 0.15, 0.4), ("over 40 %", 0.4, 1.0))
-SUFFIXES = (".jpeg", ".jpg", ".png")
-KAPPA = 3
+"""Groups of photographs by the share of the image that the display covers: name, least, most."""
+SHOWN_KAPPA = 3
+"""Gray levels added to a block that carries a 1, in simulated photographs."""
+PATCH_COUNTS = (1, 2, 3, 5)
+"""Numbers of ratex patches for which the visibility of right and wrong turns is measured."""
 
 
 @dataclass(frozen=True)
@@ -48,84 +55,156 @@ class LocateConfig:
     photos: Path | None = None
     """Folder of photographs, each with a (4, 2) array of corners: NAME.jpeg and NAME.npy."""
     frames: int = 200
-    """Simulated photographs with patches, and as many without."""
+    """Number of simulated photographs with patches; there are as many without."""
     size: tuple[int, int] = (1280, 720)
+    """Width and height of the simulated photographs, pixels."""
     seed: int = 0
+    """Seed of the simulated photographs."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes."""
     out: Path = Path("runs/locate")
+    """Folder for locate.json."""
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One photograph."""
+class Search:
+    """A photograph in which the display is to be found."""
 
     kind: str
-    """"patches", "edges" or "empty"."""
+    """What it shows: "patches" for a display with ratex patches, "edges" for one without."""
+    index: int
+    """Number of the photograph among those of its kind."""
+    layout: Layout
+    """Layout of what is displayed."""
+    size: tuple[int, int]
+    """Width and height of the photograph, pixels."""
+    seed: int
+    """Seed of the scene."""
+
+
+@dataclass(frozen=True)
+class EmptySearch:
+    """A photograph of the test pictures that shows no display."""
+
+    number: int
+    """Number of the picture among the photographs of the test pictures."""
+    layout: Layout
+    """Layout of what is looked for."""
+    size: tuple[int, int]
+    """Width and height of the photograph, pixels."""
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What the search found in one photograph."""
+
+    kind: str
+    """What the photograph shows: "patches", "edges" or "empty"."""
     room: str
+    """Kind of room; empty where none was drawn."""
     view_deg: float
+    """Angle between the camera and the normal of the display, degrees."""
     coverage: float
+    """Share of the image that the display covers, in [0, 1]."""
     found: bool
-    """Something was returned."""
+    """Whether a display was reported."""
     errors_px: list[float]
-    """Of the four corners; empty where nothing was returned. Without patches, in the turn that is
-    nearest."""
+    """Distances of the four corners from the true ones, pixels; empty where nothing was reported.
+    Without patches, they are those of the turn of the corners that is nearest."""
     seconds: float
+    """Time of the search on one thread, seconds."""
 
 
-def film(
-    kind: str, index: int, layout: Layout, pictures: Sequence[Picture], config: LocateConfig
-) -> Outcome:
+@lru_cache(maxsize=4)
+def split_pictures(split: str, width: int, height: int) -> list[Picture]:
+    """Load the pictures of a split once a process."""
+    return load_pictures(split, width, height)
+
+
+def bare_photographs(size: tuple[int, int]) -> list[Picture]:
+    """Those of the test pictures that are photographs, and so show no display."""
+    pictures = split_pictures("test", *size)
+    return [picture for picture in pictures if picture.name.startswith("photo/")]
+
+
+def search_scene(search: Search) -> Sighting:
     """Draw a scene, photograph it and look for the display."""
-    rng = np.random.default_rng([config.seed, index, len(kind)])
+    layout = search.layout
+    pictures = split_pictures("test", layout.width, layout.height)
+    rng = np.random.default_rng([search.seed, search.index, len(search.kind)])
     pair = get_pair(str(rng.choice(list(PAIRS))))
     view = float(rng.choice(VIEWS))
-    plain = kind == "edges"  # then a window in a screen, or a second display, is a display too
+    plain = search.kind == "edges"  # then a window in a screen, or a second display, is one too
     settings = SceneSettings(
-        size=config.size,
+        size=search.size,
         window=False if plain else None,
         second_display=False if plain else None,
         pictures=pictures,
     )
     scene = draw_scene(layout, pair, view, rng, settings)
     picture = pictures[int(rng.integers(len(pictures)))]
-    shown = embed(picture.rgb, rng.integers(0, 2, layout.n_bits), layout, KAPPA)
-    image = photograph(shown.embedded if index % 2 else shown.original, scene, rng)
-    found, seconds = timed(image, layout)
+    shown = embed(picture.rgb, rng.integers(0, 2, layout.n_bits), layout, SHOWN_KAPPA)
+    image = photograph(shown.embedded if search.index % 2 else shown.original, scene, rng)
+    found, seconds = timed_search(image, layout)
     errors: list[float] = []
     if found is not None:
-        turns = 4 if plain else 1
         off = [
             np.linalg.norm(np.roll(found, turn, axis=0) - scene.corners, axis=1)
-            for turn in range(turns)
+            for turn in range(4 if plain else 1)
         ]
         errors = [float(e) for e in min(off, key=np.max)]
-    return Outcome(kind, scene.room, view, scene.coverage, found is not None, errors, seconds)
+    sighted = found is not None
+    return Sighting(search.kind, scene.room, view, scene.coverage, sighted, errors, seconds)
 
 
-def look_at_nothing(picture: Picture, layout: Layout) -> Outcome:
-    """A photograph that shows no display."""
-    found, seconds = timed(picture.rgb, layout)
-    kind = "empty, patches sought" if layout.ratex else "empty"
-    return Outcome(kind, "", 0.0, 0.0, found is not None, [], seconds)
+def search_empty(search: EmptySearch) -> Sighting:
+    """Look for a display in a photograph that shows none."""
+    picture = bare_photographs(search.size)[search.number]
+    found, seconds = timed_search(picture.rgb, search.layout)
+    kind = "empty, patches sought" if search.layout.ratex else "empty"
+    return Sighting(kind, "", 0.0, 0.0, found is not None, [], seconds)
 
 
-def timed(image: NDArray[np.uint8], layout: Layout) -> tuple[NDArray[np.float64] | None, float]:
-    """Corners found, and the seconds it took on one thread."""
-    cv2.setNumThreads(1)
+def timed_search(
+    image: NDArray[np.uint8], layout: Layout
+) -> tuple[NDArray[np.float64] | None, float]:
+    """Search an image on one thread.
+
+    Returns:
+        (4, 2) corners of the display, or None where none was found, and the seconds it took.
+    """
+    one_thread()
     start = time.perf_counter()
     found = locate(image, layout)
     return (None if found is None else found.corners), time.perf_counter() - start
 
 
-def visibilities(index: int, patches: int, pictures: list[Picture], seed: int) -> list[float]:
-    """After aligning from 4 % off: in the right turn of the corners and in the three wrong ones."""
-    cv2.setNumThreads(1)
-    rng = np.random.default_rng([seed, index, patches])
-    layout = make_layout(ratex=patches)
+@dataclass(frozen=True)
+class TurnSearch:
+    """A simulated photograph in which right and wrong turns of the corners are compared."""
+
+    index: int
+    """Number of the photograph."""
+    patches: int
+    """Number of ratex patches of the display."""
+    seed: int
+    """Seed of the scene."""
+
+
+def turn_visibilities(search: TurnSearch) -> list[float]:
+    """Align corners that begin 4 % off, in the right turn and in the three wrong ones.
+
+    Returns:
+        visibility of the patches in each turn, the right one first.
+    """
+    one_thread()
+    rng = np.random.default_rng([search.seed, search.index, search.patches])
+    layout = make_layout(ratex=search.patches)
+    pictures = split_pictures("train", layout.width, layout.height)
     pair = get_pair(str(rng.choice(list(PAIRS))))
     scene = draw_scene(layout, pair, float(rng.choice(VIEWS)), rng, SceneSettings())
     picture = pictures[int(rng.integers(len(pictures)))].rgb
-    shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, KAPPA)
+    shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, SHOWN_KAPPA)
     image = photograph(shown.embedded, scene, rng)
     pyramid = image_pyramid(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     side = np.sqrt(cv2.contourArea(scene.corners.astype(np.float32)))
@@ -135,16 +214,14 @@ def visibilities(index: int, patches: int, pictures: list[Picture], seed: int) -
 
 
 def visibility_levels(config: LocateConfig) -> list[dict[str, Any]]:
-    """What right and wrong turns reach, by number of patches: what `export.locate` accepts by."""
-    layout = make_layout()
-    pictures = load_pictures("train", layout.width, layout.height)
+    """Compare what right and wrong turns reach, which tells what `export.locate` may accept."""
     rows = []
-    for patches in (1, 2, 3, 5):
-        work = (
-            delayed(visibilities)(i, patches, pictures, config.seed)
-            for i in range(-(-config.frames // 5))
-        )
-        seen = np.array(Parallel(config.jobs)(work))
+    for patches in PATCH_COUNTS:
+        searches = [
+            TurnSearch(index, patches, config.seed) for index in range(-(-config.frames // 5))
+        ]
+        title = f"turns, {patches} patches"
+        seen = np.array(all_results(turn_visibilities, searches, config.jobs, title))
         right, wrong = np.quantile(seen[:, 0], (0, 0.05, 0.5)), np.quantile(seen[:, 1:], (0.95, 1))
         rows.append(
             {
@@ -158,14 +235,19 @@ def visibility_levels(config: LocateConfig) -> list[dict[str, Any]]:
 
 
 def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Intersection over union of two convex quadrilaterals."""
+    """Intersection over union of two convex quadrilaterals, each (4, 2); in [0, 1].
+
+    >>> square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
+    >>> round(overlap(square, square + [1.0, 0.0]), 3)
+    0.333
+    """
     one, two = a.astype(np.float32), b.astype(np.float32)
     shared = cv2.intersectConvexConvex(one, two)[0]
     return float(shared / (cv2.contourArea(one) + cv2.contourArea(two) - shared))
 
 
 def measure_photos(folder: Path) -> list[dict[str, Any]]:
-    """Overlap and corner errors on real photographs, without a layout.
+    """Measure overlap and corner errors on real photographs, which are searched without a layout.
 
     Raises:
         InputError: no such folder, or no photograph with corners in it.
@@ -173,7 +255,7 @@ def measure_photos(folder: Path) -> list[dict[str, Any]]:
     if not folder.is_dir():
         raise InputError(f"--photos: {folder} is no folder")
     rows = []
-    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES):
+    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES):
         if not path.with_suffix(".npy").is_file():
             continue
         truth = as_corners(np.load(path.with_suffix(".npy")))
@@ -186,62 +268,76 @@ def measure_photos(folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def summary(name: str, outcomes: list[Outcome], scale: float) -> dict[str, Any]:
-    """Detection rate and corner errors of a group, with 95 % intervals."""
-    right = [o for o in outcomes if o.found and max(o.errors_px) < FOUND_PX * scale]
+def summarise_sightings(name: str, sightings: list[Sighting], scale: float) -> dict[str, Any]:
+    """Summarise a group of photographs, with 95 % intervals.
+
+    Args:
+        name: of the group.
+        sightings: what was found in each photograph.
+        scale: width of the photographs relative to 1280 pixels, by which `FOUND_PX` is scaled.
+
+    Returns:
+        numbers of photographs, of displays ``found``, and of ``wrong`` reports; median and 95 %
+        quantile of the corner errors of those found, pixels (None where there are none); median
+        time of a search, milliseconds.
+    """
+    right = [o for o in sightings if o.found and max(o.errors_px) < FOUND_PX * scale]
     errors = np.array([o.errors_px for o in right]).reshape(-1, 4)
     rng = np.random.default_rng(0)  # photographs are drawn anew, with all four corners
     medians = [
         np.median(errors[rng.integers(len(errors), size=len(errors))])
         for _ in range(500 * (len(right) > 0))
     ]
-    low, high = wilson(len(right), len(outcomes))
+    low, high = wilson(len(right), len(sightings))
     return {
         "group": name,
-        "photographs": len(outcomes),
+        "photographs": len(sightings),
         "found": len(right),
         "found_low": low,
         "found_high": high,
-        "wrong": sum(o.found for o in outcomes) - len(right),
+        "wrong": sum(o.found for o in sightings) - len(right),
         "median_px": float(np.median(errors)) if len(right) else None,
         "median_low": float(np.quantile(medians, 0.025)) if medians else None,
         "median_high": float(np.quantile(medians, 0.975)) if medians else None,
         "q95_px": float(np.quantile(errors, 0.95)) if len(right) else None,
-        "median_ms": 1000 * float(np.median([o.seconds for o in outcomes])),
+        "median_ms": 1000 * float(np.median([o.seconds for o in sightings])),
     }
 
 
-def groups(outcomes: list[Outcome]) -> dict[str, list[Outcome]]:
-    """Name -> photographs of one kind: all, by coverage, view and room."""
-    split: dict[str, list[Outcome]] = {"all": outcomes}
+def group_sightings(sightings: list[Sighting]) -> dict[str, list[Sighting]]:
+    """Group photographs of one kind: all of them, and by coverage, view and room."""
+    split: dict[str, list[Sighting]] = {"all": sightings}
     for name, low, high in COVERS:
-        split[f"covers {name}"] = [o for o in outcomes if low <= o.coverage < high]
+        split[f"covers {name}"] = [s for s in sightings if low <= s.coverage < high]
     for view in VIEWS:
-        split[f"{view:g}°"] = [o for o in outcomes if o.view_deg == view]
-    for room in sorted({o.room for o in outcomes}):
-        split[f"{room} room"] = [o for o in outcomes if o.room == room]
+        split[f"{view:g}°"] = [s for s in sightings if s.view_deg == view]
+    for room in sorted({s.room for s in sightings}):
+        split[f"{room} room"] = [s for s in sightings if s.room == room]
     return {name: some for name, some in split.items() if some}
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Markdown."""
-    lines = [
-        "| photographs | n | found % | 95 % interval | wrong | corner error, px (95 % of median) | "
-        "95 % below | ms |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|",
-    ]
+def sighting_table(rows: list[dict[str, Any]]) -> Table:
+    """Show what `summarise_sightings` says of each group."""
+    heads = ["n", "found %", "95 % interval", "wrong", "corner error, px (95 % of median)"]
+    entries: list[list[str | TableCell]] = []
     for row in rows:
-        share = 100 * row["found"] / max(1, row["photographs"])
-        error, tail = "–", "–"
+        error, tail = TableCell("–"), "–"
         if row["median_px"] is not None:
-            error = f"{row['median_px']:.2f} ({row['median_low']:.2f} – {row['median_high']:.2f})"
-            tail = f"{row['q95_px']:.2f}"
-        lines.append(
-            f"| {row['group']} | {row['photographs']} | {share:.1f} | "
-            f"{100 * row['found_low']:.1f} – {100 * row['found_high']:.1f} | {row['wrong']} | "
-            f"{error} | {tail} | {row['median_ms']:.0f} |"
+            interval = f"{row['median_low']:.2f} – {row['median_high']:.2f}"
+            error, tail = TableCell(f"{row['median_px']:.2f}", interval), f"{row['q95_px']:.2f}"
+        entries.append(
+            [
+                row["group"],
+                str(row["photographs"]),
+                percent(row["found"] / max(1, row["photographs"]), 1),
+                share_interval(row["found_low"], row["found_high"], 1),
+                str(row["wrong"]),
+                error,
+                tail,
+                f"{row['median_ms']:.0f}",
+            ]
         )
-    return "\n".join(lines)
+    return Table(["photographs", *heads, "95 % below", "ms"], entries)
 
 
 def main() -> None:
@@ -251,33 +347,38 @@ def main() -> None:
     at_least(0, seed=config.seed)
     real = [] if config.photos is None else measure_photos(config.photos)
     kinds = {"patches": make_layout(), "edges": make_layout(ratex=0)}
-    work = []
-    for kind, layout in kinds.items():
-        pictures = load_pictures("test", layout.width, layout.height)
-        work += [delayed(film)(kind, i, layout, pictures, config) for i in range(config.frames)]
-    photographs = [p for p in load_pictures("test", *config.size) if p.name.startswith("photo/")]
-    work += [delayed(look_at_nothing)(p, layout) for layout in kinds.values() for p in photographs]
-    done = list(tqdm(Parallel(config.jobs, return_as="generator")(work), total=len(work)))
-
+    searches = [
+        Search(kind, index, layout, config.size, config.seed)
+        for kind, layout in kinds.items()
+        for index in range(config.frames)
+    ]
+    sightings = all_results(search_scene, searches, config.jobs, "displays")
+    bare = [
+        EmptySearch(number, layout, config.size)
+        for layout in kinds.values()
+        for number in range(len(bare_photographs(config.size)))
+    ]
+    empty = all_results(search_empty, bare, config.jobs, "no display")
     levels = visibility_levels(config)
-    rows, empty = [], []
-    for kind in kinds:
-        outcomes = [o for o in done if o.kind == kind]
-        for name, some in groups(outcomes).items():
-            rows.append(summary(f"{kind}: {name}", some, max(config.size) / 1280))
-    for kind in dict.fromkeys(o.kind for o in done if o.kind.startswith("empty")):
-        outcomes = [o for o in done if o.kind == kind]
-        empty.append(
-            {"group": kind, "photographs": len(outcomes), "found": sum(o.found for o in outcomes)}
-        )
-    print(f"Simulated, {config.size[0]}x{config.size[1]}, held-out pictures.\n\n{table(rows)}\n")
-    for row in empty:
+    rows = [
+        summarise_sightings(f"{kind}: {name}", some, max(config.size) / 1280)
+        for kind in kinds
+        for name, some in group_sightings([s for s in sightings if s.kind == kind]).items()
+    ]
+    reported = []
+    for kind in dict.fromkeys(s.kind for s in empty):
+        found = [s.found for s in empty if s.kind == kind]
+        reported.append({"group": kind, "photographs": len(found), "found": sum(found)})
+    width, height = config.size
+    title = f"Simulated, {width}x{height}, held-out pictures."
+    print(title, sighting_table(rows).markdown(), sep="\n\n", end="\n\n")
+    for row in reported:
         print(f"{row['group']}: a display is reported in {row['found']} of {row['photographs']}")
-    for row in levels:
-        right = ", ".join(f"{value:.2f}" for value in row["right_least_q05_median"])
-        wrong = ", ".join(f"{value:.2f}" for value in row["wrong_q95_most"])
+    for level in levels:
+        right = ", ".join(f"{value:.2f}" for value in level["right_least_q05_median"])
+        wrong = ", ".join(f"{value:.2f}" for value in level["wrong_q95_most"])
         print(
-            f"visibility of {row['patches']} patches in {row['photographs']} training scenes: "
+            f"visibility of {level['patches']} patches in {level['photographs']} training scenes: "
             f"right (least, 5 %, median) {right}; wrong turns (95 %, most) {wrong}"
         )
     if real:
@@ -289,10 +390,10 @@ def main() -> None:
     content = {
         "meta": provenance(config.seed, simulated=True),
         "rows": rows,
-        "empty": empty,
+        "empty": reported,
         "visibility": levels,
         "photos": real,
-        "outcomes": [asdict(o) for o in done],
+        "outcomes": [asdict(sighting) for sighting in (*sightings, *empty)],
     }
     path = config.out / "locate.json"
     write_bytes(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())

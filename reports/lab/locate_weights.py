@@ -1,8 +1,9 @@
 """Fit what `export.locate` weighs: python -m reports.lab.locate_weights.
 
-Candidates on simulated photographs of training pictures (drawn rooms, and displays pasted with flat
-clutter onto photographs), and on photographs without a display, which are all wrong. Prints the
-weights that export/locate/candidates.py holds, and how far displays and their absence lie apart.
+Candidates are gathered on simulated photographs of training pictures (drawn rooms, and displays
+pasted with flat clutter onto photographs), and on photographs without a display, where all of them
+are wrong. Prints the weights that export/locate/candidates.py holds, and how far displays and their
+absence lie apart.
 """
 
 import os
@@ -11,70 +12,96 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import tyro
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from sklearn.linear_model import LogisticRegression
 from sklearn.preprocessing import StandardScaler
-from tqdm import tqdm
 
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import PAIRS, get_pair
-from data_gen.pictures.library import Picture, load_pictures
+from data_gen.pictures.library import Picture
 from export.locate.candidates import gather_quadrilaterals
 from export.locate.edges import FEATURES
 from link.embed import embed
 from link.errors import at_least, run_cli
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import make_layout
-from reports.lab.locate import VIEWS, overlap
+from reports.engine.backends import one_thread
+from reports.engine.stored import all_results
+from reports.lab.locate import VIEWS, overlap, split_pictures
 
 SIZE = (1280, 720)
+"""Width and height of a simulated photograph, pixels."""
 PHOTO_SIZES = (SIZE, SIZE[::-1], (1024, 768))
-RIGHT, WRONG = 0.965, 0.93
+"""Widths and heights to which photographs without a display are cut, pixels."""
+RIGHT_OVERLAP, WRONG_OVERLAP = 0.965, 0.93
 """Overlap with the truth from which a candidate is right, and up to which it is wrong."""
-RIDGE = 0.3
-"""scikit-learn's C, on standardised features."""
+INVERSE_RIDGE = 0.3
+"""Inverse strength of the ridge penalty (scikit-learn's C), on standardised features."""
 
 
 @dataclass(frozen=True)
 class WeightsConfig:
-    """What is fitted on."""
+    """Photographs on which the weights are fitted."""
 
     scenes: int = 240
-    """Photographs in drawn rooms."""
+    """Number of photographs in drawn rooms."""
     collages: int = 300
-    """Pasted displays; a fifth as many again without a display."""
+    """Number of pasted displays; there are a fifth as many collages again without a display."""
     seed: int = 0
+    """Seed of the photographs."""
     jobs: int = os.cpu_count() or 1
+    """Number of processes."""
+
+
+@dataclass(frozen=True)
+class Collage:
+    """Flat clutter on a photograph, with or without a display."""
+
+    index: int
+    """Number of the collage."""
+    seed: int
+    """Seed of all draws."""
+    with_display: bool
 
 
 Labelled = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""(N, features) of candidates, and their (N,) overlaps with the truth, 0 without a display."""
 
 
-def labelled(image: NDArray[np.uint8], corners: NDArray[np.float64] | None) -> Labelled:
-    """(N, features) and (N,) overlaps with the truth, 0 without a display."""
+def label_candidates(image: NDArray[np.uint8], corners: NDArray[np.float64] | None) -> Labelled:
+    """Gather the candidates of an image, and hold them against the true (4, 2) corners, if any."""
     quads, features, scale = gather_quadrilaterals(image)
     full = (quads + 0.5) * scale - 0.5
     return features, np.array([0.0 if corners is None else overlap(q, corners) for q in full])
 
 
-def scene(index: int, seed: int, pictures: list[Picture]) -> Labelled:
-    """A display that fills its screen, in a drawn room."""
-    cv2.setNumThreads(1)
-    rng = np.random.default_rng([seed, index])
+def training_pictures() -> list[Picture]:
+    """Load the training pictures at the size of the layout, once a process."""
+    layout = make_layout()
+    return split_pictures("train", layout.width, layout.height)
+
+
+def label_scene(task: tuple[int, int]) -> Labelled:
+    """Label the candidates of a photograph in a drawn room, whose display fills its screen.
+
+    Args:
+        task: seed and number of the photograph.
+    """
+    one_thread()
+    rng, pictures = np.random.default_rng(task), training_pictures()
     layout = make_layout(ratex=int(rng.choice([0, 5])))
     pair = get_pair(str(rng.choice(list(PAIRS))))
     settings = SceneSettings(size=SIZE, window=False, second_display=False, pictures=pictures)
     drawn = draw_scene(layout, pair, float(rng.choice(VIEWS)), rng, settings)
     picture = pictures[int(rng.integers(len(pictures)))]
     shown = embed(picture.rgb, rng.integers(0, 2, layout.n_bits), layout, 3)
-    return labelled(photograph(shown.original, drawn, rng), drawn.corners)
+    return label_candidates(photograph(shown.original, drawn, rng), drawn.corners)
 
 
-def collage(index: int, seed: int, pictures: list[Picture], with_display: bool) -> Labelled:
-    """Flat clutter on a photograph, and a display in a bezel: no optics, but other surroundings."""
-    cv2.setNumThreads(1)
-    rng = np.random.default_rng([seed, index, 1])
+def label_collage(task: Collage) -> Labelled:
+    """Label the candidates of a collage, which has no optics, but other surroundings than rooms."""
+    one_thread()
+    rng, pictures = np.random.default_rng([task.seed, task.index, 1]), training_pictures()
     width, height = SIZE
     backdrop = pictures[int(rng.integers(len(pictures)))].rgb
     image = cv2.resize(backdrop, SIZE).astype(np.float32)
@@ -86,7 +113,7 @@ def collage(index: int, seed: int, pictures: list[Picture], with_display: bool) 
         _fill(image, box + rng.normal(0, 12, (4, 2)), rng.uniform(5, 235, 3))
     light = float(rng.choice([0.15, 0.5, 1.0, 1.3]))
     image = np.clip(image * light, 0, 255)
-    corners = _pose(rng) if with_display else None
+    corners = _pose(rng) if task.with_display else None
     if corners is not None:
         layout = make_layout(ratex=int(rng.choice([0, 5])))
         picture = pictures[int(rng.integers(len(pictures)))].rgb
@@ -112,7 +139,7 @@ def collage(index: int, seed: int, pictures: list[Picture], with_display: bool) 
             image += (rng.uniform(60, 220) * np.exp(-far))[..., None]
     image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.2))
     image = image + rng.normal(0, rng.uniform(0.5, 5), image.shape)
-    return labelled(np.clip(image, 0, 255).astype(np.uint8), corners)
+    return label_candidates(np.clip(image, 0, 255).astype(np.uint8), corners)
 
 
 def _fill(
@@ -147,10 +174,15 @@ def _pose(rng: np.random.Generator) -> NDArray[np.float64]:
     return np.asarray(corners - corners.min(axis=0) + 4 + rng.uniform(0, 1, 2) * room)
 
 
-def nothing(picture: Picture) -> Labelled:
-    """A photograph without a display."""
-    cv2.setNumThreads(1)
-    return labelled(picture.rgb, None)
+def label_bare(task: tuple[int, int, int]) -> Labelled:
+    """Label the candidates of a photograph without a display.
+
+    Args:
+        task: width and height in pixels, and number of the picture.
+    """
+    one_thread()
+    width, height, number = task
+    return label_candidates(split_pictures("train", width, height)[number].rgb, None)
 
 
 def main() -> None:
@@ -158,35 +190,35 @@ def main() -> None:
     config = tyro.cli(WeightsConfig)
     at_least(1, scenes=config.scenes, collages=config.collages, jobs=config.jobs)
     at_least(0, seed=config.seed)
-    layout = make_layout()
-    pictures = load_pictures("train", layout.width, layout.height)
-    photos = [
-        picture
+    bare = [
+        (*size, number)
         for size in PHOTO_SIZES
-        for picture in load_pictures("train", *size)
+        for number, picture in enumerate(split_pictures("train", *size))
         if picture.name.startswith("photo/")
     ]
-    seed, empty = config.seed, config.collages // 5
-    work = [delayed(scene)(i, seed, pictures) for i in range(config.scenes)]
-    work += [delayed(collage)(i, seed, pictures, True) for i in range(config.collages)]
-    work += [delayed(collage)(i, seed + 1, pictures, False) for i in range(empty)]
-    work += [delayed(nothing)(picture) for picture in photos]
-    done = list(tqdm(Parallel(config.jobs, return_as="generator")(work), total=len(work)))
-    features, overlaps = (np.concatenate([d[k] for d in done]) for k in (0, 1))
-    clear = (overlaps >= RIGHT) | (overlaps <= WRONG)
+    seed, jobs = config.seed, config.jobs
+    scenes = [(seed, index) for index in range(config.scenes)]
+    collages = [Collage(index, seed, True) for index in range(config.collages)]
+    clutter = [Collage(index, seed + 1, False) for index in range(config.collages // 5)]
+    with_display = all_results(label_scene, scenes, jobs, "rooms")
+    with_display += all_results(label_collage, collages, jobs, "collages")
+    without = all_results(label_collage, clutter, jobs, "clutter")
+    photographed = all_results(label_bare, bare, jobs, "photographs")
+    labelled = [*with_display, *without, *photographed]
+    features, overlaps = (np.concatenate([some[part] for some in labelled]) for part in (0, 1))
+    clear = (overlaps >= RIGHT_OVERLAP) | (overlaps <= WRONG_OVERLAP)
     scaler = StandardScaler().fit(features[clear])
-    model = LogisticRegression(C=RIDGE, max_iter=3000)
-    model.fit(scaler.transform(features[clear]), overlaps[clear] >= RIGHT)
+    model = LogisticRegression(C=INVERSE_RIDGE, max_iter=3000)
+    model.fit(scaler.transform(features[clear]), overlaps[clear] >= RIGHT_OVERLAP)
     weights = model.coef_[0] / scaler.scale_
     bias = float(model.intercept_[0] - weights @ scaler.mean_)
     print("WEIGHTS", weights.round(2).tolist(), "BIAS", round(bias, 2))
     for name, effect in zip(FEATURES, model.coef_[0], strict=True):
         print(f"{name:20} {effect:6.2f} a standard deviation")
-    with_display = config.scenes + config.collages
     for name, some in (
-        ("simulated displays", done[:with_display]),
-        ("clutter without display", done[with_display : with_display + empty]),
-        ("photographs without display", done[with_display + empty :]),
+        ("simulated displays", with_display),
+        ("clutter without display", without),
+        ("photographs without display", photographed),
     ):
         odds = [f @ weights + bias for f, _ in some if len(f)]
         best = [float(o.max()) for o in odds]
