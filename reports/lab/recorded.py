@@ -1,8 +1,8 @@
-"""Photographs of a display -> manifest.jsonl: python -m reports.lab.recorded PHOTOS --sent DIR.
+"""Make a set of captures of photographs: python -m reports.lab.recorded PHOTOS --sent DIR.
 
 The display showed, one after another, the states that `python -m export.send --out DIR` wrote. What
-was sent in each frame pair is read from these states, and where the display is from the photographs
-(docs/recording.md).
+was sent in each frame pair is read from these states, and where the display is from the
+photographs. docs/recording.md tells how to take them.
 """
 
 import json
@@ -20,10 +20,8 @@ from export.locate.find import locate
 from export.send.write import SENT
 from link.captures import MANIFEST
 from link.errors import InputError, run_cli
-from link.images import intensity, read_image, write_bytes
+from link.images import image_files, intensity, read_image, write_bytes
 from link.layout import Layout, block_mean
-
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,7 @@ class RecordedConfig:
     pair: str = "own"
     """Name of camera and display, by which tables group."""
     view: Annotated[float | None, tyro.conf.arg(name="view")] = None
-    """Angle of observation, degrees."""
+    """Angle between the camera and the normal of the display, degrees."""
     handheld: bool = False
     """Look for the display in every photograph, not in the first of each pair alone."""
     unknown: bool = False
@@ -49,8 +47,10 @@ def main() -> None:
     config = tyro.cli(RecordedConfig)
     layout, kappa = read_sent(config.sent)
     states = sorted(config.sent.glob("state_*.png"))
-    photos = sorted(p for p in listed(config.photos) if p.suffix.lower() in SUFFIXES)
-    if not states or len(photos) % len(states) or not photos:
+    if not config.photos.is_dir():
+        raise InputError(f"{config.photos}: no such folder of photographs")
+    photos = image_files(config.photos)
+    if not states or len(photos) % len(states):
         raise InputError(
             f"{config.photos}: {len(photos)} photographs of {len(states)} states; give one of each "
             "state, or the same number of each round"
@@ -79,18 +79,11 @@ def main() -> None:
     print(f"{len(lines)} frame pairs: {config.photos / MANIFEST}")
 
 
-def listed(folder: Path) -> list[Path]:
-    """Files of a folder, or an `InputError`."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder of photographs")
-    return [path for path in folder.iterdir() if path.is_file()]
-
-
 def read_sent(folder: Path) -> tuple[Layout, int]:
-    """Layout and kappa of sent.json.
+    """Read layout and kappa of what was shown from sent.json.
 
     Raises:
-        InputError: the file is not there or not one of `export.send`.
+        InputError: the file is missing or damaged.
     """
     file = folder / SENT
     try:
@@ -106,7 +99,16 @@ def read_sent(folder: Path) -> tuple[Layout, int]:
 
 
 def sent_bits(states: Sequence[Path], layout: Layout, kappa: int) -> NDArray[np.intp]:
-    """(n_bits,) 0 or 1 of a frame pair, from the two states: where the second is brighter."""
+    """Read the bits of a frame pair from its two states: 1 where the second is brighter.
+
+    Args:
+        states: files of the original and of the embedded state.
+        layout: layout of what was shown.
+        kappa: gray levels added to a block that carries a 1.
+
+    Returns:
+        (n_bits,) of 0 or 1.
+    """
     original, embedded = (intensity(read_image(state)) for state in states)
     change = block_mean((255 * (embedded - original)).astype(np.float64), layout.rows, layout.cols)
     bits = (change > kappa / 2)[layout.message_mask]
@@ -114,10 +116,13 @@ def sent_bits(states: Sequence[Path], layout: Layout, kappa: int) -> NDArray[np.
 
 
 def corners_in(photo: Path, layout: Layout) -> list[list[float]]:
-    """Where a photograph shows the display: 4 x 2 pixels.
+    """Locate the display in a photograph.
+
+    Returns:
+        four corners (x, y) in pixels, to two digits.
 
     Raises:
-        InputError: it shows none.
+        InputError: the photograph shows no display.
     """
     found = locate(read_image(photo), layout)
     if found is None:

@@ -1,4 +1,4 @@
-"""Crosstalk, colour matrices and gamma from measured spectra: ``python -m reports.lab.spectra``.
+"""Compute crosstalk, colour matrices and gamma from spectra: python -m reports.lab.spectra.
 
 I_c = M rho_lin (Eq. redpixel, camerapixel): M[c, d] is the integral over wavelength of
 s_c(lambda) e_d(lambda), rows camera channels, columns display primaries, each row divided by its
@@ -23,12 +23,14 @@ from link.errors import InputError, run_cli
 
 Array = npt.NDArray[np.float64]
 UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError)
+"""Exceptions that a damaged file of spectra may raise."""
 
 SSF_FILES = {
     "canon": "Canon_Digital_Rebel_XTi_380_780_5.json",  # one model before the Rebel XSi (450D)
     "nikon": "Nikon_D70_380_780_5.json",  # exact
     "sony": "Sony_DSC-RX100M4_380_780_5.json",  # the RX100, three generations later
 }
+"""Files of measured sensitivities that stand for the cameras."""
 DISPLAY_FILES = {
     # White LED (450 nm peak and broad phosphor), as the LED-backlit iMac of late 2009
     "imac": "LCD-Apple.mat",
@@ -38,7 +40,9 @@ DISPLAY_FILES = {
     "lg": "LCD-Dell.mat",
     "samsung": "vistadisp_DELL1905FP.mat",
 }
-GAMMA_FROM = 0.2  # lowest level / full in the gamma fit: below it the black level rules
+"""Files of measured primaries that stand for the displays."""
+GAMMA_FROM = 0.2
+"""Lowest digital level, as a share of full, in the fit of gamma: below it the black level rules."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,14 @@ class SpectraConfig:
 class DisplaySpectra:
     """A measured display: primaries (columns R, G, B) and tone response."""
 
-    wavelength: Array  # (L,) nm
-    spd: Array  # (L, 3) energy per wavelength, relative
-    level: Array  # (K,) digital value / full, in [0, 1]
-    light: Array  # (K, 3) emitted light / that of full
+    wavelength: Array
+    """(L,) wavelengths, nm."""
+    spd: Array
+    """(L, 3) energy of the primaries at each wavelength, relative."""
+    level: Array
+    """(K,) digital values as shares of full, in [0, 1]."""
+    light: Array
+    """(K, 3) emitted light of the primaries as a share of that of full."""
 
 
 def load_ssf(path: Path) -> tuple[Array, Array]:
@@ -93,7 +101,20 @@ def load_display(path: Path) -> DisplaySpectra:
 
 
 def crosstalk(s_wavelength: Array, s: Array, e_wavelength: Array, e: Array) -> Array:
-    """M (3, 3), rows sum to 1, from s (L, 3) and e (K, 3), linear on their common 1 nm grid."""
+    """Integrate sensitivities and primaries, both linear on their common grid of 1 nm.
+
+    Args:
+        s_wavelength: (L,) nm.
+        s: (L, 3) sensitivities of R, G, B.
+        e_wavelength: (K,) nm.
+        e: (K, 3) energy of the primaries R, G, B.
+
+    Returns:
+        M (3, 3), whose rows sum to 1.
+
+    Raises:
+        InputError: a camera channel gets no light from display white.
+    """
     high = min(s_wavelength[-1], e_wavelength[-1])
     grid = np.arange(np.ceil(max(s_wavelength[0], e_wavelength[0])), np.floor(high) + 0.5)
     s_grid = np.stack([np.interp(grid, s_wavelength, column) for column in s.T], axis=1)
@@ -105,13 +126,14 @@ def crosstalk(s_wavelength: Array, s: Array, e_wavelength: Array, e: Array) -> A
     return np.asarray(M / white, dtype=np.float64)
 
 
-XYZ_TO_SRGB = np.array(  # IEC 61966-2-1, linear
+XYZ_TO_SRGB = np.array(
     [[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]]
 )
+"""Matrix from CIE 1931 XYZ to linear sRGB (IEC 61966-2-1)."""
 
 
 def color_matrix(s_wavelength: Array, s: Array, x_wavelength: Array, xyz: Array) -> Array:
-    """C (3, 3) from white-balanced raw to linear sRGB, rows sum to 1.
+    """Fit the matrix from white-balanced raw values to linear sRGB.
 
     Maximum ignorance: min || S C^T - X ||^2 over all spectra alike, subject to C 1 = 1, where the
     columns of S (sensitivities) and X (sRGB from the colour-matching functions) are scaled so that
@@ -122,6 +144,9 @@ def color_matrix(s_wavelength: Array, s: Array, x_wavelength: Array, xyz: Array)
         s: (L, 3) sensitivities of R, G, B.
         x_wavelength: (K,) nm, covering the others.
         xyz: (K, 3) CIE 1931 colour-matching functions.
+
+    Returns:
+        C (3, 3), whose rows sum to 1.
     """
     X = np.stack([np.interp(s_wavelength, x_wavelength, column) for column in xyz.T], axis=1)
     X = X @ XYZ_TO_SRGB.T
@@ -134,7 +159,15 @@ def color_matrix(s_wavelength: Array, s: Array, x_wavelength: Array, xyz: Array)
 
 
 def fit_gamma(level: Array, light: Array) -> Array:
-    """Exponents (3,): least squares of log light = gamma log level, through white, unweighted."""
+    """Fit log light = gamma log level by least squares, through white, unweighted.
+
+    Args:
+        level: (K,) digital values as shares of full.
+        light: (K, 3) emitted light as a share of that of full.
+
+    Returns:
+        (3,) exponents of R, G, B.
+    """
     kept = (level >= GAMMA_FROM) & (level < 1.0)
     x = np.log(level[kept])[:, None]
     y = np.log(np.maximum(light[kept], 1e-6))
