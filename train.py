@@ -81,7 +81,7 @@ def main() -> None:
     """Simulate, train, export, evaluate."""
     config = tyro.cli(TrainConfig)
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
-    check(config)
+    check_training(config)
     folder = config.out or Path("runs") / config.pair
     make_folder(folder)
     layout = make_layout()
@@ -108,7 +108,7 @@ def main() -> None:
     )
 
 
-def check(config: TrainConfig) -> None:
+def check_training(config: TrainConfig) -> None:
     """Raise a `ParameterError` that names the first flag whose value is wrong."""
     at_least(1, episodes=config.episodes, rounds=config.rounds, steps=config.steps)
     at_least(1, batch=config.batch, frames=config.frames, jobs=config.jobs)

@@ -115,6 +115,27 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     assert {row["frames"] for row in rows} == {2}
 
 
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--kappas", "0", "65"], "--kappas: "),
+        (["--kappas"], "--kappas: name at least one"),
+        (["--max-view", "-1"], "--max-view: need at least 0 degrees, got -1"),
+        (["--max-view", "400"], "--max-view: need an angle within"),
+        (["--lr", "0"], "--lr: need more than 0 and less than 10, got 0"),
+        (["--lr", "nan"], "--lr: need more than 0 and less than 10, got nan"),
+        (["--batch", "0"], "--batch: need at least 1, got 0"),
+    ],
+)
+def test_each_wrong_flag_has_a_message_of_its_own(
+    flags: list[str], message: str, tmp_path: Path, command: Command
+) -> None:
+    done = command(train.main, "--out", tmp_path / "run", *flags)
+    assert done.status == 2
+    assert done.stderr.startswith(f"error: {message}")
+    assert not (tmp_path / "run").exists()
+
+
 # The loop
 
 
