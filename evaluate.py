@@ -181,7 +181,7 @@ def check(config: EvaluateConfig) -> None:
     for pair in config.pairs:
         source_of(config).pair(pair)
     for kappa in config.kappas:
-        check_kappa(kappa)
+        check_kappa(kappa, "kappas")
     for name in config.methods:
         choose(METHODS, name, "method")
     for name in config.sweeps or ():

@@ -6,7 +6,7 @@ The module of a decoder is imported when the decoder is first built.
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from link.errors import choose
 from link.frames import Rectified, SoftBits
@@ -34,22 +34,32 @@ class Card:
     """Whether its scores are natural log-likelihood ratios of the bits."""
     checkpoint: Path | None = None
     """Folder of the checkpoint that it loads where no other is named; None for untrained ones."""
-    inverse_response_weights: int = 0
-    """Number of leading weights of its head that are the coefficients of g in the paper's Φ."""
+    inverse_response: Literal["", "straight", "fitted", "histogram", "phi"] = ""
+    """How it finds g, from captured to displayed intensity: it takes g for a straight line, fits it
+    to the ratex tiles, takes the picture's histogram for uniform, or has the coefficients of g as
+    the leading weights of its head, as in the paper's Φ; "" where it finds none."""
     needs_truth: bool = False
     """Whether it knows the simulation's true channel: a floor for decoders, and no decoder."""
-    in_sweeps: bool = True
-    """Whether sweeps decode it; slow floors and twins of other methods are left out."""
+    twin_of: str = ""
+    """Method that decides the same by other means; sweeps and curves show that one alone."""
 
 
 DECODERS = {
-    "naive": Card("models.classical.naive:Naive", "#8a8f98", "o"),
-    "two_step": Card("models.classical.two_step:TwoStep", "#3a9fd6", "s"),
-    "oorc": Card("models.classical.oorc:OORC", "#1166b0", "D", inverse_response_weights=4),
-    "hidden_ratex": Card("models.classical.hidden_ratex:HiddenRatex", "#b8589a", "^", hidden=True),
+    "naive": Card("models.classical.naive:Naive", "#8a8f98", "o", inverse_response="straight"),
+    "two_step": Card(
+        "models.classical.two_step:TwoStep", "#3a9fd6", "s", inverse_response="fitted"
+    ),
+    "oorc": Card("models.classical.oorc:OORC", "#1166b0", "D", inverse_response="phi"),
+    "hidden_ratex": Card(
+        "models.classical.hidden_ratex:HiddenRatex",
+        "#b8589a",
+        "^",
+        hidden=True,
+        inverse_response="histogram",
+    ),
     "blind": Card("models.classical.blind:Blind", "#0a9468", "v", hidden=True, llr=True),
     "phi": Card(
-        "models.neural.methods:Phi", "#7b61c9", "o", inverse_response_weights=4, in_sweeps=False
+        "models.neural.methods:Phi", "#7b61c9", "o", inverse_response="phi", twin_of="oorc"
     ),
     "learned": Card(
         "models.neural.methods:Learned",
@@ -57,7 +67,7 @@ DECODERS = {
         "s",
         llr=True,
         checkpoint=PRETRAINED,
-        inverse_response_weights=4,
+        inverse_response="phi",
     ),
     "cnn": Card("models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=PRETRAINED_CNN),
 }

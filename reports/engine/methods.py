@@ -14,7 +14,7 @@ from models import DECODERS, BlockDecoder, Card, make_decoder
 
 OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
     name: (
-        Card("data_gen.ideal:observe_ideally", colour, llr=True, needs_truth=True, in_sweeps=False),
+        Card("data_gen.ideal:observe_ideally", colour, llr=True, needs_truth=True),
         see,
     )
     for name, colour, see in (

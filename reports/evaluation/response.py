@@ -23,6 +23,10 @@ LEVELS = tuple(range(0, 256, 15))
 """Displayed gray levels of the uniform frames that are filmed."""
 SPREAD = (10, 90)
 """Percentiles over the picture between which the true response is said to lie."""
+SCALELESS = ("straight", "phi")
+"""Ways of finding a response that leave its scale and offset open; the ratex tiles set them."""
+PHI_WEIGHTS = 4
+"""Degree of g, which is the number of its coefficients in the paper's Φ."""
 MARGIN_PX = 8
 """Pixels at each side of the picture that are left out: the blur mixes in what is beside it."""
 
@@ -54,14 +58,12 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
     inside = (median / 255 >= tiles.min()) & (median / 255 <= tiles.max())
     found: dict[str, list[tuple[float, float]]] = {}
     error: dict[str, float] = {}
-    twin = "oorc" in [method.name for method in methods]
+    compared = {method.name for method in methods}
     for method in methods:
-        if twin and method.name == "phi":
+        if not method.card.inverse_response or method.card.twin_of in compared:
             continue
         g = found_inverse(method, filmed)
-        if g is None:
-            continue
-        if method.name not in ("two_step", "hidden_ratex"):  # g up to scale and offset
+        if method.card.inverse_response in SCALELESS:
             g = scaled_to_tiles(g, tiles, shown)
         found[method.label] = [
             (round(float(v), 2), round(255 * float(i), 2))
@@ -88,20 +90,28 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
     )
 
 
-def found_inverse(method: Method, filmed: FramePair) -> Callable[[Array], Any] | None:
-    """Captured intensity in [0, 1] to displayed gray level; None where a method finds none."""
+def found_inverse(method: Method, filmed: FramePair) -> Callable[[Array], Any]:
+    """Captured intensity in [0, 1] to displayed gray level, as a method finds it in a frame pair.
+
+    Args:
+        method: its card says how it finds the response.
+        filmed: a frame pair with ratex patches; its hidden twin is filmed where the method reads
+            the picture's histogram.
+    """
     pair = filmed.rectified
-    if method.name == "naive":
-        return lambda i: i
-    if method.name == "two_step":
-        return fit_inverse_response(pair, training_pixels(pair.layout, pair.ratex_toggle or 0), 4)
-    if method.name == "hidden_ratex":
-        hidden = replace(filmed, hidden=True).rectified
-        mapping = uniform_mapping(hidden.original)
-        return lambda i: np.interp(255 * i, np.arange(256), mapping)
-    weights = method.card.inverse_response_weights
-    head = method.build().decode(pair).head if weights else None
-    return None if head is None else inverse_response(head[:weights])
+    match method.card.inverse_response:
+        case "straight":
+            return lambda i: i
+        case "fitted":
+            pixels = training_pixels(pair.layout, pair.ratex_toggle or 0)
+            return fit_inverse_response(pair, pixels, PHI_WEIGHTS)
+        case "histogram":
+            mapping = uniform_mapping(replace(filmed, hidden=True).rectified.original)
+            return lambda i: np.interp(255 * i, np.arange(256), mapping)
+        case _:
+            head = method.build().decode(pair).head
+            assert head is not None, f"{method.name}: its card promises the weights of a head"
+            return inverse_response(head[:PHI_WEIGHTS])
 
 
 def scaled_to_tiles(

@@ -119,7 +119,7 @@ def sweep_conditions(
 
 def swept_methods(methods: Sequence[Method]) -> list[Method]:
     """The methods that sweeps decode: slow floors and twins of others are left out."""
-    return [method for method in methods if method.card.in_sweeps]
+    return [m for m in methods if not (m.card.needs_truth or m.card.twin_of)]
 
 
 def _condition(
