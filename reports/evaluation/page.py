@@ -109,7 +109,7 @@ def report_page(run: Run) -> str:
     curves = llr_curves(run)
     return render(
         "report.html.j2",
-        {method: colour_of(method) for method in run.methods} | COLOURS,
+        {method: colour_of(method) for method in (*METHODS, *run.methods)} | COLOURS,
         run=run,
         sections=SECTIONS,
         ranked=ranked,
