@@ -61,12 +61,12 @@ def test_the_whole_picture_is_in_view(seed: int, view: float, coverage: float) -
 @pytest.mark.parametrize("coverage", [0.05, 0.2, 0.4])
 @pytest.mark.parametrize("seed", range(5))
 def test_coverage_is_what_was_asked_for_where_it_fits(coverage: float, seed: int) -> None:
-    made = drawn(seed, 10.0, replace(SMALL, coverage=coverage, turn_deg=0.0))
+    made = drawn(seed, 10.0, replace(SMALL, coverage=coverage, turn=0.0))
     assert made.coverage == pytest.approx(coverage, rel=0.02)
 
 
 def test_more_than_fits_gives_the_largest_that_fits() -> None:
-    made = drawn(3, 0.0, replace(SMALL, coverage=0.9, turn_deg=0.0))
+    made = drawn(3, 0.0, replace(SMALL, coverage=0.9, turn=0.0))
     assert 0.45 < made.coverage < 0.75  # 4:3 in 16:9, seen up to 8 degrees from below
     low, high = made.corners.min(axis=0), made.corners.max(axis=0)
     assert min(low[1], 179 - high[1]) < 3
@@ -187,7 +187,7 @@ def test_moire_of_a_part_is_that_of_the_whole() -> None:
 
 
 def test_a_second_display_shows_a_photograph_in_a_dark_room() -> None:
-    dark = replace(SMALL, room="dark", coverage=0.05, centred=True, window=False, turn_deg=0.0)
+    dark = replace(SMALL, room="dark", coverage=0.05, centred=True, window=False, turn=0.0)
     bright = [Picture("white", np.full((12, 16, 3), 255, np.uint8))]
     without, beside = (
         drawn(4, 0.0, replace(dark, pictures=bright, second_display=flag)) for flag in (False, True)
@@ -197,7 +197,7 @@ def test_a_second_display_shows_a_photograph_in_a_dark_room() -> None:
 
 
 def test_a_window_surrounds_the_picture() -> None:
-    chosen = replace(SMALL, room="dark", coverage=0.1, turn_deg=0.0, second_display=False)
+    chosen = replace(SMALL, room="dark", coverage=0.1, turn=0.0, second_display=False)
     means = []
     for seed in range(12):
         made = drawn(seed, 0.0, replace(chosen, window=True))
@@ -228,14 +228,14 @@ def test_a_passer_by_covers_what_he_covers() -> None:
         ({"size": (20, 400)}, "size: need at least 64x64"),
         ({"coverage": 0.01}, "coverage: need a share from 0.05 to 0.9, got 0.01"),
         ({"coverage": float("nan")}, "coverage"),
-        ({"turn_deg": 1000.0}, "turn_deg"),
+        ({"turn": 1000.0}, "turn"),
         ({"room": "cellar"}, "unknown room 'cellar'; choose one of: dark, office, bright"),
         ({"free": 0.4}, "free: need a share"),
     ],
 )
 def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=says):
-        SceneSettings(**wrong)  # type: ignore[arg-type]
+        SceneSettings(**wrong).check()  # type: ignore[arg-type]
 
 
 def test_a_channel_without_perspective_is_refused() -> None:

@@ -34,7 +34,7 @@ LAYOUT = make_layout(4, 4, 128, 96, 2)
 ROOM = SceneSettings(
     size=(160, 96),
     coverage=0.3,
-    turn_deg=0.0,
+    turn=0.0,
     room="dark",
     window=False,
     second_display=False,
@@ -300,6 +300,7 @@ def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
         ({"fps": 0.0}, "fps: need 0.1 to 1000"),
         ({"state_hz": float("nan")}, "state_hz"),
         ({"clock_error": 0.5}, "clock_error"),
+        ({"scan_s": float("nan")}, "scan_s: need 0 to 1 seconds"),
         ({"drop": 1.0}, "drop: need a probability"),
         ({"duplicate": -0.1}, "duplicate"),
         ({"passer_s": (2.0, 1.0)}, "passer_s: the end must come after the start"),
@@ -308,7 +309,7 @@ def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
 )
 def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
     with pytest.raises(InputError, match=says):
-        VideoSettings(**wrong)  # type: ignore[arg-type]
+        VideoSettings(**wrong).check()  # type: ignore[arg-type]
 
 
 def test_no_state_is_refused() -> None:
@@ -356,7 +357,8 @@ def test_a_video_file_holds_the_same_frames(tmp_path: Path, command: Command) ->
         (("--out", "x.mp4"), "--out: need a folder, or a file .mkv or .avi, got x.mp4"),
         (("--out", "x", "--seconds", "0"), "--seconds: need more than 0"),
         (("--out", "x", "--pair", "canon"), "unknown pair"),
-        (("--out", "x", "--coverage", "2"), "--coverage"),
+        (("--out", "x", "--coverage", "2"), "--coverage: need a share"),
+        (("--out", "x", "--fps", "0"), "--fps: need 0.1 to 1000 a second, got 0"),
         (("--out", "x", "--without", "perspective"), "a scene needs perspective"),
     ],
 )

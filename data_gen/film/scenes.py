@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from tyro.conf import Fixed, Suppress
 
 from data_gen.channel.composition import Shot, Surroundings, Viewpoint, repeat_channels
 from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
@@ -25,7 +26,7 @@ from data_gen.channel.transfer import metered_gain
 from data_gen.film.rooms import DESK_Y, HAZE_ROOM, ROOMS, RoomCanvas, RoomPainter
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
-from link.errors import InputError, ParameterError, choose
+from link.errors import InputError, ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
 from link.layout import Layout
 
@@ -47,7 +48,7 @@ class SceneSettings:
     """Width and height of the image, pixels."""
     coverage: float | None = None
     """Share of the image that the picture covers, 0.05 to 0.9; less where so much does not fit."""
-    turn_deg: float | None = None
+    turn: float | None = None
     """Rotation of the camera about its axis, degrees; 0, 90, 180 or 270 within 5 where drawn."""
     room: str | None = None
     """Light of the room: "dark", "office" or "bright"."""
@@ -57,14 +58,15 @@ class SceneSettings:
     """Whether the screen is larger than the picture, with a plain surround."""
     second_display: bool | None = None
     """Whether another lit display without ratex stands beside; one in five where drawn."""
-    pictures: Sequence[Picture] = ()
+    pictures: Suppress[Fixed[Sequence[Picture]]] = ()
     """Photographs of the split's own, for posters, windows and the second display."""
     free: float = 0.01
     """Share of the image, 0 to 0.2, that stays free at each side of the picture."""
     margin_px: int = 48
     """Number of pixels drawn beyond each side of the image, for a camera that moves."""
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """Raise an `InputError` that names the first setting that is out of its range."""
         if min(self.size) < MIN_IMAGE_SIDE:
             raise ParameterError(
                 "size", f"need at least {MIN_IMAGE_SIDE}x{MIN_IMAGE_SIDE} pixels, got {self.size}"
@@ -73,12 +75,13 @@ class SceneSettings:
             raise ParameterError(
                 "coverage", f"need a share from 0.05 to 0.9, got {self.coverage:g}"
             )
-        if self.turn_deg is not None and not abs(self.turn_deg) <= 360:
-            raise ParameterError("turn_deg", f"need degrees within ±360, got {self.turn_deg:g}")
+        if self.turn is not None and not abs(self.turn) <= 360:
+            raise ParameterError("turn", f"need degrees within ±360, got {self.turn:g}")
         if not 0 <= self.free <= 0.2:
             raise ParameterError("free", f"need a share from 0 to 0.2, got {self.free:g}")
         if self.room is not None:
             choose(ROOMS, self.room, "room")
+        at_least(0, margin_px=self.margin_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,9 +165,10 @@ def draw_scene(
         settings: what is chosen and not drawn.
 
     Raises:
-        InputError: ``view_deg`` is out of range, or the pair is without perspective.
+        InputError: ``view_deg`` or a setting is out of range, or the pair is without perspective.
     """
     settings = settings or SceneSettings()
+    settings.check()
     check_view(view_deg)
     if not pair.setup.perspective:
         raise InputError("a scene needs perspective; do not switch it off")
@@ -213,7 +217,7 @@ def aim_camera(
     pose = Pose(
         view_deg=float(np.clip(view_deg + rng.uniform(-1, 1), -76, 76)),
         pitch_deg=float(rng.uniform(-8, 8)),
-        roll_deg=float(turn if settings.turn_deg is None else settings.turn_deg),
+        roll_deg=float(turn if settings.turn is None else settings.turn),
         distance=MAX_DISTANCE,
     )
     size = np.array(settings.size)

@@ -67,7 +67,7 @@ class VideoSettings:
     scan_s: float = 1 / 60
     """Time, in seconds, in which the panel writes its rows, top to bottom (assumed: 60 Hz)."""
     hand: float = 1.0
-    """Motion of the hand relative to `shake.DRIFT`; 0 for a tripod."""
+    """Motion of the hand relative to the usual, `shake.DRIFT`; 0 for a tripod."""
     exposure_drift: float | None = None
     """Standard deviation of the log exposure within seconds; None for the pair's drift."""
     jumps_hz: float = 0.0
@@ -81,14 +81,19 @@ class VideoSettings:
     away_s: tuple[float, float] | None = None
     """Times of the stream, in seconds, between which the camera looks elsewhere."""
 
-    def __post_init__(self) -> None:
-        for name, rate in (("fps", self.fps), ("state_hz", self.state_hz)):
-            if not 0.1 <= rate <= 1000:
-                raise ParameterError(name, f"need 0.1 to 1000 a second, got {rate:g}")
-        if self.clock_error is not None and not abs(self.clock_error) <= 0.1:
-            raise ParameterError(
-                "clock_error", f"need a share within ±0.1, got {self.clock_error:g}"
-            )
+    def check(self) -> None:
+        """Raise a `ParameterError` that names the first setting that is out of its range."""
+        for name, low, high, unit in (
+            ("fps", 0.1, 1000, " a second"),
+            ("state_hz", 0.1, 1000, " a second"),
+            ("clock_error", -0.1, 0.1, ""),
+            ("response_s", 0, 1, " seconds"),
+            ("scan_s", 0, 1, " seconds"),
+            ("exposure_drift", 0, 1, ""),
+        ):
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise ParameterError(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
         for name, share in (("drop", self.drop), ("duplicate", self.duplicate)):
             if not 0 <= share < 1:
                 raise ParameterError(name, f"need a probability in [0, 1), got {share:g}")
@@ -163,9 +168,10 @@ def film(
         rng: source of every random draw.
 
     Raises:
-        InputError: there is no state, ``view_deg`` is out of range, or the pair is without
-            perspective.
+        InputError: there is no state, ``view_deg`` or a setting is out of range, or the pair is
+            without perspective.
     """
+    settings.check()
     if not callable(states) and not len(states):
         raise ParameterError("states", "a display needs at least one state to show")
     scene_rng, rng = rng.spawn(2)
