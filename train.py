@@ -51,8 +51,8 @@ class TrainConfig:
     """Folder of the run; runs/PAIR by default."""
     decoder: DecoderConfig = FULL
     start: Start = "shipped"
-    """Initial parameters: "shipped" goes on from the shipped decoder, which was trained on all
-    pairs; "constants" begins anew and wants more, such as --rounds 4 --steps 75 --lr 0.03."""
+    """Initial parameters: "shipped" goes on from the shipped decoder, which all pairs' training
+    pictures taught; "constants" wants more: --rounds 4 --steps 75 --batch 256 --lr 0.03."""
     episodes: int = 240
     """Number of simulated frame pairs, of training pictures."""
     rounds: int = 1

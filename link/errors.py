@@ -30,12 +30,13 @@ class ParameterError(InputError):
     """
 
     def __init__(self, parameter: str, problem: str) -> None:
-        super().__init__(parameter, problem)  # both, so that a process may send it to another
+        super().__init__(f"{parameter}: {problem}")  # tyro prints the first argument alone
         self.parameter = parameter
         self.problem = problem
 
-    def __str__(self) -> str:
-        return f"{self.parameter}: {self.problem}"
+    def __reduce__(self) -> tuple[type["ParameterError"], tuple[str, str]]:
+        """Tell pickle both arguments, so that a process may send the error to another."""
+        return ParameterError, (self.parameter, self.problem)
 
     @property
     def with_flag(self) -> str:

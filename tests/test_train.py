@@ -136,6 +136,22 @@ def test_each_wrong_flag_has_a_message_of_its_own(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (["--decoder.degree", "40"], "degree: need 1 to 12, got 40"),
+        (["--decoder.coarsen", "3"], "coarsen: need 1 or 2, got 3"),
+        (["--decoder.channels", "hsv"], "unknown channels 'hsv'"),
+    ],
+)
+def test_a_wrong_part_of_the_decoder_is_refused_with_its_name(
+    flags: list[str], message: str, tmp_path: Path, command: Command
+) -> None:
+    done = command(train.main, "--out", tmp_path / "run", *flags)
+    assert done.status == 2
+    assert f"decoder: {message}" in " ".join(done.stderr.replace("│", " ").split())
+
+
 # The loop
 
 
