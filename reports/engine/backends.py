@@ -144,7 +144,7 @@ def _on_cluster(
             client.submit(attempt, index, item, pure=False): index
             for index, item in enumerate(items)
         }
-        for future in import_module("distributed").as_completed(futures):
+        for future in import_module("distributed").as_completed(futures, loop=client.loop):
             died = future.exception() is not None  # a task's own exception is in its outcome
             yield Outcome(futures[future], failure=DIED) if died else future.result()
 
