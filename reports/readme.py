@@ -49,10 +49,10 @@ class Step:
     """Place in docs/ for each result: a file, or a folder whose JSON files are copied."""
 
 
-# Flags of the deliveries that are measured with three camera-display pairs.
 THREE = "--pairs canon-lg nikon-imac sony-samsung"
-# Results of the ablation that are kept.
+"""Flags of the deliveries that are measured with three camera-display pairs."""
 ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "reliability.png")
+"""Results of the ablation that are kept."""
 STEPS = {
     "table": Step(""),
     "channel": Step("reports.studies.channel"),

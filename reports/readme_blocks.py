@@ -88,6 +88,7 @@ class Block:
 
 
 README, RESULTS = Path("README.md"), Path("docs/results.md")
+"""Pages that hold more than one study's numbers."""
 BLOCKS = {
     "table": Block(README, main_table),
     "measured": Block(RESULTS, measured_table),

@@ -71,6 +71,7 @@ THRESHOLDS = {
 }
 """Ways in which the paper may have set the thresholds of the two methods, by name."""
 Array = NDArray[np.float64]
+"""Numbers of any shape."""
 GridPoint = tuple[tuple[str, Any], ...]
 """Values of parameters of the channel, by name."""
 
@@ -96,7 +97,9 @@ class GridCell:
     """One cell at one grid point."""
 
     cell: Cell
+    """Camera-display pair, view and kappa."""
     point: GridPoint
+    """Values of the nuisances there."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ class Observation:
     """A cell at a grid point that is to be simulated."""
 
     where: GridCell
+    """Cell and grid point."""
     frames: int
     """Number of frame pairs."""
     seed: int
@@ -283,7 +287,7 @@ def choose_point(losses: Sequence[float], points: Sequence[Mapping[str, float]])
 
 @dataclass(frozen=True)
 class NuisanceFit:
-    """The fit under one kind of threshold."""
+    """Nuisances fitted under one kind of threshold."""
 
     misfit: float
     """Mean misfit over the 72 numbers, points."""

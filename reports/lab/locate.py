@@ -122,7 +122,7 @@ def split_pictures(split: str, width: int, height: int) -> list[Picture]:
 
 
 def bare_photographs(size: tuple[int, int]) -> list[Picture]:
-    """Those of the test pictures that are photographs, and so show no display."""
+    """List the test pictures that are photographs, and so show no display."""
     pictures = split_pictures("test", *size)
     return [picture for picture in pictures if picture.name.startswith("photo/")]
 

@@ -62,6 +62,7 @@ class Collage:
     seed: int
     """Seed of all draws."""
     with_display: bool
+    """Whether a display is pasted."""
 
 
 Labelled = tuple[NDArray[np.float64], NDArray[np.float64]]

@@ -10,6 +10,7 @@ from link.frames import Captured
 from link.images import intensity
 
 Array = NDArray[np.floating]
+"""Numbers of any shape."""
 HIGH_PASS_PX = 2.0
 """Standard deviation, in pixels, of the blur that is subtracted before noise is estimated."""
 FLAT = 2.0

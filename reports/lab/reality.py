@@ -116,6 +116,7 @@ class AlignedFrame:
     """A frame as it was displayed, and the capture of it, aligned."""
 
     title: str
+    """What tables call the frame."""
     displayed: Array
     """(H, W, 3) RGB in [0, 255], encoded."""
     captured: Array

@@ -22,6 +22,7 @@ import tyro
 from link.errors import InputError, run_cli
 
 Array = npt.NDArray[np.float64]
+"""Numbers of any shape."""
 UNREADABLE = (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError)
 """Exceptions that a damaged file of spectra may raise."""
 

@@ -90,6 +90,7 @@ class Take:
     """One film of a message that is to be received."""
 
     config: DeliveryConfig
+    """Setting of display, camera and message."""
     pair: str
     """Camera-display pair."""
     view: float

@@ -33,6 +33,7 @@ from reports.render.charts import Point, Series, draw_series, new_panels, save_p
 from reports.score.accuracy import wilson
 
 Array = NDArray[np.float64]
+"""Scores of bits."""
 STORED_VERSION = 1
 """Raise it when `count_decoded` changes what it does, so that older batches are not read again."""
 LOOPS = (1, 2, 3)
@@ -161,7 +162,9 @@ def _reed_solomon(n_bytes: int, n_bits: int) -> tuple[Any, int]:
 
 
 Encode = Callable[[bytes, int], NDArray[np.integer]]
+"""Turns a message into coded bits, for frames of a number of bits."""
 Reads = Callable[[Array, bytes, int], bool]
+"""Whether a message is read from the scores of its coded bits, for frames of a number of bits."""
 CODES: dict[str, tuple[Encode, Reads, str]] = {
     "LDPC (link.code.ldpc)": (encode_ldpc, reads_ldpc, ""),
     "Reed-Solomon with erasures": (encode_reed_solomon, reads_reed_solomon, "reedsolo"),

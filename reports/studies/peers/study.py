@@ -26,6 +26,7 @@ JPEG_QUALITY = 90
 NO_CHANNEL, JPEG = "no channel", f"JPEG {JPEG_QUALITY}"
 """Names of the conditions in which nothing is filmed."""
 Scores = NDArray[np.float64]
+"""(n_bits,) scores of message bits; a positive score means 1."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,7 @@ class StillSystem:
     """A peer: one marked picture is displayed, and filmed twice."""
 
     peer: Peer
+    """What marks and reads the picture."""
 
     @property
     def name(self) -> str:
@@ -149,6 +151,7 @@ class PairSystem:
     """A decoder of this repository: two frames are displayed in turn, and filmed once each."""
 
     method: Method
+    """What decodes the frame pair."""
     kappa: int
     """Gray levels added to a block that carries a 1."""
 
@@ -159,7 +162,7 @@ class PairSystem:
 
     @property
     def strength(self) -> str:
-        """The value of kappa."""
+        """Value of kappa in words."""
         return f"κ {self.kappa}"
 
     def show(self, source: Source, index: int) -> MarkedPicture:
@@ -194,6 +197,7 @@ class PeerTask:
     frames: int
     """Number of pictures."""
     system: System
+    """What embeds and reads."""
 
 
 def read_messages(task: PeerTask) -> list[dict[str, Any]]:
