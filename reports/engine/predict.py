@@ -47,7 +47,7 @@ class Predicted:
     """What a study decoded."""
 
     records: pd.DataFrame
-    """See `records.to_records`; conditions, cells, frame pairs and methods in the order given."""
+    """The table of predictions, with conditions, cells and frame pairs in the order given."""
     failed: list[str]
     """One line for each cell that failed, with the file of its traceback."""
 
