@@ -93,7 +93,7 @@ def as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """List the images of a folder by name; hidden files and other kinds of files are passed over.
+    """List the images of a folder by name; subfolders, hidden and other files are passed over.
 
     Raises:
         InputError: the folder holds no image.
@@ -101,7 +101,9 @@ def image_files(folder: Path) -> list[Path]:
     files = sorted(
         file
         for file in folder.iterdir()
-        if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")
+        if file.is_file()
+        and file.suffix.lower() in IMAGE_SUFFIXES
+        and not file.name.startswith(".")
     )
     if not files:
         raise InputError(

@@ -7,10 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from data_gen.pictures.drawings import draw_picture
-from data_gen.pictures.library import SPLITS, Picture, load_folder, load_pictures
+from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.errors import InputError
 
 SIZE = (320, 240)
+SPLITS = ("train", "test")
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,8 @@ from numpy.typing import NDArray
 
 from data_gen.pictures.drawings import draw_picture
 from link.errors import InputError, choose
-from link.images import MIN_SIDE_PX, read_image
+from link.images import MIN_SIDE_PX, image_files, read_image
 
-SPLITS = ("train", "test")
-"""Names of the two sets of pictures, which share none."""
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-"""Endings, in lower case, of the files that are taken for images."""
 MIN_SOURCE_SIDE = 64
 """Smallest width and height, in pixels, of an image in the user's folder."""
 
@@ -114,8 +110,7 @@ def load_pictures(split: str, width: int, height: int) -> list[Picture]:
 def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
     """Load the user's own pictures, sorted by file name, centre-cropped and resized.
 
-    Files with other suffixes than `SUFFIXES` (in either case), hidden files and subfolders are
-    passed over.
+    Subfolders, hidden files and those that are no images by their suffix are passed over.
 
     Args:
         folder: holds the image files.
@@ -132,11 +127,8 @@ def load_folder(folder: Path, width: int, height: int) -> list[Picture]:
     _check_size(width, height)
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder")
-    paths = _image_files(folder)
-    if not paths:
-        raise InputError(f"{folder}: no image in this folder; looked for {', '.join(SUFFIXES)}")
     pictures = []
-    for path in paths:
+    for path in image_files(folder):
         source = read_image(path)
         if min(source.shape[:2]) < MIN_SOURCE_SIDE:
             size = f"{source.shape[1]}x{source.shape[0]}"
@@ -150,14 +142,6 @@ def _check_size(width: int, height: int) -> None:
     if min(width, height) < MIN_SIDE_PX:
         need = f"{MIN_SIDE_PX}x{MIN_SIDE_PX}"
         raise InputError(f"pictures of {width}x{height} asked for, need at least {need} pixels")
-
-
-def _image_files(folder: Path) -> list[Path]:
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.is_file() and path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-    )
 
 
 def _installed(resource: str) -> Path:
