@@ -20,6 +20,7 @@ from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import save_captures
 from link.layout import make_layout
 from reports.engine.records import to_records
+from reports.evaluation.findings import leaders
 from reports.evaluation.page import SECTIONS, render, write_report
 from reports.render.charts import (
     ACCURACY_TICKS,
@@ -37,7 +38,6 @@ from reports.render.charts import (
 from reports.render.tables import Table, TableCell
 from reports.run import RunFolder, Story
 from reports.score.accuracy import score, write_scores
-from reports.score.findings import leaders
 from reports.score.paired import same_captures
 from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS
 

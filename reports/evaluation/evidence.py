@@ -12,10 +12,10 @@ from data_gen.frame_pair import Cell, FramePair
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, Predicted
 from reports.evaluation.cost import measure_cost
+from reports.evaluation.findings import REFERENCES, leaders
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import Place, captured_stories, simulated_stories
 from reports.run import RunFolder, SweepCurve
-from reports.score.findings import REFERENCES, leaders
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
+from reports.evaluation.findings import Standing, SweptAccuracy
 from reports.render.charts import (
     INK,
     MUTED,
@@ -18,7 +19,6 @@ from reports.render.charts import (
 )
 from reports.render.tables import Table, percent, share_interval
 from reports.run import Cost, Response, Story, SweepCurve
-from reports.score.findings import Standing, SweptAccuracy
 
 TICK_DISTANCE = 0.075
 """Least distance of two ticks of a swept quantity, as a share of the axis."""

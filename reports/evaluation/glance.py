@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reports.engine.methods import METHODS
-from reports.run import Run
-from reports.score.findings import (
+from reports.evaluation.findings import (
     PartLoss,
     Standing,
     SweptAccuracy,
@@ -14,6 +13,7 @@ from reports.score.findings import (
     undecided,
     worst_points,
 )
+from reports.run import Run
 
 PART_WORDS = {
     "refine": "refinement",

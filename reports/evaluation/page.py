@@ -13,6 +13,14 @@ from link.images import write_bytes
 from reports.engine.conditions import SETTINGS
 from reports.engine.methods import METHODS
 from reports.evaluation import exhibits
+from reports.evaluation.findings import (
+    REFERENCES,
+    WELL_READ,
+    Standing,
+    SweptAccuracy,
+    standings,
+    swept_accuracies,
+)
 from reports.evaluation.glance import PART_WORDS, find_glance
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
@@ -26,14 +34,6 @@ from reports.render.tables import (
     summary_table,
 )
 from reports.run import REPORT, Cost, Response, Run, RunFolder, SweepCurve
-from reports.score.findings import (
-    REFERENCES,
-    WELL_READ,
-    Standing,
-    SweptAccuracy,
-    standings,
-    swept_accuracies,
-)
 from reports.score.paired import MIN_FRAMES
 from reports.score.reliability import ALL, Curves, reliability_curves
 from reports.studies.ablation_page import ablation_tables
