@@ -1,1 +1,1 @@
-"""What evaluate.py measures beside the predictions."""
+"""A run of evaluate.py: its findings, pictures, responses and times, and the page of them all."""

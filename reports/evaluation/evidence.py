@@ -132,7 +132,7 @@ def capture_evidence(
 
 
 def response_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Every view of some unlike pairs at the largest kappa: the cells whose responses are measured."""
+    """Choose the cells whose responses are measured: some unlike pairs, at the largest kappa."""
     kappa = max(cell.kappa for cell in cells)
     mine = [cell for cell in cells if cell.kappa == kappa]
     pairs = list(dict.fromkeys(cell.pair for cell in mine))
