@@ -86,10 +86,13 @@ class VideoSettings:
         for name, low, high, unit in (
             ("fps", 0.1, 1000, " a second"),
             ("state_hz", 0.1, 1000, " a second"),
+            ("jumps_hz", 0, 1000, " a second"),
             ("clock_error", -0.1, 0.1, ""),
+            ("start_s", -1e6, 1e6, " seconds"),
             ("response_s", 0, 1, " seconds"),
             ("scan_s", 0, 1, " seconds"),
             ("exposure_drift", 0, 1, ""),
+            ("hand", 0, 100, ""),
         ):
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
