@@ -1,12 +1,12 @@
 """Effects of the channel, to be switched off by name, and parameters, to be set by name."""
 
-import json
 from collections.abc import Iterable
 from dataclasses import fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 from data_gen.parameters import IDENTITY, LINEAR, Pair
 from link.errors import InputError, ParameterError, choose
+from link.outside import parse_json
 
 T = TypeVar("T")
 
@@ -109,15 +109,18 @@ def parse_settings(texts: Iterable[str], flag: str = "--set") -> tuple[tuple[str
         Names and values, lists as tuples.
 
     Raises:
-        ParameterError: a text has no ``=``, or its value is not JSON.
+        ParameterError: a text has no ``=``, or its value is not JSON within the bounds of
+            `link.outside.parse_json`.
     """
     settings = []
     for text in texts:
-        name, _, value = text.partition("=")
+        name, equals, value = text.partition("=")
         try:
-            parsed = json.loads(value)
-        except ValueError:
-            problem = f"need name=value, such as drift=0.1, got {text!r}"
+            parsed = parse_json(value, name)
+        except InputError as error:
+            problem = f"need name=value, such as drift=0.1, got {text!r:.100}"
+            if equals:
+                problem += f" ({error})"
             raise ParameterError(flag, problem) from None
         settings.append((name, _as_tuple(parsed)))
     return tuple(settings)

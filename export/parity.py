@@ -16,7 +16,7 @@ from export.runtime import Decoder
 from link.embed import embed
 from link.errors import InputError, at_least, run_cli
 from link.frames import Rectified
-from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout
+from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
 from models.neural.methods import decode_with
@@ -112,6 +112,7 @@ def synthetic_pair(
 
 def resized_layout(layout: Layout, scale: float) -> Layout:
     """Spread a layout over a frame of about ``scale`` times its size, within what layouts allow."""
+    scale = min(scale, max(1.0, (MAX_PIXELS / (layout.width * layout.height)) ** 0.5 - 0.01))
     smallest = {"width": layout.cols * MIN_BLOCK_PX, "height": layout.rows * MIN_BLOCK_PX}
     size = {
         side: min(MAX_SIDE_PX, max(low, round(scale * getattr(layout, side))))

@@ -7,6 +7,7 @@ import argparse
 import json
 import re
 import sys
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +16,42 @@ import onnxruntime
 from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
+from export.onnx_file import check_onnx_file
+from export.watchdog import Watchdog
 from link.errors import InputError, ParameterError, run_cli
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
-from link.images import as_batch, read_image
+from link.images import MAX_MEGAPIXELS, as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
+from link.outside import is_file, parse_json, read_bounded
 from link.ratex import visibility
 
-ORT_ERRORS = (
-    ort_errors.EPFail,
-    ort_errors.Fail,
-    ort_errors.InvalidArgument,
-    ort_errors.InvalidGraph,
-    ort_errors.InvalidProtobuf,
-    ort_errors.NotImplemented,
-    ort_errors.RuntimeException,
+ORT_ERRORS: tuple[type[Exception], ...] = (
+    *(
+        error
+        for error in vars(ort_errors).values()
+        if isinstance(error, type) and issubclass(error, Exception)
+    ),
+    IndexError,
+    MemoryError,
+    RuntimeError,
+    ValueError,
 )
-"""Exceptions of onnxruntime that a damaged or foreign model raises."""
+"""Exceptions that onnxruntime raises on a damaged or foreign model: its own, and those that its
+Python binding makes of C++ exceptions."""
+MAX_MODEL_BYTES = 64 * 2**20
+"""Largest size, in bytes, of a model file that is read; the shipped decoder has 0.15 million."""
+MAX_MEMORY_BYTES = 1536 * 2**20
+"""Largest memory, in bytes, that the models of a process may take for their tensors. Frames take
+about 50 bytes a pixel."""
+MAX_THREADS = 256
+"""Largest number of threads of onnxruntime."""
+TIME_LIMIT_S = 5.0
+"""Seconds that loading a model may take, and a run on frames of few pixels."""
+TIME_LIMIT_S_PER_MEGAPIXEL = 1.0
+"""Seconds that a run may take longer for each million pixels of its frames."""
+NOWHERE = "/dev/null/nowhere"
+"""A folder that cannot exist, where onnxruntime may look for files that a model names."""
 MIN_VISIBILITY = 0.8
 """Smallest `link.ratex.visibility` of frames that the command decodes; simulated captures up to 70
 degrees have 0.97 and more."""
@@ -39,12 +59,21 @@ FORMAT = "1"
 """Version of the metadata, and of the graph's inputs and outputs, that this code reads."""
 
 
+WATCHDOG = Watchdog()
+
+
 class Decoder:
     """A decoder in an ONNX file, which carries its own layout.
+
+    The file may come from a stranger: it is checked before it runs, its memory is bounded
+    (`MAX_MEMORY_BYTES`), and a run that takes too long is stopped. `export.watchdog` tells what
+    happens to a run that does not let itself be stopped.
 
     Args:
         path: file that `export.to_onnx` wrote.
         threads: number of threads of onnxruntime.
+        time_limit_s: seconds that loading and a run on small frames may take; a run may take
+            `TIME_LIMIT_S_PER_MEGAPIXEL` longer for each million pixels.
 
     Raises:
         InputError: the file is missing, damaged, or no decoder of this version.
@@ -60,36 +89,64 @@ class Decoder:
     True
     """
 
-    def __init__(self, path: Path | str, threads: int = 2) -> None:
+    def __init__(
+        self, path: Path | str, threads: int = 2, time_limit_s: float = TIME_LIMIT_S
+    ) -> None:
         path = Path(path)
-        if not path.is_file():
+        if not is_file(path):
             raise InputError(f"{path}: no such model; export one with python -m export.to_onnx RUN")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
-        options.log_severity_level = 4
+        if not 1 <= threads <= MAX_THREADS:
+            raise ParameterError("threads", f"need 1 to {MAX_THREADS}, got {threads}")
+        self._time_limit_s = time_limit_s
+        data = read_bounded(path, MAX_MODEL_BYTES)
         try:
-            self._session = onnxruntime.InferenceSession(
-                path.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
+            check_onnx_file(data)
+            self._session = _session(data, threads, time_limit_s)
             self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        except (*ORT_ERRORS, UnicodeDecodeError) as error:
-            reason = str(error).splitlines()[0][:160]
-            raise InputError(
-                f"{path}: not a readable ONNX model; export it again ({reason})"
-            ) from None
-        names = [
-            [node.name for node in nodes]
-            for nodes in (self._session.get_inputs(), self._session.get_outputs())
-        ]
+        except (*ORT_ERRORS, InputError) as error:
+            reason = f"not a readable ONNX model; export it again ({_reason(error)})"
+            raise InputError(f"{path}: {reason}") from None
+        self.layout: Layout
+        """Grid of the message bits that the model decodes."""
+        self.features: list[str]
+        """Names of the weights of the fitted head, less the bias."""
+        self.layout, self.features = self._checked(path)
+
+    def _checked(self, path: Path) -> tuple[Layout, list[str]]:
+        """The layout and the features' names, once the graph is known to fit them."""
+        inputs, outputs = self._session.get_inputs(), self._session.get_outputs()
+        foreign = InputError(f"{path}: not a decoder of this version; export it again")
+        names = [[node.name for node in nodes] for nodes in (inputs, outputs)]
         if self.metadata.get("format") != FORMAT or names != [
             ["original", "embedded"],
             ["scores", "head"],
         ]:
-            raise InputError(f"{path}: not a decoder of this version; export it again")
+            raise foreign
+        for node in inputs:
+            if node.type != "tensor(uint8)" or len(node.shape) != 4 or node.shape[1] != 3:
+                raise foreign
+        for node in outputs:
+            if node.type != "tensor(float)" or len(node.shape) != 2:
+                raise foreign
+        if "layout" not in self.metadata:
+            raise InputError(f"{path}: carries no layout; export it again")
         try:
-            self.layout = Layout.from_dict(json.loads(self.metadata["layout"]))
-        except (KeyError, json.JSONDecodeError):
-            raise InputError(f"{path}: carries no layout; export it again") from None
+            layout = Layout.from_dict(parse_json(self.metadata["layout"], "layout"))
+        except InputError as error:
+            raise InputError(f"{path}: carries no layout; export it again ({error})") from None
+        features = parse_json(self.metadata.get("features", "null"), f"{path}, features")
+        if not isinstance(features, list) or not all(isinstance(name, str) for name in features):
+            raise InputError(f"{path}: its features are no list of names; export it again")
+        for what, width, needed in (
+            ("scores", outputs[0].shape[1], layout.n_bits),
+            ("weights", outputs[1].shape[1], len(features) + 1),
+        ):
+            if isinstance(width, int) and width != needed:
+                raise InputError(
+                    f"{path}: gives {width} {what} where its metadata says {needed}; export it "
+                    "again"
+                )
+        return layout, features
 
     def decode(
         self,
@@ -117,8 +174,6 @@ class Decoder:
         """
         pair = self.rectify(original, embedded, corners, corners_embedded)
         scores, head = self.run(as_batch(pair.original), as_batch(pair.embedded))
-        if scores.shape != (1, self.layout.n_bits) or not np.isfinite(scores).all():
-            raise InputError("the model returned no valid scores; export it again")
         return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
 
     def run(
@@ -134,15 +189,33 @@ class Decoder:
             scores (B, n_bits) float32, and the fitted heads (B, features) float32.
 
         Raises:
-            InputError: onnxruntime failed.
+            InputError: onnxruntime failed, took too long, or returned something else.
         """
+        options = onnxruntime.RunOptions()
+
+        def stop() -> None:
+            options.terminate = True
+
+        count = len(original)
+        megapixels = count * original.shape[2] * original.shape[3] / 1e6
+        limit = self._time_limit_s + TIME_LIMIT_S_PER_MEGAPIXEL * megapixels
         try:
-            scores, head = self._session.run(
-                ["scores", "head"], {"original": original, "embedded": embedded}
-            )
+            with WATCHDOG.limit(limit, stop, "the model"):
+                scores, head = self._session.run(
+                    ["scores", "head"], {"original": original, "embedded": embedded}, options
+                )
         except ORT_ERRORS as error:
-            reason = str(error).splitlines()[0][:160]
-            raise InputError(f"the model failed to run: {reason}") from None
+            if options.terminate:
+                raise InputError(f"the model took more than {limit:.3g} s; it is stopped") from None
+            raise InputError(f"the model failed to run: {_reason(error)}") from None
+        for values, width in ((scores, self.layout.n_bits), (head, len(self.features) + 1)):
+            if (
+                not isinstance(values, np.ndarray)
+                or values.dtype != np.float32
+                or values.shape != (count, width)
+                or not np.isfinite(values).all()
+            ):
+                raise InputError("the model returned no valid scores; export it again")
         return scores, head
 
     def rectify(
@@ -190,6 +263,40 @@ class Decoder:
         return Rectified(frames[0], frames[1], layout)
 
 
+def _session(data: bytes, threads: int, time_limit_s: float) -> onnxruntime.InferenceSession:
+    """Load a model whose memory and loading time are bounded, and that reads no other file."""
+    _bound_memory()
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.load_model_format", "ONNX")
+    options.add_session_config_entry("session.use_env_allocators", "1")
+    options.add_session_config_entry(
+        "session.model_external_initializers_file_folder_path", NOWHERE
+    )
+    with WATCHDOG.limit(
+        time_limit_s, lambda: options.set_load_cancellation_flag(True), "loading the model"
+    ):
+        return onnxruntime.InferenceSession(
+            data, options, providers=["CPUExecutionProvider"], enable_fallback=0
+        )
+
+
+@cache
+def _bound_memory() -> None:
+    """Give onnxruntime one pool of memory for all models of the process, of a limited size."""
+    kind = onnxruntime.OrtAllocatorType.ORT_ARENA_ALLOCATOR
+    memory = onnxruntime.OrtMemoryInfo("Cpu", kind, 0, onnxruntime.OrtMemType.DEFAULT)
+    settings = onnxruntime.OrtArenaCfg({"max_mem": MAX_MEMORY_BYTES})
+    onnxruntime.create_and_register_allocator(memory, settings)
+
+
+def _reason(error: Exception) -> str:
+    """The first line of an exception of onnxruntime, cut where it becomes long."""
+    lines = str(error).splitlines()
+    return lines[0][:160] if lines else type(error).__name__
+
+
 def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | None:
     """Read four points from the command line.
 
@@ -229,12 +336,19 @@ def main() -> None:
         ("--corners-embedded", "the same in the embedded frame; --corners where absent"),
     ):
         parser.add_argument(flag, nargs=4, metavar="x,y", help=text)
+    parser.add_argument(
+        "--max-megapixels",
+        type=float,
+        metavar="N",
+        help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
+    )
     # a leading blank keeps argparse from taking -0.5,-0.5 for a flag
     args = parser.parse_args([re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]])
     corners = parse_corners(args.corners, "--corners")
     corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)
-    frames = read_image(args.original), read_image(args.embedded)
+    limit = args.max_megapixels
+    frames = read_image(args.original, limit), read_image(args.embedded, limit)
     pair = decoder.rectify(*frames, corners, corners_embedded)
     seen = visibility(pair.original, decoder.layout)
     if seen < MIN_VISIBILITY:
@@ -247,7 +361,7 @@ def main() -> None:
         "bits": soft.bits.tolist(),
         "scores": [round(float(score), 4) for score in soft.scores],
         "head": [] if soft.head is None else [round(float(weight), 6) for weight in soft.head],
-        "features": json.loads(decoder.metadata["features"]),
+        "features": decoder.features,
         "layout": decoder.layout.to_dict(),
     }
     print(json.dumps(result))

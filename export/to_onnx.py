@@ -19,7 +19,7 @@ from link import __version__
 from link.errors import InputError, at_least, run_cli
 from link.images import write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
-from models.neural.checkpoint import load_checkpoint
+from models.neural.checkpoint import load_checkpoint, read_config
 from models.neural.decoder import PhiDecoder
 
 INVERSE = onnx.defs.OpSchema(
@@ -174,7 +174,7 @@ def main() -> None:
     at_least(1, parity_frames=config.parity_frames)
     path = config.out or config.run / "decoder.onnx"
     module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
-    training = json.loads((config.run / "config.json").read_text()).get("train")
+    training = read_config(config.run).get("train")
     parity = export(module, path, config.run.name, config.parity_frames, training)
     print(json.dumps({"model": str(path), **asdict(parity)}))
 

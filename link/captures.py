@@ -15,6 +15,7 @@ from link.frames import Captured
 from link.geometry import as_corners
 from link.images import read_image, write_bytes, write_image
 from link.layout import Layout
+from link.outside import inside, is_file, read_json_lines
 
 MANIFEST = "manifest.jsonl"
 """Name of the file that lists the frame pairs of a folder, one JSON object a line."""
@@ -74,28 +75,21 @@ def read_manifest(folder: Path) -> list[dict[str, Any]]:
     """Read the manifest's entries, each checked to be a JSON object with the keys it needs.
 
     Raises:
-        InputError: no manifest, an empty one, or a line that is not a frame pair.
+        InputError: no manifest, an empty one, a line that is not a frame pair, or a picture that
+            lies outside the folder.
     """
     file = folder / MANIFEST
-    if not file.is_file():
+    if not is_file(file):
         raise InputError(f"{file}: not found; a folder of captures needs a {MANIFEST}")
-    try:
-        text = file.read_text()
-    except UnicodeDecodeError:
-        raise InputError(f"{file}: not a text file") from None
     entries: list[dict[str, Any]] = []
-    for number, line in enumerate(text.splitlines(), 1):
-        if not line.strip():
-            continue
-        try:
-            entry = json.loads(line)
-        except json.JSONDecodeError as error:
-            raise InputError(f"{file}, line {number}: not JSON ({error})") from None
+    for where, entry in read_json_lines(file):
         if not isinstance(entry, dict):
-            raise InputError(f"{file}, line {number}: need a JSON object, got {line!r:.60}")
+            raise InputError(f"{where}: need a JSON object, got {entry!r:.60}")
         missing = {"original", "embedded", "layout", "corners"} - set(entry)
         if missing:
-            raise InputError(f"{file}, line {number}: lacks {', '.join(sorted(missing))}")
+            raise InputError(f"{where}: lacks {', '.join(sorted(missing))}")
+        for key in ("original", "embedded"):
+            inside(folder, entry[key], f"{where}, {key}")
         entries.append(entry)
     if not entries:
         raise InputError(f"{file}: lists no frame pair")
@@ -106,9 +100,11 @@ def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
     """Read the frame pair of one manifest entry.
 
     Raises:
-        InputError: a file is missing or unreadable, differs from its sha256, or a field is wrong.
+        InputError: a file is missing, unreadable or outside the folder, differs from its sha256, or
+            a field is wrong.
     """
-    paths = [folder / str(entry[key]) for key in ("original", "embedded")]
+    file = folder / MANIFEST
+    paths = [inside(folder, entry[key], f"{file}, {key}") for key in ("original", "embedded")]
     frames = [read_image(path) for path in paths]
     if "sha256" in entry:
         digest = hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
@@ -128,7 +124,7 @@ def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
             meta=_meta(entry),
         )
     except InputError as error:
-        raise InputError(f"{folder / MANIFEST}, {entry['original']}: {error}") from None
+        raise InputError(f"{file}, {entry['original']}: {error}") from None
 
 
 def _kappa(value: Any, key: str = "kappa") -> int | None:

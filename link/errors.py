@@ -1,7 +1,9 @@
 """The exceptions for input that a user can mend, and the wrapper that prints them in one line."""
 
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -51,16 +53,47 @@ class UnsuitedError(InputError):
 
 
 def run_cli(main: Callable[[], None]) -> None:
-    """Run a command's ``main``; an `InputError` becomes one line on stderr and exit status 2."""
+    """Run a command's ``main``; what goes wrong outside the program becomes one line on stderr.
+
+    | what | exit status |
+    |---|---:|
+    | an `InputError`, whatever the system refuses (`OSError`), too little memory | 2 |
+    | an interrupt from the keyboard | 130 |
+    | nobody reads the output any more, as in ``... | head -1``; nothing is printed | 141 |
+    """
     try:
-        main()
+        try:
+            main()
+        finally:
+            sys.stdout.flush()  # a full device or a closed pipe must show here, not at the exit
     except InputError as error:
         said = error.with_flag if isinstance(error, ParameterError) else str(error)
-        print(f"error: {' '.join(said.split())}", file=sys.stderr)
+        _print_error(said)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted; what was written so far is kept", file=sys.stderr)
         sys.exit(130)
+    except BrokenPipeError:
+        _drop_output()
+        sys.exit(141)  # 128 and the number of SIGPIPE, as a shell says it
+    except OSError as error:
+        _drop_output()
+        where = "the output or a file" if error.filename is None else error.filename
+        _print_error(f"{where}: {error.strerror or error}")
+        sys.exit(2)
+    except MemoryError as error:
+        _print_error(f"too little memory; use smaller sizes or fewer frames ({error})")
+        sys.exit(2)
+
+
+def _print_error(said: str) -> None:
+    print(f"error: {' '.join(said.split())}", file=sys.stderr)
+
+
+def _drop_output() -> None:
+    """Let the interpreter's last flush of an output that takes nothing more end in silence."""
+    with suppress(OSError, ValueError):  # an output that is no file cannot be redirected
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def choose(choices: Mapping[str, T], name: str, what: str) -> T:

@@ -1,5 +1,6 @@
 """Read and write images: RGB arrays inside, and one clear line when a file is no good."""
 
+import math
 import os
 from pathlib import Path
 
@@ -7,10 +8,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError
+from link.errors import InputError, ParameterError
+from link.image_size import ends_early, image_size
+from link.outside import is_file, read_bounded
 
 MIN_SIDE_PX = 16
 """Smallest width and height, in pixels, of an image that is read."""
+MAX_MEGAPIXELS = 50.0
+"""Largest number of pixels, in millions, of an image or a video frame that is read, unless
+`MEGAPIXELS_VARIABLE` says otherwise."""
+MEGAPIXELS_VARIABLE = "OORC_MAX_MEGAPIXELS"
+"""Name of the environment variable that holds another limit in place of `MAX_MEGAPIXELS`."""
+BYTES_PER_PIXEL = 8
+"""Largest size of a stored pixel, in bytes: four channels of 16 bits, without compression."""
+SPARE_BYTES = 2**24
+"""Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)
@@ -34,45 +46,81 @@ def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(scaled if frame.ndim == 2 else scaled @ luma, np.float32)
 
 
-def read_image(path: Path | str) -> NDArray[np.uint8]:
+def pixel_limit(max_megapixels: float | None = None) -> int:
+    """Find the largest number of pixels of an image or a video frame that is read.
+
+    Args:
+        max_megapixels: the limit in millions of pixels; where it is None, that of the environment
+            variable `MEGAPIXELS_VARIABLE`, and where that is absent `MAX_MEGAPIXELS`.
+
+    Raises:
+        InputError: the limit is no number above 0.
+
+    >>> pixel_limit(0.5)
+    500000
+    """
+    given = os.environ.get(MEGAPIXELS_VARIABLE, MAX_MEGAPIXELS)
+    try:
+        limit = float(given if max_megapixels is None else max_megapixels)
+    except ValueError:
+        limit = math.nan
+    if not 0 < limit <= 1e6:
+        shown = given if max_megapixels is None else max_megapixels
+        problem = f"need millions of pixels above 0, such as 50, got {shown}"
+        if max_megapixels is None:
+            raise InputError(f"{MEGAPIXELS_VARIABLE}: {problem:.100}")
+        raise ParameterError("max_megapixels", problem)
+    return int(limit * 1e6)
+
+
+def check_pixels(width: int, height: int, where: Path | str, limit: int) -> None:
+    """Raise an `InputError` that names the file where an image has more pixels than a limit."""
+    if width * height > limit:
+        raise InputError(
+            f"{where}: image is {width}x{height}, more than {limit / 1e6:g} megapixels; scale it "
+            f"down, or set {MEGAPIXELS_VARIABLE} to a larger limit"
+        )
+
+
+def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray[np.uint8]:
     """Read an image file as encoded RGB.
 
     16-bit files are reduced to 8 bits, gray files repeated over three channels, and the EXIF
-    orientation is applied.
+    orientation is applied. The size is read from the header before any pixel is decoded.
+
+    Args:
+        path: a PNG, JPEG, TIFF, BMP or WebP file.
+        max_megapixels: largest number of pixels, in millions; see `pixel_limit`.
 
     Returns:
         (H, W, 3) uint8, encoded, RGB.
 
     Raises:
-        InputError: the file is missing, is not an image, or is smaller than 16 x 16.
+        InputError: the file is missing, is not an image, has too many pixels, or is smaller than
+            16 x 16.
     """
-    path = Path(path)
-    if not path.is_file():
+    path, limit = Path(path), pixel_limit(max_megapixels)
+    if not is_file(path):
         raise InputError(f"{path}: no such image file; check the path")
-    data = path.read_bytes()
-    if _is_cut_off(data):
+    data = read_bounded(path, BYTES_PER_PIXEL * limit + SPARE_BYTES)
+    if ends_early(data):
         raise InputError(f"{path}: not a readable image: it is cut off; copy it again")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
-    except cv2.error:
-        image = None
+    size = image_size(data)
+    image = None
+    if size is not None:
+        check_pixels(*size, path, limit)
+        try:
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        except cv2.error:
+            image = None
     if image is None:
-        raise InputError(f"{path}: not a readable image; give a PNG, JPEG, TIFF or BMP file")
+        raise InputError(f"{path}: not a readable image; give a PNG, JPEG, TIFF, BMP or WebP file")
     height, width = image.shape[:2]
     if min(height, width) < MIN_SIDE_PX:
         raise InputError(
             f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
         )
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
-
-
-def _is_cut_off(data: bytes) -> bool:
-    """Whether a PNG or JPEG lacks its end, which OpenCV would fill with gray."""
-    if data.startswith(b"\x89PNG"):
-        return b"IEND" not in data[-64:]
-    if data.startswith(b"\xff\xd8"):  # an end marker in the first half is that of a thumbnail
-        return data.rfind(b"\xff\xd9") < len(data) // 2
-    return False
 
 
 def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -162,8 +210,13 @@ def write_bytes(path: Path | str, data: bytes) -> None:
     make_folder(path.parent)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
+        try:
+            temporary.write_bytes(data)
+            temporary.replace(path)
+        except BaseException:  # an interrupt, too, leaves nothing behind
+            if is_file(temporary):
+                temporary.unlink()
+            raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
 

@@ -1,6 +1,5 @@
 """The block grid: where bits and ratex patches lie in the displayed frame."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,11 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
+from link.outside import read_json
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""
 MAX_SIDE_PX = 8192
 """Largest width and height of a displayed frame, in pixels."""
+MAX_PIXELS = 20_000_000
+"""Largest number of pixels of a displayed frame."""
+MAX_BLOCKS = 16_384
+"""Largest number of blocks of a layout."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,14 @@ class Layout:
         if not (self.width <= MAX_SIDE_PX and self.height <= MAX_SIDE_PX):
             raise InputError(
                 f"layout: a {self.width}x{self.height} frame is larger than {MAX_SIDE_PX} pixels"
+            )
+        if self.width * self.height > MAX_PIXELS:
+            raise InputError(
+                f"layout: a {self.width}x{self.height} frame has more than {MAX_PIXELS} pixels"
+            )
+        if self.rows * self.cols > MAX_BLOCKS:
+            raise InputError(
+                f"layout: {self.cols}x{self.rows} blocks are more than {MAX_BLOCKS} in all"
             )
         if self.width < self.cols * MIN_BLOCK_PX or self.height < self.rows * MIN_BLOCK_PX:
             raise InputError(
@@ -162,8 +174,8 @@ def read_layout(file: Path) -> Layout:
         InputError: the file cannot be read, or holds no layout.
     """
     try:
-        return Layout.from_dict(json.loads(file.read_text("utf-8")))
-    except (OSError, ValueError) as error:  # no text, no JSON and no layout are ValueErrors
+        return Layout.from_dict(read_json(file))
+    except InputError as error:
         raise InputError(f"{file}: no layout there ({error})") from None
 
 

@@ -8,6 +8,7 @@ for the sender) or a warning (`export.receive.sources`, for the receiver).
 
 import math
 import os
+import shutil
 import zlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -17,11 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
+from link.images import check_pixels, pixel_limit
+from link.outside import is_file
 
 LOSSLESS = "FFV1"
 """Code of the writer; of those in OpenCV's wheels it is the smallest that keeps every level."""
 MAX_FPS = 1000.0
 """Largest number of frames a second that a file is believed to have."""
+MIN_FREE_BYTES = 2**20
+"""Free space, in bytes, below which a disk is taken to be full where a video is not whole."""
 SLACK_S = 0.5
 """Seconds that a stream may end before its file says: sound is often a little longer."""
 
@@ -33,12 +38,13 @@ class VideoReader:
         path: of the file.
 
     Raises:
-        InputError: the file is missing, or no video that OpenCV can read.
+        InputError: the file is missing, no video that OpenCV can read, or its frames have more
+            pixels than `link.images.pixel_limit` allows.
     """
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
-        if not self.path.is_file():
+        if not is_file(self.path):
             raise InputError(f"{path}: no such video file; check the path")
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # our one line says what is wrong
         level = cv2.utils.logging.getLogLevel()
@@ -52,6 +58,11 @@ class VideoReader:
                 f"{path}: not a readable video; it may be cut off or of a kind that OpenCV cannot "
                 "read"
             )
+        width, height = (
+            int(self._video.get(side))
+            for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        )
+        check_pixels(width, height, self.path, pixel_limit())
         fps = float(self._video.get(cv2.CAP_PROP_FPS))
         count = float(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
         self._stated_s = count / fps if fps > 0 and count > 0 else 0.0
@@ -118,28 +129,51 @@ def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:
 def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> None:
     """Write frames without loss, and read them back to be sure.
 
+    The video has its name only once it is whole; nothing else is left where that fails.
+
     Args:
         path: ends in .avi or .mkv.
         frames: (H, W, 3) uint8, encoded RGB, all of one size; width and height even.
         fps: frames per second.
 
     Raises:
-        InputError: odd width or height, or this OpenCV cannot write or read the file bit for bit.
+        InputError: odd width or height, a full disk, or this OpenCV cannot write or read the file
+            bit for bit.
     """
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     writer, sums = None, []
-    for frame in frames:
-        height, width = frame.shape[:2]
-        if writer is None:
-            writer = _open_writer(path, width, height, fps)
-        writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-        sums.append(zlib.crc32(frame.tobytes()))
-    if writer is not None:
-        writer.release()
-    if [zlib.crc32(frame.tobytes()) for frame in read_video(path)] != sums:
-        raise InputError(
-            f"{path.suffix}: the installed OpenCV does not give {LOSSLESS} video back bit for bit; "
-            "write a folder of images or .html"
-        )
+    try:
+        for frame in frames:
+            height, width = frame.shape[:2]
+            if writer is None:
+                writer = _open_writer(temporary, width, height, fps)
+            writer.write(cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
+            sums.append(zlib.crc32(frame.tobytes()))
+        if writer is not None:
+            writer.release()
+        if _sums_of(temporary) != sums:
+            if shutil.disk_usage(path.parent).free < MIN_FREE_BYTES:
+                raise InputError(f"{path}: cannot be written (no space left on the disk)")
+            raise InputError(
+                f"{path.suffix}: the installed OpenCV does not give {LOSSLESS} video back bit for "
+                "bit; write a folder of images or .html"
+            )
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        if writer is not None:
+            writer.release()
+        if is_file(temporary):
+            temporary.unlink()
+
+
+def _sums_of(path: Path) -> list[int]:
+    """Check sums of a video's frames, as far as it can be read."""
+    try:
+        return [zlib.crc32(frame.tobytes()) for frame in read_video(path)]
+    except InputError:
+        return []
 
 
 def _open_writer(path: Path, width: int, height: int, fps: float) -> cv2.VideoWriter:

@@ -25,6 +25,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from link.errors import InputError
 from link.images import make_folder, write_bytes
+from link.outside import inside, is_file, read_json
 from reports.engine.digest import ROOT
 from reports.engine.provenance import commit, machine
 from reports.engine.records import read_records, to_lines, write_lines
@@ -277,7 +278,7 @@ class RunFolder:
         Raises:
             InputError: it is not there, not finished, or damaged.
         """
-        if not all((self.path / name).is_file() for name in ("run.json", "predictions.jsonl")):
+        if not all(is_file(self.path / name) for name in ("run.json", "predictions.jsonl")):
             raise InputError(
                 f"{self.path}: holds no finished run; first python evaluate.py --out {self.path}"
             )
@@ -300,6 +301,9 @@ class RunFolder:
                     if (self.path / "reference" / f"{name}.json").is_file()
                 },
             )
+            for story in run.stories:
+                for picture, _ in story.pictures:
+                    inside(self.path, picture, f"stories.json, {story.title:.60}")
             stored, _ = read_scores(self.path / "metrics.json")
         except (OSError, ValueError, KeyError, TypeError) as error:
             reason = " ".join(str(error).split())
@@ -322,8 +326,9 @@ class RunFolder:
 
     def _read(self, name: str, kind: type[T]) -> T:
         """Content of a file, checked against its type."""
+        content = read_json(self.path / name)
         try:
-            return TypeAdapter(kind).validate_json((self.path / name).read_bytes())
+            return TypeAdapter(kind).validate_python(content)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))

@@ -1,4 +1,8 @@
 import json
+import struct
+import subprocess
+import sys
+import zlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +17,7 @@ from link.captures import MANIFEST, load_capture, read_manifest, save_captures
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
+from link.image_size import image_size
 from link.images import read_image, write_bytes, write_image
 from link.layout import make_layout
 
@@ -216,11 +221,86 @@ def test_corners_that_do_not_fit_the_frame_are_refused_in_the_end(
         load(folder)[0].rectified()
 
 
-@pytest.mark.parametrize("name", ["nowhere.png", "", None, 5, "a/b.png"])
-def test_a_frame_that_is_missing_is_named(folder: Path, name: Any) -> None:
+@pytest.mark.parametrize("name", ["nowhere.png", "a/b.png", "n" * 300])
+def test_a_frame_that_is_missing_is_named(folder: Path, name: str) -> None:
     rewrite(folder, original=name)
     with pytest.raises(InputError, match=rf"{name}: no such image file"):
         load(folder)
+
+
+@pytest.mark.parametrize("name", ["", None, 5, ["00000_original.png"], "a\0b"])
+@pytest.mark.parametrize("key", ["original", "embedded"])
+def test_a_frame_that_has_no_name_is_told(folder: Path, key: str, name: Any) -> None:
+    rewrite(folder, **{key: name})
+    with pytest.raises(InputError, match=rf"line 1, {key}: need the name of a file, got"):
+        load(folder)
+
+
+@pytest.mark.parametrize("key", ["original", "embedded"])
+@pytest.mark.parametrize("kind", ["absolute", "climbing", "climbing back", "link", "linked folder"])
+def test_a_frame_outside_the_folder_is_refused(folder: Path, kind: str, key: str) -> None:
+    outside = folder.parent / f"{folder.name}_outside"
+    outside.mkdir()
+    write_image(outside / "other.png", UNKNOWN.original)
+    (folder / "link.png").symlink_to(outside / "other.png")
+    (folder / "linked").symlink_to(outside)
+    name = {
+        "absolute": str(outside / "other.png"),
+        "climbing": f"../{outside.name}/other.png",
+        "climbing back": f"../{folder.name}/00000_original.png",
+        "link": "link.png",
+        "linked folder": "linked/other.png",
+    }[kind]
+    entry = read_manifest(folder)[0] | {key: name}
+    with pytest.raises(InputError, match="leads out of"):
+        load_capture(folder, entry)
+    rewrite(folder, **{key: name})
+    with pytest.raises(InputError, match=rf"line 1, {key}: .* leads out of"):
+        read_manifest(folder)
+
+
+def test_a_folder_and_its_frames_may_be_reached_by_links_that_stay_inside(folder: Path) -> None:
+    (folder / "same.png").symlink_to("00000_original.png")
+    rewrite(folder, original="same.png")
+    linked = folder.parent / f"{folder.name}_linked"
+    linked.symlink_to(folder)
+    for place in (folder, linked):
+        np.testing.assert_array_equal(load(place)[0].original, KNOWN.original)
+
+
+def test_lines_of_a_manifest_end_at_line_feeds_alone(folder: Path) -> None:
+    entry = read_manifest(folder)[0] | {"picture": "a\u2028b\x85c"}
+    (folder / MANIFEST).write_text(json.dumps(entry, ensure_ascii=False) + "\r\n", newline="")
+    (loaded,) = load(folder)
+    assert loaded.meta["picture"] == "a\u2028b\x85c"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"view_deg": NaN}', r"view_deg: need a finite number .* got NaN"),
+        ('{"meta": [{"a": -Infinity}]}', r"meta\[0\]\.a: need a finite number"),
+        ('{"view_deg": 1e999}', "view_deg: need a finite number"),
+        (f'{{"view_deg": {10**400}}}', "view_deg: need a finite number of at most 64 digits"),
+        (f'{{"seed": {"9" * 5000}}}', "seed: need a finite number of at most 64 digits"),
+        ('{"deep": ' + "[" * 100_000, "lie more than 32 deep"),
+        ('{"deep": ' + '{"a": ' * 50 + "1" + "}" * 51, "lie more than 32 deep"),
+        ('{"picture": "\\ud800"}', "picture: holds half of a character"),
+    ],
+    ids=["nan", "infinity", "overflow", "401 digits", "5000 digits", "deep", "objects", "half"],
+)
+def test_json_beyond_bounds_is_refused_with_line_and_key(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / MANIFEST).write_text(f"\n{text}\n")
+    with pytest.raises(InputError, match=rf"manifest\.jsonl, line 2.*{message}") as error:
+        read_manifest(tmp_path)
+    assert len(str(error.value)) < 400
+
+
+def test_brackets_in_texts_do_not_count_as_depth(folder: Path) -> None:
+    rewrite(folder, picture="[" * 100 + '\\"' + "{" * 100)
+    assert load(folder)[0].meta["picture"].startswith("[[")
 
 
 def test_a_missing_image_is_named(tmp_path: Path) -> None:
@@ -311,6 +391,110 @@ def test_writing_makes_folders_replaces_and_leaves_no_other_file(tmp_path: Path)
 def test_saved_captures_leave_no_other_file(folder: Path) -> None:
     names = {f"0000{n}_{kind}.png" for n in (0, 1) for kind in ("original", "embedded")}
     assert {path.name for path in folder.iterdir()} == {*names, MANIFEST}
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("more", [b"\0" * 100_000, b"\xff\xd8\xff\xe0 notes", b"\n"])
+def test_an_image_file_may_go_on_after_its_end(tmp_path: Path, suffix: str, more: bytes) -> None:
+    file = tmp_path / f"long{suffix}"
+    write_image(file, UNKNOWN.original)
+    expected = read_image(file)
+    file.write_bytes(file.read_bytes() + more)
+    np.testing.assert_array_equal(read_image(file), expected)
+
+
+def test_an_end_inside_a_jpegs_thumbnail_is_not_its_end(tmp_path: Path) -> None:
+    file = tmp_path / "photo.jpg"
+    write_image(file, UNKNOWN.original)
+    data = file.read_bytes()
+    thumbnail = b"\xff\xe1" + (len(data) + 2).to_bytes(2, "big") + data
+    file.write_bytes(data[:2] + thumbnail + data[2:])
+    assert read_image(file).shape == UNKNOWN.original.shape
+    file.write_bytes(data[:2] + thumbnail + data[2:-200])
+    with pytest.raises(InputError, match="it is cut off"):
+        read_image(file)
+
+
+def black_png(side: int) -> bytes:
+    """A whole PNG file of one colour and any size, made a row at a time."""
+    packer, parts = zlib.compressobj(9), [b"\x89PNG\r\n\x1a\n"]
+    rows = b"".join(packer.compress(bytes(1 + 3 * side)) for _ in range(side)) + packer.flush()
+    header = struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
+    for kind, content in ((b"IHDR", header), (b"IDAT", rows), (b"IEND", b"")):
+        check = zlib.crc32(kind + content)
+        parts += [struct.pack(">I", len(content)), kind, content, struct.pack(">I", check)]
+    return b"".join(parts)
+
+
+READ_IN_LITTLE_MEMORY = """
+import resource, sys
+from link.errors import InputError
+from link.images import read_image
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+try:
+    read_image(sys.argv[1])
+except InputError as error:
+    print(error)
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_a_small_file_of_too_many_pixels_is_refused_without_decoding_them(tmp_path: Path) -> None:
+    file = tmp_path / "bomb.png"
+    file.write_bytes(black_png(8000))
+    done = subprocess.run(
+        [sys.executable, "-c", READ_IN_LITTLE_MEMORY, str(file)],
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    message, grown_kib = done.stdout.splitlines()
+    assert message.startswith(f"{file}: image is 8000x8000, more than 50 megapixels")
+    assert int(grown_kib) < 20_000
+
+
+def test_the_limit_of_pixels_can_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "picture.png"
+    write_image(file, UNKNOWN.original)
+    with pytest.raises(InputError, match=r"80x60, more than 0\.004 megapixels"):
+        read_image(file, max_megapixels=0.004)
+    monkeypatch.setenv("OORC_MAX_MEGAPIXELS", "0.004")
+    with pytest.raises(InputError, match=r"80x60, more than 0\.004 megapixels"):
+        read_image(file)
+    assert read_image(file, max_megapixels=0.0048).shape == UNKNOWN.original.shape
+    for wrong in ("many", "nan", "-1", "0", "inf"):
+        monkeypatch.setenv("OORC_MAX_MEGAPIXELS", wrong)
+        with pytest.raises(InputError, match="OORC_MAX_MEGAPIXELS: need millions of pixels"):
+            read_image(file)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "options"),
+    [
+        (".png", {}),
+        (".jpg", {}),
+        (".jpg", {"progressive": True}),
+        (".bmp", {}),
+        (".tif", {}),
+        (".tif", {"compression": "tiff_lzw"}),
+        (".tif", {"big_tiff": True}),
+        (".webp", {"lossless": True}),
+        (".webp", {"quality": 80}),
+        (".webp", {"quality": 80, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}),
+    ],
+)
+@pytest.mark.parametrize("size", [(70, 33), (300, 16)])
+def test_the_header_tells_the_size_before_any_pixel_is_decoded(
+    tmp_path: Path, suffix: str, options: dict[str, Any], size: tuple[int, int]
+) -> None:
+    file = tmp_path / f"picture{suffix}"
+    noise = np.random.default_rng(5).integers(0, 256, (size[1], size[0], 3), np.uint8)
+    Image.fromarray(noise).save(file, **options)
+    assert image_size(file.read_bytes()) == size
+    assert read_image(file).shape == noise.shape
+    for length in range(64):  # a header that ends early tells nothing, or the size
+        assert image_size(file.read_bytes()[:length]) in (None, size)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])

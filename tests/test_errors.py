@@ -1,6 +1,8 @@
 """One line for whoever made the mistake: a parameter in Python, a flag on the command line."""
 
 import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,8 +11,10 @@ from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, each_once, run_cli
 from link.layout import make_layout, read_layout
 
+ROOT = Path(__file__).parents[1]
 
-def printed(error: InputError, capsys: pytest.CaptureFixture[str]) -> str:
+
+def printed(error: BaseException, capsys: pytest.CaptureFixture[str]) -> str:
     def main() -> None:
         raise error
 
@@ -43,6 +47,62 @@ def test_python_reads_of_parameters_and_the_command_line_of_flags(
     assert printed(raised.value, capsys).startswith(command)
 
 
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(28, "No space left on device"), "the output or a file: No space left on device"),
+        (FileNotFoundError(2, "No such file", "a\nb.txt"), "a b.txt: No such file"),
+        (OSError(36, "File name too long", "n" * 300), f"{'n' * 300}: File name too long"),
+        (MemoryError("Unable to allocate 112 GiB"), "too little memory; use smaller sizes"),
+    ],
+)
+def test_what_the_system_refuses_is_one_line(
+    error: Exception, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    message = printed(error, capsys)
+    assert message.startswith(f"error: {said}")
+    assert message.count("\n") == 1
+
+
+PRINTS_FOR_EVER = """
+from link.errors import run_cli
+def main():
+    while True:
+        print("a line of output")
+run_cli(main)
+"""
+
+
+def test_a_reader_that_leaves_ends_the_command_in_silence() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", PRINTS_FOR_EVER],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(20) == 141
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+@pytest.mark.parametrize("script", [PRINTS_FOR_EVER, PRINTS_FOR_EVER.replace("while", "if")])
+def test_a_full_device_is_named_in_one_line(script: str) -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", script],
+            cwd=ROOT,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            timeout=20,
+        )
+    assert done.stderr == b"error: the output or a file: No space left on device\n"
+    assert done.returncode == 2
+
+
 def test_an_error_that_names_no_parameter_is_printed_as_it_is(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -60,7 +120,7 @@ def test_a_parameters_error_crosses_from_process_to_process() -> None:
     )
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"rows": 8}', "\xff"])
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"rows": 8}', "\xff", "[" * 10**5, "9" * 5000])
 def test_a_file_without_a_layout_is_named(text: str, tmp_path: Path) -> None:
     path = tmp_path / "layout.json"
     path.write_bytes(text.encode("latin-1"))

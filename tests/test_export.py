@@ -1,5 +1,8 @@
 import json
-from collections.abc import Callable
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -18,6 +21,7 @@ from data_gen.pairs import PAIRS
 from export import to_onnx
 from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
+from export.watchdog import Watchdog
 from link import __version__
 from link.errors import InputError
 from link.frames import Captured, Rectified
@@ -235,6 +239,12 @@ def without_metadata(model: bytes) -> bytes:
         (lambda model: with_metadata(model, layout=None), "carries no layout"),
         (lambda model: with_metadata(model, layout="{"), "carries no layout"),
         (lambda model: with_metadata(model, layout="[1, 2]"), "layout: need exactly the keys"),
+        (lambda model: with_metadata(model, features=None), "features are no list of names"),
+        (lambda model: with_metadata(model, features="{"), "features: not JSON"),
+        (lambda model: with_metadata(model, features="[1]"), "features are no list of names"),
+        (lambda model: with_metadata(model, features="[]"), "gives 7 weights where its metadata"),
+        (lambda model: with_metadata(model, layout="[" * 100_000), "32 deep"),
+        (lambda model: with_metadata(model, layout="9" * 5_000), "64 digits"),
     ],
     ids=[
         "half",
@@ -247,6 +257,12 @@ def without_metadata(model: bytes) -> bytes:
         "no-layout",
         "broken-layout",
         "strange-layout",
+        "no-features",
+        "broken-features",
+        "strange-features",
+        "other-features",
+        "deep-layout",
+        "long-number",
     ],
 )
 def test_a_file_that_is_no_decoder_is_refused(
@@ -265,13 +281,216 @@ def test_a_missing_file_is_refused_with_the_way_to_get_one(tmp_path: Path) -> No
 
 
 def test_a_layout_that_the_graph_does_not_have_is_refused(
-    model: bytes, layout: Layout, rectified: Rectified, tmp_path: Path
+    model: bytes, layout: Layout, tmp_path: Path
 ) -> None:
     path = tmp_path / "other.onnx"
     other = json.dumps(replace(layout, ratex=()).to_dict())
     path.write_bytes(with_metadata(model, layout=other))
-    with pytest.raises(InputError, match="no valid scores"):
-        Decoder(path).decode(rectified.original, rectified.embedded)
+    with pytest.raises(InputError, match="gives 59 scores where its metadata says 64"):
+        Decoder(path)
+
+
+IDENTITIES = (
+    onnx.helper.make_node("Identity", ["s"], ["scores"]),
+    onnx.helper.make_node("Identity", ["h"], ["head"]),
+)
+FLOAT, BOOL = onnx.TensorProto.FLOAT, onnx.TensorProto.BOOL
+
+
+def described(name: str, kind: int, *shape: int | str) -> onnx.ValueInfoProto:
+    return onnx.helper.make_tensor_value_info(name, kind, shape)
+
+
+def handmade(
+    model: bytes,
+    nodes: Sequence[onnx.NodeProto] = IDENTITIES,
+    constants: Mapping[str, NDArray] | None = None,
+    scores: onnx.ValueInfoProto | None = None,
+    head: onnx.ValueInfoProto | None = None,
+) -> onnx.ModelProto:
+    """A model with the metadata and the inputs of a decoder, and any graph and outputs."""
+    values = {"s": np.zeros((1, 59), np.float32), "h": np.zeros((1, 7), np.float32)}
+    graph = onnx.helper.make_graph(
+        list(nodes),
+        "handmade",
+        [
+            described(name, onnx.TensorProto.UINT8, "batch", 3, "height", "width")
+            for name in ("original", "embedded")
+        ],
+        [scores or described("scores", FLOAT, "b", 59), head or described("head", FLOAT, "b", 7)],
+        [onnx.numpy_helper.from_array(v, k) for k, v in (values | dict(constants or {})).items()],
+    )
+    opset = onnx.helper.make_opsetid("", 18)
+    proto = onnx.helper.make_model(graph, opset_imports=[opset], ir_version=9)
+    metadata = onnx.load_from_string(model).metadata_props
+    onnx.helper.set_model_props(proto, {entry.key: entry.value for entry in metadata})
+    return proto
+
+
+def endless(model: bytes, body: Sequence[onnx.NodeProto], condition: str) -> onnx.ModelProto:
+    """A model with a loop that never ends."""
+    loop = onnx.helper.make_graph(
+        list(body),
+        "body",
+        [
+            described("i", onnx.TensorProto.INT64),
+            described("go", BOOL),
+            described("x", FLOAT, 1, 59),
+        ],
+        [described(condition, BOOL), described("x", FLOAT, 1, 59)],
+    )
+    node = onnx.helper.make_node("Loop", ["", "true", "s"], ["scores"], body=loop)
+    return handmade(model, [node, IDENTITIES[1]], {"true": np.array(True)})
+
+
+def decode_black(proto: onnx.ModelProto, path: Path) -> None:
+    path.write_bytes(proto.SerializeToString())
+    frame = np.zeros((384, 512, 3), np.uint8)
+    Decoder(path, threads=1, time_limit_s=1.0).decode(frame, frame)
+
+
+def test_a_handmade_model_decodes(model: bytes, tmp_path: Path) -> None:
+    decode_black(handmade(model), tmp_path / "zeros.onnx")
+
+
+@pytest.mark.parametrize("place", ["initializer", "node", "subgraph", "address"])
+def test_a_model_that_reads_another_file_is_refused(
+    model: bytes, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "secret.bin").write_bytes(bytes(236))
+    monkeypatch.chdir(tmp_path)  # where onnxruntime looks for files of a model without a path
+    tensor = onnx.numpy_helper.from_array(np.zeros((1, 59), np.float32), "s")
+    tensor.ClearField("raw_data")
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    location = "*/_ORT_MEM_ADDR_/*" if place == "address" else "secret.bin"
+    for key, value in (("location", location), ("offset", "0"), ("length", "236")):
+        tensor.external_data.add(key=key, value=value)
+    constant = onnx.helper.make_node("Constant", [], ["s"], value=tensor)
+    proto = handmade(model)
+    del proto.graph.initializer[0]
+    if place == "node":
+        proto.graph.node.insert(0, constant)
+    elif place == "subgraph":
+        inner = onnx.helper.make_graph([constant], "inner", [], [described("s", FLOAT, 1, 59)])
+        branch = onnx.helper.make_node("If", ["true"], ["s"], then_branch=inner, else_branch=inner)
+        proto.graph.node.insert(0, branch)
+        proto.graph.initializer.append(onnx.numpy_helper.from_array(np.array(True), "true"))
+    else:
+        proto.graph.initializer.append(tensor)
+    with pytest.raises(InputError, match="takes values from another file"):
+        decode_black(proto, tmp_path / "thief.onnx")
+
+
+@pytest.mark.parametrize(
+    ("constants", "outputs", "message"),
+    [
+        ({"s": np.float32(1)}, {"scores": described("scores", FLOAT)}, "not a decoder"),
+        ({"h": np.float32(1)}, {"head": described("head", FLOAT)}, "not a decoder"),
+        ({"h": np.zeros((0, 7), np.float32)}, {}, "no valid scores"),
+        ({"h": np.zeros((1, 6), np.float32)}, {}, "gives 6 weights where its metadata says 7"),
+        ({"h": np.full((1, 7), np.nan, np.float32)}, {}, "no valid scores"),
+        ({"s": np.full((1, 59), np.inf, np.float32)}, {}, "no valid scores"),
+        ({"s": np.zeros((1, 59))}, {"scores": described("scores", 11, 1, 59)}, "not a decoder"),
+        ({"s": np.full((1, 59), "x")}, {"scores": described("scores", 8, 1, 59)}, "not a decoder"),
+        (
+            {},
+            {"scores": onnx.helper.make_tensor_sequence_value_info("scores", FLOAT, None)},
+            r"not a decoder|not a readable",
+        ),
+    ],
+    ids=["scalar", "scalar head", "empty", "narrow", "nan", "inf", "float64", "text", "sequence"],
+)
+def test_outputs_of_another_kind_are_refused(
+    model: bytes,
+    constants: dict[str, NDArray],
+    outputs: dict[str, onnx.ValueInfoProto],
+    message: str,
+    tmp_path: Path,
+) -> None:
+    constants = {name: np.asarray(value) for name, value in constants.items()}
+    nodes = list(IDENTITIES)
+    if outputs and not constants:
+        nodes[0] = onnx.helper.make_node("SequenceConstruct", ["s"], ["scores"])
+    with pytest.raises(InputError, match=message) as error:
+        decode_black(handmade(model, nodes, constants, **outputs), tmp_path / "odd.onnx")
+    assert "\n" not in str(error.value)
+
+
+def test_a_model_that_asks_for_12_gigabytes_is_refused(model: bytes, tmp_path: Path) -> None:
+    nodes = [
+        onnx.helper.make_node("ConstantOfShape", ["n"], ["many"]),
+        onnx.helper.make_node("ReduceSum", ["many"], ["sum"], keepdims=0),
+        onnx.helper.make_node("Add", ["s", "sum"], ["scores"]),
+        IDENTITIES[1],
+    ]
+    with pytest.raises(InputError, match="failed to run"):
+        decode_black(handmade(model, nodes, {"n": np.array([3 * 10**9])}), tmp_path / "big.onnx")
+
+
+@pytest.mark.parametrize("kind", ["sparse", "domain", "text"])
+def test_what_no_decoder_needs_is_refused(model: bytes, kind: str, tmp_path: Path) -> None:
+    proto = handmade(model)
+    if kind == "sparse":
+        values = onnx.numpy_helper.from_array(np.ones(1, np.float32), "s")
+        indices = onnx.numpy_helper.from_array(np.zeros(1, np.int64), "")
+        proto.graph.sparse_initializer.append(
+            onnx.helper.make_sparse_tensor(values, indices, [10**6, 10**6])
+        )
+    elif kind == "domain":
+        proto.graph.node[0].domain = "ai.onnx.ml"
+    else:
+        proto.graph.node[0].op_type = "StringConcat"
+    with pytest.raises(InputError, match=r"sparse tensors|operators from|has the operator"):
+        decode_black(proto, tmp_path / "odd.onnx")
+
+
+def test_a_loop_without_end_is_stopped(model: bytes, tmp_path: Path) -> None:
+    body = [onnx.helper.make_node("Identity", ["go"], ["on"])]
+    with pytest.raises(InputError, match=r"the model took more than 1.2 s; it is stopped"):
+        decode_black(endless(model, body, "on"), tmp_path / "endless.onnx")
+
+
+def test_a_loop_that_cannot_be_stopped_ends_the_process_with_one_line(
+    model: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "endless.onnx"
+    path.write_bytes(endless(model, [], "go").SerializeToString())  # no node asks whether to stop
+    script = (
+        "import sys, numpy as np\nfrom export.runtime import Decoder\n"
+        "frame = np.zeros((384, 512, 3), np.uint8)\n"
+        "Decoder(sys.argv[1], 1, time_limit_s=0.5).decode(frame, frame)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)],
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        "error: the model takes too long and cannot be stopped; the process ends\n"
+    )
+
+
+def test_work_that_ends_in_time_is_left_alone_and_late_work_is_asked_to_stop() -> None:
+    watchdog, asked = Watchdog(), threading.Event()
+    with watchdog.limit(30.0, asked.set, "quick work"):
+        pass
+    with watchdog.limit(0.1, asked.set, "slow work"):  # sooner than the timer that runs already
+        assert asked.wait(5)
+    asked.clear()
+    for _ in range(3):
+        with watchdog.limit(0.2, asked.set, "quick work"):
+            pass
+    assert not asked.wait(0.5)
+
+
+@pytest.mark.parametrize("threads", [0, -1, 257, 99_999_999_999])
+def test_a_number_of_threads_out_of_range_is_refused(checkpoint: Path, threads: int) -> None:
+    with pytest.raises(InputError, match=r"threads: need 1 to 256"):
+        Decoder(checkpoint / "decoder.onnx", threads=threads)
 
 
 def flipped(model: bytes, seed: int) -> bytes:

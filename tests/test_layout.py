@@ -105,6 +105,8 @@ def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
         ({"height": 31}, "at least 32x32 pixels, got 512x31"),
         ({"width": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
         ({"height": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
+        ({"width": 5000, "height": 5000}, "5000x5000 frame has more than 20000000 pixels"),
+        ({"rows": 129, "cols": 128, "width": 600, "height": 600}, "128x129 blocks are more than"),
         ({"rows": 1, "cols": 1, "ratex": ((0, 0),)}, "no block is left"),
     ],
 )

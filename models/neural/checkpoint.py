@@ -18,6 +18,7 @@ from torch import nn
 from link.errors import InputError, UnsuitedError
 from link.images import write_bytes
 from link.layout import Layout
+from link.outside import is_file, read_bounded, read_json
 from models.neural.decoder import DecoderConfig, PhiDecoder
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError, LookupError)
 """Exceptions that torch.load and load_state_dict raise on damaged files."""
+MAX_WEIGHTS_BYTES = 256 * 2**20
+"""Largest size, in bytes, of a decoder.pt that is read."""
 
 
 class Saveable(Protocol):
@@ -110,15 +113,16 @@ def read_config(folder: Path, command: str = "python train.py --pair NAME") -> d
         InputError: a file is missing, or config.json is damaged.
     """
     for file in (folder / "config.json", folder / "decoder.pt"):
-        if not file.is_file():
+        if not is_file(file):
             raise InputError(f"{file}: not found; train first: {command}")
+    file = folder / "config.json"
     try:
-        config = json.loads((folder / "config.json").read_text())
-        str(config["sha256"])
-    except (ValueError, KeyError, TypeError) as error:
-        file = folder / "config.json"
+        config = read_json(file)
+    except InputError as error:
         raise InputError(f"{file}: not a decoder configuration ({error})") from None
-    return dict(config)
+    if not isinstance(config, dict) or not isinstance(config.get("sha256"), str):
+        raise InputError(f"{file}: not a decoder configuration (no object with a sha256)")
+    return config
 
 
 def load_weights(folder: Path, config: dict[str, Any], module: nn.Module) -> None:
@@ -133,7 +137,7 @@ def load_weights(folder: Path, config: dict[str, Any], module: nn.Module) -> Non
         InputError: the file is damaged, or does not fit the module.
     """
     weights_file = folder / "decoder.pt"
-    data = weights_file.read_bytes()
+    data = read_bounded(weights_file, MAX_WEIGHTS_BYTES)
     if hashlib.sha256(data).hexdigest() != config["sha256"]:
         raise InputError(f"{weights_file}: differs from the sha256 in config.json; train again")
     try:

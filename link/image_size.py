@@ -1,0 +1,125 @@
+"""The size of an image, read from the first bytes of its file before any pixel is decoded.
+
+OpenCV decodes a whole image before it tells the size, and a PNG of 3 MB can hold 900 million
+pixels. So the header is read here: PNG, JPEG, BMP, TIFF and WebP, the kinds of
+`link.images.IMAGE_SUFFIXES`.
+"""
+
+import struct
+
+PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+START_OF_FRAME = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
+"""Second bytes of the JPEG markers that begin with the size (ITU-T T.81, table B.1)."""
+START_OF_SCAN = 0xDA
+"""Second byte of the JPEG marker behind which compressed pixels begin."""
+STANDALONE = {0x01, *range(0xD0, 0xD9)}
+"""Second bytes of the JPEG markers that no length follows."""
+TIFF_WIDTH, TIFF_HEIGHT = 256, 257
+"""Tags of a TIFF directory that give the size."""
+TIFF_NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}
+"""Letters of `struct` for TIFF's types of whole numbers."""
+
+
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """Read width and height, in pixels, from the bytes of an image file.
+
+    Args:
+        data: the file, from its first byte; what follows the header is not looked at.
+
+    Returns:
+        width and height as stored, before a turn that EXIF may ask for. None where the bytes are no
+        PNG, JPEG, BMP, TIFF or WebP file, or end before they tell.
+
+    >>> image_size(b"BM" + bytes(12) + struct.pack("<Iii", 40, 640, -480))
+    (640, 480)
+    """
+    try:
+        if data.startswith(PNG):
+            return struct.unpack_from(">II", data, 16) if data[12:16] == b"IHDR" else None
+        if data.startswith(JPEG):
+            return _jpeg_size(data)
+        if data.startswith(b"BM"):
+            return _bmp_size(data)
+        if data[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+            return _tiff_size(data)
+        if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+            return _webp_size(data)
+    except (struct.error, IndexError):
+        pass
+    return None
+
+
+def ends_early(data: bytes) -> bool:
+    """Whether a PNG or JPEG file lacks its end; OpenCV would fill what is missing with gray.
+
+    What follows the end, such as padding or another program's notes, does not matter.
+    """
+    if data.startswith(PNG[:4]):
+        return b"\0\0\0\0IEND" not in data
+    if data.startswith(JPEG):
+        scan = _jpeg_marker(data, {START_OF_SCAN})
+        return scan is None or data.find(b"\xff\xd9", scan) < 0
+    return False
+
+
+def _jpeg_marker(data: bytes, wanted: set[int]) -> int | None:
+    """The place of the first of some markers before the pixels; segments are skipped whole."""
+    at = 2
+    while at + 4 <= len(data):
+        if data[at] != 0xFF:
+            at += 1
+        elif data[at + 1] in wanted:
+            return at
+        elif data[at + 1] == 0xFF or data[at + 1] in STANDALONE or not data[at + 1]:
+            at += 1 if data[at + 1] == 0xFF else 2
+        elif data[at + 1] in (START_OF_SCAN, 0xD9):
+            return None
+        else:
+            at += 2 + max(2, int.from_bytes(data[at + 2 : at + 4], "big"))
+    return None
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int] | None:
+    at = _jpeg_marker(data, START_OF_FRAME)
+    if at is None:
+        return None
+    height, width = struct.unpack_from(">HH", data, at + 5)
+    return width, height
+
+
+def _bmp_size(data: bytes) -> tuple[int, int]:
+    (header,) = struct.unpack_from("<I", data, 14)
+    width, height = struct.unpack_from("<HH" if header == 12 else "<ii", data, 18)
+    return abs(width), abs(height)
+
+
+def _tiff_size(data: bytes) -> tuple[int, int] | None:
+    order, big = "<" if data[:2] == b"II" else ">", 43 in data[2:4]
+    (start,) = struct.unpack_from(f"{order}{'Q' if big else 'I'}", data, 8 if big else 4)
+    (count,) = struct.unpack_from(f"{order}{'Q' if big else 'H'}", data, start)
+    first, length, value = (start + 8, 20, 12) if big else (start + 2, 12, 8)
+    found: dict[int, int] = {}
+    for entry in range(first, first + length * min(count, 4096), length):
+        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
+        if tag in (TIFF_WIDTH, TIFF_HEIGHT) and kind in TIFF_NUMBERS:
+            (number,) = struct.unpack_from(f"{order}{TIFF_NUMBERS[kind]}", data, entry + value)
+            found[tag] = max(found.get(tag, 0), number)
+        if len(found) == 2 and tag > TIFF_HEIGHT:
+            break
+    return (found[TIFF_WIDTH], found[TIFF_HEIGHT]) if len(found) == 2 else None
+
+
+def _webp_size(data: bytes) -> tuple[int, int] | None:
+    kind = data[12:16]
+    if kind == b"VP8X" and len(data) >= 30:  # the canvas: width and height less one, 24 bits each
+        return (
+            1 + int.from_bytes(data[24:27], "little"),
+            1 + int.from_bytes(data[27:30], "little"),
+        )
+    if kind == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if kind == b"VP8L":
+        (packed,) = struct.unpack_from("<I", data, 21)
+        return 1 + (packed & 0x3FFF), 1 + (packed >> 14 & 0x3FFF)
+    return None
