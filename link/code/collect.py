@@ -4,6 +4,10 @@ The receiver may join the loop anywhere, does not know its length N, and may los
 display leaves the view. Frames whose mutual distance is known form a *run*; every pair (N, first
 frame) is a hypothesis, and the signatures of the run's frames weigh them. Once one stands out, the
 run's scores are added to those of earlier runs and loops.
+
+Once a message is delivered, each frame is held against it. Frames that agree bring nothing new.
+From the first frame that contradicts it, scores are collected afresh, while the delivered message
+stands until another one is whole.
 """
 
 from dataclasses import dataclass
@@ -19,6 +23,7 @@ from link.code.framing import (
     decode,
     encode,
     information_bytes,
+    parity_mask,
     signatures,
 )
 
@@ -32,7 +37,13 @@ MAX_RUN = 128
 DOUBT = 6
 """Number of frames of a placed run over which its signatures are watched for contradiction."""
 MEMORY_LOOPS = 16
-"""Number of loops over which scores fade, so that a changed message wins in time."""
+"""Number of loops over which scores fade, so that what was collected amiss loses its weight."""
+TOLERATED = 0.2
+"""Share of parity bits that may contradict the delivered message while the display still shows it;
+another message contradicts about half of them."""
+DOUBTED_LOOPS = 0.5
+"""Number of loops of another message after which doubt grows no further, so that the delivered
+message, once it is back in view, is recognised within about as many."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +58,8 @@ class Message:
     """Number of received frames whose scores were used."""
     agreement: float
     """Share of the scores' weight that agrees with the message, in [0, 1]."""
+    changed: bool = False
+    """Whether the display showed another message before, which was delivered."""
 
     @property
     def text(self) -> str:
@@ -78,8 +91,89 @@ def word_likelihoods(head: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.asarray((bits - 0.5) @ head, np.float32)
 
 
+class LoopScores:
+    """Scores of a loop's frames, summed over all times that each frame was seen.
+
+    Args:
+        frames: number of frames in the loop.
+        n_bits: message blocks of a frame.
+    """
+
+    def __init__(self, frames: int, n_bits: int) -> None:
+        self.frames = frames
+        self.sums = np.zeros((frames, n_bits))
+        """(frames, n_bits) log-likelihood ratios."""
+        self.seen = 0
+        """Number of received frames that were added."""
+        self.tried = 0.0
+        """Value of `progress` when decoding was last tried."""
+
+    def add(self, at: int, scores: NDArray[np.float64]) -> None:
+        """Add the (n_bits,) scores of frame number ``at`` of the loop; older ones fade a little."""
+        self.sums *= 1 - 1 / (MEMORY_LOOPS * self.frames)
+        self.sums[at] += scores
+        self.seen += 1
+
+    @property
+    def progress(self) -> float:
+        """Information received, as a share of what is needed: about 1 when the message is whole."""
+        llr = np.abs(self.sums[:, SIGNATURE:])
+        entropy = np.log1p(np.exp(-llr)) + llr / (1 + np.exp(llr))
+        received = float((1 - entropy / np.log(2)).sum())
+        return received / (8 * information_bytes(self.frames, self.sums.shape[1]))
+
+    def worth_decoding(self) -> bool:
+        """Whether there is enough that is new since decoding was last tried."""
+        enough = self.progress >= max(1.0, 1.02 * self.tried)
+        overdue = 2 * self.seen >= self.frames and self.seen % max(1, self.frames // 4) == 0
+        return enough or overdue
+
+
+class DeliveredMessage:
+    """A message that was delivered, and the doubt whether the display still shows it.
+
+    Doubt is a cumulative sum (Page 1954): it rises with the parity bits of a frame that contradict
+    the message, beyond the share that noise explains, and falls with those that agree. It is never
+    below 0, so frames from before a change do not delay its discovery.
+
+    Args:
+        message: what was delivered.
+        n_bits: message blocks of a frame.
+
+    >>> bits = encode(b"Hello", n_bits=59)
+    >>> known = DeliveredMessage(Message(b"Hello", len(bits), seen=4, agreement=1.0), n_bits=59)
+    >>> known.is_shown(0, 8.0 * bits[0] - 4), known.is_shown(1, 4 - 8.0 * bits[1])
+    (True, False)
+    """
+
+    def __init__(self, message: Message, n_bits: int) -> None:
+        self.message = message
+        self.doubt = 0.0
+        """Parity bits beyond those tolerated that contradict the message, in frames; at least 0."""
+        bits = encode(message.data, n_bits)
+        parity = parity_mask(message.frames, n_bits)
+        self._signs = (2.0 * bits - 1) * parity
+        self._parity_bits = np.maximum(parity.sum(axis=1), 1)
+        self._limit = DOUBTED_LOOPS * message.frames * (0.5 - TOLERATED)
+
+    def is_shown(self, at: int, scores: NDArray[np.float64]) -> bool:
+        """Say whether the display still shows the message, after one more frame.
+
+        Args:
+            at: number of the frame in the loop, from 0.
+            scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
+        """
+        agreement = self._signs[at] * scores
+        certainty = np.tanh(np.abs(agreement) / 2)  # 1 - 2 P(the decision is wrong)
+        excess = certainty @ ((agreement < 0) - TOLERATED) / self._parity_bits[at]
+        self.doubt = min(max(0.0, self.doubt + float(excess)), self._limit)
+        return self.doubt == 0
+
+
 class Collector:
-    """Collects frames until the message is whole.
+    """Collects frames until the message is whole, and then until another one is.
+
+    A message is returned once. It is returned again only after another one was.
 
     Args:
         n_bits: message blocks of a frame.
@@ -100,12 +194,13 @@ class Collector:
     def __init__(self, n_bits: int) -> None:
         check_bits(n_bits)
         self.n_bits = n_bits
-        self.frames: int | None = None
-        """Number of frames in the loop, or None while it is unknown."""
-        self.seen = 0
-        """Number of received frames whose place in the loop is known."""
-        self._loop = np.zeros((0, n_bits))
-        self._tried = 0.0
+        self.progress = 0.0
+        """Information received, as a share of what is needed: about 1 when the message is whole.
+        It is 1 while the display goes on showing a message that was returned."""
+        self.attempts = 0
+        """Number of times that decoding was tried."""
+        self._loop: LoopScores | None = None
+        self._delivered: DeliveredMessage | None = None
         self.start_run()
 
     def start_run(self) -> None:
@@ -115,16 +210,6 @@ class Collector:
         self._place: tuple[int, int] | None = None
         self._trust: list[float] = []
 
-    @property
-    def progress(self) -> float:
-        """Information received, as a share of what is needed: about 1 when the message is whole."""
-        if self.frames is None:
-            return 0.0
-        llr = np.abs(self._loop[:, SIGNATURE:])
-        entropy = np.log1p(np.exp(-llr)) + llr / (1 + np.exp(llr))
-        received = float((1 - entropy / np.log(2)).sum())
-        return received / (8 * information_bytes(self.frames, self.n_bits))
-
     def add(self, scores: NDArray[np.float64], count: int) -> Message | None:
         """Add one frame, and try to decode.
 
@@ -133,7 +218,7 @@ class Collector:
             count: number of the frame on the display, from any start; rising within a run.
 
         Returns:
-            the message where it is whole now, else None.
+            the message where it is whole now and not the one that was returned last, else None.
         """
         scores = np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE)
         words = word_likelihoods(scores[:SIGNATURE])
@@ -170,24 +255,34 @@ class Collector:
         """Add frames to the loop; false while there is nothing new to decode."""
         assert self._place is not None
         frames, first = self._place
-        if self.frames != frames:
-            self.frames, self.seen, self._tried = frames, 0, 0.0
-            self._loop = np.zeros((frames, self.n_bits))
+        known = self._delivered
         for count, scores in waiting:
-            self._loop *= 1 - 1 / (MEMORY_LOOPS * frames)
-            self._loop[(first + count) % frames] += scores
-        self.seen += len(waiting)
-        enough = self.progress >= max(1.0, 1.02 * self._tried)
-        overdue = 2 * self.seen >= frames and self.seen % max(1, frames // 4) == 0
-        return enough or overdue
+            at = (first + count) % frames
+            if known is not None and known.message.frames == frames and known.is_shown(at, scores):
+                self._loop = None
+                continue
+            if self._loop is None or self._loop.frames != frames:
+                self._loop = LoopScores(frames, self.n_bits)
+            self._loop.add(at, scores)
+        self.progress = 1.0 if self._loop is None else self._loop.progress
+        return self._loop is not None and self._loop.worth_decoding()
 
     def _try(self) -> Message | None:
-        assert self.frames is not None
-        self._tried = self.progress
-        data = decode(self._loop)
+        """Decode what was collected; a message ends the collection, whether it is new or not."""
+        loop, known = self._loop, self._delivered
+        assert loop is not None
+        self.attempts += 1
+        loop.tried = self.progress
+        data = decode(loop.sums)
         if data is None:
             return None
+        self._loop = None
+        if known is not None and known.message.data == data:
+            known.doubt = 0.0
+            return None
         sent = encode(data, self.n_bits)
-        weight = np.abs(self._loop)
-        agree = float(weight[(self._loop > 0) == (sent == 1)].sum() / weight.sum())
-        return Message(data, self.frames, self.seen, agree)
+        weight = np.abs(loop.sums)
+        agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
+        message = Message(data, loop.frames, loop.seen, agree, changed=known is not None)
+        self._delivered = DeliveredMessage(message, self.n_bits)
+        return message

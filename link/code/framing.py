@@ -115,6 +115,24 @@ def signatures(frames: int) -> NDArray[np.uint8]:
     return (words >> np.uint64(64 - SIGNATURE)).astype(np.uint8)
 
 
+def parity_mask(frames: int, n_bits: int) -> NDArray[np.bool_]:
+    """Tell which displayed bits are parity bits of the codeword.
+
+    A change of a single byte of the message changes its CRC-32 and by it about half of the parity
+    bits, all over the loop. Most information bits stay as they are.
+
+    Args:
+        frames: number of frames in the loop.
+        n_bits: message blocks of a frame.
+
+    Returns:
+        (frames, n_bits) bool; False for signatures and information.
+    """
+    order, _ = _order(frames * (n_bits - SIGNATURE))
+    parity = (order >= code_of(frames, n_bits).information).reshape(frames, -1)
+    return np.concatenate([np.zeros((frames, SIGNATURE), bool), parity], axis=1)
+
+
 def encode(message: bytes, n_bits: int) -> NDArray[np.uint8]:
     """Turn a message into the bits of the loop that carries it.
 
@@ -150,8 +168,8 @@ def decode(scores: NDArray[np.float64]) -> bytes | None:
         scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
 
     Returns:
-        the message, or None where the scores do not suffice. It is never a wrong message, short of
-        a CRC-32 that fits by chance.
+        the message, or None where the scores do not suffice, or where the loop is not the one that
+        `encode` makes. It is never a wrong message, short of a CRC-32 that fits by chance.
 
     A covered block and a lost frame do no harm:
 
@@ -177,4 +195,6 @@ def decode(scores: NDArray[np.float64]) -> bytes | None:
     message = content[LENGTH_BYTES : LENGTH_BYTES + length]
     padding = content[LENGTH_BYTES + length :]
     whole = 1 <= length == len(message) and not any(padding)
-    return message if whole and zlib.crc32(content).to_bytes(CRC_BYTES, "big") == crc else None
+    if not whole or zlib.crc32(content).to_bytes(CRC_BYTES, "big") != crc:
+        return None
+    return message if frames == frames_needed(length, n_bits) else None
