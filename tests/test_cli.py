@@ -330,7 +330,7 @@ def test_data_gen_refuses_what_it_finds_on_the_way(
     ("arguments", "part"),
     [
         ("--methods oorc magic", "naive, two_step, oorc, hidden_ratex, blind, phi, learned, cnn"),
-        ("--kappas 5 0", "--kappa: need 1 to 64"),
+        ("--kappas 5 0", "--kappas: need 1 to 64"),
         ("--frames 0", "--frames: need at least 1"),
         ("--jobs 0", "--jobs: need at least 1"),
         ("--views 0 89", "--view"),
@@ -438,7 +438,7 @@ LAYOUT = {"rows": 8, "cols": 8, "width": 512, "height": 384}
         ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
         ({"kappa": 0}, "kappa must be a whole number from 1 to 64"),
         ({"layout": {"rows": 8}}, "layout: need exactly the keys"),
-        ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "layout: ratex"),
+        ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "line 1, layout.ratex"),
     ],
 )
 def test_evaluate_refuses_captures_with_a_wrong_field(
