@@ -103,7 +103,7 @@ class Decoder:
             check_onnx_file(data)
             self._session = _session(data, threads, time_limit_s)
             self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        except (*ORT_ERRORS, InputError) as error:
+        except ORT_ERRORS as error:  # an InputError is a ValueError
             reason = f"not a readable ONNX model; export it again ({_reason(error)})"
             raise InputError(f"{path}: {reason}") from None
         self.layout: Layout

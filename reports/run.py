@@ -17,18 +17,20 @@ import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import pandas as pd
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
 
+from link.embed import MAX_KAPPA
 from link.errors import InputError
 from link.images import make_folder, write_bytes
-from link.outside import inside, is_file, read_json
+from link.outside import inside, is_file, read_json, read_json_lines
 from reports.engine.digest import ROOT
 from reports.engine.provenance import commit, machine
-from reports.engine.records import read_records, to_lines, write_lines
+from reports.engine.records import to_lines, to_records, write_lines
 from reports.score.accuracy import read_scores, score, write_scores
 
 T = TypeVar("T")
@@ -125,6 +127,24 @@ class Cost:
     """Median time of the reference, milliseconds."""
     ratios: dict[str, tuple[float, float, float]]
     """By method: lower quartile, median and upper quartile of the multiple."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One line of predictions.jsonl or sweeps.jsonl, against which stored lines are checked."""
+
+    method: str
+    pair: str
+    view_deg: FiniteFloat | None
+    kappa: Annotated[int, Field(ge=1, le=MAX_KAPPA)] | None
+    picture: str | None
+    index: Annotated[int, Field(ge=0, lt=2**31)]
+    scores: list[FiniteFloat]
+    """Score of each message bit, in log-likelihood units."""
+    bits: list[Annotated[int, Field(ge=-1, le=1)]]
+    """True bits, and -1 where one is not known."""
+    condition: str = ""
+    """Name of the condition; empty in the main comparison."""
 
 
 @dataclass(frozen=True)
@@ -283,14 +303,15 @@ class RunFolder:
                 f"{self.path}: holds no finished run; first python evaluate.py --out {self.path}"
             )
         try:
-            records = read_records(self.path / "predictions.jsonl")
-            swept = self.path / "sweeps.jsonl"
+            records = self._read_predictions("predictions.jsonl")
             run = Run(
                 folder=self.path,
                 about=self._read("run.json", About),
                 records=records,
                 scores=score(records),
-                swept=read_records(swept) if swept.is_file() else records[:0],
+                swept=self._read_predictions("sweeps.jsonl")
+                if is_file(self.path / "sweeps.jsonl")
+                else records[:0],
                 sweeps=self._read_list("sweeps.json", SweepCurve),
                 stories=self._read_list("stories.json", Story),
                 responses=self._read_list("response.json", Response),
@@ -320,16 +341,37 @@ class RunFolder:
         text = json.dumps(content, indent=1, default=str, allow_nan=False) + "\n"
         write_bytes(self.path / name, text.encode())
 
+    def _read_predictions(self, name: str) -> pd.DataFrame:
+        """The table of a file of predictions, each line checked."""
+        lines = []
+        for where, line in read_json_lines(self.path / name):
+            prediction = _checked(Prediction, line, where)
+            if len(prediction.scores) != len(prediction.bits):
+                raise ValueError(f"{where}: has not as many scores as bits")
+            lines.append(line)
+        return to_records(lines)
+
     def _read_list(self, name: str, kind: type[T]) -> list[T]:
         """Content of a file that holds a list; empty where there is no such file."""
         return self._read(name, list[kind]) if (self.path / name).is_file() else []  # type: ignore[valid-type]
 
     def _read(self, name: str, kind: type[T]) -> T:
         """Content of a file, checked against its type."""
-        content = read_json(self.path / name)
-        try:
-            return TypeAdapter(kind).validate_python(content)
-        except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(map(str, first["loc"]))
-            raise ValueError(f"{name}, {where}: {first['msg']}") from None
+        return _checked(kind, read_json(self.path / name), name)
+
+
+def _checked(kind: type[T], content: Any, where: str) -> T:
+    """Content of a file as the type that it must have; the error names the key."""
+    try:
+        checked: T = _adapter(kind).validate_python(content)  # type: ignore[arg-type]
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        raise ValueError(f"{where}, {key}: {first['msg']}") from None
+    return checked
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    """The checks of a type, made once."""
+    return TypeAdapter(kind)

@@ -44,6 +44,9 @@ SURE_VISIBILITY = 0.93
 PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
+MAX_ASPECT = 40
+"""Longer side of an image in shorter sides, from which on no display is sought: the small copy would
+be less than 16 pixels high."""
 MIN_SCORE = 0.04
 """Smallest score of a display without patches. Photographs of the training split that show none
 score 0.011 at most; nine in ten simulated displays score more (reports.lab.locate_weights)."""
@@ -68,6 +71,8 @@ def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | 
     >>> locate(np.full((240, 320, 3), 100, np.uint8)) is None
     True
     """
+    if max(image.shape[:2]) > MAX_ASPECT * min(image.shape[:2]):
+        return None
     candidates = display_candidates(image)
     if layout is None or not layout.ratex:
         return _likeliest(image, candidates)

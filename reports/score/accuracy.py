@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from link.images import write_bytes
+from link.outside import read_json
 from reports.engine.records import CELL
 from reports.score.paper import paper_accuracy
 
@@ -138,7 +139,7 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     Returns:
         a score table whose only condition is "", and what produced it.
     """
-    content = json.loads(file.read_text())
+    content = read_json(file)
     table = pd.DataFrame(content["rows"], columns=SCORES)
     table["condition"] = ""
     table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")

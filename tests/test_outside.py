@@ -1,0 +1,182 @@
+"""Stored runs, photographs and settings from strangers: a right result or one line."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from data_gen.effects import parse_settings
+from export.locate.find import locate
+from link.errors import InputError, ParameterError
+from link.images import read_image, write_image
+from link.layout import Layout, make_layout
+from link.outside import inside, parse_json, read_bounded, read_json
+from link.video import VideoReader
+from reports.engine.records import to_records
+from reports.run import RunFolder, Story
+
+META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
+FILES = ("run.json", "predictions.jsonl", "metrics.json", "stories.json", "config.json")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A small finished run with one picture."""
+    line = {"method": "oorc", "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": 0}
+    lines = [{**line, "picture": "p", "scores": [1.5, -2.0], "bits": [1, 1]}]
+    folder = RunFolder(tmp_path / "run")
+    folder.claim({"seed": 0})
+    folder.write_comparison(to_records(lines), META, "tables")
+    write_image(folder.path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
+    folder.write_stories([Story("strip", "title", "where", [("stories/a.jpg", "caption")])])
+    folder.finish(META, {"decoding": 1.0}, [])
+    return folder.path
+
+
+def refused(folder: Path) -> str:
+    with pytest.raises(InputError) as error:
+        RunFolder(folder).read()
+    assert "\n" not in str(error.value)
+    assert str(folder) in str(error.value)
+    return str(error.value)
+
+
+def test_a_whole_run_is_read(run: Path) -> None:
+    read = RunFolder(run).read()
+    assert len(read.records) == 1
+    assert read.stories[0].pictures == [("stories/a.jpg", "caption")]
+
+
+@pytest.mark.parametrize("kind", ["absolute", "climbing", "link", "linked folder", "nul", "empty"])
+def test_pictures_of_a_stored_run_lie_inside_it(run: Path, kind: str) -> None:
+    secret = run.parent / "secret"
+    secret.mkdir()
+    (secret / "key.txt").write_text("secret")
+    (run / "stories" / "link.jpg").symlink_to(secret / "key.txt")
+    (run / "elsewhere").symlink_to(secret)
+    name = {
+        "absolute": str(secret / "key.txt"),
+        "climbing": "stories/../../secret/key.txt",
+        "link": "stories/link.jpg",
+        "linked folder": "elsewhere/key.txt",
+        "nul": "stories/a.jpg\0",
+        "empty": "",
+    }[kind]
+    RunFolder(run).write_stories([Story("strip", "title", "where", [(name, "caption")])])
+    said = refused(run)
+    assert "stories.json" in said
+    assert "leads out of" in said or "need the name of a file" in said
+
+
+DAMAGE: list[Any] = [None, [], {}, 5, "text", [[]], [{}], {"about": 1}, True]
+
+
+@pytest.mark.parametrize("content", DAMAGE, ids=repr)
+@pytest.mark.parametrize(
+    "file", ["run.json", "cost.json", "metrics.json", "predictions.jsonl", "sweeps.jsonl"]
+)
+def test_a_run_with_a_file_of_another_kind_is_refused(run: Path, file: str, content: Any) -> None:
+    (run / file).write_text(json.dumps(content))
+    refused(run)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("run.json", "[" * 10**5, "32 deep"),
+        ("metrics.json", "9" * 5000, "64 digits"),
+        ("stories.json", "[NaN]", "finite"),
+        ("predictions.jsonl", "{}\n", "line 1, method"),
+        ("predictions.jsonl", "\xff", "not"),
+        ("cost.json", "", "not JSON"),
+    ],
+)
+def test_damage_is_told_with_its_file(run: Path, file: str, text: str, message: str) -> None:
+    (run / file).write_bytes(text.encode("latin-1"))
+    said = refused(run)
+    assert file in said
+    assert message in said
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"scores": "12"},
+        {"scores": [1.5]},
+        {"scores": [None, 1]},
+        {"bits": [7, 0]},
+        {"kappa": 0},
+        {"kappa": 10**30},
+        {"index": -1},
+        {"index": 10**40},
+        {"view_deg": "steep"},
+        {"view_deg": 10**400},
+        {"method": None},
+        {"pair": ["canon-lg"]},
+    ],
+    ids=str,
+)
+def test_a_prediction_out_of_range_is_refused(run: Path, changes: dict[str, Any]) -> None:
+    file = run / "predictions.jsonl"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes) + "\n")
+    assert f"{next(iter(changes))}" in refused(run) or "as many scores as bits" in refused(run)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[1, 2.5, -3e10]", [1, 2.5, -3e10]),
+        ('{"a": 1, "a": 2}', {"a": 2}),
+        (f"[{10**60}, 1e+100, 1e-400]", [10**60, 1e100, 0.0]),
+        ('"\\ud83d\\ude00"', "\N{GRINNING FACE}"),
+        ("[" * 32 + "]" * 32, None),
+        (b'{"key": "\xc3\xa4"}', {"key": "ä"}),
+    ],
+)
+def test_json_within_bounds_is_read_as_it_is(text: str | bytes, expected: Any) -> None:
+    value = parse_json(text, "here")
+    assert expected is None or value == expected
+
+
+@pytest.mark.parametrize("text", ['"' + "[" * 40, "[" * 40 + '"', '"\\' + '"[' * 20_000])
+def test_strings_that_do_not_end_are_refused_at_once(text: str) -> None:
+    with pytest.raises(InputError, match=r"here: (not JSON|lists or objects)"):
+        parse_json(text, "here")
+
+
+def test_files_that_never_end_are_none(tmp_path: Path) -> None:
+    for read in (read_image, read_json, VideoReader):
+        for path in (Path("/dev/zero"), tmp_path, tmp_path / ("n" * 300)):
+            with pytest.raises(InputError, match="no such"):
+                read(path)
+    (tmp_path / "long").write_bytes(bytes(11))
+    with pytest.raises(InputError, match="larger than 10 bytes"):
+        read_bounded(tmp_path / "long", 10)
+
+
+def test_a_link_that_leads_to_itself_is_no_way_out(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    assert inside(tmp_path, "loop", "here") == tmp_path / "loop"
+    with pytest.raises(InputError, match="no such image"):
+        read_image(tmp_path / "loop")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["drift", "drift=", "drift=NaN", "drift=1e999", "drift=" + "[" * 10**5, "a=" + "9" * 5000],
+)
+def test_settings_beyond_bounds_name_their_flag(text: str) -> None:
+    with pytest.raises(ParameterError, match=r"^--set: need name=value") as error:
+        parse_settings([text])
+    assert len(str(error.value)) < 400
+
+
+@pytest.mark.parametrize("size", [(17, 70_000), (70_000, 17), (16, 16), (16, 40_000), (17, 680)])
+@pytest.mark.parametrize("layout", [None, make_layout()], ids=["no layout", "layout"])
+def test_the_narrowest_photographs_are_searched(
+    size: tuple[int, int], layout: Layout | None
+) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
+    assert locate(image, layout) is None
