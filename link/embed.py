@@ -74,7 +74,7 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
     if values.shape != (layout.n_bits,) or not np.isin(values, (0, 1)).all():
         raise InputError(f"message: need {layout.n_bits} bits of 0 or 1, got {values.shape}")
     block_px = min(layout.width // layout.cols, layout.height // layout.rows)
-    if pyramid_level < 0 or 2**pyramid_level > block_px // 4:
+    if not 0 <= pyramid_level < (block_px // 4).bit_length():  # 2**pyramid_level <= block_px // 4
         raise ParameterError(
             "pyramid_level",
             f"{pyramid_level} does not fit blocks of {block_px} pixels; "
