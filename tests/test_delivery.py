@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, slow
 from tolerances import FLOAT64
 
 from link.errors import InputError
@@ -30,8 +30,9 @@ def double(number: int) -> int:
     return 2 * number
 
 
-def test_results_come_in_the_order_of_the_items() -> None:
-    assert all_results(double, [3, 1, 2], jobs=2, title="double") == [6, 2, 4]
+@pytest.mark.parametrize("jobs", [1, slow(2)])
+def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
+    assert all_results(double, [3, 1, 2], jobs=jobs, title="double") == [6, 2, 4]
 
 
 def test_what_is_stored_is_not_computed_again(tmp_path: Path) -> None:
