@@ -8,6 +8,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnx
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,9 +18,13 @@ from streams import Stream, states_of
 from export.locate.find import locate
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
+from link.captures import KNOWN, MANIFEST, load_capture, read_manifest, save_captures
 from link.errors import InputError
+from link.frames import Captured
+from link.geometry import frame_corners
 from link.images import read_image, write_image
-from link.layout import make_layout
+from link.layout import MAX_BLOCKS, MAX_PIXELS, Layout, make_layout
+from link.outside import parse_json
 
 ROOT = Path(__file__).parents[1]
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
@@ -140,6 +145,108 @@ def test_mutated_image_files(tmp_path: Path, suffix: str) -> None:
         else:
             assert image.dtype == np.uint8
             assert image.ndim == 3
+
+
+def test_mutated_headers_of_images_are_refused_or_read(tmp_path: Path) -> None:
+    """Sizes stand in the first bytes of a file."""
+    rng = np.random.default_rng(6)
+    picture = rng.integers(0, 255, (90, 120, 3)).astype(np.uint8)
+    for suffix in (".png", ".jpg", ".tiff", ".bmp", ".webp"):
+        path = tmp_path / f"image{suffix}"
+        write_image(path, picture)
+        data = path.read_bytes()
+        for _ in range(40):
+            path.write_bytes(mutated(data[:64], rng) + data[64:])
+            try:
+                assert read_image(path).ndim == 3
+            except InputError as error:
+                assert "\n" not in str(error)
+
+
+LEAVES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**70), 10**70),
+    st.floats(),
+    st.text(st.characters(codec=None), max_size=5),
+    st.sampled_from(["../x.png", "/etc/passwd", "n" * 300, "\0", "\u2028", 10**400]),
+)
+VALUES = st.recursive(
+    LEAVES, lambda part: st.lists(part, max_size=4) | st.dictionaries(st.text(), part, max_size=3)
+)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.dictionaries(st.sampled_from([*KNOWN, "pair", "view_deg", "x"]), VALUES, max_size=3))
+def test_manifests_of_any_values_are_refused_or_read(
+    tmp_path_factory: pytest.TempPathFactory, changes: dict[str, object]
+) -> None:
+    folder = tmp_path_factory.mktemp("captures")
+    frame, corners = np.zeros((60, 80, 3), np.uint8), frame_corners(64, 48) + 4
+    small = make_layout(4, 4, 64, 48, ratex=2)
+    save_captures(folder, iter([Captured(frame, frame, small, corners, corners)]))
+    sound = json.loads((folder / MANIFEST).read_text())
+    (folder / MANIFEST).write_text(json.dumps(sound | changes))
+    try:
+        (read,) = read_manifest(folder)
+        load_capture(folder, read).rectified()
+    except InputError as error:
+        assert str(error)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    VALUES
+    | st.dictionaries(st.sampled_from(["rows", "cols", "width", "height", "ratex"]), VALUES).map(
+        lambda changes: LAYOUT.to_dict() | changes
+    )
+)
+def test_layouts_of_any_values_are_refused_or_small(value: object) -> None:
+    try:
+        layout = Layout.from_dict(parse_json(json.dumps(value), "layout"))
+    except InputError:
+        return
+    assert layout.n_bits <= MAX_BLOCKS
+    assert layout.width * layout.height <= MAX_PIXELS
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.binary(max_size=60) | st.text('[]{}",:0123456789.eE+-\\uNaInfity d', max_size=60))
+def test_any_text_is_json_within_bounds_or_refused(text: bytes | str) -> None:
+    try:
+        value = parse_json(text, "here")
+    except InputError as error:
+        assert str(error).startswith("here")
+    else:
+        assert json.dumps(value, allow_nan=False)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_mutated_metadata_of_a_model_is_refused_or_harmless(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = onnx.load(MODEL)
+    entry = next(e for e in model.metadata_props if e.key == ("layout", "features")[seed % 2])
+    entry.value = mutated(entry.value.encode(), rng).decode(errors="replace")
+    path = tmp_path / "model.onnx"
+    path.write_bytes(model.SerializeToString())
+    try:
+        assert Decoder(path, threads=1).layout.n_bits <= MAX_BLOCKS
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+@pytest.mark.slow
+def test_the_fuzz_command_finds_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.fuzz", "--cases", "35", "--seed", "1"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 7
 
 
 def noise(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:

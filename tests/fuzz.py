@@ -1,0 +1,412 @@
+"""Run commands on mutated inputs: python -m tests.fuzz --cases 5000 --seed 0 --out DIR.
+
+Each case is one command on one mutated input: a manifest, a stored run, a model, an image, a video,
+a layout or a command line. It runs in a process of its own, forked from one that has all modules
+loaded. A case fails where it prints a traceback, dies of a signal, takes more than 10 seconds or
+more than 2 GB, or ends with an error that is not told. Prints what failed, with its command, and
+counts by kind; inputs of failed cases stay in --out. Exit status 1 where a case failed.
+
+Needs Linux, and the test dependencies (onnx to change the metadata of models).
+"""
+
+import argparse
+import importlib
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import string
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import onnx
+
+from link.captures import MANIFEST, save_captures
+from link.embed import embed
+from link.frames import Captured
+from link.geometry import frame_corners
+from link.images import write_image
+from link.layout import make_layout
+from link.video import write_video
+from models import PRETRAINED
+from reports.engine.records import to_line, to_records
+from reports.evaluation.page import write_report
+from reports.run import Cost, RunFolder, Story
+
+MAX_S, MAX_BYTES, KILL_S = 10.0, 2 * 10**9, 30.0
+STATUSES = (0, 1, 2, 130, 141)
+LAYOUT = make_layout()
+MODEL = PRETRAINED / "decoder.onnx"
+COMMANDS = (
+    "evaluate", "train", "data_gen.__main__", "data_gen.video", "export.send.__main__",
+    "export.receive.__main__", "export.locate.__main__", "export.runtime", "export.parity",
+)  # fmt: skip
+NASTY: list[Any] = [
+    None, True, False, 0, -1, 1.5, 2**31, 2**63, 10**23, 10**400, 1e308, float("nan"), float("inf"),
+    "", "x", "\ud800", "\0", "²", "../../../../etc/passwd", "/etc/passwd", "n" * 300, "\u2028", [],
+    {}, [[]], [1, [2]], {"a": {"b": []}}, "9" * 5000, ["x"] * 50, list(range(70)), "<script>",
+]  # fmt: skip
+WORDS = [
+    "nan", "inf", "-inf", "1e400", "-1", "0", "1.5", "9" * 23, "-" + "9" * 31, "²", "", " ", "x",
+    "n" * 300, "\udcff", "[[[[", "{}", "/dev/null", "/dev/zero", "/dev/full/x", "../..", "\u2028",
+    "drift=NaN", "drift=" + "[" * 2000, "a=" + "9" * 5000, "=", "--", "-", "1,2", "\n",
+]  # fmt: skip
+
+
+SOUND = (
+    "evaluate --pairs canon-lg --views 45 --kappas 3 --frames 1 --methods naive --seed 0 --jobs 1 "
+    "--no-html --ratex 5 --set drift=0.1 --without noise --out {out}",
+    "data_gen.__main__ --frames 1 --pair canon-lg --view 0 --kappa 3 --seed 0 --rows 8 --cols 8 "
+    "--width 512 --height 384 --ratex 5 --set drift=0.1 --pyramid-level 0 --out {out}",
+    "data_gen.video --message hi --seconds 0.1 --size 160 120 --fps 30 --state-hz 15 --hand 1 "
+    "--start-s 0 --shown 1 --first 0 --coverage 0.4 --drop 0 --turn 0 --seed 0 --jumps-hz 0 "
+    "--free 0 --out {out}",
+    "export.send.__main__ {good}/a.png --message hi --kappa 3 --hold 4 --refresh 60 --rows 8 "
+    "--cols 8 --width 512 --height 384 --ratex 5 --scale 0 --pyramid-level 0 --out {out}",
+    "export.receive.__main__ {good}/a.png {good}/b.png --threads 2 --fps 30 --out {out}",
+    "export.receive.__main__ {good}/film.avi --threads 2 --fps 30 --show {out}",
+    "export.locate.__main__ {good}/a.png --show {out} --max-megapixels 5",
+    "export.runtime {model} {good}/a.png {good}/b.png --corners 60,40 570,40 570,420 60,420",
+    "train --pair canon-lg --seed 0 --batch 0 --lr 0.1 --kappas 3 --jobs 1 --out {out}",
+)
+"""Command lines that are mutated; that of train.py is refused as it is, because it takes long."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command on a mutated input."""
+
+    kind: str
+    module: str
+    arguments: list[str]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a case ended."""
+
+    status: int
+    seconds: float
+    peak_bytes: int
+    stderr: str
+
+    @property
+    def failures(self) -> list[str]:
+        """What is wrong with it, if anything."""
+        found = []
+        if "Traceback (most recent call last)" in self.stderr:
+            found.append("traceback")
+        if self.seconds > MAX_S:
+            found.append("hang")
+        elif self.status < 0:
+            found.append(f"signal {-self.status}")
+        if self.peak_bytes > MAX_BYTES:
+            found.append("memory")
+        if self.status > 0 and not self.stderr.strip():
+            found.append("silent")
+        if self.status not in STATUSES and self.status >= 0:
+            found.append(f"status {self.status}")
+        return found
+
+
+def mutated_bytes(data: bytes, rng: random.Random) -> bytes:
+    """Bytes changed, lost, repeated or moved."""
+    array = bytearray(data)
+    for _ in range(rng.choice((1, 1, 2, 5))):
+        at, how = rng.randrange(len(array) + 1), rng.randrange(6)
+        if how == 0 and array:
+            for place in rng.choices(range(len(array)), k=rng.choice((1, 4, 30))):
+                array[place] = rng.randrange(256)
+        elif how == 1:
+            del array[at:]
+        elif how == 2:
+            del array[at : at + rng.choice((1, 10, 1000))]
+        elif how == 3:
+            array[at:at] = array[at : at + 500]
+        elif how == 4:
+            array[at:at] = rng.randbytes(rng.choice((1, 4, 100)))
+        elif array:  # sizes and counts that are too large
+            array[at : at + 4] = rng.choice((b"\xff" * 4, b"\0" * 4, b"\x7f\xff\xff\xff"))
+    return bytes(array)
+
+
+def mutated_json(value: Any, rng: random.Random) -> Any:
+    """A value of a document replaced, removed, repeated, or wrapped; somewhere in it."""
+    if isinstance(value, dict) and value and rng.random() < 0.9:
+        key = rng.choice(list(value))
+        how = rng.random()
+        if how < 0.1:
+            return {name: part for name, part in value.items() if name != key}
+        if how < 0.15:
+            return {**value, rng.choice(("x", "", "meta", "n" * 300)): rng.choice(NASTY)}
+        return {**value, key: mutated_json(value[key], rng)}
+    if isinstance(value, list) and value and rng.random() < 0.8:
+        at = rng.randrange(len(value))
+        how = rng.random()
+        if how < 0.2:
+            return value[:at] + value[at + 1 :]
+        if how < 0.3:
+            return value + value[at:]
+        return [*value[:at], mutated_json(value[at], rng), *value[at + 1 :]]
+    return rng.choice(NASTY)
+
+
+def mutated_text(text: str, rng: random.Random) -> bytes:
+    """A JSON document, or a file of JSON lines, changed as values or as bytes."""
+    if rng.random() < 0.25:
+        return mutated_bytes(text.encode(), rng)
+    if rng.random() < 0.06:
+        return (rng.choice("[{9") * 10**5).encode()
+    lines = [text] if text.startswith(("[", "{\n")) else text.splitlines()
+    at = rng.randrange(len(lines))
+    value = json.loads(lines[at])
+    for _ in range(rng.choice((1, 1, 3))):
+        value = mutated_json(value, rng)
+    lines[at] = json.dumps(value)
+    return "\n".join(lines).encode()
+
+
+class Inputs:
+    """Sound inputs, made once, and cases that mutate them."""
+
+    def __init__(self, folder: Path, rng: random.Random) -> None:
+        self.good, self.rng, self.number = folder / "good", rng, 0
+        draws = np.random.default_rng(0)
+        picture = cv2.resize(draws.integers(30, 220, (6, 8, 3)).astype(np.uint8), (512, 384))
+        bits = draws.integers(0, 2, LAYOUT.n_bits)
+        shown = embed(picture, bits, LAYOUT, 5)
+        frames = [cv2.copyMakeBorder(f, 40, 40, 60, 60, cv2.BORDER_CONSTANT) for f in
+                  (shown.original, shown.embedded)]  # fmt: skip
+        corners = frame_corners(512, 384) + np.array([60, 40])
+        captured = Captured(frames[0], frames[1], LAYOUT, corners, corners, bits, 5)
+        save_captures(self.good / "captures", iter([captured, captured]))
+        for suffix in (".png", ".jpg", ".bmp", ".tiff", ".webp"):
+            write_image(self.good / f"photo{suffix}", frames[0])
+        for name, frame in zip(("a.png", "b.png"), frames, strict=True):
+            write_image(self.good / name, frame)
+        write_video(self.good / "film.avi", frames * 8, 30)
+        (self.good / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
+        self._write_run(self.good / "run", captured)
+
+    def _write_run(self, path: Path, captured: Captured) -> None:
+        from models import make_decoder
+
+        soft = make_decoder("naive").decode(captured.rectified())
+        line = to_line("naive", 0, soft, captured) | {"pair": "canon-lg", "view_deg": 0.0}
+        meta = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
+        run = RunFolder(path)
+        run.claim({"seed": 0, "ratex": 5})
+        run.write_comparison(to_records([line]), meta, "tables")
+        write_image(path / "stories" / "a.jpg", captured.original)
+        run.write_stories([Story("strip", "title", "where", [("stories/a.jpg", "caption")])])
+        run.write_cost(Cost(3, "warps", 1.0, {"naive": (1.0, 2.0, 3.0)}))
+        run.finish(meta, {"decoding": 1.0}, [])
+        write_report(path)
+
+    def case(self, folder: Path) -> Case:
+        """Make the next case in an empty folder."""
+        makers: list[Callable[[Path], Case]] = [
+            self.manifest, self.run, self.model, self.image, self.video, self.layout, self.command,
+        ]  # fmt: skip
+        self.number += 1
+        return makers[self.number % len(makers)](folder)
+
+    def manifest(self, folder: Path) -> Case:
+        shutil.copytree(self.good / "captures", folder / "in")
+        file = folder / "in" / MANIFEST
+        file.write_bytes(mutated_text(file.read_text(), self.rng))
+        flags = ["--captures", str(folder / "in"), "--out", str(folder / "out")]
+        flags += ["--methods", "naive", "--jobs", "1", "--no-html"]
+        return Case("manifest", "evaluate", flags)
+
+    def run(self, folder: Path) -> Case:
+        shutil.copytree(self.good / "run", folder / "in")
+        files = [file for file in (folder / "in").rglob("*") if file.is_file()]
+        file = self.rng.choice([f for f in files if f.suffix in (".json", ".jsonl")] * 4 + files)
+        if self.rng.random() < 0.1:
+            file.unlink()
+        elif file.suffix in (".json", ".jsonl"):
+            file.write_bytes(mutated_text(file.read_text(), self.rng))
+        else:
+            file.write_bytes(mutated_bytes(file.read_bytes(), self.rng))
+        flags = ["--report", str(folder / "in")]
+        if self.rng.random() < 0.3:
+            flags = ["--compare", str(self.good / "run"), str(folder / "in")]
+        return Case("run", "evaluate", [*flags, "--out", str(folder / "out")])
+
+    def model(self, folder: Path) -> Case:
+        data = MODEL.read_bytes()
+        how = self.rng.random()
+        if how < 0.6:
+            data = mutated_bytes(data, self.rng)
+        else:
+            model = onnx.load_from_string(data)
+            if how < 0.8:
+                entry = self.rng.choice(model.metadata_props)
+                text = entry.value if entry.value[:1] in '["{' else json.dumps(entry.value)
+                entry.value = mutated_text(text, self.rng).decode(errors="replace")
+            else:
+                nodes = model.graph.node
+                node = self.rng.choice(nodes)
+                node.op_type = self.rng.choice([other.op_type for other in nodes])
+                value = self.rng.choice(model.graph.initializer)
+                if value.dims and self.rng.random() < 0.5:
+                    value.dims[0] = self.rng.choice((0, -1, 2**40, 7))
+            data = model.SerializeToString()
+        (folder / "model.onnx").write_bytes(data)
+        images = [str(self.good / "a.png"), str(self.good / "b.png")]
+        if self.rng.random() < 0.5:
+            return Case("model", "export.runtime", [str(folder / "model.onnx"), *images])
+        flags = [*images, "--model", str(folder / "model.onnx")]
+        return Case("model", "export.receive.__main__", flags)
+
+    def image(self, folder: Path) -> Case:
+        source = self.good / f"photo{self.rng.choice(('.png', '.jpg', '.bmp', '.tiff', '.webp'))}"
+        file = folder / f"bad{source.suffix}"
+        data, header = source.read_bytes(), 64
+        if self.rng.random() < 0.5:  # sizes stand in the first bytes
+            file.write_bytes(mutated_bytes(data[:header], self.rng) + data[header:])
+        else:
+            file.write_bytes(mutated_bytes(data, self.rng))
+        if self.rng.random() < 0.3:
+            flags = [str(file), "--message", "hi", "--out", str(folder / "out")]
+            return Case("image", "export.send.__main__", flags)
+        return Case("image", "export.locate.__main__", [str(file), "--model", str(MODEL)])
+
+    def video(self, folder: Path) -> Case:
+        data = (self.good / "film.avi").read_bytes()
+        head = 6000  # where the container describes its streams
+        if self.rng.random() < 0.7:
+            data = mutated_bytes(data[:head], self.rng) + data[head:]
+        else:
+            data = mutated_bytes(data, self.rng)
+        (folder / "film.avi").write_bytes(data)
+        return Case("video", "export.receive.__main__", [str(folder / "film.avi")])
+
+    def layout(self, folder: Path) -> Case:
+        text = (self.good / "layout.json").read_text()
+        (folder / "layout.json").write_bytes(mutated_text(text, self.rng))
+        flags = ["--layout", str(folder / "layout.json")]
+        if self.rng.random() < 0.5:
+            return Case("layout", "export.locate.__main__", [str(self.good / "a.png"), *flags])
+        flags += [str(self.good / "a.png"), "--message", "hi", "--out", str(folder / "out")]
+        return Case("layout", "export.send.__main__", flags)
+
+    def command(self, folder: Path) -> Case:
+        """A sound command line with a value, or a flag, replaced by something else."""
+        sound = self.rng.choice(SOUND).format(good=self.good, out=folder / "out", model=MODEL)
+        module, *words = sound.split()
+        for _ in range(self.rng.choice((1, 1, 2))):
+            at = self.rng.randrange(len(words))
+            how = self.rng.random()
+            if how < 0.75:
+                word = self.rng.choice(WORDS)
+                if self.rng.random() < 0.1:
+                    word = "".join(self.rng.choices(string.printable, k=20)).replace("\0", "")
+                words[at] = word
+            elif how < 0.9:
+                del words[at]
+            else:
+                words.insert(at, self.rng.choice(WORDS))
+        return Case("command", module, words)
+
+
+def run_case(case: Case, folder: Path, main: Callable[[], None]) -> Outcome:
+    """Run a case in a forked process."""
+    stderr = folder / "stderr"
+    start = time.monotonic()
+    child = os.fork()
+    if not child:
+        _run_in_child(case, folder, stderr, main)
+    while True:
+        done, status, usage = os.wait4(child, os.WNOHANG)
+        if done:
+            break
+        if time.monotonic() - start > KILL_S:
+            os.kill(child, signal.SIGKILL)
+        time.sleep(0.002)
+    seconds = time.monotonic() - start
+    said = stderr.read_text(errors="replace") if stderr.is_file() else ""
+    return Outcome(os.waitstatus_to_exitcode(status), seconds, usage.ru_maxrss * 1024, said)
+
+
+def _run_in_child(case: Case, folder: Path, stderr: Path, main: Callable[[], None]) -> None:
+    from link.errors import run_cli
+
+    status = 99
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2**30, 2**30))
+        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+        os.dup2(os.open(folder / "stdout", os.O_WRONLY | os.O_CREAT), 1)
+        os.dup2(os.open(stderr, os.O_WRONLY | os.O_CREAT), 2)
+        sys.argv = [case.module, *case.arguments]
+        os.environ["JOBLIB_TEMP_FOLDER"] = str(folder)
+        run_cli(main)
+        status = 0
+    except SystemExit as ended:
+        status = ended.code if isinstance(ended.code, int) else 1
+        if isinstance(ended.code, str):
+            print(ended.code, file=sys.stderr)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+
+
+def main() -> None:
+    """Run the cases and print what failed."""
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
+    parser.add_argument("--cases", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--kind", help="one kind alone, such as model")
+    parser.add_argument("--out", type=Path, help="folder for the inputs of failed cases")
+    parser.add_argument("--verbose", action="store_true", help="print every case")
+    config = parser.parse_args()
+    mains = {module: importlib.import_module(module).main for module in COMMANDS}
+    counts: Counter[tuple[str, str]] = Counter()
+    slowest = largest = 0.0
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        inputs = Inputs(folder, random.Random(config.seed))
+        for number in range(config.cases):
+            place = folder / "case"
+            place.mkdir()
+            case = getattr(inputs, config.kind)(place) if config.kind else inputs.case(place)
+            outcome = run_case(case, place, mains[case.module])
+            counts[case.kind, "cases"] += 1
+            counts[case.kind, "refused"] += outcome.status == 2
+            slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.peak_bytes)
+            for failure in outcome.failures:
+                counts[case.kind, failure] += 1
+            if outcome.failures or config.verbose:
+                last = outcome.stderr.strip().splitlines()[-1:]
+                print(number, case.kind, outcome.failures, f"{outcome.seconds:.1f} s", case.module,
+                      [word[:80] for word in case.arguments], *(line[:200] for line in last),
+                      sep=" | ", flush=True)  # fmt: skip
+                if config.out is not None and outcome.failures:
+                    shutil.copytree(place, config.out / f"{config.seed}_{number}", symlinks=True)
+            shutil.rmtree(place)
+    failed = sum(count for (_, what), count in counts.items() if what not in ("cases", "refused"))
+    table: dict[str, dict[str, int]] = {}
+    for (kind, what), count in sorted(counts.items()):
+        table.setdefault(kind, {})[what] = count
+    print(json.dumps({"failed": failed, "slowest_s": round(slowest, 1),
+                      "largest_mb": round(largest / 1e6), "kinds": table}))  # fmt: skip
+    sys.exit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
