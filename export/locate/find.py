@@ -45,8 +45,8 @@ PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
 MAX_ASPECT = 40
-"""Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it the
-small copy has fewer than 16 rows or columns."""
+"""Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
+the small copy has fewer than 16 rows or columns."""
 MIN_SCORE = 0.04
 """Smallest score of a display without patches. Photographs of the training split that show none
 score 0.011 at most; nine in ten simulated displays score more (reports.lab.locate_weights)."""
