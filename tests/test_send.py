@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,6 +24,7 @@ from export.send.pictures import open_pictures
 from export.send.player import write_player
 from export.send.write import write_states
 from link.code import framing
+from link.code.authenticate import sign, verify
 from link.code.collect import Collector
 from link.embed import with_head_room
 from link.errors import InputError
@@ -103,6 +105,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "text.mp4").write_text("no video")
     (folder / "empty.txt").write_bytes(b"")
     (folder / "bad.json").write_text("{")
+    (folder / "key").write_bytes(bytes(range(32)))
     (folder / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
     video = folder / "clip.avi"
     write_video(video, (np.full((80, 120, 3), number, np.uint8) for number in range(60)), 30)
@@ -177,6 +180,26 @@ def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Co
         )
     assert received is not None
     assert received.data == (inputs / "layout.json").read_bytes()
+
+
+def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
+    inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, *FLAGS, "--key", inputs / "key")
+    report(command(send_cli.main, *words, "--out", tmp_path / "sent", "--counter", 5))
+    signed = sign(MESSAGE.encode(), bytes(range(32)), 5)
+    bits = framing.encode(signed, LAYOUT.n_bits)
+    shown = pairs_of(folder_states(tmp_path / "sent"))
+    assert [read_bits(pair, LAYOUT) for pair in shown] == bits.tolist()
+    before = int(time.time())
+    report(command(send_cli.main, *words, "--out", tmp_path / "timed"))
+    shown = pairs_of(folder_states(tmp_path / "timed"))
+    scores = np.array([read_bits(pair, LAYOUT) for pair in shown]) * 16.0 - 8
+    received = framing.decode(scores)
+    assert received is not None
+    found = verify(received, bytes(range(32)))
+    assert found is not None
+    assert before <= found.stamp <= time.time()
 
 
 def test_a_folder_shows_every_picture_and_whole_messages(
@@ -270,11 +293,20 @@ WRONG = {
     "no message": ("picture.png --out x.html", "either --message TEXT or --file FILE"),
     "two messages": (f"{CUT} x.html --file empty.txt", "either --message TEXT or --file FILE"),
     "empty file": ("picture.png --file empty.txt --out x.html", "empty; give at least one byte"),
-    "no file": ("picture.png --file gone.txt --out x.html", "--file: gone.txt cannot be read"),
+    "no file": ("picture.png --file gone.txt --out x.html", "--file: gone.txt: no such file"),
     "long": (
         "picture.png --file clip.avi --out x.html",
         f"carries {framing.capacity(framing.MAX_FRAMES, LAYOUT.n_bits)}; shorten",
     ),
+    "an endless file": ("picture.png --file /dev/zero --out x.html", "--file: /dev/zero: no such"),
+    "no key": (f"{CUT} x.html --key gone", "--key: gone: no such file; check the path"),
+    "short key": (
+        f"{CUT} x.html --key empty.txt",
+        "--key: empty.txt: need 16 to 4096 random bytes",
+    ),
+    "long key": (f"{CUT} x.html --key picture.png", "--key: picture.png: larger than 4096 bytes"),
+    "counter": (f"{CUT} x.html --key key --counter -1", "--counter: need 0 to 4294967295, got -1"),
+    "bare counter": (f"{CUT} x.html --counter 1", "--counter: only a message with a key has one"),
     "dark": (f"{CUT} x.html --kappa 0", "--kappa: need 1 to 64"),
     "bright": (f"{CUT} x.html --kappa 65", "--kappa: need 1 to 64"),
     "no number": (f"{CUT} x.html --kappa much", "--kappa: invalid int value: 'much'"),

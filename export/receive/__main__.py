@@ -1,11 +1,10 @@
 """Read a message from camera frames: python -m export.receive INPUT --model M.
 
 INPUT is a folder of images, a video file or a camera's number; two images are one frame pair.
-Prints JSON lines: display, clock, pair, message, end.
+Prints JSON lines: display, clock, pair, message, refused, end.
 """
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.find import locate
+from export.receive.inbox import Inbox, say
 from export.receive.receiver import DecodedPair, Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
 from export.receive.sources import CameraFrame, open_source
 from export.receive.track import Tracked
 from export.runtime import Decoder
-from link.code.collect import Message
-from link.errors import InputError, at_least, run_cli
-from link.images import make_folder, read_image, write_bytes, write_image
+from link.code.authenticate import Verifier, read_key
+from link.errors import InputError, ParameterError, at_least, run_cli
+from link.images import make_folder, read_image, write_image
 from models import PRETRAINED
 
 MODEL = PRETRAINED / "decoder.onnx"
@@ -44,8 +44,11 @@ def main() -> None:
     parser.add_argument(
         "--keep-on", action="store_true", help="go on after a message: for messages that change"
     )
+    parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
+    parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
     args = parser.parse_args()
     at_least(1, threads=args.threads)
+    inbox = Inbox(args.out, make_verifier(args.key, args.max_age))
     decoder = Decoder(args.model, args.threads)
     if args.show is not None:
         make_folder(args.show)
@@ -54,12 +57,20 @@ def main() -> None:
     if len(args.input) == 2:
         read_two_images(decoder, *args.input)
     else:
-        read_stream(decoder, args)
+        read_stream(decoder, args, inbox)
 
 
-def say(event: str, **what: Any) -> None:
-    """Print one JSON line: what happened, and values of JSON's types."""
-    print(json.dumps({"event": event, **what}), flush=True)
+def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
+    """Make what judges messages, from --key and --max-age; None where there is no key.
+
+    Raises:
+        InputError: the key or the age is no good, or there is an age without a key.
+    """
+    if key is not None:
+        return Verifier(read_key(key), max_age_s)
+    if max_age_s is not None:
+        raise ParameterError("max_age", "only a message with a key has an age; give --key, too")
+    return None
 
 
 def read_two_images(decoder: Decoder, first: str, second: str) -> None:
@@ -97,12 +108,11 @@ def pair_values(pair: DecodedPair, scores: bool) -> dict[str, Any]:
     return entry
 
 
-def read_stream(decoder: Decoder, args: argparse.Namespace) -> None:
+def read_stream(decoder: Decoder, args: argparse.Namespace, inbox: Inbox) -> None:
     """Receive from a folder, a video or a camera until the message is whole or frames end."""
     source = open_source(args.input[0], args.fps)
     receiver = Receiver(decoder, source.fps)
     in_view = clocked = False
-    message: Message | None = None
     last: CameraFrame | None = None
     view: Tracked | None = None
     shown = 0
@@ -120,17 +130,16 @@ def read_stream(decoder: Decoder, args: argparse.Namespace) -> None:
                 say("clock", time=round(frame.time, 4), state_hz=rate and round(rate, 3))
             view = step.tracked or view
             shown = write_pictures(args.show, shown, step, frame.image, view, decoder)
-            message = print_step(step, args) or message
-            if message is not None and not args.keep_on:
+            if print_step(step, args.scores, inbox) and not args.keep_on:
                 break
         else:
             step = receiver.finish()
             if last is not None:
                 write_pictures(args.show, shown, step, last.image, view, decoder)
-            message = print_step(step, args) or message
+            print_step(step, args.scores, inbox)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-    print_end(receiver, message, last)
+    print_end(receiver, inbox, last)
 
 
 def write_pictures(
@@ -163,26 +172,14 @@ def write_pictures(
     return number
 
 
-def print_step(step: ReceiverStep, args: argparse.Namespace) -> Message | None:
-    """Print what a camera frame brought, write the message to --out, and return it if it came."""
+def print_step(step: ReceiverStep, scores: bool, inbox: Inbox) -> bool:
+    """Print what a camera frame brought; true where a message was delivered."""
     for pair in step.pairs:
-        say("pair", **pair_values(pair, args.scores))
-    message = step.message
-    if message is not None:
-        say(
-            "message",
-            text=message.text,
-            hex=message.data.hex(),
-            loop_frames=message.frames,
-            pairs_used=message.seen,
-            confidence=round(message.agreement, 4),
-        )
-        if args.out is not None:
-            write_bytes(args.out, message.data)
-    return message
+        say("pair", **pair_values(pair, scores))
+    return step.message is not None and inbox.take(step.message)
 
 
-def print_end(receiver: Receiver, message: Message | None, last: CameraFrame | None) -> None:
+def print_end(receiver: Receiver, inbox: Inbox, last: CameraFrame | None) -> None:
     """Print the closing line.
 
     Raises:
@@ -197,12 +194,17 @@ def print_end(receiver: Receiver, message: Message | None, last: CameraFrame | N
         frames=receiver.frames,
         frames_with_display=receiver.found,
         seconds=round(last.time, 3) if last else 0.0,
-        message=message.text if message else None,
+        message=inbox.last.text if inbox.last else None,
         milliseconds=timing,
     )
-    if message is not None:
+    if inbox.last is not None:
         return
-    if receiver.found == 0:
+    if inbox.refused > 0:
+        reason = (
+            f"every message was refused ({inbox.refused}); "
+            "the lines above say why; is it the sender's key?"
+        )
+    elif receiver.found == 0:
         reason = (
             f"no display with this layout's ratex patches in any of {receiver.frames} frames; "
             "check the model's layout, focus, exposure, and that the whole display is in view"

@@ -15,6 +15,8 @@ from link.video import MAX_FPS, VideoReader, next_frame
 
 DEFAULT_FPS = 30.0
 """Frames a second of a source that states none."""
+MAX_CAMERA_DIGITS = 4
+"""Largest number of digits of a camera's number; a longer one is the name of a file."""
 MISSES = 30
 """Number of empty frames in a row after which a camera is taken to be unplugged."""
 
@@ -55,7 +57,7 @@ def open_source(name: str, fps: float | None = None) -> FrameSource:
         raise ParameterError(
             "fps", f"need more than 0 and at most {MAX_FPS:g} frames a second, got {fps:g}"
         )
-    if name.isdigit():
+    if name.isascii() and name.isdigit() and len(name) <= MAX_CAMERA_DIGITS:
         return _camera(int(name), fps)
     path = Path(name)
     if path.is_dir():

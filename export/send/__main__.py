@@ -6,16 +6,19 @@ python -m export.send PICTURE --message TEXT --out player.html
 import argparse
 import json
 import math
+import time
 from pathlib import Path
 from typing import NoReturn
 
 from export.send.pictures import open_pictures
 from export.send.write import check_out, write_loop
-from link.code.framing import encode
+from link.code.authenticate import MAX_STAMP, read_key, sign
+from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, ParameterError, at_least, run_cli
 from link.layout import Layout, make_layout, read_layout
 from link.loop import Loop
+from link.outside import read_bounded
 
 GRID = {"rows": 8, "cols": 8, "width": 512, "height": 384, "ratex": 5}
 """Flags that describe the usual layout, with their values where they are absent."""
@@ -43,9 +46,29 @@ def message_of(text: str | None, file: Path | None) -> bytes:
         return text.encode("utf-8", "surrogateescape")
     assert file is not None
     try:
-        return file.read_bytes()
-    except OSError as error:
-        raise InputError(f"--file: {file} cannot be read ({error.strerror})") from None
+        return read_bounded(file, 256**LENGTH_BYTES - 1)
+    except InputError as error:
+        raise ParameterError("file", str(error)) from None
+
+
+def protected_message(message: bytes, key: Path | None, counter: int | None) -> bytes:
+    """Sign a message with the key in a file; without one, return it as it is.
+
+    Args:
+        message: bytes to send.
+        key: value of --key, None where absent.
+        counter: value of --counter, None where absent: the stamp is then the time.
+
+    Raises:
+        InputError: the key or the counter is no good, or there is a counter without a key.
+    """
+    if key is None:
+        if counter is not None:
+            raise ParameterError("counter", "only a message with a key has one; give --key, too")
+        return message
+    if counter is not None and not 0 <= counter <= MAX_STAMP:
+        raise ParameterError("counter", f"need 0 to {MAX_STAMP}, got {counter}")
+    return sign(message, read_key(key), int(time.time()) if counter is None else counter)
 
 
 def choose_layout(file: Path | None, grid: dict[str, int | None]) -> Layout:
@@ -98,6 +121,8 @@ def send_parser() -> OneLineParser:
     add("pictures", type=Path, help="an image, a folder of images, or a video")
     add("--message", help="text to send")
     add("--file", type=Path, help="file to send, instead of --message")
+    add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
+    add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
     add("--kappa", type=int, default=3, help="gray levels added for a 1 (3)")
     for name, default in GRID.items():
@@ -127,7 +152,7 @@ def main() -> None:
     loop = Loop(
         layout,
         args.kappa,
-        encode(message, layout.n_bits),
+        encode(protected_message(message, args.key, args.counter), layout.n_bits),
         open_pictures(args.pictures, state_hz / 2),
         args.pyramid_level,
     )
