@@ -72,6 +72,7 @@ def test_more_than_fits_gives_the_largest_that_fits() -> None:
     assert min(low[1], 179 - high[1]) < 3
 
 
+@pytest.mark.slow
 def test_turns_views_places_rooms_and_screens_vary() -> None:
     made = [drawn(seed, 20.0) for seed in range(40)]
     quarters = {round(s.pose.roll_deg / 90) % 4 for s in made}
