@@ -4,17 +4,21 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import Command, slow
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
+import export.receive.__main__ as receive_cli
+from export.receive.clock import MAX_SAMPLES, Synchroniser
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
 from export.runtime import Decoder
+from link.code.authenticate import sign
 from link.errors import InputError
 from link.images import write_image
 from link.layout import make_layout
@@ -126,6 +130,96 @@ def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: s
     assert data == TEXT
 
 
+KEY = bytes(range(32))
+
+
+def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
+    """A film of a display that shows messages one after another, each for some loops."""
+    states = []
+    for message, loops in shown:
+        states += loops * states_of(message, LAYOUT, np.random.default_rng(5))
+    seconds = len(states) / Stream().state_hz
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))
+    for _, image, _ in Stream(phase=0).frames(states, seconds, np.random.default_rng(2)):
+        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    writer.release()
+    return path
+
+
+def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Command) -> None:
+    film = film_of(tmp_path / "film.avi", [(b"before", 6), (b"behind", 2), (b"later on", 3)])
+    done = command(receive_cli.main, film, "--keep-on", "--out", tmp_path / "text")
+    assert done.status == 0, done.stderr
+    said = [line for line in events_of(done.stdout) if line["event"] == "message"]
+    assert [(line["text"], line.get("changed")) for line in said] == [
+        ("before", None),
+        ("behind", True),
+        ("later on", True),
+    ]
+    assert (tmp_path / "text").read_bytes() == b"later on"
+
+
+def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, command: Command) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    new, old = sign(b"new", KEY, 1001), sign(b"old", KEY, 1000)
+    shown = [(b"forged: obey", 5), (new, 3), (old, 3)]
+    film = film_of(tmp_path / "film.avi", shown)
+    words = (film, "--keep-on", "--out", tmp_path / "text", "--key", tmp_path / "key")
+    done = command(receive_cli.main, *words)
+    assert done.status == 0, done.stderr
+    lines = events_of(done.stdout)
+    refused = [line for line in lines if line["event"] == "refused"]
+    assert [(line["stale"], line.get("text")) for line in refused] == [(False, None), (True, "old")]
+    assert "obey" not in done.stdout
+    said = [line for line in lines if line["event"] == "message"]
+    assert [(line["text"], line["stamp"], line.get("changed")) for line in said] == [
+        ("new", 1001, None)
+    ]
+    assert lines[-1]["message"] == "new"
+    assert (tmp_path / "text").read_bytes() == b"new"
+    done = command(receive_cli.main, *words, "--max-age", 3600)
+    assert done.status == 2
+    assert "every message was refused (3)" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("--key", "gone"), "--key: gone: no such file"),
+        (("--key", "short"), "--key: short: need 16 to 4096 random bytes"),
+        (("--max-age", 5), "--max-age: only a message with a key has an age"),
+        (("--key", "key", "--max-age", "nan"), "--max-age: need more than 0"),
+        (("--threads", 0), "--threads: need at least 1"),
+    ],
+)
+def test_wrong_flags_give_one_line(
+    words: tuple[object, ...],
+    says: str,
+    tmp_path: Path,
+    command: Command,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "key").write_bytes(KEY)
+    (tmp_path / "short").write_bytes(KEY[:9])
+    monkeypatch.chdir(tmp_path)
+    done = command(receive_cli.main, "film", *words)
+    assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert says in done.stderr
+
+
+@pytest.mark.parametrize("name", ["²", "٣", "9" * 23, "film"])
+def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
+    with pytest.raises(InputError, match="no such folder, video file or camera number"):
+        open_source(name)
+
+
+def test_times_that_stand_still_fill_no_memory() -> None:
+    clock = Synchroniser(30, np.zeros((5, 2)))
+    for _ in range(MAX_SAMPLES + 10):
+        clock.add(1.0, np.zeros(5))
+    assert len(clock._samples) == MAX_SAMPLES
+
+
 @pytest.mark.slow
 def test_memory_is_bounded(decoder: Decoder) -> None:
     """A display that shows one state for ever fills no buffer without end."""
@@ -145,6 +239,10 @@ def test_memory_is_bounded(decoder: Decoder) -> None:
 def test_arrays_that_are_no_images_are_refused(image: NDArray[np.generic]) -> None:
     with pytest.raises(InputError):
         as_uint8(image)
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
 
 
 def receive(*words: object) -> subprocess.CompletedProcess[str]:

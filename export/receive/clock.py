@@ -12,6 +12,7 @@ With about one state a frame, a rate above the camera's and one as far below it 
 toggles: the states' numbers are then off by one from time to time, and `link.code.collect` notices.
 """
 
+from collections import deque
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -26,6 +27,8 @@ MIN_STATE_HZ = 1.0
 """Smallest number of states a second that is looked for."""
 MIN_WINDOW_S, WINDOW_S = 1.0, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""
+MAX_SAMPLES = 4096
+"""Largest number of frames that a fit looks back, whatever their times say."""
 MIN_FRAMES = 12
 """Number of frames that the first fit needs."""
 REFIT_S = 0.5
@@ -160,7 +163,7 @@ class Synchroniser:
         """Share of the toggles' variance that the clock explains, in [0, 1]."""
         self.slips = 0
         """Number of times that the numbers of the states began anew."""
-        self._samples: list[tuple[float, Array]] = []
+        self._samples: deque[tuple[float, Array]] = deque(maxlen=MAX_SAMPLES)
         self._fitted_at = -np.inf
 
     def add(self, time: float, toggles: Array) -> None:
@@ -172,7 +175,7 @@ class Synchroniser:
         """
         self._samples.append((time, toggles))
         while self._samples[0][0] < time - WINDOW_S:
-            self._samples.pop(0)
+            self._samples.popleft()
         enough = time - self._samples[0][0] >= MIN_WINDOW_S and len(self._samples) >= MIN_FRAMES
         if enough and time >= self._fitted_at + REFIT_S:
             self._fitted_at = time
