@@ -133,6 +133,11 @@ class Receiver:
         return self._collector.progress
 
     @property
+    def decode_attempts(self) -> int:
+        """Number of times that what was collected was decoded, with or without success."""
+        return self._collector.attempts
+
+    @property
     def synchronised(self) -> bool:
         """Whether the display's clock is known."""
         return self._sync.clock is not None

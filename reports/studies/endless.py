@@ -1,0 +1,243 @@
+"""What an endless stream costs the receiver: python -m reports.studies.endless.
+
+Streams that no receiver should choke on are pushed through it frame by frame: noise, a display that
+stands still, and a film that begins again and again. Memory and the time of a frame are measured on
+the way, each stream in a process of its own.
+"""
+
+import json
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from itertools import cycle, islice
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import tyro
+from numpy.typing import NDArray
+
+from data_gen.film.scenes import SceneSettings
+from data_gen.film.stream import VideoSettings, film
+from data_gen.frame_pair import Source, shuffled_pictures
+from export.receive.receiver import Receiver
+from export.runtime import Decoder
+from link.code.framing import encode
+from link.embed import embed
+from link.errors import InputError, at_least, choose, each_once, run_cli
+from link.images import write_bytes
+from link.layout import make_layout
+from models import PRETRAINED
+from reports.engine.backends import one_thread
+from reports.engine.provenance import provenance
+from reports.render.charts import Point, Series, draw_series, new_panels, save_png
+from reports.render.tables import Table
+
+SIZE = (320, 240)
+"""Width and height of the frames, pixels."""
+FPS = 30.0
+"""Number of frames that the camera takes a second."""
+PAIR, KAPPA, COVERAGE = "canon-lg", 3, 0.6
+"""Camera-display pair, gray levels added for a 1, and share of the image that is display."""
+MESSAGE = b"again"
+"""Message of the film."""
+PLAYS = 6
+"""Number of plays of the message's loop in the film, before the film begins again."""
+BLOCKS = 100
+"""Number of blocks into which a stream is cut; each is a point of the charts."""
+STATM = Path("/proc/self/statm")
+"""File in which Linux says how much memory the process holds, in pages."""
+
+Images = Iterator[NDArray[np.uint8]]
+
+
+@dataclass(frozen=True)
+class EndlessConfig:
+    """Memory and time of the receiver over long streams (simulated)."""
+
+    frames: int = 20_000
+    """Number of frames in each stream."""
+    streams: tuple[str, ...] = ("noise", "still", "film")
+    """Streams: "noise", "still" (a display that shows one state), "film" (played in a loop)."""
+    seed: int = 0
+    """Seed of all draws."""
+    out: Path = Path("runs/endless")
+    """Folder of endless.json and endless.png."""
+
+
+@dataclass(frozen=True)
+class StreamBlock:
+    """What the receiver needed for some frames in a row."""
+
+    last: int
+    """Number of frames pushed until the block's end."""
+    mean_ms: float
+    """Mean time of a frame, milliseconds."""
+    slowest_ms: float
+    """Longest time of a frame, milliseconds."""
+    memory_mib: float
+    """Memory that the process held at the block's end, MiB."""
+    attempts: int
+    """Number of times that a message was decoded, with or without success, since the start."""
+    messages: int
+    """Number of messages delivered since the start."""
+
+
+def noise_images(rng: np.random.Generator) -> Images:
+    """Give images of independent random pixels without end."""
+    while True:
+        yield rng.integers(0, 256, (SIZE[1], SIZE[0], 3), dtype=np.uint8)
+
+
+def filmed_images(rng: np.random.Generator) -> Images:
+    """Give the frames of one film of a hand-held camera, again and again, without end."""
+    layout = make_layout()
+    source = Source(layout, "test", 0)
+    pictures = shuffled_pictures(source)
+    pairs = [embed(pictures[0].rgb, bits, layout, KAPPA) for bits in encode(MESSAGE, layout.n_bits)]
+    states = [state for pair in pairs for state in (pair.original, pair.embedded)]
+    scene = SceneSettings(size=SIZE, coverage=COVERAGE, pictures=pictures, centred=True)
+    settings = VideoSettings(scene, fps=FPS, seconds=PLAYS * len(states) / VideoSettings.state_hz)
+    frames = film(states, layout, source.pair(PAIR), 0.0, settings, rng)
+    yield from cycle([frame.rgb for frame in frames])
+
+
+def still_images(rng: np.random.Generator) -> Images:
+    """Give one frame of the film without end, each time with other noise of a gray level."""
+    first = next(filmed_images(rng)).astype(np.float32)
+    while True:
+        noisy = first + rng.standard_normal(first.shape, np.float32)
+        yield np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+
+
+STREAMS: dict[str, Callable[[np.random.Generator], Images]] = {
+    "noise": noise_images,
+    "still": still_images,
+    "film": filmed_images,
+}
+"""Streams by their names; each is made from a generator of random numbers."""
+
+
+def memory_mib() -> float:
+    """Memory that this process holds, in MiB.
+
+    Raises:
+        InputError: the system is not Linux.
+    """
+    try:
+        pages = int(STATM.read_text().split()[1])
+    except OSError:
+        raise InputError(f"{STATM}: not there; this study measures memory on Linux alone") from None
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def endure(stream: str, frames: int, seed: int) -> list[StreamBlock]:
+    """Push a stream through the receiver and measure.
+
+    Args:
+        stream: one of `STREAMS`.
+        frames: number of frames, at least `BLOCKS`.
+        seed: of all draws.
+
+    Returns:
+        `BLOCKS` blocks in order.
+    """
+    one_thread()
+    images = choose(STREAMS, stream, "stream")(np.random.default_rng(seed))
+    receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx", threads=1), FPS)
+    blocks: list[StreamBlock] = []
+    spent: list[float] = []
+    messages = 0
+    for number, image in enumerate(islice(images, frames), 1):
+        start = perf_counter()
+        step = receiver.push(image, number / FPS)
+        spent.append(1e3 * (perf_counter() - start))
+        messages += step.message is not None
+        if number * BLOCKS // frames > len(blocks):
+            mean, slowest = float(np.mean(spent)), max(spent)
+            blocks.append(
+                StreamBlock(number, mean, slowest, memory_mib(), receiver.decode_attempts, messages)
+            )
+            spent = []
+    return blocks
+
+
+def growth_mib(blocks: list[StreamBlock]) -> float:
+    """Say by how much memory grew from the second fifth of a stream to the last, in MiB.
+
+    The first fifth is left out, because buffers fill there.
+    """
+    fifth = len(blocks) // 5
+    memory = [block.memory_mib for block in blocks]
+    return float(np.median(memory[-fifth:]) - np.median(memory[fifth : 2 * fifth]))
+
+
+def main() -> None:
+    """Measure, print, write endless.json and endless.png."""
+    config = tyro.cli(EndlessConfig)
+    each_once(streams=config.streams)
+    at_least(BLOCKS, frames=config.frames)
+    at_least(0, seed=config.seed)
+    for stream in config.streams:
+        choose(STREAMS, stream, "stream")
+    found: dict[str, list[StreamBlock]] = {}
+    spawned = multiprocessing.get_context("spawn")
+    for stream in config.streams:
+        with ProcessPoolExecutor(1, spawned) as process:
+            found[stream] = process.submit(endure, stream, config.frames, config.seed).result()
+    page = endless_table(found, config.frames).markdown()
+    content: dict[str, Any] = {
+        "meta": provenance(config.seed, simulated=True),
+        "frames": config.frames,
+        "size": SIZE,
+        "streams": {name: [asdict(block) for block in blocks] for name, blocks in found.items()},
+    }
+    write_bytes(config.out / "endless.json", (json.dumps(content, indent=1) + "\n").encode())
+    draw_endless(found, config.out / "endless.png")
+    print(page)
+
+
+def endless_table(found: dict[str, list[StreamBlock]], frames: int) -> Table:
+    """Make a table of the streams: times, memory, attempts to decode, messages."""
+    heads = ["stream", "ms a frame, first fifth", "last fifth", "slowest frame, ms"]
+    heads += ["memory, MiB", "growth, MiB", "decoded, of 1,000 frames", "messages"]
+    rows = []
+    for stream, blocks in found.items():
+        fifth, last = len(blocks) // 5, blocks[-1]
+        times = [block.mean_ms for block in blocks]
+        rows.append(
+            [
+                stream,
+                f"{np.median(times[:fifth]):.1f}",
+                f"{np.median(times[-fifth:]):.1f}",
+                f"{max(block.slowest_ms for block in blocks):.0f}",
+                f"{last.memory_mib:.0f}",
+                f"{growth_mib(blocks):+.1f}",
+                f"{1000 * last.attempts / frames:.2f}",
+                str(last.messages),
+            ]
+        )
+    return Table(heads, rows)
+
+
+def draw_endless(found: dict[str, list[StreamBlock]], path: Path) -> None:
+    """Draw the time of a frame and the memory against the number of frames, and write the PNG."""
+    figure, panels = new_panels(2, legend=1.0, size=(7.3, 2.8))
+    labels = {"mean_ms": "mean time of a frame, ms", "memory_mib": "memory, MiB"}
+    for panel, (key, label) in zip(panels, labels.items(), strict=True):
+        lines = []
+        for name, blocks in found.items():
+            values = [(block.last, float(getattr(block, key))) for block in blocks]
+            lines.append(Series(name, [Point(x, y, y, y) for x, y in values]))
+        highest = max(point.y for line in lines for point in line.points)
+        end = max(point.x for line in lines for point in line.points)
+        panel.set(xlim=(0, end), ylim=(0, 1.1 * highest), xlabel="frames", ylabel=label)
+        draw_series(panel, lines, markers=False)
+    save_png(figure, path)
+
+
+if __name__ == "__main__":
+    run_cli(main)

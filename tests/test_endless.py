@@ -1,0 +1,44 @@
+"""Long streams: memory and the time of a frame do not grow, and nothing comes of noise."""
+
+from pathlib import Path
+
+import pytest
+from conftest import Command
+
+from reports.studies import endless
+from reports.studies.endless import BLOCKS, StreamBlock, endure, growth_mib
+
+
+def test_growth_is_measured_after_the_buffers_are_full() -> None:
+    def block(number: int, memory: float) -> StreamBlock:
+        return StreamBlock(number, 1, 1, memory, 0, 0)
+
+    filling = [block(n, min(n, 20)) for n in range(100)]
+    assert growth_mib(filling) == 0
+    assert growth_mib([block(n, n) for n in range(100)]) == 60
+
+
+@pytest.mark.parametrize(
+    ("stream", "frames", "messages"),
+    [("noise", 400, 0), ("still", 600, 0), pytest.param("film", 900, 1, marks=pytest.mark.slow)],
+)
+def test_memory_and_time_are_bounded(stream: str, frames: int, messages: int) -> None:
+    blocks = endure(stream, frames, seed=0)
+    assert len(blocks) == BLOCKS
+    assert blocks[-1].last == frames
+    # 256 rectified frames, which wait for a clock, are 150 MiB
+    assert blocks[-1].memory_mib - blocks[0].memory_mib < 220
+    assert blocks[-1].messages == messages
+    assert blocks[-1].attempts <= frames / 4
+    if stream == "noise":  # elsewhere a buffer fills, as far as the line above allows
+        assert growth_mib(blocks) < 25
+
+
+@pytest.mark.slow
+def test_command_measures_and_draws(tmp_path: Path, command: Command) -> None:
+    done = command(endless.main, "--frames", 100, "--streams", "noise", "--out", tmp_path)
+    assert done.status == 0, done.stderr
+    assert "noise" in done.stdout
+    assert {file.name for file in tmp_path.iterdir()} == {"endless.json", "endless.png"}
+    assert command(endless.main, "--frames", 10).status == 2
+    assert "unknown stream 'x'" in command(endless.main, "--streams", "x").stderr
