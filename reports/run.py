@@ -148,6 +148,15 @@ class Prediction:
 
 
 @dataclass(frozen=True)
+class Making:
+    """What every stored result says of its making, against which ``About.meta`` is checked."""
+
+    seed: Annotated[int, Field(ge=0)]
+    simulated: bool
+    command: str
+
+
+@dataclass(frozen=True)
 class About:
     """How a run was made."""
 
@@ -322,6 +331,7 @@ class RunFolder:
                     if (self.path / "reference" / f"{name}.json").is_file()
                 },
             )
+            _checked(Making, run.about.meta, "run.json, meta")
             for story in run.stories:
                 for picture, _ in story.pictures:
                     inside(self.path, picture, f"stories.json, {story.title:.60}")

@@ -59,7 +59,7 @@ NASTY: list[Any] = [
 ]  # fmt: skip
 WORDS = [
     "nan", "inf", "-inf", "1e400", "-1", "0", "1.5", "9" * 23, "-" + "9" * 31, "²", "", " ", "x",
-    "n" * 300, "\udcff", "[[[[", "{}", "/dev/null", "/dev/zero", "/dev/full/x", "../..", "\u2028",
+    "n" * 300, "\udcff", "[[[[", "{}", "/dev/null", "/dev/zero", "/dev/full/x", "../x", "\u2028",
     "drift=NaN", "drift=" + "[" * 2000, "a=" + "9" * 5000, "=", "--", "-", "1,2", "\n",
 ]  # fmt: skip
 
@@ -115,7 +115,7 @@ class Outcome:
             found.append("memory")
         if self.status > 0 and not self.stderr.strip():
             found.append("silent")
-        if self.status not in STATUSES and self.status >= 0:
+        if not found and self.status not in STATUSES:
             found.append(f"status {self.status}")
         return found
 
@@ -351,6 +351,7 @@ def _run_in_child(case: Case, folder: Path, stderr: Path, main: Callable[[], Non
         os.dup2(os.open(folder / "stdout", os.O_WRONLY | os.O_CREAT), 1)
         os.dup2(os.open(stderr, os.O_WRONLY | os.O_CREAT), 2)
         sys.argv = [case.module, *case.arguments]
+        os.chdir(folder)  # a mutated --out is a name there
         os.environ["JOBLIB_TEMP_FOLDER"] = str(folder)
         run_cli(main)
         status = 0

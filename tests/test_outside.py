@@ -100,6 +100,17 @@ def test_damage_is_told_with_its_file(run: Path, file: str, text: str, message: 
     assert message in said
 
 
+@pytest.mark.parametrize("key", ["seed", "simulated", "command"])
+@pytest.mark.parametrize("value", [None, "x\0", [], -1.5], ids=repr)
+def test_a_run_that_does_not_say_how_it_was_made_is_refused(
+    run: Path, key: str, value: object
+) -> None:
+    about = json.loads((run / "run.json").read_text())
+    about["meta"][key] = value if key != "command" or value != "x\0" else 5
+    (run / "run.json").write_text(json.dumps(about))
+    assert f"run.json, meta, {key}" in refused(run)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
