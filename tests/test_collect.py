@@ -157,10 +157,10 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
     for number in range(DISTURBED_LOOPS):
         rows = disturbed(kind if number % every == 0 else "nothing", loop, rng)
         for scores in rows:
-            before = collector._loop
+            before = collector.collecting
             count += 1
             assert collector.add(scores, count) is None
-            began += before is None and collector._loop is not None
+            began += collector.collecting and not before
     assert began <= starts * count
     assert collector.attempts - tried <= attempts * count
     # what was delivered still stands: its frames bring nothing new, and another message comes soon

@@ -6,7 +6,14 @@ import pytest
 from conftest import Command
 
 from reports.studies import endless
-from reports.studies.endless import BLOCKS, StreamBlock, endure, growth_mib
+from reports.studies.endless import (
+    BLOCKS,
+    StreamBlock,
+    endure,
+    false_starts,
+    growth_mib,
+    loops_until_changed,
+)
 
 
 def test_growth_is_measured_after_the_buffers_are_full() -> None:
@@ -34,9 +41,20 @@ def test_memory_and_time_are_bounded(stream: str, frames: int, messages: int) ->
         assert growth_mib(blocks) < 25
 
 
+def test_a_message_that_goes_on_is_no_change_and_another_one_is() -> None:
+    found = false_starts(0.05, noisy_loops=False, frames=400, seed=0)
+    assert found.again == 0
+    assert found.starts < 20
+    assert found.collecting < 0.03
+    assert max(loops_until_changed(0.05, changes=2, seed=0)) < 2
+
+
+QUICK = ["--frames", 100, "--streams", "noise", "--scores", 50, "--changes", 1]
+
+
 @pytest.mark.slow
 def test_command_measures_and_draws(tmp_path: Path, command: Command) -> None:
-    done = command(endless.main, "--frames", 100, "--streams", "noise", "--out", tmp_path)
+    done = command(endless.main, *QUICK, "--out", tmp_path)
     assert done.status == 0, done.stderr
     assert "noise" in done.stdout
     assert {file.name for file in tmp_path.iterdir()} == {"endless.json", "endless.png"}

@@ -203,6 +203,11 @@ class Collector:
         self._delivered: DeliveredMessage | None = None
         self.start_run()
 
+    @property
+    def collecting(self) -> bool:
+        """Whether scores are kept that may be those of a message not returned yet."""
+        return self._loop is not None
+
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
         self._waiting: list[tuple[int, NDArray[np.float64]]] = []
