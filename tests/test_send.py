@@ -314,6 +314,7 @@ WRONG = {
     "bad out": (f"{CUT} x.mp4", "x.mp4 must end in .html, .avi or .mkv"),
     "a file there": (f"{CUT} clip.avi", "--out: clip.avi is already there"),
     "a full folder there": (f"{CUT} many", "--out: many is already there"),
+    "no name": (f"{CUT} /", "--out: / has no name"),
     "out in a file": (f"{CUT} text.png/x", "text.png: cannot be made a folder"),
     "scale": (f"{CUT} x.html --scale 65", "--scale: need 0 to 64, got 65"),
     "hold": (f"{CUT} x.html --hold 0", "--hold: need at least 1, got 0"),

@@ -8,6 +8,7 @@ from typing import Any
 
 from link.code.authenticate import Verifier
 from link.code.collect import Message
+from link.errors import ParameterError
 from link.images import write_bytes
 
 
@@ -22,9 +23,14 @@ class Inbox:
     Args:
         out: file for the message's bytes; None for no file.
         verifier: decides which messages are delivered; None where all are.
+
+    Raises:
+        ParameterError: ``out`` cannot be a file.
     """
 
     def __init__(self, out: Path | None, verifier: Verifier | None) -> None:
+        if out is not None and (not out.name or out.is_dir()):
+            raise ParameterError("out", f"{out} is a folder; name a file for the message")
         self._out = out
         self._verifier = verifier
         self.last: Message | None = None

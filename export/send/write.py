@@ -33,6 +33,8 @@ def check_out(out: Path) -> str:
         ParameterError: the ending is unknown, or something is there already.
     """
     kind = out.suffix.lower()
+    if not out.name:
+        raise ParameterError("out", f"{out} has no name; choose a new file or folder")
     if kind not in KINDS:
         raise ParameterError(
             "out", f"{out} must end in .html, .avi or .mkv, or be a folder with no dot in its name"
