@@ -450,6 +450,7 @@ def test_a_loop_without_end_is_stopped(model: bytes, tmp_path: Path) -> None:
         decode_black(endless(model, body, "on"), tmp_path / "endless.onnx")
 
 
+@pytest.mark.slow
 def test_a_loop_that_cannot_be_stopped_ends_the_process_with_one_line(
     model: bytes, tmp_path: Path
 ) -> None:

@@ -146,6 +146,7 @@ def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Command) -> None:
     film = film_of(tmp_path / "film.avi", [(b"before", 6), (b"behind", 2), (b"later on", 3)])
     done = command(receive_cli.main, film, "--keep-on", "--out", tmp_path / "text")
@@ -159,6 +160,7 @@ def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Comm
     assert (tmp_path / "text").read_bytes() == b"later on"
 
 
+@pytest.mark.slow
 def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, command: Command) -> None:
     (tmp_path / "key").write_bytes(KEY)
     new, old = sign(b"new", KEY, 1001), sign(b"old", KEY, 1000)
