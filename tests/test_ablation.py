@@ -130,6 +130,7 @@ def test_the_shipped_ablation_makes_tables_and_a_figure() -> None:
     assert dots == rows - {"oorc"}
 
 
+@pytest.mark.slow
 def test_the_command_writes_tables_numbers_and_pictures(
     layout: Layout, tmp_path: Path, command: Command
 ) -> None:

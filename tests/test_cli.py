@@ -216,6 +216,7 @@ def test_data_gen_writes_captures_with_a_manifest(captures: Path) -> None:
     assert len(list(captures.iterdir())) == 5  # nothing left over
 
 
+@pytest.mark.slow
 def test_evaluate_decodes_captures_with_every_method(
     captures: Path, tmp_path: Path, command: Command
 ) -> None:
@@ -236,6 +237,7 @@ def test_evaluate_decodes_captures_with_every_method(
     assert {file.name for file in shown.iterdir()} == names
 
 
+@pytest.mark.slow
 def test_evaluate_says_which_methods_hidden_captures_leave_out(
     tmp_path: Path, command: Command
 ) -> None:

@@ -164,6 +164,7 @@ def test_a_damaged_checkpoint_is_refused(
 # Training
 
 
+@pytest.mark.slow
 def test_it_learns_four_frame_pairs_by_heart(episodes: EpisodeSet) -> None:
     long = replace(CONFIG, epochs=60, batch=4, lr=1e-2, strength=0.0, drift=0.0)
     module, log = cnn_baseline.train_network(episodes, LAYOUT, long)

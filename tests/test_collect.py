@@ -134,6 +134,7 @@ def disturbed(
     return list(rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "every", "starts", "attempts"),
     [

@@ -106,6 +106,7 @@ def test_corners_alone_moves_the_reported_corners_only() -> None:
     assert np.array_equal(captured.corners, captured.corners_embedded)
 
 
+@pytest.mark.slow
 def test_corners_are_off_by_their_sigma() -> None:
     pair = with_parameter(only("canon-lg", "perspective", "corners"), "corner_px", 0.0)
     off = with_parameter(pair, "corner_px", 2.0)

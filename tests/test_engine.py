@@ -122,6 +122,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
     assert all(file.stat().st_mtime_ns == time_ns for file, time_ns in kept.items())
 
 
+@pytest.mark.slow
 def test_a_failing_cell_is_reported_and_the_others_are_written(
     alone: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -444,6 +444,7 @@ def test_what_no_decoder_needs_is_refused(model: bytes, kind: str, tmp_path: Pat
         decode_black(proto, tmp_path / "odd.onnx")
 
 
+@pytest.mark.slow
 def test_a_loop_without_end_is_stopped(model: bytes, tmp_path: Path) -> None:
     body = [onnx.helper.make_node("Identity", ["go"], ["on"])]
     with pytest.raises(InputError, match=r"the model took more than 1.2 s; it is stopped"):

@@ -166,6 +166,7 @@ def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
     assert (again / "report.html").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_folder_that_moved_gives_the_same_page(tiny: Path, tmp_path: Path) -> None:
     shutil.copytree(tiny, tmp_path / "moved")
     assert write_report(tmp_path / "moved").read_bytes() == (tiny / "report.html").read_bytes()
@@ -487,6 +488,7 @@ def filmed(tmp_path: Path) -> Callable[[bool], Path]:
     return film
 
 
+@pytest.mark.slow
 def test_captures_with_unknown_bits_are_shown_and_not_scored(
     filmed: Callable[[bool], Path], tmp_path: Path, command: Command
 ) -> None:
@@ -501,6 +503,7 @@ def test_captures_with_unknown_bits_are_shown_and_not_scored(
     assert "%" not in checked.text["pictures"]
 
 
+@pytest.mark.slow
 def test_captures_with_bits_show_their_failures(
     filmed: Callable[[bool], Path], tmp_path: Path, command: Command
 ) -> None:

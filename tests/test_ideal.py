@@ -160,6 +160,7 @@ def test_the_comparison_knows_it_as_a_method(
     assert "ideal" not in evaluate.EvaluateConfig().methods
 
 
+@pytest.mark.slow
 def test_captures_without_a_simulation_leave_it_out(
     layout: Layout, tmp_path: Path, command: Command
 ) -> None:

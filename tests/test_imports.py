@@ -228,6 +228,7 @@ print(json.dumps([soft.bits.tolist(), soft.scores.tolist()]))
 """
 
 
+@pytest.mark.slow
 def test_the_runtime_decodes_with_numpy_opencv_and_onnxruntime_alone(
     rectified: Rectified, frames: list[Path]
 ) -> None:
@@ -260,6 +261,7 @@ def test_classical_methods_decode_without_torch(rectified: Rectified, frames: li
     assert len(names) == 5
 
 
+@pytest.mark.slow
 def test_every_module_that_should_imports_without_torch() -> None:
     wanted = [f for f in sources() if layer(f) == "link" or f.parts[:2] == ("models", "classical")]
     names = ["models", "export", *(".".join(f.with_suffix("").parts) for f in wanted)]

@@ -147,6 +147,7 @@ def test_glare_and_a_hand(layout: Layout) -> None:
     assert off(found.corners, CORNERS) < 2 * CORNER_PX
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([LAYOUT, PLAIN]))
 def test_refine_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:

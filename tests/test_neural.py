@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from conftest import slow
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import legval
@@ -208,7 +209,7 @@ def test_fit_head_reaches_scikit_learns_objective_on_random_frames(seed: int) ->
     assert abs(objective_gap(X, y, 10 ** rng.uniform(-2, 3))) < SVM_OBJECTIVE_GAP
 
 
-@pytest.mark.parametrize("train_on", ["tile", "area", "pixel"])
+@pytest.mark.parametrize("train_on", ["area", slow("tile"), slow("pixel")])
 def test_fit_head_reaches_scikit_learns_objective_on_simulated_frames(
     layout: Layout, pairs: list[Rectified], train_on: str
 ) -> None:

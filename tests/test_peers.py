@@ -198,6 +198,7 @@ def no_constants(name: str) -> None:
     raise AssertionError(f"{name} is not JSON")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_the_command_writes_page_numbers_and_picture(tmp_path: Path, command: Command) -> None:
     flags = ("--systems", "stripes", "--ours", "naive", "--out", tmp_path)
@@ -218,6 +219,7 @@ def test_the_command_writes_page_numbers_and_picture(tmp_path: Path, command: Co
     assert (tmp_path / "peers.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_a_run_goes_on_where_it_stopped(tmp_path: Path, command: Command) -> None:
     run = (*SMALL, "--systems", "stripes", "--ours", "naive", "--out", tmp_path)

@@ -168,6 +168,7 @@ def test_it_starts_by_itself_and_nothing_covers_the_picture(
     assert page.evaluate("player.count") == at
 
 
+@pytest.mark.slow
 def test_a_window_that_is_too_small_is_told(open_window: OpenWindow, player: Path) -> None:
     page = open_window(100, 200)
     start(page, player)

@@ -48,6 +48,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Capture
     return folder, captures
 
 
+@pytest.mark.slow
 def test_the_manifest_holds_what_was_sent_and_where(
     filmed: tuple[Path, list[Captured]], command: Command, layout: Layout
 ) -> None:

@@ -103,6 +103,7 @@ def test_the_exported_decoder_decodes_as_the_checkpoint(
     assert np.mean(soft.bits == captured.bits) > 0.8
 
 
+@pytest.mark.slow
 def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
