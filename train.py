@@ -6,7 +6,9 @@ message bits through that fit.
 """
 
 import json
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
@@ -37,6 +39,8 @@ from reports.score.accuracy import score, write_scores
 STATE = "state.pt"
 TRAINED_BY = ("data_gen.episodes", "models.neural.training")
 """Modules that decide, with all that they import, what a step of training computes."""
+PARITY_FRAMES = 30
+"""Number of synthetic frame pairs on which torch and onnxruntime must agree after the export."""
 LOOP_VERSION = 1
 """Raise it when `train` changes what it computes, so that an older state.pt is not continued."""
 
@@ -92,18 +96,21 @@ def main() -> None:
     module.cpu()
     settings = training_settings(config)
     save_checkpoint(folder, module, {"train": settings})
-    parity = export(module, folder / "decoder.onnx", folder.name, frames=30, training=settings)
-    (folder / STATE).unlink(missing_ok=True)
     held_out = Source(layout, "test", config.seed)
     condition = Condition("", held_out, paper_cells(pairs), config.frames)
     methods = methods_for(tuple(DECODERS), folder)
-    records = predict_all([condition], methods, folder / "evaluation", config.jobs)
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
+        model = folder / "decoder.onnx"
+        exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
+        records = predict_all([condition], methods, folder / "evaluation", config.jobs)
+        parity = exported.result()
+    (folder / STATE).unlink(missing_ok=True)
     scores = score(records)
     write_scores(folder / "metrics.json", scores, provenance(config.seed, simulated=True))
     title = f"{config.pair}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
     print(summary_table(scores, title).markdown())
     print(
-        f"\n{folder}/decoder.onnx: torch and onnxruntime agree on all {parity.bits} bits of "
+        f"\n{model}: torch and onnxruntime agree on all {parity.bits} bits of "
         f"{parity.frames} synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
 
