@@ -8,35 +8,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import pytest
-import threadpoolctl
-import torch
 from filelock import FileLock
 from hypothesis import settings
 
-from data_gen.frame_pair import Cell, FramePair, Source
-from export.runtime import Decoder
-from link.errors import run_cli
-from link.frames import Captured, Rectified
-from link.layout import Layout, make_layout
-from models import PRETRAINED
-from models.neural.decoder import FULL
-
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # imported where they are used: the process that starts the workers needs none
     from playwright.sync_api import Browser, Page
+
+    from export.runtime import Decoder
+    from link.frames import Captured, Rectified
+    from link.layout import Layout
 
 settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
 settings.load_profile("suite")
 
-# The suite's tensors are small, and its workers share the cores.
-torch.set_num_threads(1)
-cv2.setNumThreads(1)
-threadpoolctl.threadpool_limits(1)
+# The suite's tensors are small, and its workers share the cores. torch, OpenCV and NumPy read
+# these when they are first imported, here and in the processes that tests start.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-    os.environ[variable] = "1"  # for the processes that tests start
-
-LEARNED = FULL
+    os.environ[variable] = "1"
 
 
 def slow(*values: object) -> Any:
@@ -50,18 +39,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def layout() -> Layout:
+def layout() -> "Layout":
+    from link.layout import make_layout
+
     return make_layout()
 
 
 @pytest.fixture(scope="session")
-def captured(layout: Layout) -> Captured:
+def captured(layout: "Layout") -> "Captured":
     """One simulated frame pair, canon-lg, 45 degrees, kappa 5."""
+    from data_gen.frame_pair import Cell, FramePair, Source
+
     return FramePair(Source(layout), Cell("canon-lg", 45.0, 5), 0).captured
 
 
 @pytest.fixture(scope="session")
-def rectified(captured: Captured) -> Rectified:
+def rectified(captured: "Captured") -> "Rectified":
     return captured.rectified()
 
 
@@ -115,6 +108,8 @@ def run_folder(make_once: MakeOnce) -> Path:
 @pytest.fixture(scope="session", params=["shipped", slow("trained")])
 def checkpoint(request: pytest.FixtureRequest) -> Path:
     """Folder of a decoder: the shipped one, and one whose every parameter has moved."""
+    from models import PRETRAINED
+
     if request.param == "shipped":
         return PRETRAINED
     folder: Path = request.getfixturevalue("run_folder")
@@ -122,7 +117,9 @@ def checkpoint(request: pytest.FixtureRequest) -> Path:
 
 
 @pytest.fixture(scope="session")
-def onnx_decoder(checkpoint: Path) -> Decoder:
+def onnx_decoder(checkpoint: Path) -> "Decoder":
+    from export.runtime import Decoder
+
     return Decoder(checkpoint / "decoder.onnx")
 
 
@@ -144,6 +141,8 @@ Command = Callable[..., Finished]
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
     """Run a script's ``main`` in this process, as its last two lines do."""
+
+    from link.errors import run_cli
 
     def run(main: Callable[[], None], *arguments: object) -> Finished:
         monkeypatch.setattr(sys, "argv", ["program", *map(str, arguments)])

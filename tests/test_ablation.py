@@ -116,6 +116,7 @@ def test_cells_behind_oorc_are_named() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_shipped_ablation_makes_tables_and_a_figure() -> None:
     content = json.loads(Path("docs/ablation.json").read_text())
     added, removed, whole = ablation_tables(content)

@@ -203,6 +203,7 @@ def test_runtime_refuses_a_truncated_model(images: Path, tmp_path: Path, command
 # python -m data_gen, then evaluate.py --captures
 
 
+@pytest.mark.slow
 def test_data_gen_writes_captures_with_a_manifest(captures: Path) -> None:
     entries = read_manifest(captures)
     assert len(entries) == 2

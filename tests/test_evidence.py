@@ -14,6 +14,7 @@ from reports.evaluation.response import measure_response
 from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS, sweep_conditions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SWEEPS)
 def test_every_value_of_a_sweep_can_be_filmed(name: str, layout: Layout) -> None:
     sweep = SWEEPS[name]

@@ -12,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import LEARNED, slow
+from conftest import slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -27,7 +27,7 @@ from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.layout import Layout
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import PhiDecoder
+from models.neural.decoder import FULL, PhiDecoder
 from models.neural.methods import decode_with
 
 UNSEEN_SEED = 7
@@ -65,6 +65,7 @@ def batch(frames: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
 # Parity
 
 
+@pytest.mark.slow
 def test_torch_and_onnxruntime_agree_on_unseen_frames_of_any_size(
     module: PhiDecoder, onnx_decoder: Decoder, unseen: list[Rectified]
 ) -> None:
@@ -118,9 +119,7 @@ def test_parity_is_not_judged_on_scores_at_their_bound(
 
 
 def test_compare_reports_another_checkpoint(layout: Layout, onnx_decoder: Decoder) -> None:
-    parity = compare_with_torch(
-        PhiDecoder(layout, LEARNED), onnx_decoder, frames=2, seed=UNSEEN_SEED
-    )
+    parity = compare_with_torch(PhiDecoder(layout, FULL), onnx_decoder, frames=2, seed=UNSEEN_SEED)
     assert not parity.holds
     assert parity.max_difference > ONNX_SCORE
 
@@ -142,7 +141,7 @@ def test_an_export_without_parity_leaves_no_file(
     layout: Layout, model: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(to_onnx, "to_onnx", lambda module, run_name, *_: model)
-    untrained = PhiDecoder(layout, LEARNED)  # not what the model holds
+    untrained = PhiDecoder(layout, FULL)  # not what the model holds
     with pytest.raises(InputError, match="torch and onnxruntime disagree"):
         to_onnx.export(untrained, tmp_path / "decoder.onnx", "run", frames=1)
     assert list(tmp_path.iterdir()) == []
@@ -170,7 +169,7 @@ def test_the_metadata_configures_the_runtime(
     assert metadata["version"] == __version__
     assert metadata["run"] == checkpoint.name
     assert json.loads(metadata["layout"]) == layout.to_dict()
-    assert json.loads(metadata["decoder"]) == asdict(LEARNED)
+    assert json.loads(metadata["decoder"]) == asdict(FULL)
     assert json.loads(metadata["features"]) == module.phi.names
 
 

@@ -241,6 +241,7 @@ def test_the_page_fits_a_phone_and_a_desk(tiny: Path, open_window: OpenWindow) -
     assert window.evaluate("[...document.images].every(i => i.alt && i.complete)")
 
 
+@pytest.mark.slow
 def test_text_and_lines_of_charts_follow_a_dark_screen(tiny: Path, open_window: OpenWindow) -> None:
     shown = []
     for scheme in ("light", "dark"):

@@ -42,6 +42,7 @@ def draws_of_both_bits(rng: np.random.Generator) -> NDArray[np.uint8]:
     return np.stack([LOW + noise, LOW + STEP + noise]).round().astype(np.uint8)
 
 
+@pytest.mark.slow
 def test_log_likelihood_ratios_of_white_noise_are_those_of_the_formula() -> None:
     rng = np.random.default_rng(0)
     draws = draws_of_both_bits(rng)

@@ -252,6 +252,7 @@ print(json.dumps({name: make_decoder(name).decode(pair).bits.tolist() for name i
 """
 
 
+@pytest.mark.slow
 def test_classical_methods_decode_without_torch(rectified: Rectified, frames: list[Path]) -> None:
     names = [name for name, card in DECODERS.items() if "classical" in card.target]
     result = run_without(["torch", "kornia"], DECODE_WITH_METHODS, *frames, *names)

@@ -73,6 +73,7 @@ def test_cell_boxes_hold_the_pixels_that_block_index_gives_them(layout: Layout) 
         assert min(bottom - top, right - left) >= MIN_BLOCK_PX
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_block_mean_is_the_mean_over_each_block(data: st.DataObject) -> None:
     height, width = data.draw(st.integers(1, 60)), data.draw(st.integers(1, 60))

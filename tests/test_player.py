@@ -131,6 +131,7 @@ def test_each_state_stays_for_its_refreshes(
     assert np.mean(held == 4) > 0.5
 
 
+@pytest.mark.slow
 def test_a_skipped_refresh_is_counted_and_the_rate_kept(
     open_window: OpenWindow, player: Path
 ) -> None:

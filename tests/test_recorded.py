@@ -99,6 +99,7 @@ def test_bits_are_read_from_the_states(
     assert np.array_equal(recorded.sent_bits(paths, layout, kappa), shown.bits)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_refused(
     filmed: tuple[Path, list[Captured]], command: Command, tmp_path: Path
 ) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from conftest import LEARNED, Command
+from conftest import Command
 
 import train
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
@@ -35,7 +35,7 @@ def episodes() -> EpisodeSet:
 
 
 def trained(episodes: EpisodeSet, folder: Path, config: TrainConfig = CONFIG) -> PhiDecoder:
-    module = PhiDecoder(LAYOUT, LEARNED)
+    module = PhiDecoder(LAYOUT, FULL)
     train.train(module, episodes, config, folder)
     return module
 
@@ -161,10 +161,11 @@ def test_a_wrong_part_of_the_decoder_is_refused_with_its_name(
 # The loop
 
 
+@pytest.mark.slow
 def test_every_learned_parameter_changes_and_stays_finite(
     episodes: EpisodeSet, tmp_path: Path
 ) -> None:
-    before, after = PhiDecoder(LAYOUT, LEARNED), trained(episodes, tmp_path)
+    before, after = PhiDecoder(LAYOUT, FULL), trained(episodes, tmp_path)
     start = dict(before.named_parameters())
     for name, value in after.named_parameters():
         assert torch.isfinite(value).all(), name
@@ -188,7 +189,7 @@ def test_the_shipped_parameters_fit_no_other_decoder(tmp_path: Path, command: Co
 
 
 def test_a_step_without_a_finite_loss_changes_nothing(episodes: EpisodeSet) -> None:
-    module = PhiDecoder(LAYOUT, LEARNED)
+    module = PhiDecoder(LAYOUT, FULL)
     before = parameters(module)
     optimiser = torch.optim.Adam(module.parameters(), lr=0.1)
     with torch.no_grad():
@@ -276,12 +277,12 @@ def test_a_loss_that_is_not_finite_stops_training(episodes: EpisodeSet, tmp_path
 
 
 def test_every_round_augments_anew(episodes: EpisodeSet) -> None:
-    module = PhiDecoder(LAYOUT, LEARNED)
+    module = PhiDecoder(LAYOUT, FULL)
     generator = torch.Generator().manual_seed(0)
     first, second = (
         augmented_features(episodes, module.summarise, "cpu", generator) for _ in range(2)
     )
-    features = LEARNED.degree + MOMENTS
+    features = FULL.degree + MOMENTS
     assert first[0].shape == (CONFIG.episodes, 16 * len(LAYOUT.ratex), features)
     assert first[1].shape == (CONFIG.episodes, LAYOUT.n_bits, features)
     assert not torch.equal(first[0], second[0])
