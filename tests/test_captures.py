@@ -439,6 +439,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 """
 
 
+@pytest.mark.slow
 def test_a_small_file_of_too_many_pixels_is_refused_without_decoding_them(tmp_path: Path) -> None:
     file = tmp_path / "bomb.png"
     file.write_bytes(black_png(8000))

@@ -357,6 +357,7 @@ def test_evaluate_refuses_bad_flags(
     refused(done, part)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "part"),
     [

@@ -115,6 +115,7 @@ def test_mutated_videos(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None
     assert all(is_right_or_refused(result) for result in results)
 
 
+@pytest.mark.slow
 def test_mutated_models(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
     for number, state in enumerate(states):
         write_image(tmp_path / "in" / f"{number:03d}.png", state)

@@ -150,6 +150,7 @@ def test_the_papers_cells_stand_beside_ours(tiny: Path) -> None:
     assert "95.2 |" in text  # nikon-imac
 
 
+@pytest.mark.slow
 def test_building_it_again_decodes_nothing_and_gives_the_same_bytes(
     tiny: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
