@@ -103,6 +103,7 @@ def tiny(make_once: MakeOnce) -> Path:
 # The page
 
 
+@pytest.mark.slow
 def test_the_page_has_every_section_and_needs_no_network(tiny: Path) -> None:
     checked = check_page(tiny / "report.html")
     assert [name for name in checked.ids if name in SECTIONS] == list(SECTIONS)
@@ -114,6 +115,7 @@ def test_the_page_has_every_section_and_needs_no_network(tiny: Path) -> None:
     assert (tiny / "report.html").stat().st_size < 8e6
 
 
+@pytest.mark.slow
 def test_the_numbers_are_those_of_the_metrics(tiny: Path) -> None:
     rows = json.loads((tiny / "metrics.json").read_text())["rows"]
     text = check_page(tiny / "report.html").text["summary"]
@@ -124,6 +126,7 @@ def test_the_numbers_are_those_of_the_metrics(tiny: Path) -> None:
         assert f"{bits - correct:,} of {bits:,}" in text
 
 
+@pytest.mark.slow
 def test_sweeps_state_every_point_with_its_size(tiny: Path) -> None:
     text = check_page(tiny / "report.html").text["sweeps"]
     run = RunFolder(tiny).read()
@@ -144,6 +147,7 @@ def test_sweeps_state_every_point_with_its_size(tiny: Path) -> None:
             assert f"{wrong} of {mine['bits'].sum()} bits wrong" in text
 
 
+@pytest.mark.slow
 def test_the_papers_cells_stand_beside_ours(tiny: Path) -> None:
     text = check_page(tiny / "report.html").text["paper"]
     assert "98.4 |" in text  # oorc, canon-lg, 45 degrees, kappa 3 in the paper
@@ -173,6 +177,7 @@ def test_a_folder_that_moved_gives_the_same_page(tiny: Path, tmp_path: Path) -> 
     assert write_report(tmp_path / "moved").read_bytes() == (tiny / "report.html").read_bytes()
 
 
+@pytest.mark.slow
 def test_failures_carry_a_measured_reason(tiny: Path) -> None:
     stories = json.loads((tiny / "stories.json").read_text())
     failures = [story for story in stories if story["kind"] == "failure"]
@@ -220,6 +225,7 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
     }
 
 
+@pytest.mark.slow
 def test_the_page_fits_a_phone_and_a_desk(tiny: Path, open_window: OpenWindow) -> None:
     for width in (360, 390, 1280):
         window = open_window(width, 900)
@@ -461,6 +467,7 @@ def test_compare_refuses_other_captures(store: Store, command: Command) -> None:
         assert not (b / "compare.html").exists()
 
 
+@pytest.mark.slow
 def test_compare_matches_sweeps_by_value(tiny: Path, tmp_path: Path, command: Command) -> None:
     shutil.copytree(tiny, tmp_path / "again")
     done = command(evaluate.main, "--compare", tiny, tmp_path / "again")
