@@ -6,7 +6,6 @@ scores and bits. `to_records` makes the table that everything downstream groups,
 
 import json
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,8 +90,3 @@ def read_lines(data: bytes) -> list[dict[str, Any]]:
 def write_lines(lines: Iterable[dict[str, Any]]) -> bytes:
     """Predictions as the bytes of a file."""
     return "".join(json.dumps(line) + "\n" for line in lines).encode()
-
-
-def read_records(file: Path, condition: str = "") -> pd.DataFrame:
-    """The table of a file of predictions."""
-    return to_records(read_lines(file.read_bytes()), condition)
