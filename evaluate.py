@@ -18,7 +18,7 @@ from data_gen.effects import parse_settings
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from link.embed import check_kappa
-from link.errors import InputError, at_least, choose, each_once, run_cli
+from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.engine.backends import make_backend
@@ -106,7 +106,7 @@ class EvaluateConfig:
 
 def main() -> None:
     """Decode, score, print; or show what was decoded before."""
-    config = tyro.cli(EvaluateConfig)
+    config = read_flags(lambda: tyro.cli(EvaluateConfig))
     if config.report is not None:
         print(f"written: {write_report(config.report)}")
         return

@@ -22,7 +22,7 @@ from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export
 from link.embed import check_kappa
-from link.errors import InputError, ParameterError, at_least, run_cli
+from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models import DECODERS
@@ -83,7 +83,7 @@ class TrainConfig:
 
 def main() -> None:
     """Simulate, train, export, evaluate."""
-    config = tyro.cli(TrainConfig)
+    config = read_flags(lambda: tyro.cli(TrainConfig))
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     check_training(config)
     folder = config.out or Path("runs") / config.pair

@@ -12,7 +12,7 @@ from tqdm import tqdm
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import FramePair
 from link.captures import MANIFEST, save_captures
-from link.errors import ParameterError, at_least, run_cli
+from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.frames import Captured
 from link.images import make_folder
 from link.quality import psnr, ssim
@@ -34,7 +34,7 @@ class DataGenConfig(CellFlags):
 
 def main() -> None:
     """Simulate, save, and report how visible the message is."""
-    config = tyro.cli(DataGenConfig)
+    config = read_flags(lambda: tyro.cli(DataGenConfig))
     at_least(1, frames=config.frames)
     cell = config.cell()
     source = replace(config.source(), pyramid_level=config.pyramid_level)

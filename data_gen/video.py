@@ -19,7 +19,7 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
 from link.code.framing import encode
-from link.errors import ParameterError, at_least, run_cli
+from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.images import make_folder, write_bytes, write_image
 from link.loop import Loop
 from link.video import write_video
@@ -51,7 +51,7 @@ class FilmConfig(CellFlags):
 
 def main() -> None:
     """Film, and write frames and truth."""
-    config = tyro.cli(FilmConfig)
+    config = read_flags(lambda: tyro.cli(FilmConfig))
     at_least(0, first=config.first)
     at_least(1, shown=config.shown)
     settings, cell, source = config.stream, config.cell(), config.source()

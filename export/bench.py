@@ -19,7 +19,7 @@ from tqdm import trange
 
 from export.parity import synthetic_pair
 from export.runtime import Decoder
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.frames import Rectified
 from link.images import as_batch, intensity
 from link.ratex import training_pixels
@@ -52,7 +52,7 @@ class BenchConfig:
 
 def main() -> None:
     """Print a table of median times and ratios, and one JSON line."""
-    config = tyro.cli(BenchConfig)
+    config = read_flags(lambda: tyro.cli(BenchConfig))
     at_least(1, rounds=config.rounds, threads=config.threads)
     at_least(0, warmup=config.warmup, seed=config.seed)
     cv2.setNumThreads(config.threads)

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from export.runtime import Decoder
 from link.embed import embed
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, at_least, read_flags, run_cli
 from link.frames import Rectified
 from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint
@@ -135,7 +135,7 @@ class ParityConfig:
 
 def main() -> None:
     """Print the comparison as JSON; exit status 2 where parity fails."""
-    config = tyro.cli(ParityConfig)
+    config = read_flags(lambda: tyro.cli(ParityConfig))
     at_least(1, frames=config.frames)
     at_least(0, seed=config.seed)
     module, decoder = load_checkpoint(config.run), Decoder(config.run / "decoder.onnx")

@@ -18,7 +18,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from export.onnx_file import check_onnx_file
 from export.watchdog import Watchdog
-from link.errors import InputError, ParameterError, run_cli
+from link.errors import InputError, ParameterError, read_flags, run_cli
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
 from link.images import MAX_MEGAPIXELS, as_batch, read_image
@@ -343,7 +343,8 @@ def main() -> None:
         help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
     )
     # a leading blank keeps argparse from taking -0.5,-0.5 for a flag
-    args = parser.parse_args([re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]])
+    words = [re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]]
+    args = read_flags(lambda: parser.parse_args(words))
     corners = parse_corners(args.corners, "--corners")
     corners_embedded = parse_corners(args.corners_embedded, "--corners-embedded")
     decoder = Decoder(args.model)

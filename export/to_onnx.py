@@ -16,7 +16,7 @@ from onnxscript.values import Opset
 from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, at_least, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
 from models.neural.checkpoint import load_checkpoint, read_config
@@ -170,7 +170,7 @@ class ExportConfig:
 
 def main() -> None:
     """Export, check parity, and say so."""
-    config = tyro.cli(ExportConfig)
+    config = read_flags(lambda: tyro.cli(ExportConfig))
     at_least(1, parity_frames=config.parity_frames)
     path = config.out or config.run / "decoder.onnx"
     module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)

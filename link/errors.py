@@ -1,12 +1,46 @@
-"""The exceptions for input that a user can mend, and the wrapper that prints them in one line."""
+"""What a user can mend, in one line: exceptions, the flags of commands, how both are printed."""
 
+import dataclasses
+import io
+import math
 import os
+import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import redirect_stderr, suppress
+from itertools import pairwise
+from pathlib import Path
 from typing import TypeVar
 
 T = TypeVar("T")
+MAX_NUMBER = 10**6
+"""Largest number, and with a minus the smallest, that a flag takes, if `MAX_OF_FLAG` has no
+other."""
+MAX_OF_FLAG = {"seed": 2**32 - 1, "jobs": 1024, "threads": 256}
+"""Largest numbers of flags that many commands have, by the flag's name. Every library that the
+project draws from takes seeds of 32 bits."""
+MAX_WORD = 60
+"""Number of characters from which on a word of the command line is cut where a complaint about
+flags repeats it."""
+COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+"""Pattern of what makes a terminal change its colour."""
+PLAIN_WORDS = (
+    (r"invalid literal for int\(\) with base 10: ", "need a whole number, got "),
+    (r"could not convert string to float: ", "need a number, got "),
+    (r"invalid int value: ", "need a whole number, got "),
+    (r"invalid float value: ", "need a number, got "),
+    (r"Exceeds the limit .*", "need fewer digits"),
+    (
+        r"no type matching (?:\{None\}\|)?\{?(.+?)\}? could be instantiated from (\[.*?\])\..*",
+        r"need \1, got \2",
+    ),
+    (r"Could not find valid parse for arguments: ", "the values do not fit, got "),
+    (r"Missing value( for argument '\S+')\. Expected (\d+) values", r"\2 values are missing\1"),
+    (r"\b1 values are", "a value is"),
+    (r"\. Expected one of \((.*)\)", r"; choose one of \1"),
+)
+"""Patterns of what parsers of flags say, each with the words of this project for it."""
 
 
 class InputError(ValueError):
@@ -84,6 +118,142 @@ def run_cli(main: Callable[[], None]) -> None:
     except MemoryError as error:
         _print_error(f"too little memory; use smaller sizes or fewer frames ({error})")
         sys.exit(2)
+
+
+def read_flags(read: Callable[[], T], **largest: int) -> T:
+    """Read a command's flags with a parser that prints a usage screen or a box where one is wrong.
+
+    What the parser says becomes the message of an `InputError`, in one line that begins with the
+    flag; --help prints and exits as usual. What it returns is checked for what no command can work
+    with: numbers that are not finite or beyond `MAX_NUMBER`, negative whole numbers, paths without
+    a name, and text that is not UTF-8.
+
+    Args:
+        read: ``parser.parse_args`` of argparse, or a call of ``tyro.cli``.
+        largest: largest numbers by flag, for those that need another bound.
+
+    Returns:
+        what ``read`` returns.
+
+    Raises:
+        InputError: a flag is unknown, missing or wrong.
+
+    >>> import argparse
+    >>> parser = argparse.ArgumentParser()
+    >>> _ = parser.add_argument("--frames", type=int)
+    >>> read_flags(lambda: parser.parse_args(["--frames", "many"]))
+    Traceback (most recent call last):
+    ...
+    link.errors.InputError: --frames: need a whole number, got 'many'; see --help
+    >>> read_flags(lambda: parser.parse_args(["--frames", "9" * 23]))
+    Traceback (most recent call last):
+    ...
+    link.errors.ParameterError: frames: need at most 1000000, got 99999999999999999999999
+    """
+    printed = io.StringIO()
+    try:
+        with redirect_stderr(printed):
+            flags = read()
+    except SystemExit as end:
+        if end.code in (None, 0):
+            raise
+        raise InputError(f"{_complaint(printed.getvalue())}; see --help") from None
+    sys.stderr.write(printed.getvalue())  # warnings of a parser that went on
+    for name, value in _leaves(flags, ""):
+        _check_flag(name, value, largest)
+    return flags
+
+
+def _complaint(printed: str) -> str:
+    """What a parser of flags says is wrong, in one line, and first of all the flag.
+
+    Of argparse it is what follows "error:", of tyro the first section of its box. Wording that is
+    not known here is passed on as it stands.
+    """
+    printed = COLOUR.sub("", printed)
+    sections: list[list[str]] = [[]]
+    for line in printed.partition(": error: ")[2].splitlines() or printed.splitlines()[1:]:
+        if line.strip(" │") and not line.strip(" │╭╮╰╯─"):
+            sections.append([])
+        sections[-1].append(line.strip(" │╭╮╰╯─"))
+    texts = [" ".join(" ".join(lines).split()) for lines in sections]
+    texts = [
+        re.sub(rf"\S{{{MAX_WORD},}}", lambda word: f"{word[0]:.40}...", text) for text in texts
+    ]
+    unknown = [rest for text in texts for rest in re.findall(r"^[Uu]nrecogni\w+ \w+: (.*)", text)]
+    if unknown:
+        meant = [text for text in texts if text.startswith("Perhaps you meant: ")]
+        flag = unknown[0].split()[0].strip(",")
+        what = "no such flag" if flag.startswith("-") else "one word too many"
+        names = re.findall(r"(--\S+) ", meant[0])[:1] if meant else []
+        return f"{flag}: {what}" + "".join(f"; perhaps you meant {name}" for name in names)
+    said = texts[0] or "the flags are wrong"
+    missing = re.match(r"Missing from .*?: (\S+) .*\(required\)", said)
+    missing = missing or re.match(r"the following arguments are required: ([^\s,]+)", said)
+    if missing:
+        return f"{missing[1]}: is required"
+    for pattern, words in PLAIN_WORDS:
+        said = re.sub(pattern, words, said)
+    said = re.sub(r"^argument (\S+?/)?(?=\S+: )|^Error parsing (?=--)", "", said)
+    said = re.sub(r"^Error parsing (\w+): (\w+): ", r"--\1.\2: ", said)  # a group of flags
+    named = re.search(r" (for argument '(--[\w.-]+)')", said)
+    if named:
+        said = f"{named[2]}: {said.replace(named[0], '')}"
+    return said.rstrip(".")
+
+
+def _leaves(flags: object, name: str) -> Iterator[tuple[str, object]]:
+    """The values of a namespace or a dataclass, and those within them, each with its name."""
+    if isinstance(flags, Namespace):
+        inner = list(vars(flags).items())
+    elif dataclasses.is_dataclass(flags) and not isinstance(flags, type):
+        inner = [(field.name, getattr(flags, field.name)) for field in dataclasses.fields(flags)]
+    elif isinstance(flags, list | tuple):
+        for value in flags:
+            yield from _leaves(value, name)
+        return
+    else:
+        yield name, flags
+        return
+    for key, value in inner:
+        yield from _leaves(value, f"{name}.{key}" if name else key)
+
+
+def _check_flag(name: str, value: object, largest: Mapping[str, int]) -> None:
+    """Raise a `ParameterError` where no flag of any command may have this value."""
+    parts = name.split(".")
+    given = {word.partition("=")[0].replace("_", "-") for word in sys.argv}
+    for start in range(len(parts) - 1):  # the prefixes of groups may be left out
+        if f"--{'.'.join(parts[start:]).replace('_', '-')}" in given:
+            name = ".".join(parts[start:])
+            break
+    else:
+        name = parts[-1]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        high = largest.get(parts[-1], MAX_OF_FLAG.get(parts[-1], MAX_NUMBER))
+        got = f"got {value!s:.40}"
+        if not math.isfinite(value):
+            raise ParameterError(name, f"need a finite number, {got}")
+        if isinstance(value, int) and value < 0:
+            raise ParameterError(name, f"need at least 0, {got}")
+        if abs(value) > high:
+            raise ParameterError(name, f"need at most {high}, {got}")
+    flag = f"--{name.replace('_', '-')}"
+    shown = flag if flag in given else parts[-1].upper()  # an input that has no flag
+    if isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{shown}: not text in UTF-8; check the terminal's encoding") from None
+    if isinstance(value, Path) and value == Path() and _is_empty(flag):
+        raise InputError(f"{shown}: the name is empty; give the path of a file or folder")
+
+
+def _is_empty(flag: str) -> bool:
+    """Whether a flag, or an input that has none, is an empty text on the command line."""
+    if flag in sys.argv:
+        return (flag, "") in pairwise(sys.argv)
+    return f"{flag}=" in sys.argv or "" in sys.argv
 
 
 def _print_error(said: str) -> None:

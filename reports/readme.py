@@ -18,7 +18,7 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, choose, run_cli
+from link.errors import InputError, at_least, choose, read_flags, run_cli
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
@@ -128,7 +128,7 @@ class ReadmeConfig:
 
 def main() -> None:
     """Run the steps, keep their results, write the blocks."""
-    config = tyro.cli(ReadmeConfig)
+    config = read_flags(lambda: tyro.cli(ReadmeConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     whole: dict[tuple[str, ...], tuple[str, ...]] = {("all",): tuple(STEPS), ("none",): ()}

@@ -11,7 +11,7 @@ from typing import Any
 
 from export.locate.find import locate
 from export.overlay import outline_display
-from link.errors import InputError, run_cli
+from link.errors import InputError, read_flags, run_cli
 from link.images import MAX_MEGAPIXELS, pixel_limit, read_image, write_image
 from link.layout import Layout, read_layout
 
@@ -43,7 +43,7 @@ def main() -> None:
         help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
     )
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
-    args = parser.parse_args()
+    args = read_flags(parser.parse_args)
     pixel_limit(args.max_megapixels)  # a wrong limit is no error of each image
     layout, failed = layout_of(args.model, args.layout), False
     for path in args.images:

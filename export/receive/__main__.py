@@ -20,7 +20,7 @@ from export.receive.sources import CameraFrame, open_source
 from export.receive.track import Tracked
 from export.runtime import Decoder
 from link.code.authenticate import Verifier, read_key
-from link.errors import InputError, ParameterError, at_least, run_cli
+from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import make_folder, read_image, write_image
 from models import PRETRAINED
 
@@ -46,8 +46,10 @@ def main() -> None:
     )
     parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
     parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
-    args = parser.parse_args()
+    args = read_flags(parser.parse_args)
     at_least(1, threads=args.threads)
+    if "" in args.input:
+        raise InputError("INPUT: a name is empty; give a folder, a video, images or a camera")
     inbox = Inbox(args.out, make_verifier(args.key, args.max_age))
     decoder = Decoder(args.model, args.threads)
     if args.show is not None:

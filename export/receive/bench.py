@@ -16,7 +16,7 @@ import numpy as np
 from export.receive.receiver import Receiver
 from export.receive.sources import open_source
 from export.runtime import Decoder
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, at_least, read_flags, run_cli
 from models import PRETRAINED
 
 MODEL = PRETRAINED / "decoder.onnx"
@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--fps", type=float, help="camera frames a second, where INPUT is silent")
     parser.add_argument("--frames", type=int, default=300, help="at most")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")
-    args = parser.parse_args()
+    args = read_flags(parser.parse_args)
     at_least(1, threads=args.threads, frames=args.frames)
     cv2.setNumThreads(args.threads)
     source = open_source(args.input, args.fps)

@@ -8,14 +8,13 @@ import json
 import math
 import time
 from pathlib import Path
-from typing import NoReturn
 
 from export.send.pictures import open_pictures
 from export.send.write import check_out, write_loop
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
-from link.errors import InputError, ParameterError, at_least, run_cli
+from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.layout import Layout, make_layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
@@ -24,14 +23,6 @@ GRID = {"rows": 8, "cols": 8, "width": 512, "height": 384, "ratex": 5}
 """Flags that describe the usual layout, with their values where they are absent."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """An argument parser that raises an `InputError` where argparse prints its usage and exits."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raise an `InputError` with the message."""
-        raise InputError(f"{message}; see --help")
 
 
 def message_of(text: str | None, file: Path | None) -> bytes:
@@ -114,9 +105,9 @@ def states_per_second(hold: int, refresh: float, state_hz: float | None, kind: s
     return wanted
 
 
-def send_parser() -> OneLineParser:
+def send_parser() -> argparse.ArgumentParser:
     """Make the parser of the command line."""
-    parser = OneLineParser(prog="python -m export.send", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m export.send", description=main.__doc__)
     add = parser.add_argument
     add("pictures", type=Path, help="an image, a folder of images, or a video")
     add("--message", help="text to send")
@@ -141,7 +132,7 @@ def main() -> None:
 
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR and SSIM.
     """
-    args = send_parser().parse_args()
+    args = read_flags(send_parser().parse_args, counter=MAX_STAMP)
     kind = check_out(args.out)
     message = message_of(args.message, args.file)
     layout = choose_layout(args.layout, {name: getattr(args, name) for name in GRID})

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED_FILE
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.images import intensity, write_bytes
 from link.layout import block_mean, make_layout
 from link.ratex import tile_labels
@@ -334,7 +334,7 @@ def fit_nuisances(config: CalibrateConfig, falloff: dict[str, float]) -> dict[st
 
 def main() -> None:
     """Fit under every kind of threshold, keep the best, write it."""
-    config = tyro.cli(CalibrateConfig)
+    config = read_flags(lambda: tyro.cli(CalibrateConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     angles = fit_falloff(config)

@@ -18,7 +18,7 @@ from tqdm import tqdm
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, ParameterError, at_least, run_cli
+from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
 from models import PRETRAINED_CNN
@@ -62,7 +62,7 @@ class CnnTrainConfig:
 
 def main() -> None:
     """Simulate, train, save."""
-    config = tyro.cli(CnnTrainConfig)
+    config = read_flags(lambda: tyro.cli(CnnTrainConfig))
     at_least(1, episodes=config.episodes, rounds=config.rounds, epochs=config.epochs)
     at_least(1, batch=config.batch, jobs=config.jobs)
     at_least(0, seed=config.seed)

@@ -25,7 +25,7 @@ from export.locate.find import locate
 from export.locate.patches import image_pyramid
 from export.locate.refine import corners_on_patches
 from link.embed import embed
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, at_least, read_flags, run_cli
 from link.geometry import as_corners
 from link.images import IMAGE_SUFFIXES, read_image, write_bytes
 from link.layout import Layout, make_layout
@@ -342,7 +342,7 @@ def sighting_table(rows: list[dict[str, Any]]) -> Table:
 
 def main() -> None:
     """Photograph, look, print and write locate.json."""
-    config = tyro.cli(LocateConfig)
+    config = read_flags(lambda: tyro.cli(LocateConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     real = [] if config.photos is None else measure_photos(config.photos)

@@ -22,7 +22,7 @@ from data_gen.pictures.library import Picture
 from export.locate.candidates import gather_quadrilaterals
 from export.locate.edges import FEATURES
 from link.embed import embed
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import make_layout
 from reports.engine.backends import one_thread
@@ -188,7 +188,7 @@ def label_bare(task: tuple[int, int, int]) -> Labelled:
 
 def main() -> None:
     """Fit and print."""
-    config = tyro.cli(WeightsConfig)
+    config = read_flags(lambda: tyro.cli(WeightsConfig))
     at_least(1, scenes=config.scenes, collages=config.collages, jobs=config.jobs)
     at_least(0, seed=config.seed)
     bare = [

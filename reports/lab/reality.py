@@ -19,7 +19,7 @@ from data_gen.channel.transfer import cdtf
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.captures import load_capture, read_manifest
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, at_least, read_flags, run_cli
 from link.frames import Captured
 from link.images import LUMA, as_rgb, read_image, write_image
 from link.layout import make_layout
@@ -271,7 +271,7 @@ def write_private_picture(config: RealityConfig, source: Source) -> None:
 
 def main() -> None:
     """Measure, draw, write."""
-    config = tyro.cli(RealityConfig)
+    config = read_flags(lambda: tyro.cli(RealityConfig))
     at_least(1, frames=config.frames)
     if not config.data.is_dir():
         raise InputError(f"--data: {config.data} is not a folder")

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from export.locate.find import locate
 from export.send.write import SENT
 from link.captures import MANIFEST
-from link.errors import InputError, run_cli
+from link.errors import InputError, read_flags, run_cli
 from link.images import image_files, intensity, read_image, write_bytes
 from link.layout import Layout, block_mean
 
@@ -44,7 +44,7 @@ class RecordedConfig:
 
 def main() -> None:
     """Locate, read what was sent, write the manifest."""
-    config = tyro.cli(RecordedConfig)
+    config = read_flags(lambda: tyro.cli(RecordedConfig))
     layout, kappa = read_sent(config.sent)
     states = sorted(config.sent.glob("state_*.png"))
     if not config.photos.is_dir():

@@ -19,7 +19,7 @@ import numpy.typing as npt
 import scipy.io
 import tyro
 
-from link.errors import InputError, run_cli
+from link.errors import InputError, read_flags, run_cli
 
 Array = npt.NDArray[np.float64]
 """Numbers of any shape."""
@@ -194,4 +194,4 @@ def main(config: SpectraConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_cli(lambda: main(tyro.cli(SpectraConfig)))
+    run_cli(lambda: main(read_flags(lambda: tyro.cli(SpectraConfig))))

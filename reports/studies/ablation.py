@@ -18,7 +18,7 @@ import tyro
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, choose, each_once, run_cli
+from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -68,7 +68,7 @@ class AblationConfig:
 
 def main() -> None:
     """Decode, compare, write, print."""
-    config = tyro.cli(AblationConfig)
+    config = read_flags(lambda: tyro.cli(AblationConfig))
     check_flags(config)
     base = Source(make_layout(), "test", config.seed)
     conditions = [

@@ -13,7 +13,7 @@ from typing import Literal
 import tyro
 
 from data_gen.frame_pair import Source
-from link.errors import InputError, at_least, each_once, run_cli
+from link.errors import InputError, at_least, each_once, read_flags, run_cli
 from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.methods import Method, methods_for
@@ -51,7 +51,7 @@ class ChannelConfig:
 
 def main() -> None:
     """Time, draw, decode, write."""
-    config = tyro.cli(ChannelConfig)
+    config = read_flags(lambda: tyro.cli(ChannelConfig))
     each_once(only=config.only)
     at_least(1, frames=config.frames, timed=config.timed, jobs=config.jobs)
     at_least(0, seed=config.seed)

@@ -29,7 +29,7 @@ from export.runtime import Decoder
 from export.to_onnx import to_onnx
 from link.code.framing import encode
 from link.embed import embed
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -328,7 +328,7 @@ def delivery_block(folder: Path) -> str:
 
 def main() -> None:
     """Film, receive, store, print."""
-    config = tyro.cli(DeliveryConfig)
+    config = read_flags(lambda: tyro.cli(DeliveryConfig))
     at_least(1, runs=config.runs, jobs=config.jobs, n_bytes=config.n_bytes)
     at_least(0, seed=config.seed)
     model = receiver_model(config)

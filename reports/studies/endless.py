@@ -31,7 +31,7 @@ from export.runtime import Decoder
 from link.code.collect import Collector
 from link.code.framing import encode
 from link.embed import embed
-from link.errors import InputError, at_least, choose, each_once, run_cli
+from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -304,7 +304,7 @@ def collector_tables(starts: list[FalseStarts], delays: dict[float, list[float]]
 
 def main() -> None:
     """Measure, print, write endless.json and endless.png."""
-    config = tyro.cli(EndlessConfig)
+    config = read_flags(lambda: tyro.cli(EndlessConfig))
     each_once(streams=config.streams)
     at_least(BLOCKS, frames=config.frames)
     at_least(1, scores=config.scores, changes=config.changes)

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from link.code.framing import SIGNATURE, decode, encode
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from reports.engine.digest import code_digest, package_versions
@@ -293,7 +293,7 @@ def framing_figure(rows: list[dict[str, Any]]) -> Figure:
 
 def main() -> None:
     """Measure, print, write framing.json and framing.png."""
-    config = tyro.cli(FramingConfig)
+    config = read_flags(lambda: tyro.cli(FramingConfig))
     at_least(1, trials=config.trials, n_bytes=config.n_bytes, jobs=config.jobs)
     at_least(0, seed=config.seed)
     codes: list[str] = []

@@ -18,7 +18,7 @@ from tqdm import trange
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models.neural.checkpoint import save_checkpoint
@@ -62,7 +62,7 @@ class LeaveOneOutConfig:
 
 def main() -> None:
     """Train, decode, print."""
-    config = tyro.cli(LeaveOneOutConfig)
+    config = read_flags(lambda: tyro.cli(LeaveOneOutConfig))
     at_least(1, episodes=config.episodes, steps=config.steps, frames=config.frames)
     at_least(1, jobs=config.jobs)
     at_least(0, seed=config.seed)

@@ -19,7 +19,7 @@ from scipy.stats import spearmanr
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import FITTED_FILE, PAIRS
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.layout import make_layout
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells, predict_all
@@ -297,7 +297,7 @@ def prediction_blocks(stored: Path) -> dict[str, str]:
 
 def main() -> None:
     """Predict, compare, write the numbers, the picture and the page's blocks."""
-    config = tyro.cli(PredictionConfig)
+    config = read_flags(lambda: tyro.cli(PredictionConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, variant_frames=config.variant_frames, train_frames=config.train_frames)
     at_least(0, seed=config.seed)

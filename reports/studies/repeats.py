@@ -14,7 +14,7 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
-from link.errors import at_least, each_once, run_cli
+from link.errors import at_least, each_once, read_flags, run_cli
 from link.frames import combined
 from link.images import write_bytes
 from link.layout import make_layout
@@ -68,7 +68,7 @@ class RepeatedPair:
 
 def main() -> None:
     """Film, decode, add, print."""
-    config = tyro.cli(RepeatsConfig)
+    config = read_flags(lambda: tyro.cli(RepeatsConfig))
     each_once(conditions=config.conditions, captures=config.captures)
     at_least(1, frames=config.frames, captures=min(config.captures), jobs=config.jobs)
     at_least(0, seed=config.seed)

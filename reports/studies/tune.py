@@ -14,7 +14,7 @@ import pandas as pd
 import tyro
 
 from data_gen.frame_pair import Source
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from reports.engine.methods import Method
@@ -56,7 +56,7 @@ class TuneConfig:
 
 def main() -> None:
     """Decode, rank, write."""
-    config = tyro.cli(TuneConfig)
+    config = read_flags(lambda: tyro.cli(TuneConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     source = Source(make_layout(), "train", config.seed)

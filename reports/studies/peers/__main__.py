@@ -17,7 +17,7 @@ import tyro
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Source
 from link.embed import check_kappa
-from link.errors import InputError, at_least, choose, run_cli
+from link.errors import InputError, at_least, choose, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
@@ -74,7 +74,7 @@ class PeersConfig:
 
 def main() -> None:
     """Embed, film, read, print."""
-    config = tyro.cli(PeersConfig)
+    config = read_flags(lambda: tyro.cli(PeersConfig))
     source = Source(make_layout(), "test", config.seed, parameters=(("corner_px", 0.0),))
     readings = read_all(config, source, check_systems(config, source))
     lines = [json.dumps(reading, allow_nan=False) + "\n" for reading in readings]
