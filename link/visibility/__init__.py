@@ -1,0 +1,1 @@
+"""What a message does to the light of a display over time, and whether an eye sees it."""
