@@ -131,7 +131,7 @@ def flicker_sensitivity(
         ParameterError: the luminance is too small, or the rectangle has no area.
 
     >>> flicker_sensitivity([15, 60], 100, 6, 3.5).round(3)  # the authors' code: 247.655, 3.06588
-    array([247.656,   3.066])
+    array([247.655,   3.066])
     """
     for name, value in (("width_deg", width_deg), ("height_deg", height_deg)):
         if not value > 0:

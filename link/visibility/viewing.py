@@ -1,0 +1,143 @@
+"""A display, a viewer and a picture: from gray levels to light, and from metres to degrees."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from link.errors import ParameterError
+
+Numbers = NDArray[np.float64]
+"""Array of real numbers."""
+LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
+"""Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
+METRES_PER_INCH = 0.0254
+"""Length of an inch in metres."""
+Where = Literal["block", "screen"]
+"""What flickers: one block alone, or all blocks of the display in phase."""
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """A message on a display, and who looks at it.
+
+    The defaults are the display "standard_fhd" of ColorVideoVDP (Mantiuk et al., SIGGRAPH 2024,
+    https://doi.org/10.1145/3658144): 24 inches, 200 cd/m², contrast 1000, an office of 250 lux of
+    which a surface with 0.5 % reflectance sends back 0.4 cd/m², seen from 0.6 m.
+
+    Raises:
+        ParameterError: a value is out of range, or a state does not last a whole number of
+            refreshes.
+    """
+
+    rows: int = 8
+    """Number of blocks from top to bottom."""
+    cols: int = 8
+    """Number of blocks from left to right."""
+    kappa: float = 3.0
+    """Number of gray levels between the two states of a toggle."""
+    states_hz: float = 60.0
+    """Number of states that are shown a second; a frame pair is two states."""
+    refresh_hz: float = 60.0
+    """Number of times a second that the display shows a new frame, and holds it until the next."""
+    picture_level: float = 128.0
+    """Gray level of the picture below the message, in [0, 255]."""
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Gray levels by which red, green and blue change for each gray level of kappa."""
+    diagonal_inch: float = 24.0
+    """Diagonal of the display, in inches."""
+    aspect: float = 16 / 9
+    """Width of the display over its height."""
+    distance_m: float = 0.6
+    """Distance of the eye from the display, in metres."""
+    white_cd_m2: float = 200.0
+    """Luminance of the display's white, in cd/m²."""
+    black_cd_m2: float = 0.2
+    """Luminance of the display's black in a dark room, in cd/m²."""
+    ambient_cd_m2: float = 0.4
+    """Luminance of the room's light that the surface sends back, in cd/m²."""
+    gamma: float | None = None
+    """Exponent of the display's curve, such as 2.2; None for sRGB's curve (IEC 61966-2-1)."""
+    gazes_deg: tuple[float, ...] = (0.0, 2.0, 4.0, 7.0, 10.0, 15.0)
+    """Angles, in degrees, between the line of sight and the centre of a block that are tried, and
+    of which the most visible counts; beside the line of sight the eye sees fast flicker better."""
+
+    def __post_init__(self) -> None:
+        whole = {"rows": self.rows, "cols": self.cols}
+        for name, count in whole.items():
+            if count < 1 or count != int(count):
+                raise ParameterError(name, f"need a whole number of at least 1, got {count}")
+        positive = {
+            "states_hz": self.states_hz,
+            "refresh_hz": self.refresh_hz,
+            "diagonal_inch": self.diagonal_inch,
+            "aspect": self.aspect,
+            "distance_m": self.distance_m,
+            "white_cd_m2": self.white_cd_m2,
+            "gamma": 1.0 if self.gamma is None else self.gamma,
+        }
+        for name, value in positive.items():
+            if not 0 < value < math.inf:
+                raise ParameterError(name, f"need a number above 0, got {value}")
+        for name, value in {"black_cd_m2": self.black_cd_m2, "kappa": self.kappa}.items():
+            if not 0 <= value < math.inf:
+                raise ParameterError(name, f"need a number of at least 0, got {value}")
+        if not 0 <= self.ambient_cd_m2 < math.inf:
+            raise ParameterError("ambient_cd_m2", f"need at least 0, got {self.ambient_cd_m2}")
+        if not 0 <= self.picture_level <= 255:
+            raise ParameterError("picture_level", f"need 0 to 255, got {self.picture_level}")
+        if not self.gazes_deg or not all(0 <= gaze < 90 for gaze in self.gazes_deg):
+            raise ParameterError("gazes_deg", f"need angles from 0 to 90, got {self.gazes_deg}")
+        if abs(self.refresh_hz / self.states_hz - self.refreshes) > 1e-6 or self.refreshes < 1:
+            raise ParameterError(
+                "states_hz",
+                f"{self.states_hz:g} states a second do not fit {self.refresh_hz:g} refreshes; "
+                "choose the refresh rate or a whole part of it",
+            )
+
+    @property
+    def refreshes(self) -> int:
+        """Number of refreshes for which each state is shown."""
+        return round(self.refresh_hz / self.states_hz)
+
+    def degrees(self, where: Where) -> tuple[float, float]:
+        """Find the width and height of a block or of the display, in degrees, seen head-on."""
+        height = self.diagonal_inch * METRES_PER_INCH / math.hypot(1, self.aspect)
+        cols, rows = (self.cols, self.rows) if where == "block" else (1, 1)
+        sides = (height * self.aspect / cols, height / rows)
+        width_deg, height_deg = (
+            math.degrees(2 * math.atan(side / 2 / self.distance_m)) for side in sides
+        )
+        return width_deg, height_deg
+
+    def gray_levels(self, amplitudes: ArrayLike) -> Numbers:
+        """Add a message to the picture.
+
+        Args:
+            amplitudes: (T,) what a line code shows, in units of kappa.
+
+        Returns:
+            (T, 3) levels of red, green and blue, clipped to [0, 255], not rounded: the average
+            over pictures and blocks is the same.
+        """
+        added = self.kappa * np.asarray(amplitudes, np.float64)[:, None] * np.array(self.colour)
+        return np.asarray(np.clip(self.picture_level + added, 0, 255))
+
+    def light(self, levels: ArrayLike) -> Numbers:
+        """Turn gray levels into the light of the display and of the room.
+
+        Args:
+            levels: (..., 3) of red, green and blue in [0, 255].
+
+        Returns:
+            (..., 3) linear; each channel times its share of `LUMINANCE_FROM_RGB` gives cd/m².
+        """
+        shares = np.asarray(levels, np.float64) / 255
+        if self.gamma is not None:
+            linear = shares**self.gamma
+        else:
+            linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+        span = self.white_cd_m2 - self.black_cd_m2
+        return np.asarray(self.black_cd_m2 + self.ambient_cd_m2 + span * linear)
