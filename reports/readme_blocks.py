@@ -11,7 +11,7 @@ from typing import Any
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores, wilson
 from reports.studies.delivery import delivery_block
-from reports.studies.peers.page import OURS, best_readings, peer_rows, peers_block
+from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks
 
 HARDER = {
@@ -153,7 +153,7 @@ def _repeated(docs: Path) -> list[str]:
 
 def _other_systems(docs: Path) -> list[str]:
     content = _read(docs / "peers.json")
-    rows = best_readings(peer_rows(content))
+    rows = best_readings(read_peers(docs / "peers.json").rows)
     parts = []
     for name in dict.fromkeys(row.method for row in rows):
         usual = "κ 3" if name in OURS else "default"

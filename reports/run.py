@@ -17,23 +17,27 @@ import json
 import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import pandas as pd
-from pydantic import Field, FiniteFloat, TypeAdapter, ValidationError
+from pydantic import Field
 
-from link.embed import MAX_KAPPA
-from link.errors import InputError
+from link.errors import InputError, ParameterError
+from link.files.lock import LOCK
 from link.images import make_folder, write_bytes
-from link.outside import inside, is_file, read_json, read_json_lines
+from link.outside import inside, is_file, read_json
+from reports.engine.checked import Count, Number, checked
 from reports.engine.digest import ROOT
-from reports.engine.provenance import commit, machine
-from reports.engine.records import to_lines, to_records, write_lines
+from reports.engine.provenance import Machine, Making, commit, machine
+from reports.engine.records import read_predictions, to_lines, write_lines
 from reports.score.accuracy import read_scores, score, write_scores
 
 T = TypeVar("T")
+Multiple = Annotated[float, Field(ge=1e-6, le=1e9)]
+"""Type of a multiple of a time, which charts show on a logarithmic axis."""
+MAX_PICTURE_BYTES = 64 * 2**20
+"""Largest size, in bytes, of a picture of a stored run that the report shows."""
 REFERENCES = {
     "ablation": "docs/ablation.json",
     "peers": "docs/peers.json",
@@ -47,7 +51,7 @@ REPORT = "report.html"
 class SweepPoint:
     """One value of a sweep."""
 
-    value: float
+    value: Number
     """In the unit of the channel's parameter."""
     condition: str
     """Name of the condition in the table of predictions."""
@@ -66,15 +70,19 @@ class SweepCurve:
     """What a reader must know beside the axis; may be empty."""
     log: bool
     """Whether the axis is logarithmic."""
-    scale: float
+    scale: Number
     """Factor from a value to its number on the axis."""
     spoken: str
     """A value in words, with {} in place of its number on the axis."""
     points: list[SweepPoint]
 
+    def __post_init__(self) -> None:
+        if self.log and not all(self.scale * point.value > 0 for point in self.points):
+            raise ValueError("a logarithmic axis needs values above 0")
+
     def words(self, value: float) -> str:
         """A value of the sweep in words."""
-        return self.spoken.format(f"{self.scale * value:.4g}")
+        return self.spoken.replace("{}", f"{self.scale * value:.4g}")
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,7 @@ class Story:
     """File in the run's folder, and caption."""
     reason: str = ""
     """Why bits are wrong, in a sentence; empty for a typical frame pair."""
-    measured: dict[str, tuple[float, float]] = field(default_factory=dict)
+    measured: dict[str, tuple[Number, Number]] = field(default_factory=dict)
     """By quantity its mean size in the wrong and in the other blocks, gray levels."""
 
 
@@ -99,61 +107,46 @@ class Response:
     """The true camera-display transfer function of a frame pair, and what each method finds."""
 
     pair: str
-    view_deg: float
-    kappa: int
-    index: int
-    displayed: list[float]
+    view_deg: Number
+    kappa: Count
+    index: Count
+    displayed: Annotated[list[Number], Field(min_length=1)]
     """Displayed gray levels of uniform frames."""
-    median: list[float]
+    median: list[Number]
     """Captured luma of these frames, gray levels: median over the picture."""
-    low: list[float]
+    low: list[Number]
     """Captured luma of these frames, gray levels: 10th percentile over the picture."""
-    high: list[float]
+    high: list[Number]
     """Captured luma of these frames, gray levels: 90th percentile over the picture."""
-    found: dict[str, list[tuple[float, float]]]
+    found: dict[str, list[tuple[Number, Number]]]
     """By method: (displayed, captured) gray levels, over what the ratex tiles cover."""
-    error: dict[str, float]
+    error: dict[str, Number]
     """By method: root mean square error, in displayed gray levels, of the levels that the method
     finds for the captured levels of the true curve."""
+
+    def __post_init__(self) -> None:
+        if len({len(self.displayed), len(self.median), len(self.low), len(self.high)}) != 1:
+            raise ValueError("displayed, median, low and high have different lengths")
 
 
 @dataclass(frozen=True)
 class Cost:
     """Time to fit and decide a frame pair, as a multiple of a reference in the same round."""
 
-    rounds: int
+    rounds: Count
     reference: str
-    reference_ms: float
+    reference_ms: Number
     """Median time of the reference, milliseconds."""
-    ratios: dict[str, tuple[float, float, float]]
+    ratios: dict[str, tuple[Multiple, Multiple, Multiple]]
     """By method: lower quartile, median and upper quartile of the multiple."""
 
 
 @dataclass(frozen=True)
-class Prediction:
-    """One line of predictions.jsonl or sweeps.jsonl, against which stored lines are checked."""
+class UsedCheckpoints:
+    """The part of a run's settings that the report takes apart."""
 
-    method: str
-    pair: str
-    view_deg: FiniteFloat | None
-    kappa: Annotated[int, Field(ge=1, le=MAX_KAPPA)] | None
-    picture: str | None
-    index: Annotated[int, Field(ge=0, lt=2**31)]
-    scores: list[FiniteFloat]
-    """Score of each message bit, in log-likelihood units."""
-    bits: list[Annotated[int, Field(ge=-1, le=1)]]
-    """True bits, and -1 where one is not known."""
-    condition: str = ""
-    """Name of the condition; empty in the main comparison."""
-
-
-@dataclass(frozen=True)
-class Making:
-    """What every stored result says of its making, against which ``About.meta`` is checked."""
-
-    seed: Annotated[int, Field(ge=0)]
-    simulated: bool
-    command: str
+    checkpoints: dict[str, str] = field(default_factory=dict)
+    """Digest of the checkpoint by method; empty where it has none."""
 
 
 @dataclass(frozen=True)
@@ -164,11 +157,10 @@ class About:
     """What `reports.engine.provenance.provenance` says."""
     commit: str
     """Commit of the checkout; empty where there is no git."""
-    machine: dict[str, Any]
-    """What `reports.engine.provenance.machine` says."""
+    machine: Machine
     settings: dict[str, Any]
     """Content of config.json."""
-    seconds: dict[str, float]
+    seconds: dict[str, Number]
     """Time by what took it, seconds."""
     notes: list[str]
     """What a reader must know: methods that were left out, cells that failed."""
@@ -190,8 +182,8 @@ class Run:
     stories: list[Story]
     responses: list[Response]
     cost: Cost | None
-    references: dict[str, dict[str, Any]]
-    """Results of other commands, by the names of `REFERENCES`."""
+    references: dict[str, Path]
+    """Files of results of other commands, by the names of `REFERENCES`; those that are there."""
 
     @property
     def seed(self) -> int:
@@ -238,10 +230,10 @@ class RunFolder:
         make_folder(self.path)
         file = self.path / "config.json"
         text = (json.dumps(settings, indent=2, default=str) + "\n").encode()
-        holds_results = any(other != file for other in self.path.iterdir())
+        holds_results = any(other.name not in (file.name, LOCK) for other in self.path.iterdir())
         if file.is_file() and file.read_bytes() != text and holds_results:
-            raise InputError(
-                f"--out: {self.path} holds a run with other settings; choose another folder"
+            raise ParameterError(
+                "out", f"{self.path} holds a run with other settings; choose another folder"
             )
         write_bytes(file, text)
         self.settings = json.loads(text)
@@ -312,31 +304,32 @@ class RunFolder:
                 f"{self.path}: holds no finished run; first python evaluate.py --out {self.path}"
             )
         try:
-            records = self._read_predictions("predictions.jsonl")
+            records = read_predictions(self.path / "predictions.jsonl")
             run = Run(
                 folder=self.path,
                 about=self._read("run.json", About),
                 records=records,
                 scores=score(records),
-                swept=self._read_predictions("sweeps.jsonl")
+                swept=read_predictions(self.path / "sweeps.jsonl")
                 if is_file(self.path / "sweeps.jsonl")
                 else records[:0],
                 sweeps=self._read_list("sweeps.json", SweepCurve),
                 stories=self._read_list("stories.json", Story),
                 responses=self._read_list("response.json", Response),
-                cost=self._read("cost.json", Cost) if (self.path / "cost.json").is_file() else None,
+                cost=self._read("cost.json", Cost) if is_file(self.path / "cost.json") else None,
                 references={
-                    name: self._read(f"reference/{name}.json", dict[str, Any])
+                    name: self.path / "reference" / f"{name}.json"
                     for name in REFERENCES
-                    if (self.path / "reference" / f"{name}.json").is_file()
+                    if is_file(self.path / "reference" / f"{name}.json")
                 },
             )
-            _checked(Making, run.about.meta, "run.json, meta")
+            checked(Making, run.about.meta, "run.json, meta")
+            checked(UsedCheckpoints, run.about.settings, "run.json, settings")
             for story in run.stories:
                 for picture, _ in story.pictures:
                     inside(self.path, picture, f"stories.json, {story.title:.60}")
             stored, _ = read_scores(self.path / "metrics.json")
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, InputError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
                 f"{self.path}: a file of the run is missing or damaged ({reason:.300})"
@@ -351,37 +344,10 @@ class RunFolder:
         text = json.dumps(content, indent=1, default=str, allow_nan=False) + "\n"
         write_bytes(self.path / name, text.encode())
 
-    def _read_predictions(self, name: str) -> pd.DataFrame:
-        """The table of a file of predictions, each line checked."""
-        lines = []
-        for where, line in read_json_lines(self.path / name):
-            prediction = _checked(Prediction, line, where)
-            if len(prediction.scores) != len(prediction.bits):
-                raise ValueError(f"{where}: has not as many scores as bits")
-            lines.append(line)
-        return to_records(lines)
-
     def _read_list(self, name: str, kind: type[T]) -> list[T]:
         """Content of a file that holds a list; empty where there is no such file."""
-        return self._read(name, list[kind]) if (self.path / name).is_file() else []  # type: ignore[valid-type]
+        return self._read(name, list[kind]) if is_file(self.path / name) else []  # type: ignore[valid-type]
 
     def _read(self, name: str, kind: type[T]) -> T:
         """Content of a file, checked against its type."""
-        return _checked(kind, read_json(self.path / name), name)
-
-
-def _checked(kind: type[T], content: Any, where: str) -> T:
-    """Content of a file as the type that it must have; the error names the key."""
-    try:
-        checked: T = _adapter(kind).validate_python(content)  # type: ignore[arg-type]
-    except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, first["loc"]))
-        raise ValueError(f"{where}, {key}: {first['msg']}") from None
-    return checked
-
-
-@cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    """The checks of a type, made once."""
-    return TypeAdapter(kind)
+        return checked(kind, read_json(self.path / name), name)

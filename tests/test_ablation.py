@@ -16,7 +16,12 @@ from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.records import to_records
 from reports.studies import ablation
 from reports.studies.ablation import compare_rows
-from reports.studies.ablation_page import ablation_figure, ablation_tables, read_entries
+from reports.studies.ablation_page import (
+    Ablation,
+    ablation_figure,
+    ablation_tables,
+    read_ablation,
+)
 from reports.studies.switches import ADDED, FLOORS, REMOVED, ROWS, row_method
 
 NOWHERE = Path("nowhere")
@@ -73,18 +78,20 @@ def lines(method: str, wrong: int, condition: str = "jpeg") -> list[dict[str, An
     return [{**line, "index": index} for index in range(6)]
 
 
-def content_of(*predictions: list[dict[str, Any]]) -> dict[str, Any]:
+def stored_ablation(folder: Path, *predictions: list[dict[str, Any]]) -> Ablation:
     """What ablation.json would hold, read back from strict JSON."""
     records = to_records([line for mine in predictions for line in mine])
-    content = {"meta": {"settings": {"frames": 6}}, **compare_rows(records, 0)}
-    return dict(json.loads(json.dumps(content, allow_nan=False)))
+    meta = {"seed": 0, "simulated": True, "command": "python", "settings": {"frames": 6}}
+    content = {"meta": meta, **compare_rows(records, 0)}
+    (folder / "ablation.json").write_text(json.dumps(content, allow_nan=False))
+    return read_ablation(folder / "ablation.json")
 
 
-def test_an_entry_states_error_difference_and_multiple() -> None:
-    content = content_of(
-        lines("oorc", 3), lines("full", 2), lines("full-rows", 3), lines("ideal", 1)
+def test_an_entry_states_error_difference_and_multiple(tmp_path: Path) -> None:
+    stored = stored_ablation(
+        tmp_path, lines("oorc", 3), lines("full", 2), lines("full-rows", 3), lines("ideal", 1)
     )
-    _, removed, _ = ablation_tables(content)
+    _, removed, _ = ablation_tables(stored)
     page = removed.markdown().splitlines()
     assert page[0] == "Removed from the full decoder"
     assert page[2] == "| row, against full | jpeg, 24 bits |"
@@ -94,22 +101,27 @@ def test_an_entry_states_error_difference_and_multiple() -> None:
         "| ideal | 25.00 (+25.00, +25.00 to +25.00) |",
     ]
     assert [row[1].tint for row in removed.cells] == ["", "bad", "good"]
-    by_row = {entry.row: entry for entry in read_entries(content)}
+    by_row = {entry.row: entry for entry in stored.entries}
     assert set(by_row["oorc"].against) == {"full", "ideal"}
     assert by_row["full"].ci_low < 0.5 < by_row["full"].ci_high
-    assert [asdict(entry) for entry in read_entries(content)] == content["entries"]
+    written = json.loads((tmp_path / "ablation.json").read_text())["entries"]
+    assert [asdict(entry) for entry in stored.entries] == written
 
 
-def test_cells_behind_oorc_are_named() -> None:
-    content = content_of(
-        lines("oorc", 1), lines("full", 2), lines("oorc", 2, "shift"), lines("full", 1, "shift")
+def test_cells_behind_oorc_are_named(tmp_path: Path) -> None:
+    stored = stored_ablation(
+        tmp_path,
+        lines("oorc", 1),
+        lines("full", 2),
+        lines("oorc", 2, "shift"),
+        lines("full", 1, "shift"),
     )
-    (cell,) = content["behind_oorc"]
+    (cell,) = json.loads((tmp_path / "ablation.json").read_text())["behind_oorc"]
     place = {name: cell[name] for name in ("row", "condition", "pair", "view_deg", "kappa")}
     assert place == {
         "row": "full", "condition": "jpeg", "pair": "canon-lg", "view_deg": 0.0, "kappa": 3,
     }  # fmt: skip
-    whole = ablation_tables(content)[-1].markdown().splitlines()
+    whole = ablation_tables(stored)[-1].markdown().splitlines()
     assert whole[4:] == [
         "| full | jpeg | 2.00 | 2.00 to 2.00 | 1 of 1: canon-lg 0° κ 3: -25.00, -25.00 to -25.00 |",
         "| full | shift | 0.50 | 0.50 to 0.50 | 0 of 1 |",
@@ -118,14 +130,14 @@ def test_cells_behind_oorc_are_named() -> None:
 
 @pytest.mark.slow
 def test_the_shipped_ablation_makes_tables_and_a_figure() -> None:
-    content = json.loads(Path("docs/ablation.json").read_text())
-    added, removed, whole = ablation_tables(content)
-    rows = {entry["row"] for entry in content["entries"]}
-    conditions = {entry["condition"] for entry in content["entries"]}
+    stored = read_ablation(Path("docs/ablation.json"))
+    added, removed, whole = ablation_tables(stored)
+    rows = {entry.row for entry in stored.entries}
+    conditions = {entry.condition for entry in stored.entries}
     assert {row[0] for row in [*added.rows, *removed.rows]} == rows
     assert len(added.heads) == len(removed.heads) == 1 + len(conditions)
     assert len(whole.rows) == 2 * len(conditions)
-    figure = ablation_figure(content)
+    figure = ablation_figure(stored)
     assert len(figure.axes) == 2 * len(conditions)
     dots = {text.get_text() for axes in figure.axes for text in axes.get_yticklabels()}
     assert dots == rows - {"oorc"}

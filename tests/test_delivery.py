@@ -12,6 +12,7 @@ from tolerances import FLOAT64
 
 from link.errors import InputError
 from link.layout import make_layout
+from reports.engine.checked import seal
 from reports.engine.stored import all_results, each_result, resume
 from reports.readme import DOCS
 from reports.studies import delivery, framing
@@ -38,10 +39,27 @@ def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
 def test_what_is_stored_is_not_computed_again(tmp_path: Path) -> None:
     file = tmp_path / "made" / "double.jsonl"
     assert resume(double, {"one": 1}, file, 1, "double") == {"one": 2}
-    stored = file.read_text()
-    file.write_text(stored.replace("2", "7"))
+    file.write_text(seal({"name": "one", "result": 7}))
     found = resume(double, {"two": 2, "one": 1}, file, 1, "double")
     assert list(found.items()) == [("two", 4), ("one", 7)]
+
+
+DAMAGED = ["", "{}", "[]", "null", "2", '{"name": "one"}', '{"name": "one", "result": 7}', "NaN"]
+DAMAGED += ['{"name": "one", "result": NaN}', "[" * 10**5, "\xff", '{"name": 1, "result": 2}']
+
+
+@pytest.mark.parametrize("line", DAMAGED, ids=lambda line: line[:20])
+def test_a_damaged_line_is_made_again(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "double.jsonl"
+    items = {"one": 1, "two": 2}
+    resume(double, items, file, 1, "double")
+    whole = file.read_bytes()
+    first, second = whole.splitlines(keepends=True)
+    file.write_bytes(line.encode("latin-1") + b"\n" + second)
+    assert resume(double, items, file, 1, "double") == {"one": 2, "two": 4}
+    assert file.read_bytes() == second + first
+    file.write_bytes(first.replace(b'"result": 2', b'"result": 3') + second)
+    assert resume(double, items, file, 1, "double") == {"one": 2, "two": 4}
 
 
 def test_a_line_that_was_cut_off_is_made_again(tmp_path: Path) -> None:

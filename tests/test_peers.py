@@ -24,7 +24,7 @@ from reports.engine.methods import Method
 from reports.studies.peers import adapters
 from reports.studies.peers.__main__ import main
 from reports.studies.peers.adapters import IMPORTED, Peer, make_peers
-from reports.studies.peers.page import count_readings, peer_rows, peers_figure, peers_table
+from reports.studies.peers.page import count_readings, peers_figure, peers_table, read_peers
 from reports.studies.peers.study import (
     JPEG,
     NO_CHANNEL,
@@ -210,7 +210,7 @@ def test_the_command_writes_page_numbers_and_picture(tmp_path: Path, command: Co
     predictions = [
         json.loads(line) for line in (tmp_path / "predictions.jsonl").read_text().splitlines()
     ]
-    rows = peer_rows(content)
+    rows = read_peers(tmp_path / "peers.json").rows
     assert count_readings([Reading(**line) for line in predictions]) == rows
     assert len(peers_figure(rows).axes) == 3
     page = (tmp_path / "peers.md").read_text()

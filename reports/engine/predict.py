@@ -1,13 +1,13 @@
 """The one loop of every study: conditions x methods -> predictions, stored cell by cell.
 
 Each cell of each method is one file, named after all that decides what it holds (`fingerprint`).
-A run that was cut off goes on with the cells that are missing, and a method that is new or has
-changed costs no other method its results.
+A run that was cut off goes on with the cells that are missing or damaged, and a method that is new
+or has changed costs no other method its results.
 """
 
 import hashlib
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,14 @@ from tqdm import tqdm
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import load_capture, read_manifest
 from link.errors import InputError, UnsuitedError
+from link.files.lock import locked
 from link.images import write_bytes
-from reports.engine.backends import Backend, Outcome, one_thread, run_tasks
+from reports.engine.backends import DIED, Backend, one_thread, run_tasks
 from reports.engine.digest import code_digest, file_digest, package_versions
 from reports.engine.methods import Method
-from reports.engine.records import read_lines, to_line, to_records, write_lines
+from reports.engine.records import read_sealed, seal_lines, to_line, to_records
 
-STORED_VERSION = 1
+STORED_VERSION = 2
 """Raise it when `decode_cell` changes what it stores, so that older files are not read again."""
 Line = dict[str, Any]
 
@@ -93,7 +94,40 @@ def predict(
         pictures last, and what failed; the next run tries the failed cells again.
 
     Raises:
-        InputError: no cell could be decoded, or the backend cannot be had.
+        InputError: no cell could be decoded, the backend cannot be had, or another process writes
+            the folder.
+    """
+    with locked(folder):
+        found, failed = _decode_missing(conditions, methods, folder, backend)
+    total = sum(len(condition.cells) for condition in conditions)
+    if total and len(failed) == total:
+        raise InputError(next(iter(failed.values())))
+    ordered = sorted(methods, key=lambda method: method.card.hidden)
+    tables = []
+    for condition in conditions:
+        lines = [
+            line
+            for cell in condition.cells
+            if (condition.name, cell) not in failed
+            for line in _by_frame({m.label: found[condition.name, cell, m.label] for m in ordered})
+        ]
+        tables.append(to_records(lines, condition.name))
+    reports = [
+        f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}: {why}"
+        for (name, cell), why in failed.items()
+    ]
+    records = pd.concat(tables, ignore_index=True) if tables else to_records([])
+    return Predicted(records, sorted(reports))
+
+
+def _decode_missing(
+    conditions: Sequence[Condition], methods: Sequence[Method], folder: Path, backend: Backend
+) -> tuple[dict[tuple[str, Cell, str], list[Line]], dict[tuple[str, Cell], str]]:
+    """Decode the cells that are not stored yet, or whose files are damaged, and store them.
+
+    Returns:
+        predictions by the condition's name, the cell and the method's label; and for each cell that
+        failed the reason, with the file of its traceback.
     """
     marks = {
         (condition.name, method.label): fingerprint(condition.source, condition.frames, method)
@@ -105,12 +139,15 @@ def predict(
         mark = marks[condition.name, method.label][:16]
         return folder / "cells" / mark / f"{cell.pair}_{cell.view_deg:g}_{cell.kappa}.jsonl"
 
+    found: dict[tuple[str, Cell, str], list[Line]] = {}
     tasks = []
     for condition in conditions:
         for cell in condition.cells:
-            missing = tuple(
-                m for m in methods if not _is_whole(file_of(condition, cell, m), condition.frames)
-            )
+            for method in methods:
+                stored = _stored(file_of(condition, cell, method), condition, cell, method)
+                if stored is not None:
+                    found[condition.name, cell, method.label] = stored
+            missing = tuple(m for m in methods if (condition.name, cell, m.label) not in found)
             if missing:
                 own = tuple(marks[condition.name, m.label] for m in missing)
                 tasks.append(_Task(condition, cell, missing, own if backend.scheduler else ()))
@@ -122,32 +159,18 @@ def predict(
     for outcome in run_tasks(decode_cell, tasks, backend):
         task = tasks[outcome.index]
         trace = folder / "failed" / _trace_name(task)
-        if outcome.failure is not None:
-            write_bytes(trace, outcome.failure.trace.encode())
-            failed[task.condition.name, task.cell] = f"{outcome.failure.reason} ({trace})"
+        if outcome.result is None:
+            failure = outcome.failure or DIED
+            write_bytes(trace, failure.trace.encode())
+            failed[task.condition.name, task.cell] = f"{failure.reason} ({trace})"
         else:
-            _store(outcome, [file_of(task.condition, task.cell, m) for m in task.methods])
+            for method, lines in zip(task.methods, outcome.result, strict=True):
+                write_bytes(file_of(task.condition, task.cell, method), seal_lines(lines))
+                found[task.condition.name, task.cell, method.label] = lines
             trace.unlink(missing_ok=True)
         progress.update()
     progress.close()
-    if total and len(failed) == total:
-        raise InputError(next(iter(failed.values())))
-    ordered = sorted(methods, key=lambda method: method.card.hidden)
-    tables = []
-    for condition in conditions:
-        lines = [
-            line
-            for cell in condition.cells
-            if (condition.name, cell) not in failed
-            for line in _read_cell({m.label: file_of(condition, cell, m) for m in ordered})
-        ]
-        tables.append(to_records(lines, condition.name))
-    reports = [
-        f"{name + ', ' if name else ''}{cell.pair}, {cell.view_deg:g}°, kappa {cell.kappa}: {why}"
-        for (name, cell), why in failed.items()
-    ]
-    records = pd.concat(tables, ignore_index=True) if tables else to_records([])
-    return Predicted(records, sorted(reports))
+    return found, failed
 
 
 def predict_all(
@@ -249,24 +272,21 @@ def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataF
     return to_records(lines), [note for name, note in notes.items() if name in decoders]
 
 
-def _store(outcome: Outcome[list[list[Line]]], files: Iterable[Path]) -> None:
-    """Write each method's predictions of a cell."""
-    assert outcome.result is not None
-    for file, lines in zip(files, outcome.result, strict=True):
-        write_bytes(file, write_lines(lines))
+def _stored(file: Path, condition: Condition, cell: Cell, method: Method) -> list[Line] | None:
+    """A method's stored predictions of a cell; None where they are missing or damaged."""
+    lines = read_sealed(file)
+    layout = condition.source.layout
+    n_bits = layout.rows * layout.cols if method.card.hidden else layout.n_bits
+    expected = [(cell.pair, cell.view_deg, cell.kappa, i, n_bits) for i in range(condition.frames)]
+    found = [
+        (line["pair"], line["view_deg"], line["kappa"], line["index"], len(line["bits"]))
+        for line in lines or ()
+    ]
+    return lines if found == expected else None
 
 
-def _is_whole(file: Path, lines: int) -> bool:
-    """Whether a cell's file is there and readable to the end."""
-    try:
-        return len(read_lines(file.read_bytes())) == lines
-    except (OSError, ValueError):
-        return False
-
-
-def _read_cell(files: dict[str, Path]) -> list[Line]:
-    """Stored predictions of one cell by label, ordered by frame pair, then as ``files``."""
-    by_method = {label: read_lines(file.read_bytes()) for label, file in files.items()}
+def _by_frame(by_method: dict[str, list[Line]]) -> list[Line]:
+    """Predictions of one cell by label, ordered by frame pair, then as ``by_method``."""
     named = [[{**line, "method": label} for line in mine] for label, mine in by_method.items()]
     return [line for frame in zip(*named, strict=True) for line in frame]
 

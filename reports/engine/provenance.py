@@ -4,9 +4,12 @@ import os
 import platform
 import subprocess
 import sys
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import Field
 
 from reports.engine.digest import ROOT
 
@@ -14,6 +17,30 @@ STATED_PACKAGES = (
     "torch", "kornia", "numpy", "opencv-python-headless", "scikit-learn", "onnxruntime",
 )  # fmt: skip
 """Installed packages whose versions a stored result states."""
+
+
+@dataclass(frozen=True)
+class Making:
+    """What every stored result says of its making, beside the versions of packages."""
+
+    seed: Annotated[int, Field(ge=0)]
+    """Seed of all random draws."""
+    simulated: bool
+    """Whether the captures are simulated."""
+    command: str
+    """Command line that made the result."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """The machine that made a result; it has no name here."""
+
+    system: str
+    """Operating system and architecture."""
+    processor: str
+    """Model of the processor."""
+    cores: int
+    """Number of cores."""
 
 
 def command() -> str:
@@ -51,15 +78,11 @@ def commit() -> str:
     return f"{head}, with changes" if changed else head
 
 
-def machine() -> dict[str, Any]:
-    """System, processor and number of cores; no name of the host."""
+def machine() -> Machine:
+    """Describe this machine, without the name of the host."""
     model = platform.processor() or platform.machine()
     cpuinfo = Path("/proc/cpuinfo")
     if cpuinfo.is_file():
         lines = cpuinfo.read_text(errors="replace").splitlines()
         model = next((line.split(":")[1].strip() for line in lines if "model name" in line), model)
-    return {
-        "system": f"{platform.system()} {platform.machine()}",
-        "processor": model,
-        "cores": os.cpu_count() or 1,
-    }
+    return Machine(f"{platform.system()} {platform.machine()}", model, os.cpu_count() or 1)

@@ -6,18 +6,55 @@ scores and bits. `to_records` makes the table that everything downstream groups,
 
 import json
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from pydantic import Field, FiniteFloat
 
+from link.embed import MAX_KAPPA
+from link.errors import InputError
 from link.frames import Captured, SoftBits
+from link.outside import read_json_lines
+from reports.engine.checked import checked, seal, unseal
 
 CELL = ["pair", "view_deg", "kappa"]
 """Columns that name a cell of the comparison."""
 FRAME = [*CELL, "index"]
 """Columns that name a frame pair."""
 COLUMNS = ["condition", "method", *FRAME, "picture", "scores", "bits"]
+MOST_BITS = 2**20
+"""Largest number of bits of a frame pair in a stored file."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One stored line of predictions, against which files are checked."""
+
+    method: str
+    """Label of the method."""
+    pair: str
+    """Name of the camera-display pair, or "captures" where it is not known."""
+    view_deg: FiniteFloat | None
+    """Angle of observation, degrees."""
+    kappa: Annotated[int, Field(ge=1, le=MAX_KAPPA)] | None
+    """Gray levels added for a bit 1."""
+    picture: str | None
+    """Name of the picture."""
+    index: Annotated[int, Field(ge=0, lt=2**31)]
+    """Number of the frame pair in its cell."""
+    scores: Annotated[list[FiniteFloat], Field(max_length=MOST_BITS)]
+    """Score of each message bit, in log-likelihood units."""
+    bits: list[Annotated[int, Field(ge=-1, le=1)]]
+    """True bits, 0 or 1, and -1 where one is not known."""
+    condition: str = ""
+    """Name of the condition; empty in the main comparison."""
+
+    def __post_init__(self) -> None:
+        if len(self.scores) != len(self.bits):
+            raise ValueError("has not as many scores as bits")
 
 
 def to_line(method: str, index: int, soft: SoftBits, captured: Captured) -> dict[str, Any]:
@@ -82,11 +119,34 @@ def to_lines(records: pd.DataFrame) -> list[dict[str, Any]]:
     ]
 
 
-def read_lines(data: bytes) -> list[dict[str, Any]]:
-    """Predictions from the bytes of a file, one line of JSON each."""
-    return [json.loads(line) for line in data.split(b"\n") if line]
-
-
 def write_lines(lines: Iterable[dict[str, Any]]) -> bytes:
     """Predictions as the bytes of a file."""
     return "".join(json.dumps(line) + "\n" for line in lines).encode()
+
+
+def read_predictions(file: Path) -> pd.DataFrame:
+    """Read the table of predictions from a file of a run, each line of it checked.
+
+    Raises:
+        InputError: the file is missing, or a line is not a `Prediction`.
+    """
+    return to_records(
+        vars(checked(Prediction, line, where)) for where, line in read_json_lines(file)
+    )
+
+
+def seal_lines(lines: Iterable[dict[str, Any]]) -> bytes:
+    """Predictions as the bytes of a file whose damage `read_sealed` notices."""
+    return "".join(map(seal, lines)).encode()
+
+
+def read_sealed(file: Path) -> list[dict[str, Any]] | None:
+    """Read predictions that `seal_lines` wrote; None where the file is missing or damaged."""
+    found = []
+    try:
+        for where, line in read_json_lines(file):
+            found.append(unseal(line))
+            checked(Prediction, found[-1], where)
+    except InputError:
+        return None
+    return [line for line in found if line is not None]

@@ -12,8 +12,11 @@ from typing import Any, TypeVar
 from tqdm import tqdm
 
 from link.errors import InputError
-from link.images import make_folder, write_bytes
+from link.files.lock import locked
+from link.images import write_bytes
+from link.outside import MAX_LINES_BYTES, is_file, parse_json, read_bounded
 from reports.engine.backends import Backend, run_tasks
+from reports.engine.checked import seal, unseal
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -80,8 +83,9 @@ def resume(
     Args:
         task: function that is called with an item, and whose result JSON can hold.
         items: arguments of the task, by a name that tells them apart in the file.
-        file: JSON lines, {"name": ..., "result": ...} each. Its path must say all that decides the
-            results, apart from the items: what is in it is taken as it is.
+        file: JSON lines, {"name": ..., "result": ..., "sha256": ...} each. Its path must say all
+            that decides the results, apart from the items. A line whose digest does not fit is
+            removed, and its result made again.
         jobs: number of processes on this machine; 1 stays in this one.
         title: words before the progress bar.
 
@@ -89,28 +93,36 @@ def resume(
         the results by name, in the order of the items.
 
     Raises:
-        InputError: some tasks failed; the results of the others are stored.
+        InputError: some tasks failed, and the results of the others are stored; or another process
+            writes the folder.
     """
-    results = _read(file)
-    missing = {name: item for name, item in items.items() if name not in results}
-    make_folder(file.parent)
-    with file.open("a", encoding="utf-8") as stream:
-        finished = len(items) - len(missing)
-        for name, result in each_result(task, missing, jobs, title, finished):
-            line = json.dumps({"name": name, "result": result}, allow_nan=False)
-            stream.write(f"{line}\n")
-            stream.flush()
-            results[name] = json.loads(line)["result"]
+    with locked(file.parent):
+        results = _read(file)
+        missing = {name: item for name, item in items.items() if name not in results}
+        with file.open("a", encoding="utf-8") as stream:
+            finished = len(items) - len(missing)
+            for name, result in each_result(task, missing, jobs, title, finished):
+                line = seal({"name": name, "result": result})
+                stream.write(line)
+                stream.flush()
+                results[name] = json.loads(line)["result"]
     return {name: results[name] for name in items}
 
 
 def _read(file: Path) -> dict[str, Any]:
-    """Results by name; a line that was cut off where a command was killed is removed."""
-    if not file.is_file():
+    """Results by name; a line that was damaged, or cut off by a kill, is removed from the file."""
+    if not is_file(file):
         return {}
-    lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
-    if lines and not lines[-1].endswith("\n"):
-        lines.pop()
-        write_bytes(file, "".join(lines).encode())
-    stored = [json.loads(line) for line in lines]
-    return {line["name"]: line["result"] for line in stored}
+    kept, results = [], {}
+    data = read_bounded(file, MAX_LINES_BYTES)
+    for line in data.split(b"\n"):
+        try:
+            stored = unseal(parse_json(line, str(file)))
+        except InputError:
+            continue
+        if stored is not None and isinstance(stored.get("name"), str) and "result" in stored:
+            results[stored["name"]] = stored["result"]
+            kept.append(line + b"\n")
+    if data != b"".join(kept):
+        write_bytes(file, b"".join(kept))
+    return results

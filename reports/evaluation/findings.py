@@ -1,8 +1,7 @@
 """Who wins, by how much, why, and where it fails: from the tables of a run, in numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +15,7 @@ from reports.score.paired import (
     compare_methods,
     same_captures,
 )
+from reports.studies.ablation_page import Ablation
 
 REFERENCES = ("oorc", "hidden_ratex")
 """Methods of the paper with which others are compared: a method's reference is the first of them
@@ -215,23 +215,23 @@ class PartLoss:
     """Upper end of the 95 % interval of the loss, points."""
 
 
-def parts_that_pay(ablation: Mapping[str, Any], count: int) -> list[PartLoss]:
+def parts_that_pay(ablation: Ablation, count: int) -> list[PartLoss]:
     """Find the parts of the full decoder without which it loses most.
 
     Args:
-        ablation: content of an ablation.json.
+        ablation: the stored ablation.
         count: largest number of parts.
 
     Returns:
         for each part its largest loss beyond the paired interval, the largest first.
     """
     losses = []
-    for entry in ablation["entries"]:
-        paired = entry["against"].get("full")
-        if entry["row"].startswith("full-") and paired["high"] < 0:
-            part = entry["row"].removeprefix("full-")
-            lost = (-paired["difference"], -paired["high"], -paired["low"])
-            losses.append(PartLoss(part, entry["condition"], *lost))
+    for entry in ablation.entries:
+        paired = entry.against.get("full")
+        if entry.row.startswith("full-") and paired is not None and paired.high < 0:
+            part = entry.row.removeprefix("full-")
+            lost = (-paired.difference, -paired.high, -paired.low)
+            losses.append(PartLoss(part, entry.condition, *lost))
     first: dict[str, PartLoss] = {}
     for loss in sorted(losses, key=lambda loss: -loss.points):
         first.setdefault(loss.part, loss)

@@ -14,6 +14,7 @@ from reports.evaluation.findings import (
     worst_points,
 )
 from reports.run import Run
+from reports.studies.ablation_page import Ablation
 
 PART_WORDS = {
     "refine": "refinement",
@@ -54,17 +55,22 @@ class Glance:
     """Values of sweeps at which the best method is said to fail, the worst first."""
 
 
-def find_glance(run: Run, ranked: Sequence[Standing], swept: Sequence[SweptAccuracy]) -> Glance:
+def find_glance(
+    run: Run,
+    ranked: Sequence[Standing],
+    swept: Sequence[SweptAccuracy],
+    ablation: Ablation | None,
+) -> Glance:
     """Gather the findings that stand first on the page.
 
     Args:
         run: what was decoded; at least one bit of it is known.
         ranked: standings of its methods.
         swept: accuracies of its sweeps.
+        ablation: the stored ablation, if there is one.
     """
     by_method = {standing.method: standing for standing in ranked}
     best = leaders(run.records, run.swept)
-    ablation = run.references.get("ablation")
     return Glance(
         [Winner(by_method[m], undecided(run, m, ranked), is_hidden(run, m)) for m in best],
         parts_that_pay(ablation, SHOWN_PARTS) if ablation else [],

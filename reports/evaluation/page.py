@@ -9,7 +9,9 @@ import pandas as pd
 from markupsafe import Markup
 
 from link.errors import InputError
+from link.files.lock import locked
 from link.images import write_bytes
+from link.outside import inside, is_file, read_bounded
 from reports.engine.conditions import SETTINGS
 from reports.engine.methods import METHODS
 from reports.evaluation import exhibits
@@ -33,17 +35,26 @@ from reports.render.tables import (
     share_interval,
     summary_table,
 )
-from reports.run import REPORT, Cost, Response, Run, RunFolder, SweepCurve
+from reports.run import (
+    MAX_PICTURE_BYTES,
+    REPORT,
+    Cost,
+    Response,
+    Run,
+    RunFolder,
+    SweepCurve,
+)
+from reports.score.accuracy import read_scores
 from reports.score.paired import MIN_FRAMES
 from reports.score.reliability import ALL, Curves, reliability_curves
-from reports.studies.ablation_page import ablation_tables
+from reports.studies.ablation_page import ablation_tables, read_ablation
 from reports.studies.peers.page import (
     COLOURS,
     PeerRow,
     best_readings,
-    peer_rows,
     peers_figure,
     peers_table,
+    read_peers,
 )
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -91,10 +102,13 @@ def write_report(folder: Path) -> Path:
         the page.
 
     Raises:
-        InputError: the folder holds no finished run, or a damaged one.
+        InputError: the folder holds no finished run, or a damaged one, or another process writes
+            it.
     """
     path = folder / REPORT
-    write_bytes(path, report_page(RunFolder(folder).read()).encode())
+    page = report_page(RunFolder(folder).read())
+    with locked(folder):
+        write_bytes(path, page.encode())
     return path
 
 
@@ -102,8 +116,13 @@ def report_page(run: Run) -> str:
     """Fill the report's template with a run.
 
     Raises:
-        InputError: a picture of a story is missing, or lies outside the run's folder.
+        InputError: a picture of a story is missing, or lies outside the run's folder; or a stored
+            result of another command is damaged.
     """
+    stored = run.references
+    ablation = read_ablation(stored["ablation"]) if "ablation" in stored else None
+    peers = read_peers(stored["peers"]) if "peers" in stored else None
+    peer_rows = peers.rows if peers else []
     ranked, swept = standings(run), swept_accuracies(run)
     known = any(standing.accuracy is not None for standing in ranked)
     curves = llr_curves(run)
@@ -113,7 +132,7 @@ def report_page(run: Run) -> str:
         run=run,
         sections=SECTIONS,
         ranked=ranked,
-        glance=find_glance(run, ranked, swept) if known else None,
+        glance=find_glance(run, ranked, swept, ablation) if known else None,
         part_words=PART_WORDS,
         setting_words={name: setting.words for name, setting in SETTINGS.items()},
         summary=summary_table(run.scores, against={s.method: s.against for s in ranked}),
@@ -124,11 +143,11 @@ def report_page(run: Run) -> str:
         far=FAR,
         paper=paper_tables(run),
         sweeps=sweep_charts(run, swept),
-        ablation=ablation_tables(run.references["ablation"])
-        if "ablation" in run.references
-        else [],
-        peers=peers_charts(run),
-        peers_table=peers_table(best_readings(stored_peers(run))) if stored_peers(run) else None,
+        ablation=ablation_tables(ablation) if ablation else [],
+        ablation_meta=ablation.meta if ablation else None,
+        peers=peers_charts(peer_rows),
+        peers_table=peers_table(best_readings(peer_rows)) if peers else None,
+        peers_meta=peers.meta if peers else None,
         llr_methods=[name for name, card in METHODS.items() if card.llr],
         reliability=calibration_table(curves) if curves else None,
         reliability_charts=reliability_charts(curves),
@@ -162,10 +181,11 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
 def paper_tables(run: Run) -> list[Table]:
     """Tables of the cells that the paper has, with ours under its protocol as they are stored."""
     in_paper = run.scores.groupby(["kappa", "view_deg"], dropna=False)["paper"].transform("count")
-    rows = run.references.get("prediction", {}).get("rows", [])
-    under_paper: dict[tuple[object, ...], float] = {
-        (row["method"], row["pair"], row["view_deg"], row["kappa"]): row["accuracy"] for row in rows
-    }
+    under_paper: dict[tuple[object, ...], float] = {}
+    if "prediction" in run.references:
+        scores, _ = read_scores(run.references["prediction"])
+        for row in scores.dropna(subset=["view_deg", "kappa", "accuracy"]).itertuples():
+            under_paper[row.method, row.pair, row.view_deg, row.kappa] = row.accuracy
     return cell_tables(run.scores[in_paper > 0], under_paper)
 
 
@@ -185,14 +205,8 @@ def sweep_charts(
     return found
 
 
-def stored_peers(run: Run) -> list[PeerRow]:
-    """Results of other systems, as they are stored; none where they are not."""
-    return peer_rows(run.references["peers"]) if "peers" in run.references else []
-
-
-def peers_charts(run: Run) -> list[tuple[str, int, Markup]]:
+def peers_charts(rows: Sequence[PeerRow]) -> list[tuple[str, int, Markup]]:
     """For each condition its name, the number of captures of a point, and the chart."""
-    rows = stored_peers(run)
     found = []
     for name in dict.fromkeys(row.condition for row in rows):
         mine = [row for row in rows if row.condition == name]
@@ -254,9 +268,10 @@ def picture_data(folder: Path, file: str) -> str:
     """A picture of a run as a data URL.
 
     Raises:
-        InputError: it is missing, or lies outside the run's folder.
+        InputError: it is missing, too large, or lies outside the run's folder.
     """
-    path = (folder / file).resolve()
-    if not path.is_relative_to(folder.resolve()) or not path.is_file():
+    path = inside(folder, file, f"{folder}, stories.json")
+    if not is_file(path):
         raise InputError(f"{folder}: {file} is not there; a run shows pictures of its own folder")
-    return f"data:image/jpeg;base64,{base64.b64encode(path.read_bytes()).decode()}"
+    picture = read_bounded(path, MAX_PICTURE_BYTES)
+    return f"data:image/jpeg;base64,{base64.b64encode(picture).decode()}"

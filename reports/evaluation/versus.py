@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from link.errors import InputError
+from link.files.lock import locked
 from link.images import write_bytes
 from reports.evaluation.page import render
 from reports.render.charts import colour_of
@@ -51,7 +52,8 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
         Markdown, and the page.
 
     Raises:
-        InputError: a run is not finished, or the two did not decode the same captures.
+        InputError: a run is not finished or damaged, the two did not decode the same captures, or
+            another process writes the folder of B.
     """
     a, b = RunFolder(folder_a).read(), RunFolder(folder_b).read()
     refuse_mismatch(a, b)
@@ -69,7 +71,8 @@ def compare_runs(folder_a: Path, folder_b: Path) -> tuple[str, Path]:
         sections={**sections, "notes": "Notes"},
     )
     path = folder_b / COMPARE_PAGE
-    write_bytes(path, text.encode())
+    with locked(folder_b):
+        write_bytes(path, text.encode())
     head = f"A: {a.folder}, B: {b.folder}; paired on identical captures"
     return "\n\n".join([head, *(table.markdown() for table in tables), *notes]), path
 
@@ -84,7 +87,7 @@ def refuse_mismatch(a: Run, b: Run) -> None:
         left, right = (run.about.settings.get(key) for run in (a, b))
         if left != right:
             raise InputError(
-                f"{a.folder} has {key} {left} and {b.folder} has {right}; "
+                f"{a.folder} has {key} {left!s:.100} and {b.folder} has {right!s:.100}; "
                 "paired tests need runs on the same captures"
             )
     if a.simulated != b.simulated:

@@ -7,14 +7,17 @@ score table also keeps the sum of squares that `clustered_interval` needs.
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pydantic import FiniteFloat
 
 from link.images import write_bytes
 from link.outside import read_json
+from reports.engine.checked import Count, Share, checked
 from reports.engine.records import CELL
 from reports.score.paper import paper_accuracy
 
@@ -25,6 +28,44 @@ SCORES = [
     "accuracy", "ci_low", "ci_high", "paper",
 ]  # fmt: skip
 """Columns of a score table; `score` says what they hold."""
+
+
+@dataclass(frozen=True)
+class ScoreRow:
+    """One row of a stored score table, against which files are checked."""
+
+    method: str
+    """Label of the method."""
+    pair: str
+    """Name of the camera-display pair."""
+    view_deg: FiniteFloat | None
+    """Angle of observation, degrees."""
+    kappa: Count | None
+    """Gray levels added for a bit 1."""
+    frames: Count
+    """Number of frame pairs."""
+    bits: Count
+    """Number of bits whose truth is known."""
+    correct: Count
+    """Number of bits that were decided right."""
+    correct_squared: Count
+    """Sum over frame pairs of (right bits)^2."""
+    accuracy: Share | None
+    """Share of right bits; None where no truth is known."""
+    ci_low: Share
+    """Lower end of Wilson's 95 % interval of the accuracy, as if bits were independent."""
+    ci_high: Share
+    """Upper end of that interval."""
+
+
+@dataclass(frozen=True)
+class StoredScores:
+    """Content of a metrics.json."""
+
+    meta: dict[str, Any]
+    """What produced the scores."""
+    rows: list[ScoreRow]
+    """One row for each method in each cell."""
 
 
 def wilson(correct: float, bits: float) -> tuple[float, float]:
@@ -138,15 +179,18 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
     Returns:
         a score table whose only condition is "", and what produced it.
+
+    Raises:
+        InputError: the file is missing or damaged.
     """
-    content = read_json(file)
-    table = pd.DataFrame(content["rows"], columns=SCORES)
+    content = checked(StoredScores, read_json(file), str(file))
+    table = pd.DataFrame([vars(row) for row in content.rows], columns=SCORES)
     table["condition"] = ""
     table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
     table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
     table["accuracy"] = table["accuracy"].astype(float)
     table["paper"] = _printed(table)
-    return table, content["meta"]
+    return table, content.meta
 
 
 def _printed(table: pd.DataFrame) -> list[float]:

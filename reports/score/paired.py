@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import binomtest, norm, t
 
 from link.errors import InputError, choose
+from reports.engine.checked import Count, Number, Share
 from reports.engine.records import CELL, FRAME
 
 KEYS = ["condition", *FRAME]
@@ -31,28 +32,28 @@ Counts = NDArray[np.int64]
 class Paired:
     """A method against a reference on identical captures; 95 % intervals are over frame pairs."""
 
-    frames: int
+    frames: Count
     """Number of frame pairs."""
-    bits: int
+    bits: Count
     """Number of bits whose truth is known."""
-    difference: float
+    difference: Number
     """Accuracy of the method less that of the reference, points; positive is better."""
-    low: float
+    low: Number
     """Lower end of the interval of the difference, points; -100 for fewer than 5 frame pairs."""
-    high: float
+    high: Number
     """Upper end of the interval of the difference, points; 100 for fewer than 5 frame pairs."""
-    ratio: float | None
+    ratio: Number | None
     """Errors of the method over those of the reference; None where the reference makes none."""
-    ratio_low: float
+    ratio_low: Number
     """Lower end of the interval of the ratio."""
-    ratio_high: float | None
+    ratio_high: Number | None
     """Upper end of the interval of the ratio. It is None where there is no upper bound, because in
     some resamples the reference makes no error."""
-    better: int
+    better: Count
     """Number of bits that the method has right and the reference wrong."""
-    worse: int
+    worse: Count
     """Number of bits that the method has wrong and the reference right."""
-    p_bits: float
+    p_bits: Share
     """McNemar's exact two-sided p over discordant bits, as if bits were independent."""
 
 

@@ -32,7 +32,12 @@ from reports.render.tables import Table
 from reports.score.accuracy import pool, score
 from reports.score.paired import COUNTS, cells_behind, compare, tally
 from reports.score.reliability import ALL, reliability_curves
-from reports.studies.ablation_page import AblationEntry, ablation_figure, ablation_tables
+from reports.studies.ablation_page import (
+    AblationEntry,
+    ablation_figure,
+    ablation_tables,
+    read_ablation,
+)
 from reports.studies.switches import FLOORS, ROWS, WHOLE_DECODERS, row_method
 
 REFERENCES = ("oorc", "full", "ideal")
@@ -82,7 +87,10 @@ def main() -> None:
 
     meta = provenance(config.seed, simulated=True) | {"settings": asdict(config)}
     content = {"meta": meta, **compare_rows(records, config.seed)}
-    tables = [f"## {table.markdown()}" for table in ablation_tables(content)]
+    numbers = json.dumps(content, indent=1, allow_nan=False, default=_path_text)
+    write_bytes(config.out / "ablation.json", f"{numbers}\n".encode())
+    ablation = read_ablation(config.out / "ablation.json")
+    tables = [f"## {table.markdown()}" for table in ablation_tables(ablation)]
     text = "\n\n".join(["# Ablation", describe_study(config), *tables])
     curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
     calibration = "\n\n".join(
@@ -90,11 +98,9 @@ def main() -> None:
     )
 
     out = config.out
-    numbers = json.dumps(content, indent=1, allow_nan=False, default=_path_text)
-    write_bytes(out / "ablation.json", f"{numbers}\n".encode())
     write_bytes(out / "ablation.md", f"{text}\n\n![Ablation](ablation.png)\n".encode())
     write_bytes(out / "reliability.md", f"{calibration}\n\n![Diagram](reliability.png)\n".encode())
-    save_png(ablation_figure(content), out / "ablation.png")
+    save_png(ablation_figure(ablation), out / "ablation.png")
     names = [condition.name for condition in conditions] + [ALL]
     save_png(reliability_figure(curves, names), out / "reliability.png")
     print(text, calibration, f"written: {out}/ablation.* and reliability.*", sep="\n\n")

@@ -1,13 +1,18 @@
 """The ablation as tables and a picture, from the numbers that ablation.json stores."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Annotated
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
+from pydantic import Field
 
+from link.outside import read_json
+from reports.engine.checked import Count, Number, Share, checked
+from reports.engine.provenance import Making
 from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
 from reports.score.paired import MIN_FRAMES, Paired
 from reports.studies.switches import ADDED, FLOORS, REMOVED, WHOLE_DECODERS
@@ -29,56 +34,110 @@ class AblationEntry:
     """Name of the row, such as "full-rows"."""
     condition: str
     """Name of the setting of the channel."""
-    frames: int
+    frames: Count
     """Number of frame pairs."""
-    bits: int
+    bits: Count
     """Number of bits whose truth is known."""
-    errors: int
+    errors: Count
     """Number of bits that are decided wrong."""
-    error: float
+    error: Share
     """Share of the bits that are decided wrong, in [0, 1]."""
-    ci_low: float
+    ci_low: Share
     """Lower end of the 95 % interval of ``error``, which knows that errors cluster."""
-    ci_high: float
+    ci_high: Share
     """Upper end of the 95 % interval of ``error``."""
     against: dict[str, Paired]
     """Comparison with each reference row that was decoded, other than the row itself."""
 
 
-def read_entries(content: Mapping[str, Any]) -> list[AblationEntry]:
-    """Return the entries of an ablation.json that `reports.studies.ablation` wrote."""
-    return [
-        AblationEntry(
-            **{**entry, "against": {name: Paired(**p) for name, p in entry["against"].items()}}
-        )
-        for entry in content["entries"]
-    ]
+@dataclass(frozen=True)
+class CellBehind:
+    """A cell in which a decoder to use is behind OORC beyond the paired 95 % interval."""
+
+    row: str
+    """Name of the decoder's row."""
+    condition: str
+    """Name of the setting of the channel."""
+    pair: str
+    """Name of the camera-display pair."""
+    view_deg: Number
+    """Angle of observation, degrees."""
+    kappa: Count
+    """Gray levels added for a bit 1."""
+    difference: Number
+    """Accuracy of the decoder less that of OORC, points."""
+    low: Number
+    """Lower end of the interval of the difference, points."""
+    high: Number
+    """Upper end of the interval of the difference, points; below 0."""
 
 
-def ablation_tables(content: Mapping[str, Any]) -> list[Table]:
+@dataclass(frozen=True)
+class AblationSettings:
+    """The part of the study's settings that its tables show."""
+
+    frames: Annotated[int, Field(ge=1)]
+    """Number of frame pairs in each cell."""
+
+
+@dataclass(frozen=True)
+class AblationMaking(Making):
+    """What an ablation.json says of its making."""
+
+    settings: AblationSettings
+    """Settings of the study."""
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """Content of an ablation.json."""
+
+    meta: AblationMaking
+    """What produced the numbers."""
+    entries: list[AblationEntry]
+    """One entry for each row in each condition."""
+    behind_oorc: list[CellBehind]
+    """Cells in which a decoder to use is behind OORC."""
+
+    def __post_init__(self) -> None:
+        """Check that the tables find every entry and comparison that they show."""
+        places = [(entry.row, entry.condition) for entry in self.entries]
+        rows, conditions = ({place[side] for place in places} for side in (0, 1))
+        if len(set(places)) != len(places) or len(places) != len(rows) * len(conditions):
+            raise ValueError("needs one entry for each row in each condition")
+        for entry in self.entries:
+            against = {reference for reference, _ in BLOCKS.values()} & rows - {entry.row}
+            against |= {"oorc"} if entry.row in WHOLE_DECODERS else set()
+            if not against <= set(entry.against):
+                raise ValueError(f"{entry.row:.40} lacks a comparison")
+
+
+def read_ablation(file: Path) -> Ablation:
+    """Read an ablation.json that `reports.studies.ablation` wrote.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    return checked(Ablation, read_json(file), str(file))
+
+
+def ablation_tables(ablation: Ablation) -> list[Table]:
     """Return what each switch is worth, and how the whole decoders stand against OORC.
-
-    Args:
-        content: content of an ablation.json.
 
     Returns:
         a table for each of `BLOCKS` (rows of the ablation by conditions; the error in per cent, and
         beside it the paired difference to the reference), and one of the whole decoders.
     """
-    entries = read_entries(content)
-    tables = [_switch_table(entries, title) for title in BLOCKS]
-    return [*tables, _whole_decoders_table(entries, content)]
+    tables = [_switch_table(ablation.entries, title) for title in BLOCKS]
+    return [*tables, _whole_decoders_table(ablation)]
 
 
-def ablation_figure(content: Mapping[str, Any]) -> Figure:
+def ablation_figure(ablation: Ablation) -> Figure:
     """Draw the paired differences with their intervals, one panel a block and condition.
 
     Green is better than the reference beyond the interval, red is worse, gray is neither.
-
-    Args:
-        content: content of an ablation.json.
     """
-    entries = read_entries(content)
+    entries = ablation.entries
     by_place = {(entry.row, entry.condition): entry for entry in entries}
     conditions = list(dict.fromkeys(entry.condition for entry in entries))
     order = dict.fromkeys(entry.row for entry in entries)
@@ -151,19 +210,19 @@ def _error_cell(entry: AblationEntry, reference: str) -> TableCell:
     return TableCell(text, f"{paired.difference:+.2f}, {_interval(paired)}", _tint(paired))
 
 
-def _whole_decoders_table(entries: Sequence[AblationEntry], content: Mapping[str, Any]) -> Table:
+def _whole_decoders_table(ablation: Ablation) -> Table:
     """Errors of decoders to use as a multiple of OORC's, and the cells in which they are behind."""
-    frames = content["meta"]["settings"]["frames"]
+    frames = ablation.meta.settings.frames
     rows = []
-    for entry in entries:
+    for entry in ablation.entries:
         if entry.row not in WHOLE_DECODERS:
             continue
         paired = entry.against["oorc"]
         high = "∞" if paired.ratio_high is None else f"{paired.ratio_high:.2f}"
         behind = [
             cell
-            for cell in content["behind_oorc"]
-            if (cell["row"], cell["condition"]) == (entry.row, entry.condition)
+            for cell in ablation.behind_oorc
+            if (cell.row, cell.condition) == (entry.row, entry.condition)
         ]
         named = ["; ".join(map(_cell_behind, behind))] if behind else []
         rows.append(
@@ -180,10 +239,10 @@ def _whole_decoders_table(entries: Sequence[AblationEntry], content: Mapping[str
     return Table(heads, rows, "Whole decoders against OORC", left=2)
 
 
-def _cell_behind(cell: Mapping[str, Any]) -> str:
+def _cell_behind(cell: CellBehind) -> str:
     return (
-        f"{cell['pair']} {cell['view_deg']:g}° κ {cell['kappa']}: {cell['difference']:+.2f}, "
-        f"{cell['low']:+.2f} to {cell['high']:+.2f}"
+        f"{cell.pair} {cell.view_deg:g}° κ {cell.kappa}: {cell.difference:+.2f}, "
+        f"{cell.low:+.2f} to {cell.high:+.2f}"
     )
 
 

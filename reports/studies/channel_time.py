@@ -151,6 +151,6 @@ def time_report(source: Source, count: int) -> str:
     return (
         f"{stage_table(times).markdown()}\n\n"
         f"Median {median:.0f} ms a frame pair (quartiles {low:.0f} to {high:.0f}, n = {count}), "
-        f"{1e3 / median:.0f} pairs a second on one core of {host['processor']}, "
+        f"{1e3 / median:.0f} pairs a second on one core of {host.processor}, "
         f"{os.cpu_count()} cores, numpy {np.__version__}, OpenCV {cv2.__version__}."
     )

@@ -9,14 +9,18 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from statistics import fmean, median
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from pydantic import Field
 
 from link.images import write_bytes
+from link.outside import read_json
 from models import DECODERS
+from reports.engine.checked import Count, Number, Share, checked
+from reports.engine.provenance import Making
 from reports.render.charts import Point, Series, draw_series, new_panels, set_accuracy_axis
 from reports.render.tables import Table, percent, share_interval
 from reports.score.accuracy import clustered_interval
@@ -51,29 +55,45 @@ class PeerRow:
     """How strongly it embeds."""
     condition: str
     """Name of the condition: no channel, JPEG, or the view in degrees."""
-    frames_used: int
+    frames_used: Annotated[int, Field(ge=1, le=2)]
     """Number of captured frames that one message is read from."""
-    message_bits: int
+    message_bits: Count
     """Number of message bits in a displayed picture, or frame pair."""
-    captures: int
+    captures: Count
     """Number of captures."""
-    bits: int
+    bits: Count
     """Number of bits in all captures."""
-    correct: int
+    correct: Count
     """Number of bits that were read right."""
-    accuracy: float
+    accuracy: Share
     """Share of bits that were read right, in [0, 1]."""
-    ci_low: float
+    ci_low: Share
     """Lower end of the 95 % interval of the accuracy, which knows that errors cluster by
     capture."""
-    ci_high: float
+    ci_high: Share
     """Upper end of the 95 % interval of the accuracy."""
-    psnr: float
+    psnr: Number
     """Peak signal-to-noise ratio of the displayed message, dB, mean over pictures."""
-    ssim: float
+    ssim: Number
     """Structural similarity of the pictures with and without the message, mean over pictures."""
-    decode_ms: float
+    decode_ms: Number
     """Median processor time of a reading, milliseconds, one thread."""
+
+
+@dataclass(frozen=True)
+class PeerResults:
+    """Content of a peers.json."""
+
+    meta: dict[str, Any]
+    """What produced the rows; `reports.engine.provenance.Making` at least."""
+    rows: Annotated[list[PeerRow], Field(min_length=1)]
+    """One row for each system, strength, condition and number of captured frames."""
+
+    def __post_init__(self) -> None:
+        """Check that tables find one row in each of their places."""
+        places = {(row.method, row.strength, row.condition, row.frames_used) for row in self.rows}
+        if len(places) != len(self.rows):
+            raise ValueError("two rows are of the same system, strength, condition and frames")
 
 
 def count_readings(readings: Sequence[Reading]) -> list[PeerRow]:
@@ -120,9 +140,15 @@ def write_peers(file: Path, rows: Sequence[PeerRow], meta: dict[str, Any]) -> No
     write_bytes(file, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
-def peer_rows(content: dict[str, Any]) -> list[PeerRow]:
-    """Rows of the parsed content of a peers.json."""
-    return [PeerRow(**row) for row in content["rows"]]
+def read_peers(file: Path) -> PeerResults:
+    """Read a peers.json that `write_peers` wrote.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    results = checked(PeerResults, read_json(file), str(file))
+    checked(Making, results.meta, f"{file}, meta")
+    return results
 
 
 def best_readings(rows: Sequence[PeerRow]) -> list[PeerRow]:
@@ -224,8 +250,8 @@ def peers_block(file: Path) -> str:
     Args:
         file: what `write_peers` wrote.
     """
-    content = json.loads(file.read_text())
-    rows, meta = peer_rows(content), content["meta"]
+    stored = read_peers(file)
+    rows, meta = stored.rows, stored.meta
     pictures = next(row.captures for row in rows if row.condition == NO_CHANNEL)
     pairs = max(row.captures for row in rows) // pictures
     packages = ", ".join(f"{name} {meta[name]}" for name in PACKAGES if name in meta)

@@ -1,0 +1,144 @@
+"""A lock on what a command writes, so that no two processes write one folder at the same time.
+
+The kernel holds the lock and drops it when the process ends, however it ends. The file that carries
+the lock names the process for whoever is refused, and is removed at a normal end. A file that a
+killed process left behind locks nothing.
+"""
+
+import fcntl
+import os
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from link.errors import InputError
+from link.images import make_folder
+
+LOCK = ".lock"
+"""Name of the file in a folder that carries the lock of the process that writes there."""
+PATIENCE_S = 0.5
+"""Seconds to wait for the name of the process that holds a lock, before it is refused unnamed."""
+_held: dict[str, int] = {}
+"""Locks of this process: the open file descriptor by the real path of the lock's file."""
+
+
+@contextmanager
+def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
+    """Keep other processes from writing a folder while the block runs.
+
+    A process that holds the lock already may take it again; the outermost block releases it. A
+    process that is forked meanwhile does not hold it.
+
+    Args:
+        folder: is made if it is not there.
+        name: name of the lock's file in it. A command that writes a single file takes the name
+            ".FILE.lock" in the folder of that file.
+
+    Raises:
+        InputError: another process holds the lock, which the message names, or the folder cannot
+            be written.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with locked(Path(folder)):
+    ...         names = os.listdir(folder)
+    ...     names, os.listdir(folder)
+    (['.lock'], [])
+    """
+    make_folder(folder)
+    path = os.path.join(os.path.realpath(folder), name)
+    if path in _held:
+        yield
+        return
+    descriptor = _acquire(folder, path)
+    _held[path] = descriptor
+    try:
+        yield
+    finally:
+        if _held.pop(path, None) == descriptor:  # a forked process has dropped it
+            _remove(path, descriptor)
+            os.close(descriptor)
+
+
+def _acquire(folder: Path, path: str) -> int:
+    """Open and lock a lock's file, which then names this process."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
+        taken = False
+        try:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = _holder(descriptor)
+                if holder or time.monotonic() > deadline:
+                    raise InputError(
+                        f"{folder}: {holder or 'another process'} is writing it; wait until it "
+                        "ends, or choose another folder"
+                    ) from None
+                time.sleep(0.01)
+                continue
+            if not _is_at(path, descriptor):  # its last holder removed it after it was opened
+                continue
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"{os.getpid()} {platform.node()}\n".encode(), 0)
+            taken = True
+            return descriptor
+        except OSError as error:
+            raise InputError(f"{folder}: cannot be locked ({error.strerror})") from None
+        finally:
+            if not taken:
+                os.close(descriptor)
+
+
+def _holder(descriptor: int) -> str:
+    """The process that a lock's file names, in words; empty where it names none that lives."""
+    process, _, host = os.pread(descriptor, 300, 0).decode(errors="replace").partition(" ")
+    host = host.strip()
+    if not process.isdecimal() or not host:
+        return ""  # the holder has not written its name yet
+    if host != platform.node():
+        return f"process {process} on {host}"
+    try:
+        os.kill(int(process), 0)
+    except (ProcessLookupError, OverflowError):
+        return ""  # a killed process left its name, and the holder has not written its own yet
+    except PermissionError:
+        pass  # it belongs to another user
+    return f"process {process}"
+
+
+def _is_at(path: str, descriptor: int) -> bool:
+    """Whether an open file is the one that has a name now."""
+    try:
+        there = os.stat(path, follow_symlinks=False)
+    except FileNotFoundError:
+        return False
+    return os.path.samestat(there, os.fstat(descriptor))
+
+
+def _remove(path: str, descriptor: int) -> None:
+    """Remove a lock's file that this process holds; where that fails, it stays and locks nothing.
+
+    It is removed before the lock is dropped, so that nobody takes a file that is about to go.
+    """
+    try:
+        if _is_at(path, descriptor):
+            os.unlink(path)
+    except OSError:
+        pass
+
+
+def _drop_in_child() -> None:
+    """Close what a forked process has inherited, so that the lock ends with its parent."""
+    for descriptor in _held.values():
+        os.close(descriptor)
+    _held.clear()
+
+
+os.register_at_fork(after_in_child=_drop_in_child)

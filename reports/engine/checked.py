@@ -1,0 +1,85 @@
+"""Content of stored files, checked against the types that their readers rely on.
+
+`checked` turns parsed JSON into dataclasses. `seal` and `unseal` tell a stored line that is as it
+was written from one that is damaged.
+"""
+
+import hashlib
+import json
+from functools import cache
+from typing import Annotated, Any, TypeVar
+
+from pydantic import Field, TypeAdapter, ValidationError
+
+from link.errors import InputError
+
+T = TypeVar("T")
+Count = Annotated[int, Field(ge=0, le=2**53)]
+"""Type of a number of things in a stored file."""
+Share = Annotated[float, Field(ge=0, le=1)]
+"""Type of a share in a stored file, such as an accuracy."""
+Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""Type of any other number in a stored file; tables and charts can show it."""
+DIGEST = "sha256"
+"""Key of a sealed line under which its digest stands."""
+
+
+def checked(kind: type[T], content: Any, where: str) -> T:
+    """Turn parsed JSON into the type that its reader relies on.
+
+    Nothing is converted: a text is no number, and 1 is not true. What a dataclass does not name is
+    left out.
+
+    Args:
+        kind: a dataclass, or a type made of lists, dicts, tuples and dataclasses.
+        content: parsed JSON.
+        where: file, and line where there are several, for the message of the error.
+
+    Raises:
+        InputError: something is missing, or has another type or an impossible value. The message
+            names the first such key.
+
+    >>> checked(list[int], [1, 2], "numbers.json")
+    [1, 2]
+    >>> checked(list[int], [1, "2"], "numbers.json")
+    Traceback (most recent call last):
+    ...
+    link.errors.InputError: numbers.json, 1: Input should be a valid integer
+    """
+    try:
+        adapter = _adapter(kind)  # type: ignore[arg-type]
+        value: T = adapter.validate_json(json.dumps(content), strict=True)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(map(str, first["loc"]))
+        named = f"{where}, {key:.100}" if key else where
+        raise InputError(f"{named}: {first['msg']:.200}") from None
+    return value
+
+
+def seal(line: dict[str, Any]) -> str:
+    """Turn a result into a line of JSON, with a digest of its content.
+
+    >>> unseal(json.loads(seal({"name": "one", "result": 1})))
+    {'name': 'one', 'result': 1}
+    """
+    return json.dumps({**line, DIGEST: _digest(line)}, allow_nan=False) + "\n"
+
+
+def unseal(line: Any) -> dict[str, Any] | None:
+    """Give back what was sealed; None where the line is not as `seal` wrote it."""
+    if not isinstance(line, dict):
+        return None
+    content = {key: value for key, value in line.items() if key != DIGEST}
+    return content if line.get(DIGEST) == _digest(content) else None
+
+
+def _digest(line: dict[str, Any]) -> str:
+    """The first digits of SHA-256 of a line's content: against damage, not against forgery."""
+    return hashlib.sha256(json.dumps(line, sort_keys=True).encode()).hexdigest()[:16]
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    """The checks of a type, made once."""
+    return TypeAdapter(kind)
