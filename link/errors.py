@@ -20,11 +20,14 @@ other."""
 MAX_OF_FLAG = {"seed": 2**32 - 1, "jobs": 1024, "threads": 256}
 """Largest numbers of flags that many commands have, by the flag's name. Every library that the
 project draws from takes seeds of 32 bits."""
-MAX_WORD = 60
-"""Number of characters from which on a word of the command line is cut where a complaint about
-flags repeats it."""
+MAX_COMPLAINT = 300
+"""Number of characters after which a parser's complaint, which may repeat a long value, is cut."""
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 """Pattern of what makes a terminal change its colour."""
+RULE = re.compile(r"^[ │|]*(?:─{4,}|-{4,})[ │|]*$", re.MULTILINE)
+"""Pattern of a line that divides a box into sections, with and without Unicode."""
+BORDER = re.compile(r"^[│╭╰─ ]+|[│╮╯─ ]+$", re.MULTILINE)
+"""Pattern of what stands left and right of a box's text."""
 PLAIN_WORDS = (
     (r"invalid literal for int\(\) with base 10: ", "need a whole number, got "),
     (r"could not convert string to float: ", "need a number, got "),
@@ -35,9 +38,14 @@ PLAIN_WORDS = (
         r"no type matching (?:\{None\}\|)?\{?(.+?)\}? could be instantiated from (\[.*?\])\..*",
         r"need \1, got \2",
     ),
-    (r"Could not find valid parse for arguments: ", "the values do not fit, got "),
+    (r"Could not find valid parse for arguments: ", "need other values, got "),
+    (
+        r"Could not parse arguments (\[.*\]) into tuple type typing.Tuple",
+        r"need other values, got \1 for ",
+    ),
     (r"Missing value( for argument '\S+')\. Expected (\d+) values", r"\2 values are missing\1"),
     (r"\b1 values are", "a value is"),
+    (r"(\d{10})[\d ]{50,}", r"\1..."),
     (r"\. Expected one of \((.*)\)", r"; choose one of \1"),
 )
 """Patterns of what parsers of flags say, each with the words of this project for it."""
@@ -171,15 +179,9 @@ def _complaint(printed: str) -> str:
     not known here is passed on as it stands.
     """
     printed = COLOUR.sub("", printed)
-    sections: list[list[str]] = [[]]
-    for line in printed.partition(": error: ")[2].splitlines() or printed.splitlines()[1:]:
-        if line.strip(" │") and not line.strip(" │╭╮╰╯─"):
-            sections.append([])
-        sections[-1].append(line.strip(" │╭╮╰╯─"))
-    texts = [" ".join(" ".join(lines).split()) for lines in sections]
-    texts = [
-        re.sub(rf"\S{{{MAX_WORD},}}", lambda word: f"{word[0]:.40}...", text) for text in texts
-    ]
+    sections = RULE.split(printed.partition(": error: ")[2] or printed.strip().partition("\n")[2])
+    texts = [" ".join(BORDER.sub(" ", section).split()) for section in sections]
+    texts = [text for text in texts if text] or ["the flags are wrong"]
     unknown = [rest for text in texts for rest in re.findall(r"^[Uu]nrecogni\w+ \w+: (.*)", text)]
     if unknown:
         meant = [text for text in texts if text.startswith("Perhaps you meant: ")]
@@ -187,7 +189,7 @@ def _complaint(printed: str) -> str:
         what = "no such flag" if flag.startswith("-") else "one word too many"
         names = re.findall(r"(--\S+) ", meant[0])[:1] if meant else []
         return f"{flag}: {what}" + "".join(f"; perhaps you meant {name}" for name in names)
-    said = texts[0] or "the flags are wrong"
+    said = texts[0]
     missing = re.match(r"Missing from .*?: (\S+) .*\(required\)", said)
     missing = missing or re.match(r"the following arguments are required: ([^\s,]+)", said)
     if missing:
@@ -195,11 +197,14 @@ def _complaint(printed: str) -> str:
     for pattern, words in PLAIN_WORDS:
         said = re.sub(pattern, words, said)
     said = re.sub(r"^argument (\S+?/)?(?=\S+: )|^Error parsing (?=--)", "", said)
-    said = re.sub(r"^Error parsing (\w+): (\w+): ", r"--\1.\2: ", said)  # a group of flags
+    group = re.match(r"Error parsing (\w+): (\w+): ", said)
+    if group:
+        said = f"--{group[1]}.{group[2].replace('_', '-')}: {said[group.end() :]}"
     named = re.search(r" (for argument '(--[\w.-]+)')", said)
     if named:
         said = f"{named[2]}: {said.replace(named[0], '')}"
-    return said.rstrip(".")
+    said = said.rstrip(".")
+    return said if len(said) <= MAX_COMPLAINT else f"{said:.{MAX_COMPLAINT}}..."
 
 
 def _leaves(flags: object, name: str) -> Iterator[tuple[str, object]]:
@@ -232,7 +237,7 @@ def _check_flag(name: str, value: object, largest: Mapping[str, int]) -> None:
     if isinstance(value, int | float) and not isinstance(value, bool):
         high = largest.get(parts[-1], MAX_OF_FLAG.get(parts[-1], MAX_NUMBER))
         got = f"got {value!s:.40}"
-        if not math.isfinite(value):
+        if isinstance(value, float) and not math.isfinite(value):
             raise ParameterError(name, f"need a finite number, {got}")
         if isinstance(value, int) and value < 0:
             raise ParameterError(name, f"need at least 0, {got}")

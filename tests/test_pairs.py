@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from conftest import Command
 from numpy.typing import NDArray
 from tolerances import FLOAT64
 
@@ -18,7 +19,6 @@ from reports.lab.spectra import (
     DISPLAY_FILES,
     SSF_FILES,
     XYZ_TO_SRGB,
-    SpectraConfig,
     color_matrix,
     crosstalk,
     fit_gamma,
@@ -188,11 +188,10 @@ def write_measurements(folder: Path) -> None:
 
 
 def test_printed_tables_are_python_that_holds_the_nine_pairs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, command: Command
 ) -> None:
     write_measurements(tmp_path)
-    main(SpectraConfig(data=tmp_path))
-    table, others = capsys.readouterr().out.split("\n}\n")
+    table, others = command(main, "--data", tmp_path).stdout.split("\n}\n")
     crosstalks = ast.literal_eval(table.split(" = ", 1)[1] + "}")
     assert set(crosstalks) == set(PAIRS)
     for M in crosstalks.values():

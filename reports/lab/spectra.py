@@ -175,8 +175,9 @@ def fit_gamma(level: Array, light: Array) -> Array:
     return np.asarray((x * y).sum(axis=0) / (x * x).sum(axis=0), dtype=np.float64)
 
 
-def main(config: SpectraConfig) -> None:
+def main() -> None:
     """Print the tables that `data_gen.pairs` holds, as Python source."""
+    config = read_flags(lambda: tyro.cli(SpectraConfig))
     displays = {k: load_display(config.data / "display" / f) for k, f in DISPLAY_FILES.items()}
     print("CROSSTALK = {")
     for camera, file in SSF_FILES.items():
@@ -194,4 +195,4 @@ def main(config: SpectraConfig) -> None:
 
 
 if __name__ == "__main__":
-    run_cli(lambda: main(read_flags(lambda: tyro.cli(SpectraConfig))))
+    run_cli(main)
