@@ -45,6 +45,8 @@ WINDOW_S = 0.5
 """Length of the windows in which flicker is judged, in seconds."""
 HIGHEST_HZ = 120.0
 """Highest temporal frequency that is counted, in Hz."""
+FAR_ABOVE = 3.0
+"""Multiple of a limit above which no larger kappa is tried; rounding does less than that."""
 QUANTILE = 0.95
 """Share of the windows of a random message that lie below what is called its high end."""
 
@@ -136,9 +138,12 @@ def contrast_over_threshold(
     mean = float(luminance.mean())
     hz, contrast = flicker_spectrum(luminance.reshape(-1, n) / mean, viewing.refresh_hz)
     width, height = viewing.degrees(where)
+    adapted = float(f"{mean:.3g}")  # thresholds are kept by luminance; 0.5 % does not change them
     gazes = viewing.gazes_deg if where == "block" else (0.0,)
     seen = [
-        np.sqrt(np.square(contrast) @ np.square(flicker_sensitivity(hz, mean, width, height, gaze)))
+        np.sqrt(
+            np.square(contrast) @ np.square(flicker_sensitivity(hz, adapted, width, height, gaze))
+        )
         for gaze in gazes
     ]
     gray = len(set(viewing.colour)) == 1
@@ -147,7 +152,7 @@ def contrast_over_threshold(
         changes = opponent_change(light).reshape(-1, n, 2)
         _, parts = flicker_spectrum(np.moveaxis(changes, 2, 1), viewing.refresh_hz)
         parts = np.moveaxis(parts, 1, 2)
-        colour = colour_over_threshold(parts, hz, mean, width, height)
+        colour = colour_over_threshold(parts, hz, adapted, width, height)
     return Visibility(max(seen, key=lambda windows: float(windows.mean())), colour)
 
 
@@ -203,7 +208,8 @@ def largest_kappa(
     """Find the largest whole kappa whose random messages stay below a contrast over threshold.
 
     All kappas are judged on the same message, by `Visibility.high`: 95 % of its half seconds stay
-    at or below the limit.
+    at or below the limit, for this kappa. A smaller one may
+    not, where levels are whole: rounding spoils the soft steps of small kappas most.
 
     Args:
         viewing: display, picture and viewer; its own kappa is not used.
@@ -226,9 +232,11 @@ def largest_kappa(
     if not limit > 0:
         raise ParameterError("limit", f"need a contrast over threshold above 0, got {limit}")
     shown = random_message(viewing, line_code, rng, seconds)
-    below, above = 0, MAX_KAPPA + 1
-    while above - below > 1:
-        middle = (below + above) // 2
-        seen = contrast_over_threshold(shown, replace(viewing, kappa=middle), where)
-        below, above = (middle, above) if seen.high <= limit else (below, middle)
-    return below
+    found = 0
+    for kappa in range(1, MAX_KAPPA + 1):
+        seen = contrast_over_threshold(shown, replace(viewing, kappa=kappa), where)
+        if seen.high <= limit:
+            found = kappa
+        elif seen.high > FAR_ABOVE * limit:
+            break
+    return found

@@ -8,7 +8,7 @@ kappa; all codes here stay within half a kappa of their middle, so that kappa is
 |---|---:|---|
 | `on_off` | 1 | 0, 1; 0, 0 (the paper: kappa is added in the second state where the bit is 1) |
 | `toggle` | 1 | -½, +½; +½, -½ (antipodal) |
-| `hold2`, `hold3`, `hold4` | 2, 3, 4 | the toggle of the bit, repeated |
+| `hold2`, `hold4` | 2, 4 | the toggle of the bit, repeated |
 | `soft2`, `soft4` | 2, 4 | as hold, with the amplitude on a raised cosine where the sign changes |
 | `balanced` | 2 | -½, +½, +½, -½; the opposite: neither a mean nor a slope within a bit |
 
@@ -120,7 +120,6 @@ LINE_CODES = {
     "on_off": LineCode(1, _on_off),
     "toggle": LineCode(1, partial(_hold, 1)),
     "hold2": LineCode(2, partial(_hold, 2)),
-    "hold3": LineCode(3, partial(_hold, 3)),
     "hold4": LineCode(4, partial(_hold, 4)),
     "soft2": LineCode(2, partial(_soft, 2)),
     "soft4": LineCode(4, partial(_soft, 4)),

@@ -60,6 +60,9 @@ class Viewing:
     """Luminance of the room's light that the surface sends back, in cd/m²."""
     gamma: float | None = None
     """Exponent of the display's curve, such as 2.2; None for sRGB's curve (IEC 61966-2-1)."""
+    whole_levels: bool = False
+    """Whether what is shown is rounded to whole gray levels, as a display of 8 bits shows it; soft
+    codes need kappa of 3 or more for their steps to survive."""
     gazes_deg: tuple[float, ...] = (0.0, 2.0, 4.0, 7.0, 10.0, 15.0)
     """Angles, in degrees, between the line of sight and the centre of a block that are tried, and
     of which the most visible counts; beside the line of sight the eye sees fast flicker better."""
@@ -119,11 +122,16 @@ class Viewing:
             amplitudes: (T,) what a line code shows, in units of kappa.
 
         Returns:
-            (T, 3) levels of red, green and blue, clipped to [0, 255], not rounded: the average
-            over pictures and blocks is the same.
+            (T, 3) levels of red, green and blue, clipped to [0, 255].
+
+        >>> Viewing(kappa=3, whole_levels=True).gray_levels([-0.5, 0.5])[:, 0]
+        array([127., 130.])
         """
         added = self.kappa * np.asarray(amplitudes, np.float64)[:, None] * np.array(self.colour)
-        return np.asarray(np.clip(self.picture_level + added, 0, 255))
+        levels = self.picture_level + added
+        if self.whole_levels:
+            levels = np.floor(levels + 0.5 + 1e-9)  # halves go up on both sides: the swing stays
+        return np.asarray(np.clip(levels, 0, 255))
 
     def light(self, levels: ArrayLike) -> Numbers:
         """Turn gray levels into the light of the display and of the room.

@@ -1,0 +1,1 @@
+"""How visible messages are: presets, line codes at equal visibility, and a page that flickers."""
