@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import dask
 import distributed
 import pytest
 import torch
@@ -49,13 +51,17 @@ def condition(*cells: Cell, source: Source | None = None) -> list[Condition]:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """Address of a Dask cluster of two worker processes."""
-    with distributed.LocalCluster(
-        n_workers=2,
-        threads_per_worker=1,
-        processes=True,
-        dashboard_address=":0",
-        silence_logs=50,
-    ) as cluster:
+    few_deaths = {"distributed.scheduler.allowed-failures": 0}  # local clusters lose their workers
+    with (
+        dask.config.set(few_deaths),
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=":0",
+            silence_logs=50,
+        ) as cluster,
+    ):
         yield cluster.scheduler_address
 
 
@@ -310,8 +316,25 @@ def no_tasks(scheduler: str) -> None:
 
 def test_a_scheduler_that_is_not_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(backends, "CONNECT_S", 0.5)
-    with pytest.raises(InputError, match="--scheduler: no Dask scheduler at"):
+    with pytest.raises(InputError, match=r"--scheduler: no Dask scheduler at tcp"):
         no_tasks("tcp://127.0.0.1:9")
+
+
+def test_something_else_listens(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(backends, "CONNECT_S", 0.5)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as silent,
+        pytest.raises(InputError, match="does not answer"),
+    ):
+        no_tasks(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+
+
+@pytest.mark.parametrize(
+    "address", ["nonsense", "http://host:1", "tcp://host", "tcp://host:99999", "tcp://[", ""]
+)
+def test_an_address_that_is_none(address: str) -> None:
+    with pytest.raises(InputError, match="--scheduler: need an address such as tcp://host:8786"):
+        no_tasks(address)
 
 
 @pytest.mark.slow

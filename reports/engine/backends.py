@@ -3,14 +3,18 @@
 A task that fails is reported, and the others go on.
 """
 
+import asyncio
+import socket
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from typing import Any, Generic, TypeVar
+from urllib.parse import urlsplit
 
 import cv2
 from joblib import Parallel, delayed, parallel_config
@@ -22,8 +26,8 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 BACKENDS = ("loky", "dask")
-CONNECT_S = 15
-"""Seconds to wait for the scheduler, and for its first worker."""
+CONNECT_S = 10
+"""Seconds to wait for the scheduler, for its first worker, and for another once all are gone."""
 
 
 @dataclass(frozen=True)
@@ -140,13 +144,49 @@ def _on_cluster(
 ) -> Iterator[Outcome[R]]:
     """Run tasks on the workers of a Dask cluster."""
     with _connect(scheduler) as client:
-        futures = {
-            client.submit(attempt, index, item, pure=False): index
-            for index, item in enumerate(items)
-        }
-        for future in import_module("distributed").as_completed(futures, loop=client.loop):
-            died = future.exception() is not None  # a task's own exception is in its outcome
-            yield Outcome(futures[future], failure=DIED) if died else future.result()
+
+        def finished(indices: Sequence[int]) -> Iterator[tuple[int, Outcome[R] | None]]:
+            futures = {client.submit(attempt, i, items[i], pure=False): i for i in indices}
+            return _finished_on_cluster(client, futures)
+
+        lost: list[int] = []
+        for index, outcome in finished(range(len(items))):
+            if outcome is None:
+                lost.append(index)
+            else:
+                yield outcome
+        for index in sorted(lost):  # alone: others that waited on a worker that died are blamed too
+            for _, outcome in finished([index]):
+                yield outcome or Outcome(index, failure=DIED)
+
+
+def _finished_on_cluster(
+    client: Any, futures: dict[Any, int]
+) -> Iterator[tuple[int, Outcome[R] | None]]:
+    """Wait for tasks on a cluster; None in place of an outcome says that workers died of the task.
+
+    Raises:
+        InputError: the scheduler is gone, or no worker is left for `CONNECT_S` seconds.
+    """
+    distributed = import_module("distributed")
+    while futures:
+        try:
+            with client.as_current():
+                distributed.wait(list(futures), CONNECT_S, return_when="FIRST_COMPLETED")
+            for future in [future for future in futures if future.done()]:
+                try:
+                    outcome = future.result(CONNECT_S)  # a task's own exception is in its outcome
+                except distributed.KilledWorker:
+                    outcome = None
+                yield futures.pop(future), outcome
+        except TimeoutError:  # tasks take their time, or a result is made again with its worker
+            if not client.scheduler_info()["workers"]:
+                raise InputError(
+                    f"--scheduler: no worker is left for {CONNECT_S} s; start `dask worker` and "
+                    "run the command again, which goes on where it stopped"
+                ) from None
+        except CancelledError as error:
+            raise InputError(f"--scheduler: the connection is lost ({error})") from None
 
 
 def _connect(scheduler: str) -> Any:
@@ -157,6 +197,7 @@ def _connect(scheduler: str) -> Any:
         raise InputError(
             "--backend dask: the package distributed is missing; pip install -e '.[dask]'"
         ) from None
+    _check_address(scheduler)
     try:
         client = distributed.Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -169,3 +210,29 @@ def _connect(scheduler: str) -> Any:
             f"--scheduler: {scheduler} has no worker after {CONNECT_S} s; start `dask worker`"
         ) from None
     return client
+
+
+def _check_address(scheduler: str) -> None:
+    """Raise an `InputError` at once where no scheduler listens; a client would try for long."""
+    try:
+        parts = urlsplit(scheduler if "://" in scheduler else f"tcp://{scheduler}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if not host or not port or parts.scheme not in ("tcp", "tls") or parts.path not in ("", "/"):
+        raise InputError(
+            f"--scheduler: need an address such as tcp://host:8786, got {scheduler!r:.100}"
+        )
+    try:
+        socket.create_connection((host, port), CONNECT_S).close()
+        asyncio.run(_shake_hands(f"{parts.scheme}://{host}:{port}"))
+    except (OSError, UnicodeError) as error:  # a name that no DNS takes is a UnicodeError
+        reason = str(error) or "what listens there does not answer as one"
+        raise InputError(f"--scheduler: no Dask scheduler at {scheduler} ({reason})") from None
+
+
+async def _shake_hands(address: str) -> None:
+    """Raise an `OSError` where something listens that is no Dask scheduler."""
+    connect = import_module("distributed.comm").connect
+    comm = await asyncio.wait_for(connect(address, timeout=CONNECT_S), CONNECT_S)
+    await comm.close()
