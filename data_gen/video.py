@@ -20,12 +20,15 @@ from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
 from link.code.framing import encode
 from link.errors import ParameterError, at_least, read_flags, run_cli
-from link.images import make_folder, write_bytes, write_image
+from link.images import all_or_none, make_folder, write_bytes, write_image
 from link.loop import Loop
 from link.video import write_video
 
 TRUTH = "truth.jsonl"
 """Name of the file, in a folder of frames, that holds the truth about each of them."""
+
+MAX_SHOWN_BYTES = 2**30
+"""Largest memory, in bytes, for all states that the display shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +61,13 @@ def main() -> None:
     seconds = settings.seconds or 0.0
     if not 0 < seconds <= 3600:
         raise ParameterError("seconds", f"need more than 0 and at most 3600, got {seconds:g}")
+    shown_bytes = 6 * config.shown * source.layout.width * source.layout.height
+    if shown_bytes > MAX_SHOWN_BYTES:
+        raise ParameterError(
+            "shown",
+            f"{config.shown} pictures of this size need {shown_bytes / 2**30:.1f} GiB; "
+            f"show fewer, for at most {MAX_SHOWN_BYTES / 2**30:g} GiB",
+        )
     if config.out.suffix not in ("", ".mkv", ".avi"):
         raise ParameterError("out", f"need a folder, or a file .mkv or .avi, got {config.out}")
     pair, pictures = source.pair(cell.pair), shuffled_pictures(source)
@@ -76,21 +86,25 @@ def main() -> None:
     if truth.exists():
         raise ParameterError("out", f"{truth} is there already; choose another name")
     lines: list[str] = []
+    files: list[Path] = []
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for frame in tqdm(stream, total=int(seconds * settings.fps), unit="frame"):
             file = None if config.out.suffix else f"{frame.number:06d}.png"
             if file:
+                files.append(config.out / file)
                 write_image(config.out / file, frame.rgb)
             lines.append(frame.truth(file))
             yield frame.rgb
 
-    if config.out.suffix:
-        write_video(config.out, frames(), settings.fps)
-    else:
-        for _ in frames():
-            pass
-    write_bytes(truth, ("\n".join(lines) + "\n").encode())
+    with all_or_none(files):
+        if config.out.suffix:
+            write_video(config.out, frames(), settings.fps)
+            files.append(config.out)
+        else:
+            for _ in frames():
+                pass
+        write_bytes(truth, ("\n".join(lines) + "\n").encode())
     report = {
         "out": str(config.out),
         "truth": str(truth),

@@ -21,7 +21,7 @@ from export.watchdog import Watchdog
 from link.errors import InputError, ParameterError, read_flags, run_cli
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
-from link.images import MAX_MEGAPIXELS, as_batch, read_image
+from link.images import add_pixel_limit, as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
 from link.ratex import visibility
@@ -336,12 +336,7 @@ def main() -> None:
         ("--corners-embedded", "the same in the embedded frame; --corners where absent"),
     ):
         parser.add_argument(flag, nargs=4, metavar="x,y", help=text)
-    parser.add_argument(
-        "--max-megapixels",
-        type=float,
-        metavar="N",
-        help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
-    )
+    add_pixel_limit(parser)
     # a leading blank keeps argparse from taking -0.5,-0.5 for a flag
     words = [re.sub(r"^(?=-[\d.]+,)", " ", word) for word in sys.argv[1:]]
     args = read_flags(lambda: parser.parse_args(words))

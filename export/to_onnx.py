@@ -17,7 +17,7 @@ from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.errors import InputError, at_least, read_flags, run_cli
-from link.images import write_bytes
+from link.images import temporary_name, write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
 from models.neural.checkpoint import load_checkpoint, read_config
 from models.neural.decoder import PhiDecoder
@@ -142,7 +142,7 @@ def export(
     Raises:
         InputError: torch and onnxruntime disagree; nothing is left under that name.
     """
-    candidate = path.with_suffix(".unchecked.onnx")
+    candidate = temporary_name(path)
     write_bytes(candidate, to_onnx(module, run_name, training))
     try:
         parity = compare_with_torch(module, Decoder(candidate), frames, seed)

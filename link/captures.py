@@ -13,7 +13,7 @@ from link.embed import MAX_KAPPA
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import as_corners
-from link.images import read_image, write_bytes, write_image
+from link.images import all_or_none, read_image, write_bytes, write_image
 from link.layout import Layout
 from link.outside import inside, is_file, read_json_lines
 
@@ -44,30 +44,33 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
         the number of frame pairs.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: the folder cannot be written; no picture is left in it.
     """
-    lines = []
-    for number, captured in enumerate(captures):
-        names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
-        digest = hashlib.sha256()
-        for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
-            write_image(folder / name, frame)
-            digest.update((folder / name).read_bytes())
-        entry: dict[str, Any] = {
-            "original": names[0],
-            "embedded": names[1],
-            "layout": captured.layout.to_dict(),
-            "corners": captured.corners.round(3).tolist(),
-            "corners_embedded": captured.corners_embedded.round(3).tolist(),
-        }
-        if captured.bits is not None:
-            entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
-        if captured.kappa is not None:
-            entry["kappa"] = captured.kappa
-        if captured.ratex_kappa is not None:
-            entry["ratex_kappa"] = captured.ratex_kappa
-        lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
-    write_bytes(folder / MANIFEST, ("\n".join(lines) + "\n").encode())
+    lines: list[str] = []
+    files: list[Path] = []
+    with all_or_none(files):
+        for number, captured in enumerate(captures):
+            names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
+            digest = hashlib.sha256()
+            for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
+                files.append(folder / name)
+                write_image(folder / name, frame)
+                digest.update((folder / name).read_bytes())
+            entry: dict[str, Any] = {
+                "original": names[0],
+                "embedded": names[1],
+                "layout": captured.layout.to_dict(),
+                "corners": captured.corners.round(3).tolist(),
+                "corners_embedded": captured.corners_embedded.round(3).tolist(),
+            }
+            if captured.bits is not None:
+                entry["bits"] = [None if bit < 0 else int(bit) for bit in captured.bits]
+            if captured.kappa is not None:
+                entry["kappa"] = captured.kappa
+            if captured.ratex_kappa is not None:
+                entry["ratex_kappa"] = captured.ratex_kappa
+            lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
+        write_bytes(folder / MANIFEST, ("\n".join(lines) + "\n").encode())
     return len(lines)
 
 

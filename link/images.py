@@ -2,6 +2,9 @@
 
 import math
 import os
+from argparse import ArgumentParser
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -23,6 +26,8 @@ BYTES_PER_PIXEL = 8
 """Largest size of a stored pixel, in bytes: four channels of 16 bits, without compression."""
 SPARE_BYTES = 2**24
 """Largest size, in bytes, of what an image file may hold beside its pixels, such as a profile."""
+MAX_NAME_BYTES = 255
+"""Largest length, in bytes, of a file's name on the usual file systems."""
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 """Endings, in lower case, of the files that count as images where a folder is listed."""
 LUMA = (0.299, 0.587, 0.114)
@@ -44,6 +49,16 @@ def intensity(frame: NDArray[np.uint8]) -> NDArray[np.float32]:
     scaled = frame.astype(np.float32) / np.float32(255)
     luma = np.array(LUMA, np.float32)
     return np.asarray(scaled if frame.ndim == 2 else scaled @ luma, np.float32)
+
+
+def add_pixel_limit(parser: ArgumentParser) -> None:
+    """Give a command the flag --max-megapixels, the argument of `pixel_limit`."""
+    parser.add_argument(
+        "--max-megapixels",
+        type=float,
+        metavar="N",
+        help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
+    )
 
 
 def pixel_limit(max_megapixels: float | None = None) -> int:
@@ -78,7 +93,7 @@ def check_pixels(width: int, height: int, where: Path | str, limit: int) -> None
     if width * height > limit:
         raise InputError(
             f"{where}: image is {width}x{height}, more than {limit / 1e6:g} megapixels; scale it "
-            f"down, or set {MEGAPIXELS_VARIABLE} to a larger limit"
+            f"down, or raise the limit with --max-megapixels or {MEGAPIXELS_VARIABLE}"
         )
 
 
@@ -207,8 +222,8 @@ def write_bytes(path: Path | str, data: bytes) -> None:
         InputError: the folder cannot be made or written.
     """
     path = Path(path)
+    temporary = temporary_name(path)
     make_folder(path.parent)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         try:
             temporary.write_bytes(data)
@@ -219,6 +234,36 @@ def write_bytes(path: Path | str, data: bytes) -> None:
             raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+
+
+def temporary_name(path: Path) -> Path:
+    """Name a hidden file beside a file, under which it is written at first.
+
+    Raises:
+        InputError: the path has no name, such as that of the root.
+
+    >>> temporary_name(Path("runs/film.mkv")).name.startswith(".film.mkv.")
+    True
+    """
+    if not path.name:
+        raise InputError(f"{path}: is a folder; name a file")
+    short = len(os.fsencode(path.name)) < MAX_NAME_BYTES - 30
+    return path.with_name(f".{path.name if short else path.name[:50]}.{os.getpid()}.tmp")
+
+
+@contextmanager
+def all_or_none(files: Sequence[Path]) -> Iterator[None]:
+    """Remove files that belong together where an error keeps the block from writing all of them.
+
+    Args:
+        files: what was written so far; it may grow within the block.
+    """
+    try:
+        yield
+    except (InputError, OSError, MemoryError):
+        for file in files:
+            file.unlink(missing_ok=True)
+        raise
 
 
 def make_folder(path: Path) -> None:

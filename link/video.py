@@ -8,7 +8,6 @@ for the sender) or a warning (`export.receive.sources`, for the receiver).
 
 import math
 import os
-import shutil
 import zlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -18,17 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import check_pixels, pixel_limit
+from link.images import check_pixels, make_folder, pixel_limit, temporary_name
 from link.outside import is_file
 
 LOSSLESS = "FFV1"
 """Code of the writer; of those in OpenCV's wheels it is the smallest that keeps every level."""
 MAX_FPS = 1000.0
 """Largest number of frames a second that a file is believed to have."""
-MIN_FREE_BYTES = 2**20
-"""Free space, in bytes, below which a disk is taken to be full where a video is not whole."""
+SPACE_BYTES = 2**20
+"""Space, in bytes, that a disk must have left beside a video that is not whole: with less, the disk
+is to blame."""
 SLACK_S = 0.5
 """Seconds that a stream may end before its file says: sound is often a little longer."""
+# our one line says what is wrong; OpenCV asks for this when it first reads or writes a video
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 class VideoReader:
@@ -36,17 +38,18 @@ class VideoReader:
 
     Args:
         path: of the file.
+        max_megapixels: largest number of pixels of a frame, in millions; see
+            `link.images.pixel_limit`.
 
     Raises:
         InputError: the file is missing, no video that OpenCV can read, or its frames have more
             pixels than `link.images.pixel_limit` allows.
     """
 
-    def __init__(self, path: Path | str) -> None:
+    def __init__(self, path: Path | str, max_megapixels: float | None = None) -> None:
         self.path = Path(path)
         if not is_file(self.path):
             raise InputError(f"{path}: no such video file; check the path")
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # our one line says what is wrong
         level = cv2.utils.logging.getLogLevel()
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:
@@ -62,7 +65,7 @@ class VideoReader:
             int(self._video.get(side))
             for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
-        check_pixels(width, height, self.path, pixel_limit())
+        check_pixels(width, height, self.path, pixel_limit(max_megapixels))
         fps = float(self._video.get(cv2.CAP_PROP_FPS))
         count = float(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
         self._stated_s = count / fps if fps > 0 and count > 0 else 0.0
@@ -114,13 +117,15 @@ def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
     return np.asarray(cv2.cvtColor(image, code), np.uint8)
 
 
-def read_video(path: Path | str) -> Iterator[NDArray[np.uint8]]:
+def read_video(
+    path: Path | str, max_megapixels: float | None = None
+) -> Iterator[NDArray[np.uint8]]:
     """Give the frames of a whole video, one at a time, (H, W, 3) uint8, encoded RGB.
 
     Raises:
         InputError: no readable video, no frame in it, or it ends before the time it states.
     """
-    reader = VideoReader(path)
+    reader = VideoReader(path, max_megapixels)
     yield from reader.frames()
     if reader.broken_off is not None:
         raise InputError(reader.broken_off)
@@ -140,7 +145,9 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> 
         InputError: odd width or height, a full disk, or this OpenCV cannot write or read the file
             bit for bit.
     """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+    hidden = temporary_name(path.with_suffix(""))
+    temporary = hidden.with_name(hidden.name + path.suffix)  # which tells OpenCV the kind
+    make_folder(path.parent)
     writer, sums = None, []
     try:
         for frame in frames:
@@ -152,8 +159,7 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> 
         if writer is not None:
             writer.release()
         if _sums_of(temporary) != sums:
-            if shutil.disk_usage(path.parent).free < MIN_FREE_BYTES:
-                raise InputError(f"{path}: cannot be written (no space left on the disk)")
+            _try_space(temporary)
             raise InputError(
                 f"{path.suffix}: the installed OpenCV does not give {LOSSLESS} video back bit for "
                 "bit; write a folder of images or .html"
@@ -166,6 +172,12 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> 
             writer.release()
         if is_file(temporary):
             temporary.unlink()
+
+
+def _try_space(path: Path) -> None:
+    """Raise the system's error if a file cannot grow: OpenCV tells nobody that a disk is full."""
+    with path.open("ab") as file:
+        file.write(bytes(SPACE_BYTES))
 
 
 def _sums_of(path: Path) -> list[int]:

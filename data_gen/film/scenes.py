@@ -4,6 +4,7 @@ The camera exposes for the display, as `Setup.metering` says, not for the room. 
 rectangles without shadows; depth of field is one blur of all that lies behind the display.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -28,6 +29,7 @@ from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture
 from link.errors import InputError, ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
+from link.images import pixel_limit
 from link.layout import Layout
 
 COVERAGE = (0.05, 0.9)
@@ -70,6 +72,13 @@ class SceneSettings:
         if min(self.size) < MIN_IMAGE_SIDE:
             raise ParameterError(
                 "size", f"need at least {MIN_IMAGE_SIDE}x{MIN_IMAGE_SIDE} pixels, got {self.size}"
+            )
+        pixels = math.prod(side + 2 * self.margin_px for side in self.size)
+        if pixels > pixel_limit():
+            raise ParameterError(
+                "size",
+                f"{self.size[0]}x{self.size[1]} and its margin have more than "
+                f"{pixel_limit() / 1e6:g} megapixels; film fewer",
             )
         if self.coverage is not None and not COVERAGE[0] <= self.coverage <= COVERAGE[1]:
             raise ParameterError(

@@ -12,7 +12,7 @@ from typing import Any
 from export.locate.find import locate
 from export.overlay import outline_display
 from link.errors import InputError, read_flags, run_cli
-from link.images import MAX_MEGAPIXELS, pixel_limit, read_image, write_image
+from link.images import add_pixel_limit, pixel_limit, read_image, write_image
 from link.layout import Layout, read_layout
 
 
@@ -36,12 +36,7 @@ def main() -> None:
     known = parser.add_mutually_exclusive_group()
     known.add_argument("--model", type=Path, help="an .onnx decoder, which carries its layout")
     known.add_argument("--layout", type=Path, help="a JSON file with the layout displayed")
-    parser.add_argument(
-        "--max-megapixels",
-        type=float,
-        metavar="N",
-        help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
-    )
+    add_pixel_limit(parser)
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
     args = read_flags(parser.parse_args)
     pixel_limit(args.max_megapixels)  # a wrong limit is no error of each image

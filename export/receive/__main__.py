@@ -21,7 +21,7 @@ from export.receive.track import Tracked
 from export.runtime import Decoder
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
-from link.images import make_folder, read_image, write_image
+from link.images import add_pixel_limit, make_folder, read_image, write_image
 from models import PRETRAINED
 
 MODEL = PRETRAINED / "decoder.onnx"
@@ -46,6 +46,7 @@ def main() -> None:
     )
     parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
     parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
+    add_pixel_limit(parser)
     args = read_flags(parser.parse_args)
     at_least(1, threads=args.threads)
     if "" in args.input:
@@ -57,7 +58,7 @@ def main() -> None:
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")
     if len(args.input) == 2:
-        read_two_images(decoder, *args.input)
+        read_two_images(decoder, args.input[0], args.input[1], args.max_megapixels)
     else:
         read_stream(decoder, args, inbox)
 
@@ -75,13 +76,15 @@ def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
     return None
 
 
-def read_two_images(decoder: Decoder, first: str, second: str) -> None:
+def read_two_images(
+    decoder: Decoder, first: str, second: str, max_megapixels: float | None
+) -> None:
     """Decode two images in either order, with the display anywhere in each.
 
     Raises:
         InputError: an image is unreadable or shows no display, or both show one state.
     """
-    frames = [read_image(path) for path in (first, second)]
+    frames = [read_image(path, max_megapixels) for path in (first, second)]
     corners = []
     for path, image in zip((first, second), frames, strict=True):
         found = locate(image, decoder.layout)
@@ -112,7 +115,7 @@ def pair_values(pair: DecodedPair, scores: bool) -> dict[str, Any]:
 
 def read_stream(decoder: Decoder, args: argparse.Namespace, inbox: Inbox) -> None:
     """Receive from a folder, a video or a camera until the message is whole or frames end."""
-    source = open_source(args.input[0], args.fps)
+    source = open_source(args.input[0], args.fps, args.max_megapixels)
     receiver = Receiver(decoder, source.fps)
     in_view = clocked = False
     last: CameraFrame | None = None

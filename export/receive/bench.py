@@ -17,6 +17,7 @@ from export.receive.receiver import Receiver
 from export.receive.sources import open_source
 from export.runtime import Decoder
 from link.errors import InputError, at_least, read_flags, run_cli
+from link.images import add_pixel_limit
 from models import PRETRAINED
 
 MODEL = PRETRAINED / "decoder.onnx"
@@ -35,10 +36,11 @@ def main() -> None:
     parser.add_argument("--fps", type=float, help="camera frames a second, where INPUT is silent")
     parser.add_argument("--frames", type=int, default=300, help="at most")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")
+    add_pixel_limit(parser)
     args = read_flags(parser.parse_args)
     at_least(1, threads=args.threads, frames=args.frames)
     cv2.setNumThreads(args.threads)
-    source = open_source(args.input, args.fps)
+    source = open_source(args.input, args.fps, args.max_megapixels)
     frames = [frame for _, frame in zip(range(args.frames), source.frames, strict=False)]
     receiver = Receiver(Decoder(args.model, args.threads), source.fps)
     size = receiver.layout.width, receiver.layout.height

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
-from link.images import image_files, read_image
+from link.images import image_files, pixel_limit, read_image
+from link.outside import is_file
 from link.video import MAX_FPS, VideoReader, next_frame
 
 DEFAULT_FPS = 30.0
@@ -43,12 +44,16 @@ class FrameSource:
     """Nominal number of frames a second."""
 
 
-def open_source(name: str, fps: float | None = None) -> FrameSource:
+def open_source(
+    name: str, fps: float | None = None, max_megapixels: float | None = None
+) -> FrameSource:
     """Open a folder of images, a video file, or a camera by its number.
 
     Args:
         name: path, or a whole number for a camera.
         fps: frames a second, where the source does not know it or is wrong.
+        max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
+            `link.images.pixel_limit`.
 
     Raises:
         InputError: nothing there, or nothing readable in it; also later, from ``frames``.
@@ -57,24 +62,25 @@ def open_source(name: str, fps: float | None = None) -> FrameSource:
         raise ParameterError(
             "fps", f"need more than 0 and at most {MAX_FPS:g} frames a second, got {fps:g}"
         )
+    pixel_limit(max_megapixels)  # a wrong limit is no error of each image
     if name.isascii() and name.isdigit() and len(name) <= MAX_CAMERA_DIGITS:
         return _camera(int(name), fps)
     path = Path(name)
     if path.is_dir():
-        return _folder(path, fps)
-    if not path.is_file():
+        return _folder(path, fps, max_megapixels)
+    if not is_file(path):
         raise InputError(f"{path}: no such folder, video file or camera number")
-    return _video(path, fps)
+    return _video(path, fps, max_megapixels)
 
 
-def _folder(path: Path, fps: float | None) -> FrameSource:
+def _folder(path: Path, fps: float | None, max_megapixels: float | None) -> FrameSource:
     files = image_files(path)
     rate = fps or DEFAULT_FPS
 
     def frames() -> Iterator[CameraFrame]:
         for number, file in enumerate(files):
             try:
-                image = read_image(file)
+                image = read_image(file, max_megapixels)
             except InputError as error:
                 print(f"skipped: {error}", file=sys.stderr)
                 continue
@@ -83,8 +89,8 @@ def _folder(path: Path, fps: float | None) -> FrameSource:
     return FrameSource(frames(), rate)
 
 
-def _video(path: Path, fps: float | None) -> FrameSource:
-    reader = VideoReader(path)
+def _video(path: Path, fps: float | None, max_megapixels: float | None) -> FrameSource:
+    reader = VideoReader(path, max_megapixels)
     rate = fps or reader.fps or DEFAULT_FPS
 
     def frames() -> Iterator[CameraFrame]:

@@ -15,6 +15,7 @@ from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
+from link.images import add_pixel_limit
 from link.layout import Layout, make_layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
@@ -124,6 +125,7 @@ def send_parser() -> argparse.ArgumentParser:
     add("--refresh", type=float, default=60.0, help="of the display, Hz (60)")
     add("--state-hz", type=float, help="states a second, if not refresh / hold")
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
+    add_pixel_limit(parser)
     return parser
 
 
@@ -144,7 +146,7 @@ def main() -> None:
         layout,
         args.kappa,
         encode(protected_message(message, args.key, args.counter), layout.n_bits),
-        open_pictures(args.pictures, state_hz / 2),
+        open_pictures(args.pictures, state_hz / 2, args.max_megapixels),
         args.pyramid_level,
     )
     report = write_loop(loop, args.out, len(message), state_hz, hold=args.hold, scale=args.scale)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from link.errors import InputError
 from link.images import IMAGE_SUFFIXES, image_files, read_image
 from link.loop import Pictures
+from link.outside import is_file
 from link.video import VideoReader, read_video
 
 
-def open_pictures(source: Path, pair_hz: float) -> Pictures:
+def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = None) -> Pictures:
     """Open an image, a folder of images, or a video, whichever ``source`` is.
 
     A folder gives its images by name, a video the frame that it would show at the time of each
@@ -22,25 +23,28 @@ def open_pictures(source: Path, pair_hz: float) -> Pictures:
     Args:
         source: image file, folder of images (other files in it are passed over), or video file.
         pair_hz: frame pairs shown in a second.
+        max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
+            `link.images.pixel_limit`.
 
     Raises:
         InputError: nothing there, or nothing readable; also later, when the stream gets there.
     """
+    read = partial(read_image, max_megapixels=max_megapixels)
     if source.is_dir():
-        return partial(map, read_image, image_files(source))
-    if not source.exists():
+        return partial(map, read, image_files(source))
+    if not is_file(source):
         raise InputError(f"{source}: no such image, folder or video; check the path")
     if source.suffix.lower() in IMAGE_SUFFIXES:
-        picture = read_image(source)
+        picture = read(source)
         return lambda: iter([picture])
-    fps = VideoReader(source).fps
-    return partial(_in_time, source, 1.0 if fps is None else fps / pair_hz)
+    fps = VideoReader(source, max_megapixels).fps
+    return partial(_in_time, source, max_megapixels, 1.0 if fps is None else fps / pair_hz)
 
 
-def _in_time(video: Path, step: float) -> Iterator[NDArray[np.uint8]]:
+def _in_time(video: Path, max_megapixels: float | None, step: float) -> Iterator[NDArray[np.uint8]]:
     """Give, of the frames 0, 1, 2, ..., the first at or after 0, step, 2 step, ..."""
     given = 0
-    for number, frame in enumerate(read_video(video)):
+    for number, frame in enumerate(read_video(video, max_megapixels)):
         while number >= given * step:
             given += 1
             yield frame

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.send.player import write_player
-from link.errors import ParameterError
-from link.images import make_folder, write_bytes, write_image
+from link.errors import InputError, ParameterError
+from link.images import make_folder, temporary_name, write_bytes, write_image
 from link.loop import Loop
 from link.video import write_video
 
@@ -47,21 +46,26 @@ def check_out(out: Path) -> str:
 
 @contextlib.contextmanager
 def unfinished(out: Path) -> Iterator[Path]:
-    """Lend a temporary name beside ``out``, which is renamed at the end, or removed on an error."""
-    temporary = out.with_name(f".{out.stem}.{os.getpid()}.tmp{out.suffix}")
+    """Lend a new folder beside ``out``, which is renamed at the end, or removed on an error.
+
+    Raises:
+        InputError: a folder or a file in it cannot be written; names it by what it would be.
+    """
+    temporary = temporary_name(out)
     make_folder(out.parent)
     try:
+        make_folder(temporary)
         yield temporary
         if out.is_dir():
             out.rmdir()
         temporary.replace(out)
     except OSError as error:
         raise ParameterError("out", f"{out} cannot be written ({error.strerror})") from None
+    except InputError as error:
+        raise InputError(str(error).replace(str(temporary), str(out))) from None
     finally:
         if temporary.is_dir():
             shutil.rmtree(temporary)
-        else:
-            temporary.unlink(missing_ok=True)
 
 
 def write_states(folder: Path, states: Iterable[NDArray[np.uint8]]) -> None:
@@ -96,14 +100,13 @@ def write_loop(
         InputError: a picture or the output is no good; nothing is left behind.
     """
     kind = check_out(out)
-    with unfinished(out) as path:
-        if kind == ".html":
-            write_player(path, loop.pairs(), hold, scale)
-        elif kind:
-            write_video(path, loop.states(), state_hz)
-        else:
-            write_states(path, loop.states())
-        report = loop.report(message_bytes, state_hz)
-        if not kind:
-            write_bytes(path / SENT, json.dumps(report, indent=1).encode())
-    return report
+    if kind == ".html":
+        write_player(out, loop.pairs(), hold, scale)
+    elif kind:
+        write_video(out, loop.states(), state_hz)
+    else:
+        with unfinished(out) as folder:
+            write_states(folder, loop.states())
+            report = loop.report(message_bytes, state_hz)
+            write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
+    return loop.report(message_bytes, state_hz)
