@@ -19,6 +19,7 @@ from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
+from link.files.lock import locked
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.engine.backends import make_backend
@@ -79,7 +80,9 @@ class EvaluateConfig:
     set: tuple[str, ...] = ()
     """Parameters of the channel, such as drift=0.1 jpeg_quality=70 (data_gen/parameters.py)."""
     out: Path = Path("runs/evaluation")
-    """Folder for predictions.jsonl, metrics.json, tables.md and report.html."""
+    """Folder for predictions.jsonl, metrics.json, tables.md and report.html. A run of the same
+    settings that was cut off goes on there; a folder that holds another run is refused, and so is
+    one that another process is writing."""
     html: bool = True
     """Write report.html, and what it shows beside the predictions."""
     report: Path | None = None
@@ -119,13 +122,14 @@ def main() -> None:
         config = replace(config, frames=min(config.frames, QUICK.frames))
     methods = apply_protocol(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
     folder = RunFolder(config.out)
-    folder.claim(describe(config, methods))
-    if config.captures is None:
-        evaluate_simulated(config, methods, folder)
-    else:
-        evaluate_folder(config.captures, methods, folder, config.seed, config.html)
-        if config.show is not None:
-            show(config.captures, methods, config.show)
+    with locked(config.out):
+        folder.claim(describe(config, methods))
+        if config.captures is None:
+            evaluate_simulated(config, methods, folder)
+        else:
+            evaluate_folder(config.captures, methods, folder, config.seed, config.html)
+            if config.show is not None:
+                show(config.captures, methods, config.show)
 
 
 def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: RunFolder) -> None:

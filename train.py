@@ -23,7 +23,8 @@ from data_gen.pairs import PAIRS, get_pair
 from export.to_onnx import export
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
-from link.images import make_folder, write_bytes
+from link.files.lock import locked
+from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
@@ -34,9 +35,13 @@ from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance
 from reports.render.tables import summary_table
+from reports.run import claim_folder
 from reports.score.accuracy import score, write_scores
 
 STATE = "state.pt"
+UNDECISIVE = ("jobs", "device")
+"""Settings in which two runs of one folder may differ, because they decide no result, but for the
+rounding of another processor."""
 TRAINED_BY = ("data_gen.episodes", "models.neural.training")
 """Modules that decide, with all that they import, what a step of training computes."""
 PARITY_FRAMES = 30
@@ -52,7 +57,9 @@ class TrainConfig:
     pair: str = "canon-lg"
     """Camera and display, such as canon-lg, or "all"."""
     out: Path | None = None
-    """Folder of the run; runs/PAIR by default."""
+    """Folder of the run; runs/PAIR by default. A run of the same settings goes on there if it was
+    cut off, and is made again if it was finished; a folder that holds another run is refused, and
+    so is one that another process is writing."""
     decoder: DecoderConfig = FULL
     start: Start = "shipped"
     """Initial parameters: "shipped" goes on from the shipped decoder, which all pairs' training
@@ -87,9 +94,24 @@ def main() -> None:
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     check_training(config)
     folder = config.out or Path("runs") / config.pair
-    make_folder(folder)
-    layout = make_layout()
-    module = initial_decoder(layout, config.decoder, config.start).to(config.device)
+    module = initial_decoder(make_layout(), config.decoder, config.start).to(config.device)
+    with locked(folder):
+        claim_folder(folder, training_settings(config), "train", UNDECISIVE)
+        train_and_evaluate(module, pairs, config, folder)
+
+
+def train_and_evaluate(
+    module: PhiDecoder, pairs: tuple[str, ...], config: TrainConfig, folder: Path
+) -> None:
+    """Simulate, train, export and evaluate, in a folder that is claimed.
+
+    Args:
+        module: the decoder with its initial parameters, which are changed.
+        pairs: names of the camera-display pairs.
+        config: settings of the run.
+        folder: where the run is written.
+    """
+    layout = module.layout
     plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
     episodes = simulate_episodes(Source(layout, "train", config.seed), pairs, plan, config.jobs)
     train(module, episodes, config, folder)

@@ -45,6 +45,9 @@ REFERENCES = {
 }
 """Results of other commands that the report shows, copied into the run's folder."""
 REPORT = "report.html"
+"""Name of the page of a run."""
+CONFIG = "config.json"
+"""Name of the file in a run's folder that holds its settings; it is written first."""
 
 
 @dataclass(frozen=True)
@@ -206,6 +209,48 @@ class Run:
         return [str(name) for name in self.scores["method"].unique()]
 
 
+def claim_folder(
+    folder: Path, settings: dict[str, Any], part: str = "", ignored: Sequence[str] = ()
+) -> None:
+    """Write a run's settings to config.json before any work, or refuse another run's folder.
+
+    Call it while `link.files.lock.locked` keeps others out of the folder.
+
+    Args:
+        folder: is made if it is not there.
+        settings: all that decides the result; what JSON does not know is written as text.
+        part: key of config.json under which the settings stand, where the run adds more to the
+            file at its end; empty where the file holds the settings alone.
+        ignored: settings that decide no result, in which two runs may differ.
+
+    Raises:
+        InputError: the folder holds results and another config.json, or cannot be written.
+    """
+    make_folder(folder)
+    file = folder / CONFIG
+    content = {part: settings} if part else settings
+    text = json.dumps(content, indent=2, default=str) + "\n"
+
+    def deciding(content: Any) -> Any:
+        found = content.get(part) if part and isinstance(content, dict) else content
+        if not isinstance(found, dict):
+            return found
+        return {name: value for name, value in found.items() if name not in ignored}
+
+    if file.is_symlink() or file.exists():
+        try:
+            mine = deciding(read_json(file)) == deciding(json.loads(text))
+        except InputError:
+            mine = False
+        if mine:
+            return
+        if any(other.name not in (CONFIG, LOCK) for other in folder.iterdir()):
+            raise ParameterError(
+                "out", f"{folder} holds a run with other settings; choose another folder"
+            )
+    write_bytes(file, text.encode())
+
+
 class RunFolder:
     """Writes a run's files, and reads them back.
 
@@ -227,16 +272,8 @@ class RunFolder:
         Raises:
             InputError: the folder belongs to another run, or cannot be written.
         """
-        make_folder(self.path)
-        file = self.path / "config.json"
-        text = (json.dumps(settings, indent=2, default=str) + "\n").encode()
-        holds_results = any(other.name not in (file.name, LOCK) for other in self.path.iterdir())
-        if file.is_file() and file.read_bytes() != text and holds_results:
-            raise ParameterError(
-                "out", f"{self.path} holds a run with other settings; choose another folder"
-            )
-        write_bytes(file, text)
-        self.settings = json.loads(text)
+        claim_folder(self.path, settings)
+        self.settings = json.loads(json.dumps(settings, default=str))
 
     def write_comparison(self, records: pd.DataFrame, meta: dict[str, Any], tables: str) -> None:
         """Write the main comparison: predictions.jsonl, metrics.json and tables.md.

@@ -114,11 +114,28 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
 ) -> None:
     monkeypatch.setattr(train, "export", agreed_parity)
     small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
-    for frames in (1, 2):
-        done = command(train.main, "--out", tmp_path, *small, "--frames", frames)
-        assert done.status == 0, done.stderr
-    rows = json.loads((tmp_path / "metrics.json").read_text())["rows"]
-    assert {row["frames"] for row in rows} == {2}
+    small += ["--frames", "1", "--out", str(tmp_path)]
+    assert command(train.main, *small).status == 0
+    decoder, metrics = ((tmp_path / name).read_bytes() for name in ("decoder.pt", "metrics.json"))
+    cells = tmp_path / "evaluation" / "cells"
+    stored = set(cells.iterdir())
+    assert len(stored) == len(DECODERS)
+    assert command(train.main, *small).status == 0  # it is made again, to the same bytes
+    assert (tmp_path / "decoder.pt").read_bytes() == decoder
+    assert (tmp_path / "metrics.json").read_bytes() == metrics
+    assert set(cells.iterdir()) == stored
+    train_loop = train.train
+
+    def train_otherwise(module: PhiDecoder, *rest: Any) -> None:
+        train_loop(module, *rest)
+        with torch.no_grad():
+            next(module.parameters()).mul_(1.1)
+
+    monkeypatch.setattr(train, "train", train_otherwise)
+    assert command(train.main, *small).status == 0
+    assert (tmp_path / "decoder.pt").read_bytes() != decoder
+    (anew,) = set(cells.iterdir()) - stored  # that of the learned decoder
+    assert len(list(anew.iterdir())) == 4
 
 
 @pytest.mark.parametrize(

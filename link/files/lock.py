@@ -2,12 +2,15 @@
 
 The kernel holds the lock and drops it when the process ends, however it ends. The file that carries
 the lock names the process for whoever is refused, and is removed at a normal end. A file that a
-killed process left behind locks nothing.
+killed process left behind locks nothing. It tells the next process to remove the temporary files
+that were not renamed any more.
 """
 
 import fcntl
 import os
 import platform
+import re
+import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +21,8 @@ from link.images import make_folder
 
 LOCK = ".lock"
 """Name of the file in a folder that carries the lock of the process that writes there."""
+TEMPORARY = re.compile(r"\.(.+)\.\d+\.tmp(\.\w+)?")
+"""Pattern of the names under which files are written before they are renamed."""
 PATIENCE_S = 0.5
 """Seconds to wait for the name of the process that holds a lock, before it is refused unnamed."""
 _held: dict[str, int] = {}
@@ -25,16 +30,15 @@ _held: dict[str, int] = {}
 
 
 @contextmanager
-def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
-    """Keep other processes from writing a folder while the block runs.
+def locked(folder: Path, file: str = "") -> Iterator[None]:
+    """Keep other processes from writing a folder, or one file in it, while the block runs.
 
     A process that holds the lock already may take it again; the outermost block releases it. A
     process that is forked meanwhile does not hold it.
 
     Args:
         folder: is made if it is not there.
-        name: name of the lock's file in it. A command that writes a single file takes the name
-            ".FILE.lock" in the folder of that file.
+        file: name of the file in it that is written; empty where the whole folder is.
 
     Raises:
         InputError: another process holds the lock, which the message names, or the folder cannot
@@ -48,13 +52,15 @@ def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
     (['.lock'], [])
     """
     make_folder(folder)
-    path = os.path.join(os.path.realpath(folder), name)
+    path = os.path.join(os.path.realpath(folder), f".{file}.lock" if file else LOCK)
     if path in _held:
         yield
         return
-    descriptor = _acquire(folder, path)
+    descriptor, was_left = _acquire(folder / file, path)
     _held[path] = descriptor
     try:
+        if was_left:
+            _remove_temporaries(folder, file)
         yield
     finally:
         if _held.pop(path, None) == descriptor:  # a forked process has dropped it
@@ -62,14 +68,18 @@ def locked(folder: Path, name: str = LOCK) -> Iterator[None]:
             os.close(descriptor)
 
 
-def _acquire(folder: Path, path: str) -> int:
-    """Open and lock a lock's file, which then names this process."""
+def _acquire(target: Path, path: str) -> tuple[int, bool]:
+    """Open and lock a lock's file, which then names this process.
+
+    Returns:
+        the open file, and whether a process that was killed has left it.
+    """
     deadline = time.monotonic() + PATIENCE_S
     while True:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
         except OSError as error:
-            raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
+            raise InputError(f"{target}: cannot be written ({error.strerror})") from None
         taken = False
         try:
             try:
@@ -78,19 +88,20 @@ def _acquire(folder: Path, path: str) -> int:
                 holder = _holder(descriptor)
                 if holder or time.monotonic() > deadline:
                     raise InputError(
-                        f"{folder}: {holder or 'another process'} is writing it; wait until it "
-                        "ends, or choose another folder"
+                        f"{target}: {holder or 'another process'} is writing it; wait until it "
+                        "ends, or choose another name"
                     ) from None
                 time.sleep(0.01)
                 continue
             if not _is_at(path, descriptor):  # its last holder removed it after it was opened
                 continue
+            was_left = os.fstat(descriptor).st_size > 0
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"{os.getpid()} {platform.node()}\n".encode(), 0)
             taken = True
-            return descriptor
+            return descriptor, was_left
         except OSError as error:
-            raise InputError(f"{folder}: cannot be locked ({error.strerror})") from None
+            raise InputError(f"{target}: cannot be locked ({error.strerror})") from None
         finally:
             if not taken:
                 os.close(descriptor)
@@ -132,6 +143,22 @@ def _remove(path: str, descriptor: int) -> None:
             os.unlink(path)
     except OSError:
         pass
+
+
+def _remove_temporaries(folder: Path, file: str) -> None:
+    """Remove what a killed process wrote and could not rename, in a folder or beside a file."""
+    for parent, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            match = TEMPORARY.fullmatch(name)
+            if match is None or (file and match[1] + (match[2] or "") not in (file, file[:50])):
+                continue  # `link.images.temporary_name` cuts long names
+            path = os.path.join(parent, name)
+            if os.path.isdir(path) and not os.path.islink(path):
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                os.unlink(path)
+        if file:
+            break
 
 
 def _drop_in_child() -> None:

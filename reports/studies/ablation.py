@@ -19,6 +19,7 @@ import tyro
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -75,6 +76,12 @@ def main() -> None:
     """Decode, compare, write, print."""
     config = read_flags(lambda: tyro.cli(AblationConfig))
     check_flags(config)
+    with locked(config.out):
+        _run(config)
+
+
+def _run(config: AblationConfig) -> None:
+    """Decode, compare, write, print, while no other process writes the folder."""
     base = Source(make_layout(), "test", config.seed)
     conditions = [
         named_condition(name, base, config.pairs, config.frames) for name in config.conditions

@@ -30,6 +30,7 @@ from export.to_onnx import to_onnx
 from link.code.framing import encode
 from link.embed import embed
 from link.errors import at_least, read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -331,6 +332,12 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(DeliveryConfig))
     at_least(1, runs=config.runs, jobs=config.jobs, n_bytes=config.n_bytes)
     at_least(0, seed=config.seed)
+    with locked(config.out):
+        _run(config)
+
+
+def _run(config: DeliveryConfig) -> None:
+    """Film, receive, store, print, while no other process writes the folder."""
     model = receiver_model(config)
     takes = {
         f"{pair} {view:g} {run}": Take(config, pair, view, run, model)

@@ -32,6 +32,7 @@ from link.code.collect import Collector
 from link.code.framing import encode
 from link.embed import embed
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
@@ -311,6 +312,12 @@ def main() -> None:
     at_least(0, seed=config.seed)
     for stream in config.streams:
         choose(STREAMS, stream, "stream")
+    with locked(config.out):
+        _run(config)
+
+
+def _run(config: EndlessConfig) -> None:
+    """Measure, print, write, while no other process writes the folder."""
     found: dict[str, list[StreamBlock]] = {}
     spawned = multiprocessing.get_context("spawn")
     for stream in config.streams:

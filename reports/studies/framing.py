@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from link.code.framing import SIGNATURE, decode, encode
 from link.errors import at_least, read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from reports.engine.digest import code_digest, package_versions
@@ -296,6 +297,12 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(FramingConfig))
     at_least(1, trials=config.trials, n_bytes=config.n_bytes, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    with locked(config.out):
+        _run(config)
+
+
+def _run(config: FramingConfig) -> None:
+    """Measure, print, write, while no other process writes the folder."""
     codes: list[str] = []
     for name, (_, _, package) in CODES.items():
         if package and find_spec(package) is None:

@@ -19,6 +19,7 @@ from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simul
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from link.errors import at_least, read_flags, run_cli
+from link.files.lock import locked
 from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models.neural.checkpoint import save_checkpoint
@@ -66,6 +67,12 @@ def main() -> None:
     at_least(1, episodes=config.episodes, steps=config.steps, frames=config.frames)
     at_least(1, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    with locked(config.out):
+        _run(config)
+
+
+def _run(config: LeaveOneOutConfig) -> None:
+    """Train, decode, print, while no other process writes the folder."""
     layout, pairs = make_layout(), tuple(PAIRS)
     plan = EpisodePlan(config.episodes, KAPPAS, MAX_VIEW_DEG)
     missing = [n for n in (ALL, *pairs) if not (folder_of(config, n) / "config.json").is_file()]

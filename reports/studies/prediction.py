@@ -20,6 +20,7 @@ from scipy.stats import spearmanr
 from data_gen.frame_pair import Source
 from data_gen.pairs import FITTED_FILE, PAIRS
 from link.errors import at_least, read_flags, run_cli
+from link.files.lock import locked
 from link.layout import make_layout
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells, predict_all
@@ -301,6 +302,12 @@ def main() -> None:
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, variant_frames=config.variant_frames, train_frames=config.train_frames)
     at_least(0, seed=config.seed)
+    with locked(config.work):
+        _run(config)
+
+
+def _run(config: PredictionConfig) -> None:
+    """Predict, compare, write, while no other process writes the folder."""
     scores = decode_printed(config, "paper", config.frames)
     stored = config.out.with_suffix(".json")
     write_scores(stored, scores, provenance(config.seed, simulated=True))

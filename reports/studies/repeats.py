@@ -14,14 +14,15 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
-from link.errors import at_least, each_once, read_flags, run_cli
+from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.files.lock import locked
 from link.frames import combined
 from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
 from models.neural.methods import Learned
 from reports.engine.backends import one_thread
-from reports.engine.conditions import named_condition
+from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.methods import Method
 from reports.engine.predict import fingerprint
 from reports.engine.provenance import provenance
@@ -72,6 +73,14 @@ def main() -> None:
     each_once(conditions=config.conditions, captures=config.captures)
     at_least(1, frames=config.frames, captures=min(config.captures), jobs=config.jobs)
     at_least(0, seed=config.seed)
+    for name in config.conditions:
+        choose(SETTINGS, name, "condition")
+    with locked(config.out):
+        _run(config)
+
+
+def _run(config: RepeatsConfig) -> None:
+    """Film, decode, add, print, while no other process writes the folder."""
     base, most = Source(make_layout(), "test", config.seed), max(config.captures)
     conditions = [
         named_condition(name, base, tuple(PAIRS), config.frames) for name in config.conditions

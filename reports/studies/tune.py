@@ -15,6 +15,7 @@ import tyro
 
 from data_gen.frame_pair import Source
 from link.errors import at_least, read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from reports.engine.methods import Method
@@ -59,6 +60,12 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(TuneConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    with locked(config.work):
+        _run(config)
+
+
+def _run(config: TuneConfig) -> None:
+    """Decode, rank, write, while no other process writes the folder."""
     source = Source(make_layout(), "train", config.seed)
     training = Condition("", source, paper_cells(config.pairs), config.frames)
     methods = grid_methods()

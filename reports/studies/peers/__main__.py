@@ -18,6 +18,7 @@ from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Source
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, read_flags, run_cli
+from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
@@ -76,7 +77,14 @@ def main() -> None:
     """Embed, film, read, print."""
     config = read_flags(lambda: tyro.cli(PeersConfig))
     source = Source(make_layout(), "test", config.seed, parameters=(("corner_px", 0.0),))
-    readings = read_all(config, source, check_systems(config, source))
+    systems = check_systems(config, source)
+    with locked(config.out):
+        _run(config, source, systems)
+
+
+def _run(config: PeersConfig, source: Source, systems: Sequence[System]) -> None:
+    """Embed, film, read, print, while no other process writes the folder."""
+    readings = read_all(config, source, systems)
     lines = [json.dumps(reading, allow_nan=False) + "\n" for reading in readings]
     write_bytes(config.out / "predictions.jsonl", "".join(lines).encode())
     rows = count_readings([Reading(**reading) for reading in readings])

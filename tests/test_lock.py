@@ -1,0 +1,249 @@
+"""The lock on what a command writes: one process at a time, whatever becomes of the others."""
+
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from conftest import Command
+
+import evaluate
+import train
+from link.errors import InputError
+from link.files.lock import LOCK, locked
+from reports.engine.digest import ROOT
+from reports.engine.predict import predict_all
+from reports.engine.stored import resume
+from reports.studies import ablation, delivery, endless, framing, leave_one_out, repeats
+from reports.studies.peers import __main__ as peers
+
+HOLD = """
+import os, subprocess, sys, time
+from pathlib import Path
+from link.files.lock import locked
+with locked(Path(sys.argv[1]), *sys.argv[2:3]):
+    (Path(sys.argv[1]) / f".run.json.{os.getpid()}.tmp").write_bytes(b"half")
+    if sys.argv[3:] == ["fork"]:
+        child = os.fork() or time.sleep(100)
+        print(child, flush=True)
+    elif sys.argv[3:] == ["spawn"]:
+        print(subprocess.Popen(["sleep", "100"], close_fds=False).pid, flush=True)
+    else:
+        print("held", flush=True)
+    time.sleep(100)
+"""
+
+
+@contextmanager
+def holder(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Another process that holds a lock, and what it printed then; it is killed at the end."""
+    line = [sys.executable, "-c", HOLD, str(folder), *arguments]
+    with subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        said = process.stdout.readline().strip()
+        try:
+            yield process, said
+        finally:
+            process.kill()
+
+
+def refused(folder: Path, file: str = "") -> str:
+    with pytest.raises(InputError) as error, locked(folder, file):
+        pass
+    return str(error.value)
+
+
+def test_a_second_process_is_refused_with_the_id_of_the_first(tmp_path: Path) -> None:
+    with holder(tmp_path) as (process, _):
+        assert f"{tmp_path}: process {process.pid} is writing it" in refused(tmp_path)
+        with locked(tmp_path / "another"), locked(tmp_path, "film.mkv"):
+            pass
+    with locked(tmp_path):  # the kernel dropped the lock of the process that was killed
+        names = os.listdir(tmp_path)
+    assert names.count(LOCK) == 1 and len(names) == 2
+    assert os.listdir(tmp_path) == ["another"]  # nor is its temporary file left
+
+
+def test_one_file_of_a_folder_can_be_locked(tmp_path: Path) -> None:
+    (tmp_path / ".other.mkv.1.tmp").touch()
+    (tmp_path / ".film.1.tmp.mkv").touch()
+    with holder(tmp_path, "film.mkv") as (process, _):
+        assert f"{tmp_path / 'film.mkv'}: process {process.pid}" in refused(tmp_path, "film.mkv")
+        with locked(tmp_path, "other.mkv"):
+            pass
+    with locked(tmp_path, "film.mkv"):
+        assert not (tmp_path / ".film.1.tmp.mkv").exists()
+    assert (tmp_path / ".other.mkv.1.tmp").exists()
+
+
+def test_a_process_on_another_host_is_named_with_it(tmp_path: Path) -> None:
+    with holder(tmp_path) as (process, _):
+        (tmp_path / LOCK).write_text(f"{process.pid} elsewhere\n")
+        assert f"process {process.pid} on elsewhere is writing it" in refused(tmp_path)
+
+
+@pytest.mark.parametrize("left", ["", "1234567 \n", "garbage", "\0" * 999])
+def test_a_file_that_was_left_locks_nothing(tmp_path: Path, left: str) -> None:
+    (tmp_path / LOCK).write_text(left)
+    with locked(tmp_path):
+        assert (tmp_path / LOCK).read_text().split()[0] == str(os.getpid())
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_an_unreadable_name_holds_is_refused_all_the_same(tmp_path: Path) -> None:
+    with holder(tmp_path):
+        (tmp_path / LOCK).write_text("²")
+        assert "another process is writing it" in refused(tmp_path)
+
+
+def test_a_lock_that_is_a_link_or_a_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one" / LOCK).symlink_to(tmp_path / "target")
+    assert "one: cannot be written" in refused(tmp_path / "one")
+    assert not (tmp_path / "target").exists()
+    (tmp_path / "two" / LOCK).mkdir(parents=True)
+    assert "two: cannot be written" in refused(tmp_path / "two")
+
+
+def test_a_process_may_take_its_own_lock_again(tmp_path: Path) -> None:
+    with locked(tmp_path):
+        with locked(tmp_path / "." / ""):
+            pass
+        assert (tmp_path / LOCK).exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_error_releases_the_lock(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), locked(tmp_path):
+        raise KeyboardInterrupt
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("how", ["fork", "spawn"])
+def test_a_child_does_not_keep_the_lock_of_a_parent_that_died(tmp_path: Path, how: str) -> None:
+    with holder(tmp_path, "", how) as (process, child):
+        assert f"process {process.pid}" in refused(tmp_path)
+        process.kill()
+        process.wait()
+        os.kill(int(child), 0)  # it lives
+        try:
+            with locked(tmp_path):
+                pass
+        finally:
+            os.kill(int(child), signal.SIGKILL)
+
+
+def enter_often(folder: Path, times: int) -> None:
+    """Enter the folder so many times, and fail where somebody else is in it."""
+    entered = 0
+    while entered < times:
+        try:
+            with locked(folder):
+                os.close(os.open(folder / "inside", os.O_CREAT | os.O_EXCL))
+                time.sleep(0.0005)
+                (folder / "inside").unlink()
+                entered += 1
+        except InputError:
+            continue
+
+
+def test_no_two_processes_are_ever_inside(tmp_path: Path) -> None:
+    forked = multiprocessing.get_context("fork")
+    processes = [forked.Process(target=enter_often, args=(tmp_path, 40)) for _ in range(4)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(60)
+    assert [process.exitcode for process in processes] == [0] * 4
+    assert not list(tmp_path.iterdir())
+
+
+SMALL = ["--pairs", "canon-lg", "--frames", "1", "--jobs", "1"]
+COMMANDS: list[tuple[Callable[[], None], list[str]]] = [
+    (evaluate.main, [*SMALL, "--views", "0", "--kappas", "5", "--methods", "naive"]),
+    (train.main, ["--episodes", "1", "--jobs", "1"]),
+    (ablation.main, SMALL),
+    (delivery.main, ["--runs", "1", "--jobs", "1"]),
+    (endless.main, []),
+    (framing.main, ["--trials", "1"]),
+    (leave_one_out.main, ["--episodes", "9"]),
+    (peers.main, [*SMALL, "--systems"]),
+    (repeats.main, ["--frames", "1"]),
+]
+
+
+def test_commands_refuse_a_folder_that_is_being_written(tmp_path: Path, command: Command) -> None:
+    with holder(tmp_path) as (process, _):
+        before = sorted(tmp_path.rglob("*"))
+        for main, flags in COMMANDS:
+            done = command(main, *flags, "--out", tmp_path)
+            assert (done.status, done.stdout) == (2, ""), main
+            assert f"{tmp_path}: process {process.pid} is writing it" in done.stderr
+            assert done.stderr.count("\n") == 1
+        with pytest.raises(InputError, match="is writing it"):
+            predict_all([], [], tmp_path, 1)
+        with pytest.raises(InputError, match="is writing it"):
+            resume(abs, {}, tmp_path / "results.jsonl", 1, "title")
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+# Whose folder it is
+
+
+def test_train_refuses_the_folder_of_another_run_before_any_work(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated: list[Path] = []
+
+    def simulate(*arguments: object) -> None:
+        simulated.append(Path(str(arguments[3])))
+        (Path(str(arguments[3])) / "state.pt").touch()
+
+    monkeypatch.setattr(train, "train_and_evaluate", simulate)
+    flags = ["--episodes", "2", "--rounds", "1", "--out", tmp_path]
+    assert command(train.main, *flags).status == 0
+    settings = json.loads((tmp_path / "config.json").read_text())["train"]
+    assert (settings["episodes"], settings["pair"]) == (2, "canon-lg")
+    assert command(train.main, *flags, "--jobs", 1).status == 0  # decides nothing
+    assert len(simulated) == 2
+    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
+    for other in (["--seed", 1], ["--frames", 3], ["--pair", "all"], ["--lr", 0.02]):
+        done = command(train.main, *flags, *other)
+        assert done.status == 2, other
+        assert done.stderr == (
+            f"error: --out: {tmp_path} holds a run with other settings; choose another folder\n"
+        )
+    done = command(evaluate.main, "--out", tmp_path)
+    assert (done.status, done.stdout) == (2, "")
+    assert "holds a run with other settings" in done.stderr
+    assert len(simulated) == 2
+    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[]", "null", '{"train": 5}', '{"seed": 0}', "["])
+def test_train_refuses_a_folder_that_is_not_of_a_training(
+    tmp_path: Path, command: Command, content: str
+) -> None:
+    (tmp_path / "config.json").write_text(content)
+    (tmp_path / "predictions.jsonl").touch()
+    done = command(train.main, "--out", tmp_path)
+    assert done.status == 2
+    assert done.stderr.startswith(f"error: --out: {tmp_path} holds a run with other settings")
+    assert (tmp_path / "config.json").read_text() == content
+
+
+def test_train_refuses_the_shipped_decoder_of_other_settings(command: Command) -> None:
+    from models import PRETRAINED
+
+    before = {file: file.stat().st_mtime_ns for file in PRETRAINED.iterdir()}
+    done = command(train.main, "--out", PRETRAINED)
+    assert done.status == 2
+    assert "holds a run with other settings" in done.stderr
+    assert {file: file.stat().st_mtime_ns for file in PRETRAINED.iterdir()} == before
