@@ -16,7 +16,7 @@ from scipy.stats import norm
 from link.visibility.flicker import largest_kappa, message_visibility
 from link.visibility.line_code import LINE_CODES
 from link.visibility.viewing import Viewing
-from reports.render.charts import INK, MUTED, new_panels
+from reports.render.charts import new_panels, set_ticks
 from reports.render.tables import Table, TableCell
 
 SETTINGS = ((60, 15), (60, 30), (60, 60), (120, 60), (120, 120))
@@ -144,17 +144,23 @@ def code_table(results: Sequence[CodeResult]) -> Table:
 
 
 def code_figure(results: Sequence[CodeResult]) -> Figure:
-    """Draw how well a block is heard at equal visibility, by line code, a panel for each rate."""
-    shown = [s for s in SETTINGS if s in ((60, 30), (60, 60), (120, 120))]
-    figure, panels = new_panels(len(shown), len(shown), legend=0.1, size=(3.6, 3.4), title=True)
-    for (refresh_hz, states_hz), panel in zip(shown, panels, strict=True):
-        rows = [r for r in results if (r.refresh_hz, r.states_hz) == (refresh_hz, states_hz)]
-        reference = next(r for r in rows if r.line_code == REFERENCE).energy_hz
-        values = [r.energy_hz / reference for r in rows]
-        panel.barh([r.line_code for r in rows], values, color=MUTED)
-        panel.set_xscale("log")
-        panel.axvline(1, color=INK, linewidth=0.8)
-        panel.invert_yaxis()
-        panel.set(title=f"{states_hz} states/s", xlabel=f"energy/s, × {REFERENCE}")
-        panel.tick_params(axis="y", labelsize=9)
+    """Draw how well a block is heard at equal visibility, by line code and rate."""
+    figure, (panel,) = new_panels(legend=1.75, size=(7.6, 3.6))
+    rates = sorted({r.states_hz for r in results})
+    names = list(LINE_CODES)
+    for rate, marker in zip(rates, "osD^", strict=True):
+        refresh_hz = min(r.refresh_hz for r in results if r.states_hz == rate)
+        rows = [r for r in results if (r.refresh_hz, r.states_hz) == (refresh_hz, rate)]
+        heights = [names.index(r.line_code) for r in rows]
+        panel.plot([r.energy_hz for r in rows], heights, marker, label=f"{rate} states/s")
+    panel.set_xscale("log")
+    least, most = (f(r.energy_hz for r in results) for f in (min, max))
+    ticks = [10.0**k for k in range(-1, 5) if least / 2 <= 10.0**k <= 2 * most]
+    set_ticks(panel.xaxis, ticks, [f"{tick:g}" for tick in ticks])
+    set_ticks(panel.yaxis, list(range(len(names))), names)
+    panel.tick_params(axis="y", labelsize=8)
+    panel.grid(axis="both")
+    panel.invert_yaxis()
+    panel.set_xlabel("energy a second at the limit, toggles of κ 1 a second")
+    panel.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure

@@ -1,0 +1,352 @@
+"""Visibility: the model of the eye, the light of a display over time, and its pages."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from conftest import Command, OpenWindow
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from link.errors import InputError, ParameterError
+from link.visibility.chroma import colour_over_threshold, opponent_change
+from link.visibility.elatcsf import (
+    POOLING_EXPONENT,
+    THRESHOLD_ENERGY,
+    flicker_sensitivity,
+    spot_sensitivity,
+)
+from link.visibility.flicker import (
+    contrast_over_threshold,
+    flicker_spectrum,
+    largest_kappa,
+    message_visibility,
+    random_message,
+)
+from link.visibility.viewing import LUMINANCE_FROM_RGB, Viewing
+from reports.visibility import __main__ as study
+from reports.visibility import flicker as flicker_page
+from reports.visibility.codes import bits_known
+from reports.visibility.presets import RED_GREEN
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+PAGE = Path(__file__).parents[1] / "docs" / "visibility.md"
+AUTHORS = [
+    (0, 2, 0.8, 0.6, 3.75, 112.091),
+    (0, 2, 48.0, 28.0, 60, 2.23818),
+    (0, 20, 1.5, 1.2, 30, 22.3676),
+    (0, 100, 6.0, 3.5, 15, 247.655),
+    (0, 100, 48.0, 28.0, 7.5, 586.776),
+    (0, 300, 0.8, 0.6, 60, 1.62169),
+    (10, 2, 0.8, 0.6, 60, 0.118239),
+    (10, 20, 48.0, 28.0, 15, 394.26),
+    (10, 100, 1.5, 1.2, 3.75, 58.7106),
+    (10, 300, 6.0, 3.5, 30, 78.5628),
+]
+"""Sensitivities of rectangles by the code of elaTCSF's authors (https://github.com/gfxdisp/elaTCSF,
+MIT licence): eccentricity, luminance, width, height, frequency, sensitivity."""
+FINE = Viewing(rows=48, cols=64, kappa=1)
+ONE_GAZE = replace(FINE, gazes_deg=(0.0,))
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+# The eye
+
+
+@pytest.mark.parametrize("row", AUTHORS, ids=str)
+def test_sensitivities_are_those_of_the_authors(row: tuple[float, ...]) -> None:
+    eccentricity, luminance, width, height, hz, expected = row
+    found = flicker_sensitivity(hz, luminance, width, height, eccentricity)
+    assert found[0] == pytest.approx(expected, rel=2e-5)
+
+
+@pytest.mark.parametrize("eccentricity", [0.0, 1.0, 12.0])
+def test_the_integral_is_that_of_many_small_squares(eccentricity: float) -> None:
+    width, height, count = 6.0, 3.0, 600
+    x = eccentricity + ((np.arange(count) + 0.5) / count - 0.5) * width
+    y = ((np.arange(count) + 0.5) / count - 0.5) * height
+    spots = spot_sensitivity(np.hypot(x[:, None], y), 50.0, 20.0)
+    energy = (spots**POOLING_EXPONENT).sum() * width * height / count**2
+    expected = (energy / THRESHOLD_ENERGY) ** (1 / POOLING_EXPONENT)
+    found = flicker_sensitivity(20.0, 50.0, width, height, eccentricity)[0]
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_small_square_is_its_spot_times_the_root_of_its_area() -> None:
+    side = 0.01
+    spot = spot_sensitivity(0.0, 50.0, 12.0)
+    expected = spot * (side**2 / THRESHOLD_ENERGY) ** (1 / POOLING_EXPONENT)
+    assert flicker_sensitivity(12.0, 50.0, side, side)[0] == pytest.approx(
+        float(expected), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize(
+    ("args", "name"), [((0.01, 1, 1), "luminance_cd_m2"), ((50, 0, 1), "width_deg")]
+)
+def test_what_the_model_does_not_know_is_refused(args: tuple[float, ...], name: str) -> None:
+    with pytest.raises(ParameterError, match=name):
+        flicker_sensitivity(10, *args)
+
+
+# The light
+
+
+@given(
+    st.lists(st.floats(-1, 1), min_size=2, max_size=40),
+    st.floats(10, 200),
+)
+def test_parseval_over_all_frequencies(values: list[float], sample_hz: float) -> None:
+    """Half the sum of the squared amplitudes is the variance of the held light."""
+    samples = np.array(values)
+    _, amplitudes = flicker_spectrum(samples, sample_hz, 4000 * sample_hz)
+    assert np.square(amplitudes).sum() / 2 == pytest.approx(samples.var(), rel=1e-3, abs=1e-9)
+
+
+def test_a_held_square_wave_has_its_odd_harmonics() -> None:
+    hz, amplitudes = flicker_spectrum(np.tile([1, 1, -1, -1], 10), 60, 100)
+    found = dict(zip(hz.round(6), amplitudes, strict=True))
+    for odd in (1, 3, 5):
+        assert found[15.0 * odd] == pytest.approx(4 / np.pi / odd)
+    assert sum(amplitudes > 1e-9) == 3
+
+
+def test_light_is_that_of_the_standard_curve_and_of_gamma() -> None:
+    dark, white = Viewing().light([[0, 0, 0], [255, 255, 255]]) @ LUMINANCE_FROM_RGB
+    assert (dark, white) == pytest.approx((0.6, 200.4))
+    middle = Viewing(gamma=2.2, black_cd_m2=0, ambient_cd_m2=0).light([128] * 3)
+    np.testing.assert_allclose(middle, 200 * (128 / 255) ** 2.2)
+
+
+def test_degrees_of_blocks_and_screen() -> None:
+    square = Viewing(rows=2, cols=2, aspect=1, diagonal_inch=2**0.5 / 0.0254, distance_m=0.5)
+    assert square.degrees("screen") == pytest.approx((90, 90))
+    assert square.degrees("block")[0] == pytest.approx(2 * np.degrees(np.arctan(0.5)))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("rows", 0), ("states_hz", 45.0), ("states_hz", 120.0), ("picture_level", 256.0),
+     ("kappa", -1.0), ("gazes_deg", ()), ("distance_m", float("nan")), ("gamma", 0.0)],
+)  # fmt: skip
+def test_wrong_viewings_name_the_parameter(name: str, value: object) -> None:
+    with pytest.raises(ParameterError, match=name):
+        replace(Viewing(), **{name: value})  # type: ignore[arg-type]
+
+
+# A sequence
+
+
+def test_a_sine_is_its_contrast_times_its_sensitivity() -> None:
+    """A linear display without black shows a sine of 5 % at 10 Hz, finely sampled."""
+    view = Viewing(
+        kappa=0.1 * 128, refresh_hz=600, states_hz=600, gamma=1.0, black_cd_m2=0,
+        ambient_cd_m2=0, gazes_deg=(0.0,),
+    )  # fmt: skip
+    amplitudes = 0.5 * np.sin(2 * np.pi * 10 * np.arange(600) / 600)
+    seen = contrast_over_threshold(amplitudes, view)
+    luminance = float(f"{200 * 128 / 255:.3g}")
+    expected = 0.05 * flicker_sensitivity(10.0, luminance, *view.degrees("block"))[0]
+    expected *= np.sinc(10 / 600)
+    np.testing.assert_allclose(seen.luminance, expected, rtol=1e-6)
+    assert seen.colour.max() == 0
+
+
+def test_a_square_wave_is_four_over_pi_of_its_half_swing() -> None:
+    view = replace(ONE_GAZE, gamma=1.0, black_cd_m2=0.0, ambient_cd_m2=0.0)
+    seen = contrast_over_threshold(np.tile([-0.5, 0.5], 30), view).mean
+    luminance = float(f"{200 * 128 / 255:.3g}")
+    half = 0.5 / 128
+    fundamental = 4 / np.pi * half * flicker_sensitivity(30, luminance, *view.degrees("block"))[0]
+    assert seen == pytest.approx(fundamental, rel=1e-3)
+
+
+def test_nothing_shown_is_not_seen() -> None:
+    assert contrast_over_threshold(np.zeros(60), FINE).mean < 1e-12
+    assert message_visibility(replace(FINE, kappa=0), "toggle", rng(), 2).mean < 1e-12
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0.1, 20), st.floats(1.05, 3), st.integers(0, 100))
+def test_more_kappa_is_more_visible(kappa: float, times: float, seed: int) -> None:
+    small, large = (
+        message_visibility(replace(ONE_GAZE, kappa=k), "toggle", rng(seed), 1).mean
+        for k in (kappa, kappa * times)
+    )
+    assert large > small
+
+
+def test_windows_of_random_messages_agree_whatever_their_length() -> None:
+    shown = random_message(ONE_GAZE, "toggle", rng(), 120)
+    means = [
+        np.sqrt(np.mean(contrast_over_threshold(shown, ONE_GAZE, window_s=s).windows ** 2))
+        for s in (0.5, 2.0)
+    ]
+    assert means[0] == pytest.approx(means[1], rel=0.05)
+
+
+def test_the_gaze_that_sees_most_counts() -> None:
+    gazes = (0.0, 4.0, 10.0)
+    shown = np.tile([-0.5, 0.5], 30)
+    alone = [contrast_over_threshold(shown, replace(FINE, gazes_deg=(g,))).mean for g in gazes]
+    together = contrast_over_threshold(shown, replace(FINE, gazes_deg=gazes)).mean
+    assert together == max(alone) > alone[0]
+
+
+def test_all_blocks_in_phase_are_more_visible_than_one() -> None:
+    one, all_of_them = (
+        message_visibility(FINE, "toggle", rng(), 4, where).mean for where in ("block", "screen")
+    )
+    assert all_of_them > 2 * one
+
+
+def test_a_short_sequence_is_refused() -> None:
+    with pytest.raises(InputError, match="shorter than one window"):
+        contrast_over_threshold(np.zeros(29), FINE)
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "states_hz", "square", "on_off", "toggle"),
+    [(8, 8, 30, 7.8, 7.6, 9.5), (8, 8, 60, 1.95, 5.6, 5.5),
+     (48, 64, 30, 3.0, 3.0, 3.8), (48, 64, 60, 0.67, 2.2, 2.2)],
+)  # fmt: skip
+def test_messages_are_as_visible_as_an_independent_computation_found(
+    rows: int, cols: int, states_hz: int, square: float, on_off: float, toggle: float
+) -> None:
+    """Numbers of another program, for kappa 3, random messages and the same display, to 6 %."""
+    view = Viewing(rows, cols, 3, states_hz)
+    waves = contrast_over_threshold(np.tile(np.repeat([0, 1], view.refreshes), 300), view)
+    assert waves.mean == pytest.approx(square, rel=0.07)
+    assert message_visibility(view, "on_off", rng(), 60).mean == pytest.approx(on_off, rel=0.06)
+    assert message_visibility(view, "toggle", rng(), 60).mean == pytest.approx(toggle, rel=0.06)
+
+
+# Colour
+
+
+def test_red_against_green_keeps_its_luminance() -> None:
+    gray = message_visibility(FINE, "toggle", rng(), 4)
+    red = message_visibility(replace(FINE, colour=RED_GREEN), "toggle", rng(), 4)
+    assert red.luminance.mean() < 0.02 * gray.luminance.mean()
+    assert 0 < red.colour.mean() < gray.luminance.mean()
+    np.testing.assert_allclose(red.windows, np.hypot(red.luminance, red.colour))
+
+
+def test_colour_flicker_fuses_below_luminance_flicker() -> None:
+    amplitudes = np.array([[[0.01, 0.0]]])
+    slow, fast = (colour_over_threshold(amplitudes, [hz], 50, 3, 3)[0] for hz in (2, 30))
+    assert fast < 0.1 * slow
+
+
+def test_a_change_of_gray_is_no_change_of_colour() -> None:
+    light = np.outer(rng().uniform(0.5, 1, 20), [1.0, 0.7, 0.2])
+    assert np.abs(opponent_change(light)).max() < 1e-12
+
+
+# The largest kappa
+
+
+@pytest.mark.parametrize("code", ["on_off", "toggle", "soft2"])
+def test_the_largest_kappa_stays_below_and_the_next_does_not(code: str) -> None:
+    limit = 4.0
+    kappa = largest_kappa(FINE, limit, rng(), code, 5)
+    below, above = (
+        message_visibility(replace(FINE, kappa=k), code, rng(), 5).high for k in (kappa, kappa + 1)
+    )
+    assert below <= limit < above
+
+
+def test_no_kappa_may_be_small_enough() -> None:
+    assert largest_kappa(Viewing(states_hz=15), 0.5, rng(), seconds=2) == 0
+    with pytest.raises(ParameterError, match="limit"):
+        largest_kappa(FINE, 0.0, rng())
+
+
+# The study and the page
+
+
+@given(st.floats(0, 30), st.floats(0.1, 5))
+def test_more_signal_tells_more(snr: float, more: float) -> None:
+    assert 0 <= bits_known(snr) <= bits_known(snr + more) + 1e-9 <= 1 + 2e-9
+
+
+@pytest.mark.slow
+def test_the_blocks_of_the_document_are_what_the_command_writes(
+    tmp_path: Path, command: Command
+) -> None:
+    page = tmp_path / PAGE.name
+    page.write_text(
+        re.sub(r"(<!-- (\w+) -->\n).*?(<!-- /\2 -->)", r"\1\3", PAGE.read_text(), flags=re.S)
+    )
+    assert page.read_text() != PAGE.read_text()
+    done = command(study.main, "--page", page)
+    assert done.status == 0, done.stderr
+    assert page.read_text() == PAGE.read_text()
+
+
+@pytest.fixture(scope="module")
+def flickering(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    config = flicker_page.FlickerConfig(
+        out=tmp_path_factory.mktemp("page") / "flicker.html", width=128, height=96, seconds=2
+    )
+    flicker_page.write_flicker_page(config)
+    return config.out
+
+
+def test_the_flicker_page_loads_nothing_and_states_what_is_computed(flickering: Path) -> None:
+    text = flickering.read_text()
+    assert "default-src 'none'" in text
+    assert not re.search(r"(?:src|href)=|@import|url\(", text)
+    match = re.search(r"const page = (\{.*\});", text)
+    assert match
+    today, hidden = json.loads(match[1])["settings"]
+    assert today["seen"]["15"]["block"] > 5
+    assert hidden["seen"]["60"]["high"] < 1
+    assert "elaTCSF" in json.loads(match[1])["viewing"]
+
+
+def wait_until(page: "Page", condition: str) -> None:
+    """The page's policy forbids what Playwright's own wait does."""
+    for _ in range(100):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(f"never: {condition}")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [390, 1280])
+def test_the_flicker_page_fits_and_shows_its_states(
+    width: int, open_window: OpenWindow, flickering: Path
+) -> None:
+    page = open_window(width, 900)
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.goto(flickering.as_uri())
+    wait_until(page, "image.complete")
+    assert page.evaluate("document.documentElement.scrollWidth") == width
+    shown = page.evaluate(
+        """[0, 1].map(state => sides.map(side => {
+            draw(side, state);
+            const { width, height } = side.canvas;
+            const data = side.canvas.getContext("2d").getImageData(0, 0, width, height).data;
+            return [data[0], side.bits[0]];
+        }))"""
+    )
+    (off, hidden_off), (on, hidden_on) = shown
+    assert on[0] - off[0] == 3 * on[1]
+    assert hidden_on[0] - hidden_off[0] == 2 * hidden_on[1] - 1
+    page.select_option("select >> nth=1", "30")
+    assert "×" in page.inner_text("section >> nth=1")
+    page.click("#start")
+    wait_until(page, "sides.every(side => side.shown > 3)")
+    assert problems == []
