@@ -45,13 +45,15 @@ def main() -> None:
     visibility = []
 
     def captures() -> Iterator[Captured]:
-        for index in tqdm(range(config.frames), unit="pair"):
+        for index in range(config.frames):
             pair = FramePair(source, cell, index, config.hidden)
             frames = pair.displayed.original, pair.displayed.embedded
             visibility.append((psnr(*frames), ssim(*frames)))
             yield pair.captured
+            bar.update()
 
-    count = save_captures(config.out, captures())
+    with tqdm(total=config.frames, unit="pair") as bar:  # an error begins a new line
+        count = save_captures(config.out, captures())
     psnr_db, similarity = np.mean(visibility, axis=0)
     report = {"psnr_db": round(psnr_db, 2), "ssim": round(similarity, 4), "simulated": True}
     print(json.dumps({"out": str(config.out), "frame_pairs": count, **report}))

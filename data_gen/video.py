@@ -89,15 +89,17 @@ def main() -> None:
     files: list[Path] = []
 
     def frames() -> Iterator[NDArray[np.uint8]]:
-        for frame in tqdm(stream, total=int(seconds * settings.fps), unit="frame"):
+        for frame in stream:
             file = None if config.out.suffix else f"{frame.number:06d}.png"
             if file:
                 files.append(config.out / file)
                 write_image(config.out / file, frame.rgb)
             lines.append(frame.truth(file))
             yield frame.rgb
+            bar.update()
 
-    with all_or_none(files):
+    total = int(seconds * settings.fps)
+    with all_or_none(files), tqdm(total=total, unit="frame") as bar:  # errors begin a new line
         if config.out.suffix:
             write_video(config.out, frames(), settings.fps)
             files.append(config.out)

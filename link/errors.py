@@ -8,7 +8,7 @@ import re
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import redirect_stderr, suppress
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
@@ -103,6 +103,9 @@ def run_cli(main: Callable[[], None]) -> None:
     | an interrupt from the keyboard | 130 |
     | nobody reads the output any more, as in ``... | head -1``; nothing is printed | 141 |
     """
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # its descriptor was closed, as by >&-
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
     try:
         try:
             main()
@@ -158,18 +161,33 @@ def read_flags(read: Callable[[], T], **largest: int) -> T:
     ...
     link.errors.ParameterError: frames: need at most 1000000, got 99999999999999999999999
     """
-    printed = io.StringIO()
+    printed, answer = _Screen(), _Screen()
     try:
-        with redirect_stderr(printed):
+        with redirect_stderr(printed), redirect_stdout(answer):
             flags = read()
     except SystemExit as end:
         if end.code in (None, 0):
+            sys.stdout.write(answer.getvalue())  # argparse hides that it cannot be written
             raise
         raise InputError(f"{_complaint(printed.getvalue())}; see --help") from None
-    sys.stderr.write(printed.getvalue())  # warnings of a parser that went on
+    if printed.getvalue():  # warnings of a parser that went on
+        sys.stderr.write(printed.getvalue())
     for name, value in _leaves(flags, ""):
         _check_flag(name, value, largest)
     return flags
+
+
+class _Screen(io.StringIO):
+    """Holds what a parser prints, and looks to it like the standard output."""
+
+    def isatty(self) -> bool:
+        """Whether a terminal shows the standard output, so that colours are of use."""
+        return sys.__stdout__ is not None and sys.__stdout__.isatty()
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        """Encoding of the standard output, on which the shapes of boxes depend."""
+        return "utf-8" if sys.__stdout__ is None else sys.__stdout__.encoding
 
 
 def _complaint(printed: str) -> str:
@@ -262,7 +280,8 @@ def _is_empty(flag: str) -> bool:
 
 
 def _print_error(said: str) -> None:
-    print(f"error: {' '.join(said.split())}", file=sys.stderr)
+    with suppress(OSError):  # nobody can be told; the status says it
+        print(f"error: {' '.join(said.split())}", file=sys.stderr, flush=True)
 
 
 def _drop_output() -> None:
