@@ -10,10 +10,15 @@ from scipy.stats import binomtest
 from tolerances import FLOAT64
 
 import evaluate
+from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
 from link.frames import Rectified, SoftBits
 from link.layout import Layout, make_layout
-from reports.engine.records import to_records
+from reports.engine import predict as engine
+from reports.engine.checked import seal
+from reports.engine.methods import Method
+from reports.engine.predict import Condition, predict_all
+from reports.engine.records import to_lines, to_records
 from reports.render.figures import RIGHT, UNKNOWN, WRONG, annotate
 from reports.render.tables import cell_tables, summary_table
 from reports.score.accuracy import (
@@ -218,11 +223,70 @@ def test_a_damaged_cell_file_is_decoded_again(tmp_path: Path, command: Command) 
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
     assert command(evaluate.main, *run).status == 0
     before = (tmp_path / "predictions.jsonl").read_bytes()
-    first, second, *_ = sorted((tmp_path / "cells").glob("*/*.jsonl"))
+    first, second, *_ = cells = sorted((tmp_path / "cells").glob("*/*.jsonl"))
+    stored = {file: file.read_bytes() for file in cells}
     first.write_bytes(b"")
     second.write_bytes(second.read_bytes()[:-20])
     assert command(evaluate.main, *run).status == 0
     assert (tmp_path / "predictions.jsonl").read_bytes() == before
+    assert {file: file.read_bytes() for file in cells} == stored
+
+
+def damaged_cells(line: dict[str, Any]) -> dict[str, bytes]:
+    """Contents that are not what a run stored, by what is wrong with them."""
+    known = {key: value for key, value in line.items() if key != "sha256"}
+    flipped = known | {"scores": [-known["scores"][0], *known["scores"][1:]]}
+    sealed = {
+        "another shape": {"x": 1},
+        "fewer bits": known | {"scores": known["scores"][1:], "bits": known["bits"][1:]},
+        "more scores": known | {"scores": [*known["scores"], 1.0]},
+        "another frame pair": known | {"index": 1},
+        "another cell": known | {"kappa": 4},
+        "bits beyond 1": known | {"bits": [2, *known["bits"][1:]]},
+        "text for a score": known | {"scores": ["1", *known["scores"][1:]]},
+        "huge": known | {"scores": [10**400, *known["scores"][1:]]},
+        "a missing key": {key: value for key, value in known.items() if key != "pair"},
+    }
+    plain = {
+        "no digest": known,
+        "another digest": known | {"sha256": "0" * 16},
+        "a changed score": flipped | {"sha256": line["sha256"]},
+        "a list": [line],
+        "nothing": None,
+    }
+    text = json.dumps(line)
+    return {
+        **{name: seal(content).encode() for name, content in sealed.items()},
+        **{name: json.dumps(content).encode() + b"\n" for name, content in plain.items()},
+        "NaN": text.replace(str(known["scores"][0]), "NaN", 1).encode(),
+        "two lines": (text + "\n" + text + "\n").encode(),
+        "deep": b"[" * 10**5,
+        "binary": b"\xff\xfe",
+        "cut off": text[:-9].encode(),
+        "empty": b"",
+    }
+
+
+def test_a_stored_cell_that_is_corrupted_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    condition = Condition("", Source(make_layout()), (Cell("canon-lg", 0.0, 5),), 1)
+
+    def decoded() -> list[dict[str, Any]]:
+        return to_lines(predict_all([condition], [Method("naive")], tmp_path, 1))
+
+    expected = decoded()
+    (file,) = (tmp_path / "cells").glob("*/*.jsonl")
+    stored, time_ns = file.read_bytes(), file.stat().st_mtime_ns
+    assert decoded() == expected
+    assert file.stat().st_mtime_ns == time_ns  # what is whole is not made again
+    line = json.loads(stored)
+    del line["sha256"]
+    monkeypatch.setattr(engine, "decode_cell", lambda task: [[line]])  # decoding takes long
+    for name, content in damaged_cells(json.loads(stored)).items():
+        file.write_bytes(content)
+        assert decoded() == expected, name
+        assert file.read_bytes() == stored, name
 
 
 def test_the_interval_widens_where_errors_cluster() -> None:

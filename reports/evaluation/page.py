@@ -120,6 +120,7 @@ def report_page(run: Run) -> str:
             result of another command is damaged.
     """
     stored = run.references
+    under_paper = read_scores(stored["prediction"])[0] if "prediction" in stored else None
     ablation = read_ablation(stored["ablation"]) if "ablation" in stored else None
     peers = read_peers(stored["peers"]) if "peers" in stored else None
     peer_rows = peers.rows if peers else []
@@ -141,7 +142,7 @@ def report_page(run: Run) -> str:
         well_read=WELL_READ,
         min_frames=MIN_FRAMES,
         far=FAR,
-        paper=paper_tables(run),
+        paper=paper_tables(run, under_paper),
         sweeps=sweep_charts(run, swept),
         ablation=ablation_tables(ablation) if ablation else [],
         ablation_meta=ablation.meta if ablation else None,
@@ -178,13 +179,12 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
     return to_svg(figure, "Accuracy of each method with its interval")
 
 
-def paper_tables(run: Run) -> list[Table]:
+def paper_tables(run: Run, prediction: pd.DataFrame | None) -> list[Table]:
     """Tables of the cells that the paper has, with ours under its protocol as they are stored."""
     in_paper = run.scores.groupby(["kappa", "view_deg"], dropna=False)["paper"].transform("count")
     under_paper: dict[tuple[object, ...], float] = {}
-    if "prediction" in run.references:
-        scores, _ = read_scores(run.references["prediction"])
-        for row in scores.dropna(subset=["view_deg", "kappa", "accuracy"]).itertuples():
+    if prediction is not None:
+        for row in prediction.dropna(subset=["view_deg", "kappa", "accuracy"]).itertuples():
             under_paper[row.method, row.pair, row.view_deg, row.kappa] = row.accuracy
     return cell_tables(run.scores[in_paper > 0], under_paper)
 

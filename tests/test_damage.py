@@ -1,0 +1,265 @@
+"""Every file of a stored run, damaged in every place: a page, or one line."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Command, slow
+
+from link.images import write_image
+from reports.engine.records import to_records
+from reports.evaluation.page import write_report
+from reports.evaluation.versus import compare_runs
+from reports.run import Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
+from reports.score.accuracy import score, write_scores
+from reports.studies.ablation import compare_rows
+from reports.studies.peers.page import PeerRow, write_peers
+
+META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
+JSON = (
+    "run.json", "metrics.json", "predictions.jsonl", "sweeps.json", "sweeps.jsonl", "stories.json",
+    "response.json", "cost.json", "reference/ablation.json", "reference/peers.json",
+    "reference/prediction.json",
+)  # fmt: skip
+"""Files that --report reads."""
+CONTENTS: dict[str, bytes | None] = {
+    "empty": b"",
+    "{}": b"{}",
+    "[]": b"[]",
+    "null": b"null",
+    "number": b"5",
+    "text": b'"text"',
+    "[{}]": b"[{}]",
+    "[null]": b"[null]",
+    "NaN": b"NaN",
+    "huge": b"9" * 5000,
+    "deep": b"[" * 10**5,
+    "binary": b"\xff\xfe\0",
+    "truncated": None,
+    "removed": None,
+    "folder": None,
+}
+"""What stands in place of a file's content; those without content are made otherwise."""
+VALUES: list[Any] = [
+    None,
+    "x",
+    True,
+    -1,
+    0,
+    0.5,
+    2,
+    1e9,
+    1e308,
+    -1e308,
+    10**60,
+    [],
+    {},
+    [[]],
+    {"x": 1},
+]
+VALUES += ["../../secret", "{0.x} {", "n" * 300]
+
+
+def line(method: str, index: int, condition: str = "") -> dict[str, Any]:
+    bits = [(index + i) % 2 for i in range(8)]
+    wrong = {"naive": 3, "oorc": 2}.get(method, 0)
+    scores = [(2.5 if bit else -2.5) * (-1 if i < wrong else 1) for i, bit in enumerate(bits)]
+    cell = {"method": method, "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": index}
+    return {"condition": condition, **cell, "picture": "p", "bits": bits, "scores": scores}
+
+
+def write_run(path: Path) -> None:
+    """A finished run that has every file, each as small as it may be."""
+    methods = ("naive", "oorc", "full", "full-rows", "learned")
+    run = RunFolder(path)
+    run.claim({"seed": 0, "ratex": 5, "checkpoints": {"learned": "0123456789abcdef"}})
+    main = to_records([line(m, i) for m in ("naive", "oorc", "learned") for i in range(5)])
+    run.write_comparison(main, META, "tables")
+    conditions = ("kappa 1", "kappa 2", "jpeg")
+    swept = [line(m, 0, condition) for condition in conditions for m in ("oorc", "learned")]
+    run.write_sweeps(
+        [
+            SweepCurve("kappa", "κ", "κ", "", True, 1.0, "κ {}",
+                       [SweepPoint(1.0, "kappa 1"), SweepPoint(2.0, "kappa 2")]),
+            SweepCurve("jpeg", "JPEG", "quality", "", False, 1.0, "JPEG {}",
+                       [SweepPoint(50.0, "jpeg")]),
+        ],
+        to_records(swept),
+    )  # fmt: skip
+    write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
+    shown = [("stories/a.jpg", "caption")]
+    run.write_stories(
+        [
+            Story("strip", "title", "where", shown),
+            Story("failure", "title", "where", shown, "reason", {"noise": (1.0, 2.0)}),
+        ]
+    )
+    levels = [0.0, 255.0]
+    found = {"naive": [(0.0, 0.0), (255.0, 250.0)]}
+    response = Response(
+        "canon-lg", 45.0, 3, 0, levels, levels, levels, levels, found, {"naive": 1.0}
+    )
+    run.write_responses([response])
+    run.write_cost(Cost(3, "warps", 1.0, {"warps": (1.0, 1.0, 1.0), "naive": (1.0, 2.0, 3.0)}))
+    run.finish(META, {"decoding": 1.0}, ["a note"])
+    rows = to_records([line(m, i, "paper") for m in methods for i in range(6)])
+    ablation = {"meta": META | {"settings": {"frames": 6}}, **compare_rows(rows, 0)}
+    place = {"row": "full", "condition": "paper", "pair": "canon-lg", "view_deg": 0.0, "kappa": 3}
+    behind = place | {"difference": -1.0, "low": -2.0, "high": -0.5}
+    ablation["behind_oorc"] = [behind]
+    (path / "reference" / "ablation.json").write_text(json.dumps(ablation))
+    peers = [
+        PeerRow("toy", "weak", "0°", used, 2, 2, 4, 3, 0.75, 0.3, 0.95, 35.0, 0.8, 3.0)
+        for used in (1, 2)
+    ]
+    write_peers(path / "reference" / "peers.json", peers, META)
+    write_scores(path / "reference" / "prediction.json", score(main), META)
+    write_report(path)
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("damage") / "good"
+    write_run(path)
+    return path
+
+
+Shown = Callable[[str], bool]
+
+
+@pytest.fixture
+def shown(good: Path, tmp_path: Path, command: Command) -> Iterator[Callable[..., bool]]:
+    """Copy the run, damage it, and look at it: whether there is a page, in place of one line."""
+    bad = tmp_path / "bad"
+
+    mains: dict[str, Callable[[], object]] = {  # without flags, which take longest to read
+        "report": lambda: write_report(bad),
+        "compare with": lambda: compare_runs(good, bad),
+        "compare to": lambda: compare_runs(bad, good),
+    }
+
+    def look(damage: Callable[[Path], None], what: object, how: str = "report") -> bool:
+        shutil.rmtree(bad, ignore_errors=True)
+        shutil.copytree(good, bad)
+        damage(bad)
+        done = command(lambda: mains[how]() and None)
+        assert "Traceback" not in done.stderr, what
+        if done.status == 0:
+            return True
+        assert done.status == 2, (what, done.stderr)
+        lines = done.stderr.splitlines()
+        assert len(lines) == 1 and lines[0].startswith("error: "), (what, done.stderr)
+        assert len(lines[0]) < 1000, what
+        assert str(bad) in lines[0] or str(good) in lines[0] or "were" in lines[0], what
+        return False
+
+    yield look
+    (good / "compare.html").unlink(missing_ok=True)
+
+
+LOOKS = ("report", "compare with", "compare to")
+
+
+def put(file: Path, kind: str) -> None:
+    """Replace a file's content by one of `CONTENTS`."""
+    content = CONTENTS[kind]
+    if content is not None:
+        file.write_bytes(content)
+    elif kind == "truncated":
+        file.write_bytes(file.read_bytes()[: file.stat().st_size * 2 // 3])
+    else:
+        file.unlink()
+        if kind == "folder":
+            file.mkdir()
+
+
+def test_a_whole_run_is_shown(shown: Callable[..., bool]) -> None:
+    for how in LOOKS:
+        assert shown(lambda folder: None, "nothing", how)
+
+
+@pytest.mark.parametrize("name", JSON)
+def test_a_file_of_other_content_is_refused(shown: Callable[..., bool], name: str) -> None:
+    optional = name not in ("run.json", "predictions.jsonl", "metrics.json")
+    lists = ("sweeps.json", "sweeps.jsonl", "stories.json", "response.json")
+    for kind in CONTENTS:
+        page = shown(lambda folder, kind=kind: put(folder / name, kind), (name, kind))
+        allowed = kind in ("removed", "folder") and optional
+        allowed |= kind == "[]" and name in lists and name != "sweeps.jsonl"
+        allowed |= kind == "empty" and name == "sweeps.jsonl"
+        assert page <= allowed, (name, kind)
+
+
+@pytest.mark.parametrize("how", LOOKS[1:])
+def test_a_comparison_refuses_a_file_of_other_content(shown: Callable[..., bool], how: str) -> None:
+    for name in JSON[:5]:
+        for kind in ("empty", "{}", "[]", "[{}]", "truncated", "removed", "binary"):
+            shown(lambda folder, n=name, k=kind: put(folder / n, k), (name, kind), how)
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Every place in a document; of a list its ends alone."""
+    yield path
+    keys: list[Any] = []
+    if isinstance(value, dict):
+        keys = list(value)
+    elif isinstance(value, list) and value:
+        keys = sorted({0, len(value) - 1})
+    for key in keys:
+        yield from places(value[key], (*path, key))
+
+
+def changed(value: Any, path: tuple[Any, ...], new: Any) -> Any:
+    """The document with another value in one place; with ``removed`` without that place."""
+    if not path:
+        return new
+    copy = value.copy()
+    if len(path) == 1 and new is REMOVED:
+        del copy[path[0]]
+    else:
+        copy[path[0]] = changed(value[path[0]], path[1:], new)
+    return copy
+
+
+REMOVED = object()
+
+
+def damages(file: Path) -> Iterator[tuple[tuple[Any, ...], Any, bytes]]:
+    """Each place of a file with each value in it: the place, the value, and the file's bytes."""
+    text = file.read_text()
+    lines = text.split("\n") if file.suffix == ".jsonl" else [text]
+    document = json.loads(lines[0])
+    for path in places(document):
+        for new in [*VALUES, *([REMOVED] if path else [])]:
+            lines[0] = json.dumps(changed(document, path, new))
+            yield path, new, "\n".join(lines).encode()
+
+
+@pytest.mark.parametrize("name", [slow(name) for name in JSON])
+def test_every_place_of_every_file_may_hold_anything(
+    shown: Callable[..., bool], good: Path, name: str
+) -> None:
+    for path, new, data in damages(good / name):
+        shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
+
+
+@pytest.mark.parametrize("name", JSON)
+def test_places_of_every_file_may_hold_anything(
+    shown: Callable[..., bool], good: Path, name: str
+) -> None:
+    """A few of the cases of the slow test, drawn evenly."""
+    cases = list(damages(good / name))
+    for path, new, data in cases[len(name) :: max(1, len(cases) // 12)]:
+        shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
+
+
+@pytest.mark.parametrize("kind", ["empty", "removed", "folder", "binary", "truncated"])
+def test_a_damaged_picture_is_shown_or_refused(shown: Callable[..., bool], kind: str) -> None:
+    page = shown(lambda folder: put(folder / "stories" / "a.jpg", kind), kind)
+    assert page == (kind not in ("removed", "folder"))
+    page = shown(lambda folder: put(folder / "config.json", kind), kind)
+    assert page
