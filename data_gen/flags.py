@@ -12,7 +12,7 @@ from data_gen.effects import parse_settings
 from data_gen.frame_pair import Cell, Source
 from link.embed import check_kappa
 from link.errors import at_least
-from link.layout import Layout, make_layout
+from link.layout import Layout, count_pilots, make_layout
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,8 +37,13 @@ class SourceFlags:
     """Width of the displayed picture, pixels."""
     height: int = 384
     """Height of the displayed picture, pixels."""
-    ratex: int = 5
-    """Number of ratex patches: 0, 1, 2, 3 or 5."""
+    ratex: int | None = None
+    """Number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots."""
+    modulation: str = "on_off"
+    """How bits change blocks: "on_off" brightens a 1 and leaves a 0 as it is, as in the paper;
+    "antipodal" brightens a 1 and darkens a 0."""
+    pilots: str = "0"
+    """Share of the blocks that carry known bits in place of ratex patches, or "auto"."""
     without: tuple[str, ...] = ()
     """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
     set: tuple[str, ...] = ()
@@ -51,7 +56,16 @@ class SourceFlags:
         Raises:
             InputError: the grid does not fit the picture, or has no room for the ratex patches.
         """
-        return make_layout(self.rows, self.cols, self.width, self.height, self.ratex)
+        at_least(1, rows=self.rows, cols=self.cols)
+        return make_layout(
+            self.rows,
+            self.cols,
+            self.width,
+            self.height,
+            self.ratex,
+            self.modulation,
+            count_pilots(self.pilots, self.rows, self.cols),
+        )
 
     def source(self) -> Source:
         """Return where pictures, messages and channel draws come from.

@@ -1,7 +1,9 @@
 """Hide bits in a picture: the original and the embedded frame (paper, § Message Structure).
 
-The display shows the two frames in turn. A block of the embedded frame is ``kappa`` gray levels
-brighter than in the original frame where its bit is 1, and equal where its bit is 0.
+The display shows the two frames in turn. With the paper's modulation "on_off", a block of the
+embedded frame is ``kappa`` gray levels brighter than in the original frame where its bit is 1, and
+equal where its bit is 0. With "antipodal" it is ``kappa`` brighter where its bit is 1 and ``kappa``
+darker where its bit is 0, and both frames lie around the picture, which is their mean over time.
 """
 
 import cv2
@@ -39,33 +41,39 @@ def check_kappa(kappa: int, name: str = "kappa") -> int:
     return int(kappa)
 
 
-def with_head_room(picture: NDArray[np.uint8], kappa: int) -> NDArray[np.uint8]:
-    """Scale a picture from [0, 255] to [BOTTOM, TOP - kappa], so that kappa is never lost.
+def with_head_room(
+    picture: NDArray[np.uint8], kappa: int, modulation: str = "on_off"
+) -> NDArray[np.uint8]:
+    """Scale a picture from [0, 255] to levels from which kappa leads to none outside [BOTTOM, TOP].
 
     Args:
         picture: uint8 of any shape, encoded.
-        kappa: gray levels that will be added.
+        kappa: gray levels by which blocks will change.
+        modulation: "on_off" needs room for kappa above the picture, "antipodal" for half of it on
+            either side.
 
     Returns:
         uint8 of the same shape.
     """
-    levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
+    half = (kappa + 1) // 2
+    below, above = {"on_off": (0, kappa), "antipodal": (half, half)}[modulation]
+    levels = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
     return levels[picture]
 
 
 def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDArray[np.float32]:
-    """Work out the share of kappa that each pixel receives.
+    """Work out by which share of kappa each pixel changes between the two frames.
 
     Adding kappa at level L of a Laplacian pyramid and collapsing it is, since both are linear, the
     same as adding kappa times the block mask reduced L times and expanded L times (Burt & Adelson).
 
     Args:
         bits: (n_bits,) 0 or 1.
-        layout: the grid; its ratex cells get 0.
+        layout: the grid; its pilots get their known bits, its ratex cells 0.
         pyramid_level: 0 for plain blocks; L blurs block edges over about 2**L pixels.
 
     Returns:
-        (height, width) float32 in [0, 1].
+        (height, width) float32 in [0, 1], or in [-1, 1] where the modulation is "antipodal".
 
     Raises:
         InputError: wrong number or values of bits, or a level too coarse for the blocks.
@@ -80,8 +88,10 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
             f"{pyramid_level} does not fit blocks of {block_px} pixels; "
             f"2**level may be at most a quarter of the block",
         )
+    low, high = layout.change_of_bits
     grid = np.zeros((layout.rows, layout.cols), np.float32)
-    grid[layout.message_mask] = values
+    grid[layout.message_mask] = np.where(values, high, low)
+    grid.reshape(-1)[layout.pilot_blocks] = np.where(layout.pilot_bits, high, low)
     mask = grid[
         block_index(layout.height, layout.rows)[:, None], block_index(layout.width, layout.cols)
     ]
@@ -94,7 +104,27 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
     for row, col in layout.ratex:
         top, bottom, left, right = layout.cell_box(row, col)
         mask[top:bottom, left:right] = 0
-    return np.asarray(np.clip(mask, 0, 1), np.float32)
+    return np.asarray(np.clip(mask, low, high), np.float32)
+
+
+def split_change(change: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Split the change of every pixel so that the picture is the mean of the two frames.
+
+    An odd change has no whole half. Half of the pixels, like the white fields of a chessboard, then
+    take the larger part before the picture and the others after it.
+
+    Args:
+        change: (height, width) whole gray levels, embedded minus original frame.
+
+    Returns:
+        (height, width) whole gray levels by which the original frame lies below the picture.
+
+    >>> split_change(np.array([[3, 3], [-1, 2]]))
+    array([[1, 2],
+           [0, 1]])
+    """
+    y, x = np.indices(change.shape)
+    return np.asarray((change + (y + x) % 2) // 2)
 
 
 def embed(
@@ -111,7 +141,7 @@ def embed(
         picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
-        kappa: gray levels added where the bit is 1, in every colour channel.
+        kappa: gray levels by which blocks change, in every colour channel (see the modulation).
         pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
         ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
 
@@ -135,9 +165,13 @@ def embed(
             f"picture is {picture.shape[1]}x{picture.shape[0]}, "
             f"the layout needs {layout.width}x{layout.height}"
         )
-    original = with_head_room(picture, kappa)
-    added = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.uint8)
-    embedded = original + (added if picture.ndim == 2 else added[:, :, None])
+    shown = with_head_room(picture, kappa, layout.modulation)
+    change = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.intp)
+    below = split_change(change) if layout.modulation == "antipodal" else np.zeros_like(change)
+    if picture.ndim == 3:
+        change, below = change[:, :, None], below[:, :, None]
+    original = (shown - below).astype(np.uint8)
+    embedded = (original + change).astype(np.uint8)
     toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa, "ratex_kappa")
     draw_patches(original, layout, toggle, embedded=False)
     draw_patches(embedded, layout, toggle, embedded=True)

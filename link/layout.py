@@ -1,6 +1,6 @@
-"""The block grid: where bits and ratex patches lie in the displayed frame."""
+"""The block grid: where bits, pilots and ratex patches lie in the frame, and how bits are shown."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError, ParameterError
+from link.errors import InputError, ParameterError, choose
 from link.outside import read_json
 
 MIN_BLOCK_PX = 4
@@ -19,18 +19,27 @@ MAX_PIXELS = 20_000_000
 """Largest number of pixels of a displayed frame."""
 MAX_BLOCKS = 16_384
 """Largest number of blocks of a layout."""
+MODULATIONS = {"on_off": (0, 1), "antipodal": (-1, 1)}
+"""By the name of a modulation the change between the two displayed states, in units of kappa, of a
+block whose bit is 0 and of one whose bit is 1. The paper's is "on_off"."""
+LEAST_PILOTS = 16
+"""Smallest number of pilots that "auto" takes; docs/hidden.md measures how many a fit needs."""
+PILOT_SHARE = 0.05
+"""Share of the blocks that "auto" makes pilots on grids of more than 20 times `LEAST_PILOTS`."""
 
 
 @dataclass(frozen=True)
 class Layout:
     """A grid of ``rows`` x ``cols`` blocks over a ``width`` x ``height`` frame.
 
-    Blocks listed in ``ratex`` as (row, col) carry radiometric calibration texture; the others
-    carry one message bit each, in row-major order. Pixel (x, y) belongs to block row
+    Blocks listed in ``ratex`` as (row, col) carry radiometric calibration texture. ``pilots``
+    blocks at pseudo-random places carry bits that sender and receiver know. The other blocks carry
+    one message bit each, in row-major order. Pixel (x, y) belongs to block row
     ``y * rows // height`` and block column ``x * cols // width``, so any frame size works.
 
     Raises:
-        InputError: the grid does not fit the frame, or a ratex cell lies outside it or is repeated.
+        InputError: the grid does not fit the frame, a ratex cell lies outside it or is repeated,
+            the modulation is unknown, or there are pilots beside ratex patches.
     """
 
     rows: int
@@ -43,8 +52,14 @@ class Layout:
     """Height of the displayed frame, in pixels."""
     ratex: tuple[tuple[int, int], ...]
     """Blocks, as (row, col) from the top left, that carry ratex patches instead of bits."""
+    modulation: str = "on_off"
+    """How a bit changes its block between the two displayed states; a key of `MODULATIONS`."""
+    pilots: int = 0
+    """Number of blocks that carry known bits, from which decoders learn what ratex patches would
+    tell them; such a layout has no ratex patches."""
 
     def __post_init__(self) -> None:
+        choose(MODULATIONS, self.modulation, "modulation")
         if self.rows < 1 or self.cols < 1:
             raise InputError(f"layout: rows and cols must be positive, got {self.rows}x{self.cols}")
         if not (self.width <= MAX_SIDE_PX and self.height <= MAX_SIDE_PX):
@@ -70,7 +85,11 @@ class Layout:
                 raise InputError(f"layout: ratex cell ({row}, {col}) lies outside the grid")
         if len(set(self.ratex)) != len(self.ratex):
             raise InputError("layout: a ratex cell is listed twice")
-        if len(self.ratex) >= self.rows * self.cols:
+        if self.pilots and self.ratex:
+            raise InputError("layout: has pilots beside ratex patches; choose one of them")
+        if self.pilots < 0 or self.pilots == 1:
+            raise InputError(f"layout: need 2 pilots, so that both bits occur, got {self.pilots}")
+        if len(self.ratex) + self.pilots >= self.rows * self.cols:
             raise InputError("layout: no block is left for the message")
 
     @cached_property
@@ -79,12 +98,32 @@ class Layout:
         mask = np.ones((self.rows, self.cols), bool)
         for row, col in self.ratex:
             mask[row, col] = False
+        mask.reshape(-1)[self.pilot_blocks] = False
         return mask
+
+    @cached_property
+    def pilot_blocks(self) -> NDArray[np.intp]:
+        """(pilots,) row-major numbers of the blocks that are pilots, at pseudo-random places.
+
+        A grid's blocks always come in the same order, so that a layout of more pilots keeps those
+        of a layout of fewer.
+        """
+        return np.argsort(_scrambled(self.rows * self.cols))[: self.pilots]
+
+    @cached_property
+    def pilot_bits(self) -> NDArray[np.intp]:
+        """(pilots,) known bits of the pilots, 0 and 1 in turn: places are random, bits balanced."""
+        return np.arange(self.pilots) % 2
 
     @property
     def n_bits(self) -> int:
         """Number of message bits in one frame."""
-        return self.rows * self.cols - len(self.ratex)
+        return self.rows * self.cols - len(self.ratex) - self.pilots
+
+    @property
+    def change_of_bits(self) -> tuple[int, int]:
+        """Change of a block between the two states for bit 0 and for bit 1, in units of kappa."""
+        return MODULATIONS[self.modulation]
 
     def cell_box(self, row: int, col: int) -> tuple[int, int, int, int]:
         """Find the pixels of a block.
@@ -104,14 +143,23 @@ class Layout:
         return top, bottom, left, right
 
     def to_dict(self) -> dict[str, Any]:
-        """Describe the layout in JSON's types: rows, cols, width, height and ratex."""
-        return {
+        """Describe the layout in JSON's types: its fields, those that have a default if need be.
+
+        >>> make_layout(rows=4, cols=4, modulation="antipodal", pilots=4).to_dict()["pilots"]
+        4
+        """
+        described: dict[str, Any] = {
             "rows": self.rows,
             "cols": self.cols,
             "width": self.width,
             "height": self.height,
             "ratex": [list(cell) for cell in self.ratex],
         }
+        if self.modulation != "on_off":
+            described["modulation"] = self.modulation
+        if self.pilots:
+            described["pilots"] = self.pilots
+        return described
 
     @classmethod
     def from_dict(cls, data: Any) -> "Layout":
@@ -120,12 +168,17 @@ class Layout:
         Raises:
             InputError: a key is missing, unknown or of the wrong type.
         """
-        keys = ("rows", "cols", "width", "height", "ratex")
-        if not isinstance(data, dict) or set(data) != set(keys):
-            raise InputError(f"layout: need exactly the keys {', '.join(keys)}, got {data!r:.200}")
-        for key in keys[:4]:
-            if type(data[key]) is not int:
-                raise InputError(f"layout: {key} must be a whole number, got {data[key]!r}")
+        keys = [field.name for field in fields(cls)]
+        if not isinstance(data, dict) or not set(keys[:5]) <= set(data) <= set(keys):
+            raise InputError(
+                f"layout: need the keys {', '.join(keys[:5])}, and perhaps "
+                f"{' and '.join(keys[5:])}, got {data!r:.200}"
+            )
+        for key in (*keys[:4], "pilots"):
+            if key in data and type(data[key]) is not int:
+                raise InputError(f"layout: {key} must be a whole number, got {data[key]!r:.60}")
+        if not isinstance(data.get("modulation", ""), str):
+            raise InputError(f"layout: modulation must be text, got {data['modulation']!r:.60}")
         try:
             cells = tuple((row, col) for row, col in data["ratex"])
         except (TypeError, ValueError):
@@ -134,13 +187,58 @@ class Layout:
             raise InputError(
                 f"layout: ratex must be a list of whole [row, col], got {data['ratex']!r:.100}"
             )
-        return cls(data["rows"], data["cols"], data["width"], data["height"], cells)
+        return cls(**{**data, "ratex": cells})
+
+
+def _scrambled(count: int) -> NDArray[np.uint64]:
+    """Give the numbers from 0 to ``count`` - 1 as SplitMix64 scrambles them (Steele et al. 2014).
+
+    It is written out here because sender and receiver must agree whatever version of numpy, or
+    which language, they run on.
+    """
+    z = (np.arange(count, dtype=np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(z ^ (z >> np.uint64(31)))
+
+
+def count_pilots(pilots: str, rows: int, cols: int) -> int:
+    """Work out the number of pilots that a command's ``--pilots`` asks for.
+
+    Args:
+        pilots: "auto", or a share of the blocks from 0 to below 1; 0 gives none.
+        rows: number of blocks from top to bottom.
+        cols: number of blocks from left to right.
+
+    Raises:
+        ParameterError: ``pilots`` is no such share.
+
+    >>> [count_pilots(pilots, 24, 32) for pilots in ("0", "auto", "0.1")]
+    [0, 38, 77]
+    """
+    blocks = rows * cols
+    if pilots == "auto":
+        return min(max(LEAST_PILOTS, round(PILOT_SHARE * blocks)), blocks - 1)
+    try:
+        share = float(pilots)
+    except ValueError:
+        share = -1.0
+    if not 0 <= share < 1:
+        problem = f"need auto, or a share from 0 to below 1, got {pilots!r:.60}"
+        raise ParameterError("pilots", problem)
+    return round(share * blocks)
 
 
 def make_layout(
-    rows: int = 8, cols: int = 8, width: int = 512, height: int = 384, ratex: int = 5
+    rows: int = 8,
+    cols: int = 8,
+    width: int = 512,
+    height: int = 384,
+    ratex: int | None = None,
+    modulation: str = "on_off",
+    pilots: int = 0,
 ) -> Layout:
-    """Make the usual layout: ratex patches in the corners and the centre.
+    """Make the usual layout: pilots, or ratex patches in the corners and the centre.
 
     Two patches lie on a diagonal; one is the top-left corner, where it disturbs least.
 
@@ -149,26 +247,30 @@ def make_layout(
         cols: number of blocks from left to right.
         width: of the displayed frame, pixels.
         height: of the displayed frame, pixels.
-        ratex: number of ratex patches: 0, 1, 2, 3 or 5.
+        ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots.
+        modulation: a key of `MODULATIONS`.
+        pilots: number of blocks that carry known bits.
 
     Raises:
-        InputError: ``ratex`` is another number, or the grid does not fit the frame.
+        InputError: ``ratex`` is another number, or the layout is impossible (`Layout`).
 
     >>> layout = make_layout()
     >>> (layout.n_bits, layout.ratex)
     (59, ((0, 0), (7, 7), (0, 7), (7, 0), (4, 4)))
     """
+    if ratex is None:
+        ratex = 0 if pilots else 5
     bottom, right = rows - 1, cols - 1
     cells = ((0, 0), (bottom, right), (0, right), (bottom, 0), (rows // 2, cols // 2))
     if ratex not in (0, 1, 2, 3, 5):
         raise ParameterError("ratex", f"choose 0, 1, 2, 3 or 5 patches, got {ratex}")
     if len(set(cells[:ratex])) < ratex:
         raise ParameterError("ratex", f"a {cols}x{rows} grid has no room for {ratex} patches")
-    return Layout(rows, cols, width, height, cells[:ratex])
+    return Layout(rows, cols, width, height, cells[:ratex], modulation, pilots)
 
 
 def read_layout(file: Path) -> Layout:
-    """Read a layout from a JSON file with the keys rows, cols, width, height and ratex.
+    """Read a layout from a JSON file, as `Layout.to_dict` describes it.
 
     Raises:
         InputError: the file cannot be read, or holds no layout.

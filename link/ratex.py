@@ -51,7 +51,7 @@ class TrainingPixels:
     rho: NDArray[np.float64]
     """(N,) displayed intensity in the original frame, gray levels of [0, 255]."""
     label: NDArray[np.intp]
-    """(N,) 1 where the embedded frame is kappa brighter, else 0."""
+    """(N,) 1 where the tile changes as a bit 1 does, 0 where as a bit 0 does."""
 
 
 def tile_labels(layout: Layout) -> NDArray[np.intp]:
@@ -61,11 +61,11 @@ def tile_labels(layout: Layout) -> NDArray[np.intp]:
 
 
 def tile_levels(layout: Layout, kappa: int) -> NDArray[np.intp]:
-    """Give each tile's intensity in the original frame.
+    """Give each tile's intensity in the darker of the two frames.
 
     Args:
         layout: says how many patches there are.
-        kappa: gray levels that are added to the tiles of label 1 in the embedded frame.
+        kappa: gray levels by which tiles change between the frames.
 
     Returns:
         (patches, TILES, TILES) whole gray levels of [0, 255 - kappa].
@@ -77,16 +77,33 @@ def tile_levels(layout: Layout, kappa: int) -> NDArray[np.intp]:
     return levels[rank * patches + index[:, None]].reshape(-1, TILES, TILES)
 
 
+def shown_levels(layout: Layout, kappa: int, *, embedded: bool) -> NDArray[np.intp]:
+    """Give each tile's intensity in one of the two frames, as the layout's modulation toggles it.
+
+    Args:
+        layout: says how many patches there are, and how bits change their blocks.
+        kappa: gray levels by which tiles change between the frames.
+        embedded: which frame of the pair is meant.
+
+    Returns:
+        (patches, TILES, TILES) whole gray levels of [0, 255].
+    """
+    low, high = layout.change_of_bits
+    change = kappa * np.where(tile_labels(layout), high, low)
+    levels = tile_levels(layout, kappa)
+    return np.asarray(levels + np.maximum(change if embedded else -change, 0), np.intp)
+
+
 def draw_patches(frame: NDArray[np.uint8], layout: Layout, kappa: int, *, embedded: bool) -> None:
     """Draw the patches into a displayed frame in place.
 
     Args:
         frame: (height, width) or (height, width, 3) uint8 of the layout's size.
         layout: says where the patches lie.
-        kappa: gray levels added to the tiles of label 1 in the embedded frame.
+        kappa: gray levels by which tiles change between the frames.
         embedded: which frame of the pair this is.
     """
-    shown = tile_levels(layout, kappa) + (kappa * tile_labels(layout) if embedded else 0)
+    shown = shown_levels(layout, kappa, embedded=embedded)
     for (row, col), tiles in zip(layout.ratex, shown, strict=True):
         top, bottom, left, right = layout.cell_box(row, col)
         tile_y = np.arange(top, bottom) * layout.rows * TILES // layout.height - row * TILES
@@ -152,7 +169,9 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
     return TrainingPixels(
         y=sample_position(grid.tile_y, grid.step_y, layout.rows * TILES, layout.height),
         x=sample_position(grid.tile_x, grid.step_x, layout.cols * TILES, layout.width),
-        rho=np.repeat(tile_levels(layout, kappa).reshape(-1), per_tile).astype(np.float64),
+        rho=np.repeat(shown_levels(layout, kappa, embedded=False).reshape(-1), per_tile).astype(
+            np.float64
+        ),
         label=np.repeat(tile_labels(layout).reshape(-1), per_tile),
     )
 

@@ -8,6 +8,7 @@ import json
 import math
 import time
 from pathlib import Path
+from typing import Any
 
 from export.send.pictures import open_pictures
 from export.send.write import check_out, write_loop
@@ -16,12 +17,12 @@ from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit
-from link.layout import Layout, make_layout, read_layout
+from link.layout import MODULATIONS, Layout, count_pilots, make_layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
 
-GRID = {"rows": 8, "cols": 8, "width": 512, "height": 384, "ratex": 5}
-"""Flags that describe the usual layout, with their values where they are absent."""
+GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots")
+"""Flags that describe a layout; those that are absent have the defaults of `make_layout`."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
 
@@ -63,11 +64,11 @@ def protected_message(message: bytes, key: Path | None, counter: int | None) -> 
     return sign(message, read_key(key), int(time.time()) if counter is None else counter)
 
 
-def choose_layout(file: Path | None, grid: dict[str, int | None]) -> Layout:
-    """Read the layout in a JSON file, or make the usual one with the given numbers.
+def choose_layout(file: Path | None, grid: dict[str, Any]) -> Layout:
+    """Read the layout in a JSON file, or make the usual one with what the flags change.
 
     Args:
-        file: holds rows, cols, width, height and ratex; None where --layout is absent.
+        file: holds a layout; None where --layout is absent.
         grid: values of the flags in `GRID`, None where absent.
 
     Raises:
@@ -76,7 +77,11 @@ def choose_layout(file: Path | None, grid: dict[str, int | None]) -> Layout:
     """
     given = {name: value for name, value in grid.items() if value is not None}
     if file is None:
-        return make_layout(**(GRID | given))
+        at_least(1, **{name: given[name] for name in ("rows", "cols") if name in given})
+        if "pilots" in given:
+            rows, cols = given.get("rows", 8), given.get("cols", 8)
+            given["pilots"] = count_pilots(given["pilots"], rows, cols)
+        return make_layout(**given)
     if given:
         raise InputError(f"--{next(iter(given))} and --layout: give one of them")
     return read_layout(file)
@@ -117,9 +122,12 @@ def send_parser() -> argparse.ArgumentParser:
     add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
     add("--kappa", type=int, default=3, help="gray levels added for a 1 (3)")
-    for name, default in GRID.items():
+    for name, default in {"rows": 8, "cols": 8, "width": 512, "height": 384}.items():
         add(f"--{name}", type=int, help=f"of the layout ({default})")
-    add("--layout", type=Path, help="JSON file with a layout, instead of these five")
+    add("--ratex", type=int, help="patches of the layout: 0, 1, 2, 3 or 5 (5, or 0 with pilots)")
+    add("--modulation", choices=list(MODULATIONS), help="how bits change blocks (on_off)")
+    add("--pilots", help="share of blocks with known bits in place of patches, or auto (0)")
+    add("--layout", type=Path, help="JSON file with a layout, instead of these seven")
     add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
     add("--hold", type=int, default=4, help="refreshes that a state stays (4)")
     add("--refresh", type=float, default=60.0, help="of the display, Hz (60)")

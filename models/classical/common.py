@@ -1,7 +1,7 @@
 """What the paper's methods share: training samples, the SVM, and pooling over blocks.
 
 Each method is a feature function u(i_o, i_e) of two captured intensities. The SVM trains on the
-ratex pixels and scores the message pixels of the same frame pair.
+ratex pixels or pilots and scores the message pixels of the same frame pair.
 """
 
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from sklearn.svm import LinearSVC
 from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
 from link.images import intensity
-from link.layout import block_mean
+from link.layout import block_index, block_mean
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
 
 Array = NDArray[np.floating[Any]]
@@ -37,6 +37,39 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
     if not pair.layout.ratex:
         raise UnsuitedError("it trains on ratex patches and the layout has none")
     return training_pixels(pair.layout, pair.ratex_toggle or 0)
+
+
+def training_samples(pair: Rectified, maps: Array, train_on: str) -> tuple[Array, NDArray[np.intp]]:
+    """Take the samples with known labels from feature maps: ratex tiles, or else pilots.
+
+    Args:
+        pair: rectified frames, for their layout.
+        maps: (H, W, D) features of every pixel.
+        train_on: "tile" averages over the inner half of each ratex tile, or over each pilot;
+            "pixel" takes single pixels.
+
+    Returns:
+        (N, D) features and (N,) labels, 0 or 1.
+
+    Raises:
+        UnsuitedError: the layout has neither ratex patches nor pilots.
+    """
+    layout = pair.layout
+    averaged = choose({"tile": True, "pixel": False}, train_on, "train_on")
+    if layout.ratex:
+        pixels = require_ratex(pair)
+        u = maps[pixels.y, pixels.x]
+        return (tile_mean(u), pixels.label[:: SAMPLES * SAMPLES]) if averaged else (u, pixels.label)
+    if not layout.pilots:
+        raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
+    if averaged:
+        means = block_mean(np.moveaxis(maps, -1, 0), layout.rows, layout.cols)
+        return means.reshape(len(means), -1).T[layout.pilot_blocks], layout.pilot_bits
+    labels = np.full(layout.rows * layout.cols, -1)
+    labels[layout.pilot_blocks] = layout.pilot_bits
+    block = block_index(layout.height, layout.rows)[:, None] * layout.cols
+    label = labels[block + block_index(layout.width, layout.cols)]
+    return maps[label >= 0], label[label >= 0]
 
 
 @dataclass(frozen=True)
@@ -100,34 +133,28 @@ def decode_with_threshold(
 
 
 def decode_with_svm(
-    pair: Rectified,
-    pixels: TrainingPixels,
-    features: Features,
-    C: float,
-    pooling: str,
-    train_on: str,
+    pair: Rectified, features: Features, C: float, pooling: str, train_on: str
 ) -> SoftBits:
-    """Train an SVM on the ratex pixels of a frame pair and score its message blocks.
+    """Train an SVM on the ratex pixels or pilots of a frame pair and score its message blocks.
 
     Args:
         pair: rectified frames.
-        pixels: training pixels of the pair's layout.
         features: the method's feature function u(i_o, i_e).
         C: weight of the SVM's squared hinge loss.
         pooling: a key of `POOLINGS`: average the pixels' scores, or let the pixels vote.
-        train_on: "tile" trains on the mean features of each ratex tile, which average 36 pixels and
-            have a 36th of their noise variance; "pixel" trains on single pixels.
+        train_on: "tile" trains on the mean features of each ratex tile or pilot, "pixel" on single
+            pixels; a mean over 36 pixels has a 36th of their noise variance.
 
     Returns:
         scores of the message blocks, and the head: (D + 1,) weights, then the bias.
+
+    Raises:
+        UnsuitedError: the layout has neither ratex patches nor pilots.
     """
     pool = choose(POOLINGS, pooling, "pooling")
     i_o, i_e = intensity(pair.original), intensity(pair.embedded)
-    u = features(i_o[pixels.y, pixels.x], i_e[pixels.y, pixels.x])
-    labels = pixels.label
-    if choose({"tile": True, "pixel": False}, train_on, "train_on"):
-        u, labels = tile_mean(u), labels[:: SAMPLES * SAMPLES]
-    head = fit_svm(u, labels, C)
-    scores = features(i_o, i_e) @ head.weights + head.bias
+    maps = features(i_o, i_e)
+    head = fit_svm(*training_samples(pair, maps, train_on), C)
+    scores = maps @ head.weights + head.bias
     blocks = pool(scores, pair.layout.rows, pair.layout.cols)[pair.layout.message_mask]
     return SoftBits(np.asarray(blocks, np.float64), np.append(head.weights, head.bias))

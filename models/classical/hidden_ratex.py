@@ -60,7 +60,7 @@ class HiddenRatex:
 
     threshold: str = "clusters"
     """Where the threshold comes from: "clusters" finds it in each frame; "constant" is the paper's,
-    half of kappa."""
+    half-way between the changes of bit 0 and bit 1, which is half of kappa for on-off."""
     shrinkage: float = 1.0
     """Number of pseudo-observations that pull the variance of each class to the common one. 0 is as
     good (docs/tuning.md), but then two equal blocks make a class."""
@@ -84,5 +84,6 @@ class HiddenRatex:
         if self.threshold == "constant" and pair.kappa is not None:
             # equalising stretched the picture's range, and kappa with it, to [0, 255]
             stretch = 255 / (TOP - BOTTOM - pair.kappa)
-            return SoftBits(blocks - stretch * pair.kappa / 2)
+            half = pair.kappa * sum(layout.change_of_bits) / 2
+            return SoftBits(blocks - stretch * half)
         return SoftBits(blocks - cluster_threshold(blocks, self.shrinkage))

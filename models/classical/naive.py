@@ -8,7 +8,6 @@ from models.classical.common import (
     Array,
     decode_with_svm,
     decode_with_threshold,
-    require_ratex,
 )
 
 
@@ -19,25 +18,25 @@ def difference(i_o: Array, i_e: Array) -> Array:
 
 @dataclass(frozen=True)
 class Naive:
-    """Decide by the captured difference, with a threshold from this pair's ratex patches."""
+    """Decide by the captured difference, with a threshold that ratex patches or pilots teach."""
 
     C: float = 10.0
     """Weight of the SVM's squared hinge loss."""
     pooling: str = "mean"
     """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
     train_on: str = "tile"
-    """What a training sample is: the mean over a ratex "tile", or a single "pixel"."""
+    """What a training sample is: the mean over a ratex "tile" or pilot, or a single "pixel"."""
     threshold: float | None = None
-    """Fixed threshold in captured gray levels; None learns one on each pair's ratex patches."""
+    """Fixed threshold in captured gray levels; None learns one on each pair's ratex patches or
+    pilots."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair.
 
         Raises:
-            UnsuitedError: the layout has no ratex patch.
+            UnsuitedError: the layout has neither ratex patches nor pilots to learn a threshold on.
         """
-        pixels = require_ratex(pair)
         if self.threshold is not None:
             change = intensity(pair.embedded) - intensity(pair.original)
             return decode_with_threshold(pair, change, self.threshold / 255, self.pooling)
-        return decode_with_svm(pair, pixels, difference, self.C, self.pooling, self.train_on)
+        return decode_with_svm(pair, difference, self.C, self.pooling, self.train_on)

@@ -14,7 +14,7 @@ from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
 from link.frames import Rectified, SoftBits
-from models.classical.common import Array, decode_with_svm, require_ratex
+from models.classical.common import Array, decode_with_svm
 
 
 def legendre(i: Array, degree: int) -> Array:
@@ -123,17 +123,16 @@ class OORC:
     pooling: str = "mean"
     """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
     train_on: str = "tile"
-    """What a training sample is: the mean over a ratex "tile", or a single "pixel"."""
+    """What a training sample is: the mean over a ratex "tile" or pilot, or a single "pixel"."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair.
 
         Raises:
-            UnsuitedError: the layout has no ratex patch.
+            UnsuitedError: the layout has neither ratex patches nor pilots.
         """
-        pixels = require_ratex(pair)
 
         def phi(i_o: Array, i_e: Array) -> Array:
             return explicit_map(i_o, i_e, self.degree)
 
-        return decode_with_svm(pair, pixels, phi, self.C, self.pooling, self.train_on)
+        return decode_with_svm(pair, phi, self.C, self.pooling, self.train_on)

@@ -78,6 +78,4 @@ class TwoStep:
         def calibrated_difference(i_o: Array, i_e: Array) -> Array:
             return np.asarray(g(i_e) - g(i_o))[..., None]
 
-        return decode_with_svm(
-            pair, pixels, calibrated_difference, self.C, self.pooling, self.train_on
-        )
+        return decode_with_svm(pair, calibrated_difference, self.C, self.pooling, self.train_on)

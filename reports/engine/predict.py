@@ -8,7 +8,7 @@ or has changed costs no other method its results.
 import hashlib
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -276,7 +276,7 @@ def _stored(file: Path, condition: Condition, cell: Cell, method: Method) -> lis
     """A method's stored predictions of a cell; None where they are missing or damaged."""
     lines = read_sealed(file)
     layout = condition.source.layout
-    n_bits = layout.rows * layout.cols if method.card.hidden else layout.n_bits
+    n_bits = (replace(layout, ratex=()) if method.card.hidden else layout).n_bits
     expected = [(cell.pair, cell.view_deg, cell.kappa, i, n_bits) for i in range(condition.frames)]
     found = [
         (line["pair"], line["view_deg"], line["kappa"], line["index"], len(line["bits"]))
