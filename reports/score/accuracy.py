@@ -196,6 +196,6 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 def _printed(table: pd.DataFrame) -> list[float]:
     """The paper's accuracy in [0, 1] for each row of a score table; NaN where it has no cell."""
     return [
-        np.nan if pd.isna(row.view_deg) else paper_accuracy(*row) or np.nan
+        np.nan if pd.isna(row.view_deg) or pd.isna(row.kappa) else paper_accuracy(*row) or np.nan
         for row in table[[*CELL, "method"]].itertuples(index=False, name="PaperCell")
     ]
