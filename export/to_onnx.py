@@ -16,7 +16,7 @@ from onnxscript.values import Opset
 from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
-from link.errors import InputError, at_least, read_flags, run_cli
+from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import temporary_name, write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
 from models.neural.checkpoint import load_checkpoint, read_config
@@ -148,7 +148,10 @@ def export(
         parity = compare_with_torch(module, Decoder(candidate), frames, seed)
         if not parity.holds:
             raise InputError(f"{path}: torch and onnxruntime disagree ({asdict(parity)})")
-        candidate.replace(path)
+        try:
+            candidate.replace(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror})") from None
     finally:
         candidate.unlink(missing_ok=True)
     return parity
@@ -173,6 +176,8 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(ExportConfig))
     at_least(1, parity_frames=config.parity_frames)
     path = config.out or config.run / "decoder.onnx"
+    if path.is_dir():
+        raise ParameterError("out", f"{path} is a folder; name a file")
     module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
     training = read_config(config.run).get("train")
     parity = export(module, path, config.run.name, config.parity_frames, training)

@@ -17,7 +17,7 @@ T = TypeVar("T")
 MAX_NUMBER = 10**6
 """Largest number, and with a minus the smallest, that a flag takes, if `MAX_OF_FLAG` has no
 other."""
-MAX_OF_FLAG = {"seed": 2**32 - 1, "jobs": 1024, "threads": 256}
+MAX_OF_FLAG = {"seed": 2**32 - 1, "jobs": 256, "threads": 256}
 """Largest numbers of flags that many commands have, by the flag's name. Every library that the
 project draws from takes seeds of 32 bits."""
 MAX_COMPLAINT = 300
@@ -113,7 +113,7 @@ def run_cli(main: Callable[[], None]) -> None:
             sys.stdout.flush()  # a full device or a closed pipe must show here, not at the exit
     except InputError as error:
         said = error.with_flag if isinstance(error, ParameterError) else str(error)
-        _print_error(said)
+        print_error(said)
         sys.exit(2)
     except KeyboardInterrupt:
         print("interrupted; what was written so far is kept", file=sys.stderr)
@@ -124,10 +124,10 @@ def run_cli(main: Callable[[], None]) -> None:
     except OSError as error:
         _drop_output()
         where = "the output or a file" if error.filename is None else error.filename
-        _print_error(f"{where}: {error.strerror or error}")
+        print_error(f"{where}: {error.strerror or error}")
         sys.exit(2)
     except MemoryError as error:
-        _print_error(f"too little memory; use smaller sizes or fewer frames ({error})")
+        print_error(f"too little memory; use smaller sizes or fewer frames ({error})")
         sys.exit(2)
 
 
@@ -279,7 +279,8 @@ def _is_empty(flag: str) -> bool:
     return f"{flag}=" in sys.argv or "" in sys.argv
 
 
-def _print_error(said: str) -> None:
+def print_error(said: str) -> None:
+    """Print what is wrong on stderr, in one line whatever names of files hold."""
     with suppress(OSError):  # nobody can be told; the status says it
         print(f"error: {' '.join(said.split())}", file=sys.stderr, flush=True)
 

@@ -103,6 +103,24 @@ def test_a_full_device_is_named_in_one_line(script: str) -> None:
     assert done.returncode == 2
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+@pytest.mark.parametrize(("redirected", "status"), [("> /dev/full", 2), (">&-", 0), ("| true", 0)])
+@pytest.mark.parametrize("words", ["--help", "gone.png"])
+def test_a_command_with_an_output_that_takes_nothing(
+    redirected: str, status: int, words: str
+) -> None:
+    line = f"{sys.executable} -m export.locate {words} {redirected}"
+    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    if words != "--help":
+        assert done.stderr == "error: gone.png: no such image file; check the path\n"
+    elif status:
+        assert done.stderr == "error: the output or a file: No space left on device\n"
+    else:
+        assert done.stderr == ""
+    if redirected != "| true":
+        assert done.returncode == (status if words == "--help" else 2)
+
+
 def test_an_error_that_names_no_parameter_is_printed_as_it_is(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -14,6 +14,8 @@ import pytest
 import tyro
 from conftest import Command
 
+from link.errors import InputError, read_flags
+
 ROOT = Path(__file__).parents[1]
 NASTY = ("nan", "inf", "-inf", "1e400", "9" * 23, "9" * 31, "1" + 400 * "0", "9" * 5000)
 """Values that no flag takes."""
@@ -123,3 +125,81 @@ def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> N
     assert {"--seed", "--coverage", "--margin-px", "--clock-error"} <= set(video)
     assert found["export.send.__main__"][1]["--counter"] == (int, 1)
     assert found["export.parity"][0] == ["x"]
+
+
+def test_whatever_a_parser_says_becomes_one_line(command: Command) -> None:
+    for module, words, says in (
+        (
+            "data_gen.__main__",
+            "--fram 3 --out x",
+            "--fram: no such flag; perhaps you meant --frames",
+        ),
+        ("data_gen.__main__", "", "--out: is required"),
+        ("data_gen.__main__", "--out x y", "y: one word too many"),
+        ("data_gen.__main__", "--out x --frames", "--frames: a value is missing"),
+        ("data_gen.__main__", "--out x --frames 1.5", "--frames: need a whole number, got '1.5'"),
+        ("data_gen.video", "--out x --message a --size 3", "--size: 2 values are missing"),
+        ("data_gen.video", "--out x --message a --passer-s 3", "--passer-s: need FLOAT FLOAT, got"),
+        (
+            "data_gen.video",
+            "--out x --message a --window x",
+            "--window: invalid choice 'x'; choose",
+        ),
+        ("export.parity", "", "PATH: is required"),
+        ("export.receive.__main__", "", "INPUT: is required"),
+        ("export.receive.__main__", "x --bogus", "--bogus: no such flag"),
+        (
+            "export.receive.__main__",
+            "x --threads many",
+            "--threads: need a whole number, got 'many'",
+        ),
+        ("export.runtime", "m a b --corners 0,0", "--corners: expected 4 arguments"),
+    ):
+        done = command(importlib.import_module(module).main, *words.split())
+        assert (done.status, done.stdout) == (2, "")
+        assert done.stderr.startswith(f"error: {says}"), done.stderr
+        assert done.stderr.endswith("; see --help\n") and done.stderr.count("\n") == 1
+
+
+def test_words_of_a_parser_that_are_not_known_are_passed_on_in_one_line() -> None:
+    def read() -> None:
+        print("╭─ Oh ─╮\n│ The  │\n│ moon │\n│ ──── │\n│ more │\n╰──────╯", file=sys.stderr)
+        raise SystemExit(2)
+
+    with pytest.raises(InputError, match=r"^The moon; see --help$"):
+        read_flags(read)
+
+
+@pytest.mark.parametrize("module", ["data_gen.__main__", "export.send.__main__"])
+def test_help_is_printed(module: str, command: Command) -> None:
+    done = command(importlib.import_module(module).main, "--help")
+    assert (done.status, done.stderr) == (0, "")
+    assert "--kappa" in done.stdout and done.stdout.count("\n") > 20
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "says"),
+    [
+        ("data_gen.__main__", ["--out", ""], "--out: the name is empty"),
+        ("data_gen.__main__", ["--out="], "--out: the name is empty"),
+        ("export.parity", [""], "RUN: the name is empty"),
+        ("export.receive.__main__", [""], "INPUT: a name is empty"),
+        ("export.receive.__main__", ["²"], "²: no such folder, video file or camera number"),
+        ("export.send.__main__", ["x", "--message", "\udcff", "--out", "y"], "--message: not text"),
+        ("data_gen.video", ["--message", "\udcff", "--out", "y"], "--message: not text in UTF-8"),
+        ("export.locate.__main__", ["a\nb"], "a b: no such image file"),
+        ("export.locate.__main__", ["n" * 300], "n" * 300),
+        ("export.receive.__main__", ["n" * 300], "n" * 300),
+        ("export.send.__main__", ["x", "--message", "a", "--out", "n" * 300], "n" * 300),
+        ("data_gen.__main__", ["--out", "n" * 300], "n" * 300),
+        ("data_gen.video", ["--message", "a", "--out", "x", "--size", "9000", "9000"], "--size: "),
+        ("data_gen.video", ["--message", "a", "--out", "x", "--shown", "99999"], "--shown: "),
+    ],
+)
+def test_names_and_texts_that_cannot_be(
+    module: str, words: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(importlib.import_module(module).main, *words)
+    assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert done.stderr.startswith(f"error: {says}")

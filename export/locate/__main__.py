@@ -11,7 +11,7 @@ from typing import Any
 
 from export.locate.find import locate
 from export.overlay import outline_display
-from link.errors import InputError, read_flags, run_cli
+from link.errors import InputError, print_error, read_flags, run_cli
 from link.images import add_pixel_limit, pixel_limit, read_image, write_image
 from link.layout import Layout, read_layout
 
@@ -45,7 +45,7 @@ def main() -> None:
         try:
             image = read_image(path, args.max_megapixels)
         except InputError as error:
-            print(f"error: {error}", file=sys.stderr)
+            print_error(str(error))
             failed = True
             continue
         found = locate(image, layout)

@@ -68,6 +68,11 @@ def main() -> None:
     at_least(0, seed=config.seed)
     if not 0 < config.lr < 1:
         raise ParameterError("lr", f"need more than 0 and less than 1, got {config.lr:g}")
+    for name in ("weight_decay", "strength", "drift"):
+        if not 0 <= getattr(config, name) < 1:
+            raise ParameterError(
+                name, f"need at least 0 and less than 1, got {getattr(config, name):g}"
+            )
     make_folder(config.out)
     layout = make_layout()
     plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
