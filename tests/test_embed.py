@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -18,6 +19,7 @@ from link.embed import (
     display_video,
     embed,
     message_mask,
+    split_change,
     with_head_room,
 )
 from link.errors import InputError
@@ -136,6 +138,134 @@ def test_head_room_maps_black_and_white_to_the_ends() -> None:
     shown = with_head_room(ramp, 5).astype(int)
     assert (shown[0], shown[-1]) == (BOTTOM, TOP - 5)
     assert (np.diff(shown) >= 0).all()
+
+
+@pytest.mark.parametrize("kappa", [1, 2, 5, 64])
+def test_head_room_of_antipodal_blocks_lies_on_either_side(kappa: int) -> None:
+    shown = with_head_room(np.arange(256, dtype=np.uint8), kappa, "antipodal").astype(int)
+    half = (kappa + 1) // 2
+    assert (shown[0], shown[-1]) == (BOTTOM + half, TOP - half)
+    assert (np.diff(shown) >= 0).all()
+
+
+# Antipodal blocks and pilots
+
+PILOTS = make_layout(8, 8, 157, 131, modulation="antipodal", pilots=16)
+SOFT = make_layout(4, 4, 160, 128, modulation="antipodal", pilots=5)
+channels_both = pytest.mark.parametrize("channels", [(), (3,)], ids=["gray", "colour"])
+
+
+def blocks_of(layout: Layout, bits: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(height, width) bit of the block to which each pixel belongs, known bits of pilots too."""
+    grid = np.full(layout.rows * layout.cols, -1)
+    grid[layout.message_mask.ravel()] = bits
+    grid[layout.pilot_blocks] = layout.pilot_bits
+    rows, cols = block_index(layout.height, layout.rows), block_index(layout.width, layout.cols)
+    return np.asarray(grid.reshape(layout.rows, layout.cols)[rows[:, None], cols])
+
+
+def planes(frame: Picture) -> NDArray[np.intp]:
+    """(channels, height, width) levels of a gray or colour frame."""
+    return np.atleast_3d(frame).transpose(2, 0, 1).astype(np.intp)
+
+
+@channels_both
+@pytest.mark.parametrize("kappa", [1, 2, 3, 4, 7, 64])
+def test_antipodal_blocks_and_pilots_change_by_exactly_kappa_up_or_down(
+    kappa: int, channels: tuple[int, ...]
+) -> None:
+    bits = random_bits(PILOTS)
+    displayed = embed(noise(PILOTS, *channels), bits, PILOTS, kappa)
+    expected = kappa * (2 * blocks_of(PILOTS, bits) - 1)
+    for change in planes(displayed.embedded) - planes(displayed.original):
+        np.testing.assert_array_equal(change, expected)
+
+
+@channels_both
+@pytest.mark.parametrize("kappa", [1, 2, 3, 4, 7])
+def test_the_mean_over_time_of_antipodal_frames_is_the_picture(
+    kappa: int, channels: tuple[int, ...]
+) -> None:
+    picture = noise(PILOTS, *channels)
+    shown = planes(with_head_room(picture, kappa, "antipodal"))
+    displayed = embed(picture, random_bits(PILOTS), PILOTS, kappa)
+    surplus = planes(displayed.original) + planes(displayed.embedded) - 2 * shown
+    inside = blocks_of(PILOTS, random_bits(PILOTS))
+    even = (inside[:-1, :-1] == inside[1:, 1:]) & (inside[:-1, 1:] == inside[1:, :-1])
+    even &= inside[:-1, :-1] == inside[:-1, 1:]
+    assert even.mean() > 0.7
+    for plane in surplus:
+        assert set(np.unique(plane).tolist()) == ({0} if kappa % 2 == 0 else {-1, 1})
+        four = plane[:-1, :-1] + plane[1:, :-1] + plane[:-1, 1:] + plane[1:, 1:]
+        assert (four[even] == 0).all()  # every 2 x 2 pixels within blocks of one bit
+        assert abs(plane.mean()) < 0.02
+
+
+@channels_both
+@pytest.mark.parametrize("level", range(4))
+@pytest.mark.parametrize("kappa", [1, 5, 10, 63, 64])
+@pytest.mark.parametrize("bit", [0, 1])
+def test_antipodal_frames_stay_within_the_displays_range(
+    bit: int, kappa: int, level: int, channels: tuple[int, ...]
+) -> None:
+    picture = noise(SOFT, *channels)
+    assert (picture.min(), picture.max()) == (0, 255)
+    displayed = embed(picture, np.full(SOFT.n_bits, bit), SOFT, kappa, level)
+    for frame in (displayed.original, displayed.embedded):
+        assert frame.min() >= BOTTOM
+        assert frame.max() <= TOP
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+@pytest.mark.parametrize("kappa", [2, 9, 40])
+def test_pyramid_levels_soften_antipodal_blocks(level: int, kappa: int) -> None:
+    bits = random_bits(SOFT)
+    hard, soft = message_mask(bits, SOFT), message_mask(bits, SOFT, level)
+    assert set(np.unique(hard).tolist()) == {-1, 1}
+    assert (soft.min(), soft.max()) >= (-1, 0)
+    assert soft.max() <= 1
+    assert np.abs(np.diff(soft)).max() < (1.1, 0.6, 0.4)[level - 1]  # 2 between hard blocks
+    on_off = message_mask(bits, replace(SOFT, modulation="on_off"), level)
+    np.testing.assert_allclose(soft, 2 * on_off - 1, rtol=0, atol=FLOAT32)
+    displayed = embed(noise(SOFT), bits, SOFT, kappa, level)
+    change = displayed.embedded.astype(int) - displayed.original
+    np.testing.assert_array_equal(change, (kappa * soft).round())
+    signs = block_mean(change.astype(np.float64), SOFT.rows, SOFT.cols) > 0
+    np.testing.assert_array_equal(signs[SOFT.message_mask], bits)
+    np.testing.assert_array_equal(signs.ravel()[SOFT.pilot_blocks], SOFT.pilot_bits)
+
+
+def test_pilots_of_on_off_blocks_change_as_bits_do() -> None:
+    layout = replace(PILOTS, modulation="on_off")
+    bits = random_bits(layout)
+    displayed = embed(noise(layout, 3), bits, layout, 3)
+    for change in planes(displayed.embedded) - planes(displayed.original):
+        np.testing.assert_array_equal(change, 3 * blocks_of(layout, bits))
+
+
+@channels_both
+@pytest.mark.parametrize("level", [0, 2])
+@pytest.mark.parametrize("kappa", [1, 3, 5])
+def test_on_off_frames_are_those_of_the_papers_formula(
+    kappa: int, level: int, channels: tuple[int, ...]
+) -> None:
+    picture, bits = noise(SMALL, *channels), random_bits(SMALL)
+    displayed = embed(picture, bits, SMALL, kappa, level)
+    levels = np.linspace(BOTTOM, TOP - kappa, 256).round().astype(np.uint8)
+    added = (kappa * message_mask(bits, SMALL, level)).round().astype(np.uint8)
+    inside = message_pixels(SMALL)
+    original = levels[picture]
+    embedded = original + (added[:, :, None] if channels else added)
+    np.testing.assert_array_equal(displayed.original[inside], original[inside])
+    np.testing.assert_array_equal(displayed.embedded[inside], embedded[inside])
+
+
+@given(arrays(np.intp, (6, 8), elements=st.integers(-MAX_KAPPA, MAX_KAPPA)))
+def test_changes_are_split_into_halves_a_level_apart_at_most(change: NDArray[np.intp]) -> None:
+    below = split_change(change)
+    above = change - below
+    assert (np.abs(above - below) == change % 2).all()
+    assert (split_change(change + 1) >= below).all()
 
 
 def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:

@@ -10,8 +10,18 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from tolerances import FLOAT64
 
-from link.errors import InputError
-from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, Layout, block_index, block_mean, make_layout
+from link.errors import InputError, ParameterError
+from link.layout import (
+    LEAST_PILOTS,
+    MAX_SIDE_PX,
+    MIN_BLOCK_PX,
+    MODULATIONS,
+    Layout,
+    block_index,
+    block_mean,
+    count_pilots,
+    make_layout,
+)
 
 
 @st.composite
@@ -20,8 +30,12 @@ def layouts(draw: st.DrawFn) -> Layout:
     width = draw(st.integers(cols * MIN_BLOCK_PX, 300))
     height = draw(st.integers(rows * MIN_BLOCK_PX, 300))
     cell = st.tuples(st.integers(0, rows - 1), st.integers(0, cols - 1))
+    modulation = draw(st.sampled_from(list(MODULATIONS)))
+    if rows * cols > 2 and draw(st.booleans()):
+        pilots = draw(st.integers(2, rows * cols - 1))
+        return Layout(rows, cols, width, height, (), modulation, pilots)
     cells = draw(st.lists(cell, unique=True, max_size=min(7, rows * cols - 1)))
-    return Layout(rows, cols, width, height, tuple(cells))
+    return Layout(rows, cols, width, height, tuple(cells), modulation)
 
 
 def as_dict(**changes: Any) -> dict[str, Any]:
@@ -61,6 +75,118 @@ def test_one_patch_is_a_corner_and_two_lie_on_a_diagonal() -> None:
 @given(layouts())
 def test_json_round_trip(layout: Layout) -> None:
     assert Layout.from_dict(json.loads(json.dumps(layout.to_dict()))) == layout
+
+
+@given(layouts())
+def test_json_holds_the_later_keys_only_where_they_say_something(layout: Layout) -> None:
+    described = layout.to_dict()
+    first = ["rows", "cols", "width", "height", "ratex"]
+    assert list(described)[:5] == first
+    assert ("modulation" in described) == (layout.modulation != "on_off")
+    assert ("pilots" in described) == (layout.pilots > 0)
+    assert Layout.from_dict({key: described[key] for key in first}) == replace(
+        layout, modulation="on_off", pilots=0
+    )
+
+
+def test_the_usual_layout_writes_the_bytes_that_it_has_always_written() -> None:
+    """Golden: manifests, models and stored runs hold this text."""
+    written = json.dumps(make_layout().to_dict())
+    assert written == (
+        '{"rows": 8, "cols": 8, "width": 512, "height": 384, '
+        '"ratex": [[0, 0], [7, 7], [0, 7], [7, 0], [4, 4]]}'
+    )
+    layout = Layout.from_dict(json.loads(written))
+    assert (layout.modulation, layout.pilots, layout) == ("on_off", 0, make_layout())
+
+
+@given(layouts())
+def test_every_block_is_message_patch_or_pilot(layout: Layout) -> None:
+    assert layout.message_mask.sum() == layout.n_bits >= 1
+    mask = layout.message_mask.copy()
+    for cell in layout.ratex:
+        assert not mask[cell]
+        mask[cell] = True
+    blocks = layout.pilot_blocks
+    assert len(set(blocks.tolist())) == len(blocks) == len(layout.pilot_bits) == layout.pilots
+    assert not mask.reshape(-1)[blocks].any()
+    mask.reshape(-1)[blocks] = True
+    assert mask.all()
+    assert abs(2 * int(layout.pilot_bits.sum()) - layout.pilots) <= 1  # as many ones as zeros
+
+
+@given(layouts(), st.data())
+def test_more_pilots_keep_the_fewer(layout: Layout, data: st.DataObject) -> None:
+    if layout.pilots:
+        fewer = replace(layout, pilots=data.draw(st.integers(2, layout.pilots)))
+        kept = slice(0, fewer.pilots)
+        np.testing.assert_array_equal(layout.pilot_blocks[kept], fewer.pilot_blocks)
+        np.testing.assert_array_equal(layout.pilot_bits[kept], fewer.pilot_bits)
+
+
+@pytest.mark.parametrize(
+    ("rows", "cols", "blocks"),
+    [
+        (8, 8, [53, 33, 2, 42, 32, 43, 41, 4, 52, 49, 6, 56, 18, 31, 37, 62]),
+        (24, 32, [410, 366, 503, 254, 566, 203, 543, 735, 319, 53, 572, 514, 33, 709, 94, 249]),
+    ],
+)
+def test_the_first_pilots_are_where_every_receiver_expects_them(
+    rows: int, cols: int, blocks: list[int]
+) -> None:
+    """Golden: a display and a receiver of different versions must agree on it."""
+    layout = make_layout(rows, cols, pilots=LEAST_PILOTS)
+    assert layout.pilot_blocks.tolist() == blocks
+    assert layout.pilot_bits.tolist() == [0, 1] * 8
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (24, 32), (48, 64), (96, 128)])
+def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) -> None:
+    layout = make_layout(rows, cols, pilots=count_pilots("auto", rows, cols))
+    row, col = np.divmod(layout.pilot_blocks, cols)
+    share = 1 / np.sqrt(layout.pilots)
+    for bit in (0, 1):
+        mine = layout.pilot_bits == bit
+        for place, count in ((row[mine], rows), (col[mine], cols)):
+            assert abs(place.mean() / (count - 1) - 0.5) < 3 * np.sqrt(2 / 12) * share
+            assert np.ptp(place) >= (0.8 if layout.pilots > 20 else 0.6) * (count - 1)
+    quarter = (row * 2 // rows) * 2 + col * 2 // cols
+    assert np.bincount(quarter, minlength=4).min() >= 1
+
+
+@pytest.mark.parametrize(
+    ("pilots", "rows", "cols", "count"),
+    [
+        ("0", 8, 8, 0),
+        ("0.0", 8, 8, 0),
+        ("auto", 8, 8, 16),
+        ("auto", 16, 16, 16),
+        ("auto", 24, 32, 38),
+        ("auto", 48, 64, 154),
+        ("auto", 96, 128, 614),
+        ("auto", 3, 3, 8),
+        ("0.25", 8, 8, 16),
+        ("1e-1", 24, 32, 77),
+        ("0.001", 8, 8, 0),
+    ],
+)
+def test_shares_of_pilots_become_numbers(pilots: str, rows: int, cols: int, count: int) -> None:
+    assert count_pilots(pilots, rows, cols) == count
+
+
+@pytest.mark.parametrize("pilots", ["", "-0.1", "1", "1.5", "nan", "inf", "many", "AUTO", "5%"])
+def test_what_is_no_share_of_pilots_is_refused(pilots: str) -> None:
+    with pytest.raises(ParameterError, match=r"^pilots: need auto, or a share from 0 to below 1"):
+        count_pilots(pilots, 8, 8)
+
+
+@pytest.mark.parametrize("pilots", [2, 16, 63])
+def test_pilots_take_the_place_of_patches(pilots: int) -> None:
+    layout = make_layout(pilots=pilots)
+    assert (layout.ratex, layout.n_bits) == ((), 64 - pilots)
+    for ratex in (1, 5):
+        with pytest.raises(InputError, match="has pilots beside ratex patches"):
+            make_layout(ratex=ratex, pilots=2)
 
 
 @given(layouts())
@@ -109,6 +235,12 @@ def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
         ({"width": 5000, "height": 5000}, "5000x5000 frame has more than 20000000 pixels"),
         ({"rows": 129, "cols": 128, "width": 600, "height": 600}, "128x129 blocks are more than"),
         ({"rows": 1, "cols": 1, "ratex": ((0, 0),)}, "no block is left"),
+        ({"ratex": (), "pilots": 64}, "no block is left"),
+        ({"ratex": (), "pilots": 1}, "need 2 pilots, so that both bits occur, got 1"),
+        ({"ratex": (), "pilots": -2}, "need 2 pilots, so that both bits occur, got -2"),
+        ({"pilots": 2}, "pilots beside ratex patches"),
+        ({"modulation": "onoff"}, "unknown modulation 'onoff'; choose one of: on_off, antipodal"),
+        ({"modulation": ""}, "unknown modulation ''"),
     ],
 )
 def test_a_grid_that_does_not_fit_says_why(changes: dict[str, Any], message: str) -> None:
@@ -146,6 +278,18 @@ def test_anything_but_the_five_keys_is_refused(data: Any) -> None:
 def test_sizes_must_be_whole_numbers(key: str, value: Any) -> None:
     with pytest.raises(InputError, match=f"layout: {key} must be a whole number"):
         Layout.from_dict(as_dict(**{key: value}))
+
+
+@pytest.mark.parametrize("value", ["8", 8.0, None, True, [8]])
+def test_the_number_of_pilots_must_be_whole(value: Any) -> None:
+    with pytest.raises(InputError, match="layout: pilots must be a whole number"):
+        Layout.from_dict(as_dict(ratex=[], pilots=value))
+
+
+@pytest.mark.parametrize("value", [None, 1, True, ["antipodal"], {}])
+def test_the_modulation_must_be_text(value: Any) -> None:
+    with pytest.raises(InputError, match="layout: modulation must be text"):
+        Layout.from_dict(as_dict(modulation=value))
 
 
 @pytest.mark.parametrize(

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -13,6 +14,8 @@ from link.ratex import (
     TILE_ORDERS,
     TILES,
     draw_patches,
+    match_patches,
+    shown_levels,
     tile_labels,
     tile_levels,
     training_pixels,
@@ -76,6 +79,37 @@ def test_training_pixels_tell_what_is_drawn_under_them(layout: Layout, kappa: in
     np.testing.assert_array_equal(original[pixels.y, pixels.x], pixels.rho)
     change = embedded[pixels.y, pixels.x] - original[pixels.y, pixels.x]
     np.testing.assert_array_equal(change, kappa * pixels.label)
+
+
+@every_layout
+@every_kappa
+def test_antipodal_tiles_toggle_up_or_down_within_the_same_levels(
+    layout: Layout, kappa: int
+) -> None:
+    antipodal = replace(layout, modulation="antipodal")
+    darker, labels = tile_levels(layout, kappa), tile_labels(layout)
+    np.testing.assert_array_equal(tile_levels(antipodal, kappa), darker)
+    np.testing.assert_array_equal(tile_labels(antipodal), labels)
+    for embedded in (False, True):
+        shown = shown_levels(antipodal, kappa, embedded=embedded)
+        np.testing.assert_array_equal(shown, darker + kappa * (labels == int(embedded)))
+        on_off = shown_levels(layout, kappa, embedded=embedded)
+        np.testing.assert_array_equal(on_off, darker + kappa * labels * int(embedded))
+    original = drawn(antipodal, kappa, embedded=False).astype(int)
+    embedded = drawn(antipodal, kappa, embedded=True).astype(int)
+    pixels = training_pixels(antipodal, kappa)
+    np.testing.assert_array_equal(original[pixels.y, pixels.x], pixels.rho)
+    change = embedded[pixels.y, pixels.x] - original[pixels.y, pixels.x]
+    np.testing.assert_array_equal(change, kappa * (2 * pixels.label - 1))
+    np.testing.assert_array_equal(pixels.label, training_pixels(layout, kappa).label)
+
+
+@pytest.mark.parametrize("embedded", [False, True])
+def test_antipodal_patches_match_what_was_displayed(embedded: bool) -> None:
+    layout = replace(make_layout(), modulation="antipodal")
+    match = match_patches(drawn(layout, 3, embedded=embedded), layout)
+    assert match.correlation.min() > 0.999
+    np.testing.assert_array_equal(match.label, tile_labels(layout).reshape(5, -1))
 
 
 @given(
