@@ -133,8 +133,9 @@ def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
     D = np.concatenate([S, change_terms(tones)], axis=-1)
     X = np.concatenate([S, D], axis=-1)
     trust = tone_reliability(tones)
-    XX = np.einsum("bkp,bkq->bpq", X * trust[..., None], X, optimize=True)
-    Xy = np.einsum("bkp,bk->bp", X * trust[..., None], change, optimize=True)
+    block, tone = np.nonzero(tones.share > 0)  # small blocks have few of the tones
+    S_there, D_there = S[block, tone], D[block, tone]
+    change_there, trust_there = change[block, tone], trust[block, tone]
     level = block_level(tones)
     high, low = (w @ level / (w.sum() + 1e-9) for w in (keep * p, keep * (1 - p)))
     size = max(float(high - low), LEAST_SIGNAL)  # of the signal, gray levels
@@ -142,7 +143,7 @@ def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
     noise = 0.1 * np.mean((trust * s * s).sum(axis=1))  # variance of a block, relative to 1 / trust
     for _ in range(ITERATIONS):
         # maximise: Gaussian unknowns given the bits' probabilities
-        one, zero = keep * p, keep * (1 - p)
+        one = keep * p
         prior = np.ones(X.shape[-1])  # inverse variances
         prior[: 2 * n_s] = size**-2
         prior[0] = 1e-6
@@ -150,10 +151,13 @@ def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
         scatter = SPREAD**2 / (1 + SPREAD**2 * J / noise) / noise**2
         sX = np.einsum("bk,bkp->bp", trust * s, X)
         sy = (trust * s * change).sum(axis=1)
-        A = np.tensordot(one / noise, XX, 1) - (sX * (one * scatter)[:, None]).T @ sX
-        b = one / noise @ Xy - (one * scatter * sy) @ sX
-        A[n_s:, n_s:] += np.tensordot(zero / noise, XX[:, n_s:, n_s:], 1)
-        b[n_s:] += zero / noise @ Xy[:, n_s:]
+        weighted_S = S_there * (trust_there * (one / noise)[block])[:, None]
+        weighted_D = D_there * (trust_there * (keep / noise)[block])[:, None]
+        SD = weighted_S.T @ D_there
+        A = np.block([[weighted_S.T @ S_there, SD], [SD.T, weighted_D.T @ D_there]])
+        b = np.concatenate([weighted_S.T @ change_there, weighted_D.T @ change_there])
+        A -= (sX * (one * scatter)[:, None]).T @ sX
+        b -= (one * scatter * sy) @ sX
         unknowns = np.linalg.solve(A + np.diag(prior), b)
         s = S @ unknowns[:n_s]
         size = max(float((trust * h * s).sum() / (trust * h * h).sum()), LEAST_SIGNAL)
