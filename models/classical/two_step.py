@@ -37,7 +37,9 @@ def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -
     if pair.ratex_toggle is None:
         raise UnsuitedError("it needs kappa, to know what the ratex patches displayed")
     captured = [intensity(frame)[pixels.y, pixels.x] for frame in (pair.original, pair.embedded)]
-    displayed = [pixels.rho, pixels.rho + pair.ratex_toggle * pixels.label]
+    low, high = pair.layout.change_of_bits
+    change = pair.ratex_toggle * np.where(pixels.label, high, low)
+    displayed = [pixels.rho, pixels.rho + change]
     return Legendre.fit(np.concatenate(captured), np.concatenate(displayed), degree, domain=[0, 1])
 
 
@@ -56,7 +58,9 @@ class TwoStep:
     threshold: float | None = None
     """Fixed threshold in displayed gray levels; None learns one on each pair's ratex patches."""
     threshold_kappa: float | None = None
-    """Fixed threshold as a share of kappa, in place of ``threshold``; None sets none."""
+    """Fixed threshold in place of ``threshold``: the share of the way from the change that a bit 0
+    makes to the change that a bit 1 makes, so that for on-off it is a share of kappa. None sets
+    none."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair.
@@ -70,7 +74,8 @@ class TwoStep:
         if self.threshold_kappa is not None:
             if pair.kappa is None:
                 raise UnsuitedError("its threshold is a share of kappa: it needs kappa")
-            threshold = self.threshold_kappa * pair.kappa
+            low, high = pair.layout.change_of_bits
+            threshold = pair.kappa * (low + self.threshold_kappa * (high - low))
         if threshold is not None:
             change = g(intensity(pair.embedded)) - g(intensity(pair.original))
             return decode_with_threshold(pair, change, threshold, self.pooling)
