@@ -1,6 +1,5 @@
 """Blocks of numbers in README.md and docs, each made of what a command left in docs/."""
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from link.outside import read_json
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores, wilson
 from reports.studies.delivery import delivery_block
@@ -177,7 +177,7 @@ def _wrong_messages(docs: Path) -> list[str]:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(file.read_text())
+    content: dict[str, Any] = read_json(file)
     return content
 
 

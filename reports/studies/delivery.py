@@ -33,6 +33,7 @@ from link.errors import at_least, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
+from link.outside import read_json
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from reports.engine.backends import one_thread
@@ -291,7 +292,7 @@ def delivery_table(folder: Path) -> Table:
     )  # fmt: skip
     rows = []
     for path in sorted(folder.glob("*.json")):
-        stored = json.loads(path.read_text())
+        stored = read_json(path)
         row, setup = stored["summary"][-1], stored["config"]
         rows.append(
             [
