@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -31,7 +32,8 @@ from link.visibility.viewing import LUMINANCE_FROM_RGB, Viewing
 from reports.visibility import __main__ as study
 from reports.visibility import flicker as flicker_page
 from reports.visibility.codes import bits_known
-from reports.visibility.presets import RED_GREEN
+from reports.visibility.presets import RED_GREEN, Preset
+from reports.visibility.second_model import draw_clip, rate_clips
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -350,3 +352,23 @@ def test_the_flicker_page_fits_and_shows_its_states(
     page.click("#start")
     wait_until(page, "sides.every(side => side.shown > 3)")
     assert problems == []
+
+
+# The second model
+
+
+def test_a_clip_is_whole_gray_levels_around_the_picture() -> None:
+    preset = Preset((48, 64), "toggle", 2, 60)
+    clip = draw_clip(preset, (64, 32), 0.1, rng())
+    levels = clip * 255
+    assert clip.shape == (6, 32, 64, 3)
+    np.testing.assert_allclose(levels, levels.round(), atol=1e-4)
+    np.testing.assert_allclose(np.abs(np.diff(levels, axis=0))[0], 2, atol=1e-4)
+    np.testing.assert_allclose(levels[0] + levels[1], levels[2] + levels[3], atol=1e-4)
+
+
+def test_an_environment_without_the_model_is_told() -> None:
+    with pytest.raises(InputError, match="cvvdp failed"):
+        rate_clips(Path(sys.executable), [np.zeros((2, 16, 16, 3), np.float32)], 60)
+    with pytest.raises(InputError, match="does not run cvvdp"):
+        rate_clips(Path("/no/such/python"), [np.zeros((2, 16, 16, 3), np.float32)], 60)
