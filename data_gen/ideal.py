@@ -1,8 +1,9 @@
 """The ideal observer decides bits with the simulation's true channel: a floor for every decoder.
 
 It knows what no receiver does: picture, pose, photometry and noise model of the very frame pair,
-so only noise can mislead it. Given the channel the original frame tells nothing of the bits, and
-the embedded frame is all it looks at.
+so only noise can mislead it. Where bits change nothing but the embedded frame, as the modulation
+"on_off" has it, that frame is all it looks at. Where they change both frames, as "antipodal" has
+it, it weighs both, whose noise is independent.
 
 It is the floor up to three simplifications. Of all statistics of a block it takes one linear in the
 pixels, at the low spatial frequencies where bit and noise of a block lie. Its moments are estimated
@@ -48,7 +49,8 @@ class OriginalSeen:
     seen: NDArray[np.uint8]
     """The original frame as captured, (H, W, 3) encoded."""
     draws: NDArray[np.uint8]
-    """Captures of the same frame with other noise, (n, H, W, 3)."""
+    """Captures with other noise, (k, n, H, W, 3): of the same frame where k is 1, or of the frames
+    that show bit 0 and bit 1 in every block where k is 2."""
     blocks: NDArray[np.int16]
     """Number of each pixel's block, (H, W), -1 for none."""
 
@@ -72,9 +74,11 @@ def observe_ideally(pair: FramePair, draws: int = DRAWS, change: bool = False) -
         Bits, and scores that are natural log-likelihood ratios.
     """
     layout, captured = pair.layout, pair.captured
-    first_shot, second_shot = pair.shots
-    blocks = captured_blocks(layout, second_shot.H_captured_from_display, captured.embedded.shape)
-    shown_at = np.argwhere(blocks >= 0)
+    places = [
+        captured_blocks(layout, shot.H_captured_from_display, captured.embedded.shape)
+        for shot in pair.shots
+    ]
+    shown_at = np.argwhere(places[1] >= 0)
     low, high = shown_at.min(axis=0), shown_at.max(axis=0) + ALIGN_PX
     (top, left), (bottom, right) = (edge // ALIGN_PX * ALIGN_PX for edge in (low, high))
     inside = np.s_[top:bottom, left:right]
@@ -86,19 +90,24 @@ def observe_ideally(pair: FramePair, draws: int = DRAWS, change: bool = False) -
         rngs = (np.random.default_rng([pair.source.seed, pair.index, number]) for number in numbers)
         return [shot.develop(exposure, rng) for rng in rngs]
 
-    messages = (np.full(layout.n_bits, bit) for bit in (0, 1))
-    shown = (pair.displayed_with(message) for message in messages)
+    first_shot, second_shot = pair.shots
+    blocks, count = [place[inside] for place in places], layout.message_mask.size
+    shown = [pair.displayed_with(np.full(layout.n_bits, bit)) for bit in (0, 1)]
     both = np.array([developed(second_shot, displayed.embedded) for displayed in shown])
+    in_original = layout.change_of_bits[0] != 0  # whether bits change the original frame, too
     original = None
-    if change:
+    if change or in_original:
+        frames = [displayed.original for displayed in (shown if in_original else shown[:1])]
         original = OriginalSeen(
             captured.original[inside],
-            np.array(developed(first_shot, pair.displayed.original, draws)),
-            captured_blocks(layout, first_shot.H_captured_from_display, blocks.shape)[inside],
+            np.array([developed(first_shot, frame, draws) for frame in frames]),
+            blocks[0],
         )
     ratios = log_likelihood_ratios(
-        captured.embedded[inside], both, blocks[inside], layout.message_mask.size, original
+        captured.embedded[inside], both, blocks[1], count, original if change else None
     )
+    if original is not None and not change:
+        ratios += log_likelihood_ratios(original.seen, original.draws, blocks[0], count)
     return SoftBits(ratios[layout.message_mask.ravel()])
 
 
@@ -170,9 +179,13 @@ def log_likelihood_ratios(
     variance = t.var(axis=1, ddof=1).mean(axis=0) + ROUNDING * pool(weights, blocks)
     surplus = pool(seen, blocks) - t.mean(axis=(0, 1))
     if original is not None:
-        t = np.array([pool(image, original.blocks) for image in original.draws])
-        variance += t.var(axis=0, ddof=1) + ROUNDING * pool(weights, original.blocks)
-        surplus -= pool(original.seen, original.blocks) - t.mean(axis=0)
+        t = np.array(
+            [[pool(image, original.blocks) for image in images] for images in original.draws]
+        )
+        signal -= t[-1].mean(axis=0) - t[0].mean(axis=0)
+        variance += t.var(axis=1, ddof=1).mean(axis=0)
+        variance += ROUNDING * pool(weights, original.blocks)
+        surplus -= pool(original.seen, original.blocks) - t.mean(axis=(0, 1))
     ratios = np.zeros(count)
     np.divide(signal * surplus, variance, out=ratios, where=variance > 0)
     return ratios

@@ -61,6 +61,24 @@ def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captu
     np.testing.assert_array_equal(known, unknown)
 
 
+@pytest.mark.parametrize(("side", "wrong"), [(8, 0), (16, 2)])
+@pytest.mark.parametrize("method", ["blind", "hidden_ratex"])
+def test_antipodal_messages_are_read_without_patches(side: int, wrong: int, method: str) -> None:
+    layout = make_layout(side, side, ratex=0, modulation="antipodal")
+    for index in (1, 4):
+        pair = FramePair(Source(layout), Cell("canon-lg", 45.0, 3), index, hidden=True)
+        assert errors(pair.rectified, pair.displayed.bits, method) <= wrong
+
+
+def test_a_swapped_antipodal_pair_flips_the_bits() -> None:
+    layout = make_layout(ratex=0, modulation="antipodal", pilots=16)
+    pair = FramePair(Source(layout), Cell("nikon-samsung", 45.0, 3), 0, hidden=True)
+    captured, bits = pair.captured, pair.displayed.bits
+    assert errors(captured.rectified(), bits) == 0
+    swapped = replace(captured, original=captured.embedded, embedded=captured.original)
+    assert errors(swapped.rectified(), 1 - bits) == 0
+
+
 def test_blind_reads_gray_frames(filmed: Captured) -> None:
     pair = filmed.rectified()
     frames = [(255 * intensity(f)).round().astype(np.uint8) for f in (pair.original, pair.embedded)]

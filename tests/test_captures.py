@@ -78,6 +78,18 @@ def test_kappa_of_the_ratex_patches_comes_back_and_stays_out_of_the_further_keys
     assert (first.rectified().ratex_toggle, second.rectified().ratex_toggle) == (10, 5)
 
 
+@pytest.mark.parametrize("modulation", ["on_off", "antipodal"])
+def test_pilots_and_modulation_come_back(tmp_path: Path, modulation: str) -> None:
+    layout = make_layout(4, 4, 64, 48, modulation=modulation, pilots=3)
+    bits = np.array([0, 1, -1, 1, 0, 0, -1, 1, 1, 1, 0, 0, 1])
+    save_captures(tmp_path, iter([replace(KNOWN, layout=layout, bits=bits)]))
+    (loaded,) = load(tmp_path)
+    assert loaded.layout == layout
+    np.testing.assert_array_equal(loaded.bits, bits)
+    written = read_manifest(tmp_path)[0]["layout"]
+    assert (written.get("modulation", "on_off"), written["pilots"]) == (modulation, 3)
+
+
 def test_a_simulated_capture_comes_back_as_it_was_saved(captured: Captured, tmp_path: Path) -> None:
     save_captures(tmp_path, iter([captured]))
     (loaded,) = load(tmp_path)
@@ -184,6 +196,10 @@ BAD_FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"layout": {"rows": 8}}, "layout"),
     ({"layout": {**LAYOUT.to_dict(), "rows": "4"}}, "layout: rows"),
     ({"layout": {**LAYOUT.to_dict(), "ratex": [[9, 9]]}}, "outside the grid"),
+    ({"layout": {**LAYOUT.to_dict(), "pilots": 2}}, "layout: has pilots beside ratex patches"),
+    ({"layout": {**LAYOUT.to_dict(), "pilots": 2.0}}, "layout: pilots must be a whole number"),
+    ({"layout": {**LAYOUT.to_dict(), "modulation": "polar"}}, "unknown modulation 'polar'"),
+    ({"layout": {**LAYOUT.to_dict(), "modulation": 1}}, "layout: modulation must be text"),
     ({"corners": "none"}, "corners"),
     ({"corners": [[0, 0], [1]]}, "corners"),
     ({"corners": {"x": 1}}, "corners"),

@@ -12,13 +12,13 @@ from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
 
 from link.embed import embed
 from link.equalise import equalise
-from link.errors import InputError
+from link.errors import InputError, UnsuitedError
 from link.frames import Rectified
 from link.images import intensity
-from link.layout import Layout, make_layout
+from link.layout import MODULATIONS, Layout, make_layout
 from link.ratex import training_pixels
 from models import DECODERS, make_decoder
-from models.classical.common import POOLINGS, fit_svm
+from models.classical.common import POOLINGS, fit_svm, training_samples
 from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
 from models.classical.oorc import (
     explicit_map,
@@ -42,7 +42,12 @@ def bright(i: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def make_pair(
-    cdtf: Curve = bright, gain: float = 1.0, *, hidden: bool = False, colour: bool = False
+    cdtf: Curve = bright,
+    gain: float = 1.0,
+    *,
+    hidden: bool = False,
+    colour: bool = False,
+    layout: Layout | None = None,
 ) -> tuple[Rectified, NDArray[np.intp]]:
     """A noise-free capture of a smooth picture, and the message in it.
 
@@ -51,8 +56,9 @@ def make_pair(
         gain: of the embedded frame against the original.
         hidden: equalised, and without ratex patches.
         colour: (H, W, 3) in place of (H, W).
+        layout: in place of the usual one.
     """
-    layout = make_layout(ratex=0 if hidden else 5)
+    layout = layout or make_layout(ratex=0 if hidden else 5)
     rng = np.random.default_rng(4)
     coarse = rng.uniform(0, 255, (7, 9, 3) if colour else (7, 9)).astype(np.float32)
     picture = cv2.resize(coarse, (layout.width, layout.height), interpolation=cv2.INTER_LINEAR)
@@ -87,6 +93,106 @@ def test_every_way_to_train_and_pool_reads_the_noise_free_pair(
 ) -> None:
     pair, bits = make_pair()
     assert errors(name, pair, bits, train_on=train_on, pooling=pooling) == 0
+
+
+# Pilots and antipodal blocks
+
+both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
+
+
+def differs(pair: Rectified, scores: NDArray[np.float64], name: str, **options: Any) -> bool:
+    return not np.array_equal(make_decoder(name, **options).decode(pair).scores, scores)
+
+
+@both_modulations
+@pytest.mark.parametrize("name", ["naive", "oorc"])
+@pytest.mark.parametrize("train_on", ["tile", "pixel"])
+@pytest.mark.parametrize("grid", [(8, 8, 16), (16, 16, 20), (24, 32, 38)])
+def test_methods_that_learn_from_pilots_read_the_noise_free_pair(
+    name: str, train_on: str, grid: tuple[int, int, int], modulation: str
+) -> None:
+    rows, cols, pilots = grid
+    layout = make_layout(rows, cols, modulation=modulation, pilots=pilots)
+    pair, bits = make_pair(layout=layout)
+    assert errors(name, pair, bits, train_on=train_on) == 0
+
+
+@both_modulations
+@pytest.mark.parametrize("name", ["naive", "oorc"])
+def test_pilots_need_no_kappa_and_their_places_and_bits_decide(name: str, modulation: str) -> None:
+    pair, bits = make_pair(layout=make_layout(modulation=modulation, pilots=16))
+    scores = make_decoder(name).decode(pair).scores
+    for kappa, ratex_kappa in ((None, None), (3, 10), (None, 20)):
+        assert not differs(replace(pair, kappa=kappa, ratex_kappa=ratex_kappa), scores, name)
+    fewer = replace(pair, layout=replace(pair.layout, pilots=8))
+    assert differs(fewer, scores, name)
+    swapped = replace(pair, original=pair.embedded, embedded=pair.original)
+    known = make_decoder(name).decode(swapped).bits  # the pilots tell which way bits change
+    np.testing.assert_array_equal(known, bits)
+
+
+@both_modulations
+@pytest.mark.parametrize("name", WITH_RATEX)
+def test_methods_read_antipodal_pairs_by_their_patches(name: str, modulation: str) -> None:
+    pair, bits = make_pair(layout=make_layout(modulation=modulation), colour=True)
+    assert errors(name, pair, bits) == 0
+
+
+@both_modulations
+def test_two_step_finds_what_the_display_showed_in_either_modulation(modulation: str) -> None:
+    pair, _ = make_pair(lambda i: i, layout=make_layout(modulation=modulation))
+    g = fit_inverse_response(pair, training_pixels(pair.layout, KAPPA), degree=4)
+    i = np.linspace(0, 1, 50)
+    np.testing.assert_allclose(g(i), 255 * i, rtol=0, atol=255 * FLOAT32)
+
+
+def test_half_the_way_between_antipodal_bits_is_no_change() -> None:
+    pair, bits = make_pair(layout=make_layout(modulation="antipodal"))
+    assert errors("two_step", pair, bits, threshold_kappa=0.5) == 0
+    half = make_decoder("two_step", threshold_kappa=0.5).decode(pair).scores
+    zero = make_decoder("two_step", threshold=0.0).decode(pair).scores
+    np.testing.assert_array_equal(half, zero)
+
+
+def test_two_step_needs_patches_and_pilots_are_none() -> None:
+    pair, _ = make_pair(layout=make_layout(pilots=16))
+    with pytest.raises(UnsuitedError, match="trains on ratex patches and the layout has none"):
+        make_decoder("two_step").decode(pair)
+
+
+@pytest.mark.parametrize("name", ["naive", "oorc"])
+def test_without_patches_and_pilots_nothing_teaches(name: str) -> None:
+    pair, _ = make_pair(layout=make_layout(ratex=0, modulation="antipodal"))
+    with pytest.raises(UnsuitedError, match="ratex patches or pilots and the layout has none"):
+        make_decoder(name).decode(pair)
+
+
+@pytest.mark.parametrize("threshold", ["clusters", "constant"])
+@pytest.mark.parametrize("pilots", [0, 16])
+def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None:
+    layout = make_layout(ratex=0, modulation="antipodal", pilots=pilots)
+    pair, bits = make_pair(hidden=True, layout=layout)
+    assert errors("hidden_ratex", pair, bits, threshold=threshold) == 0
+
+
+@both_modulations
+def test_training_samples_are_the_pixels_of_the_pilots(modulation: str) -> None:
+    layout = make_layout(3, 5, 53, 47, modulation=modulation, pilots=6)
+    pair = Rectified(*np.zeros((2, 47, 53), np.uint8), layout)
+    maps = np.random.default_rng(0).normal(size=(47, 53, 2))
+    u, labels = training_samples(pair, maps, "tile")
+    means = []
+    for block in layout.pilot_blocks:
+        top, bottom, left, right = layout.cell_box(*divmod(int(block), 5))
+        means.append(maps[top:bottom, left:right].mean(axis=(0, 1)))
+    np.testing.assert_allclose(u, means, rtol=0, atol=FLOAT64)
+    np.testing.assert_array_equal(labels, layout.pilot_bits)
+    pixels, of_pixels = training_samples(pair, maps, "pixel")
+    boxes = [layout.cell_box(*divmod(int(block), 5)) for block in layout.pilot_blocks]
+    areas = np.array([(b - t) * (r - left) for t, b, left, r in boxes])
+    assert len(pixels) == len(of_pixels) == areas.sum()
+    assert of_pixels.sum() == areas[1::2].sum()
+    np.testing.assert_allclose(pixels.sum(axis=0), areas @ np.array(means), atol=FLOAT64)
 
 
 def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Rectified:

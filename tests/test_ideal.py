@@ -69,7 +69,7 @@ def test_the_change_alone_has_the_noise_of_both_frames() -> None:
     bits = rng.integers(0, 2, (TRIALS, COUNT))
     errors = 0
     for message in bits:
-        original = OriginalSeen(noisy(LOW, rng), other, BLOCKS)
+        original = OriginalSeen(noisy(LOW, rng), other[None], BLOCKS)
         embedded = noisy(LOW + STEP * message[BLOCKS][..., None], rng)
         found = log_likelihood_ratios(embedded, draws, BLOCKS, COUNT, original)
         errors += int(((found > 0) != message).sum())
@@ -83,7 +83,16 @@ def test_bits_that_look_alike_are_left_undecided() -> None:
     assert log_likelihood_ratios(burnt[0, 0], burnt, blocks, 2).tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("layout", [SMALL, make_layout(3, 5, 117, 201, 1)])
+@pytest.mark.parametrize(
+    "layout",
+    [
+        SMALL,
+        make_layout(3, 5, 117, 201, 1),
+        make_layout(4, 4, 256, 192, 2, "antipodal"),
+        make_layout(6, 7, 219, 205, modulation="antipodal", pilots=11),
+        make_layout(6, 7, 219, 205, pilots=11),
+    ],
+)
 def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     source = Source(layout, "train", without=tuple(EFFECTS))
     cell = Cell("canon-lg", 20.0, 1)
@@ -92,6 +101,38 @@ def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
         soft = observe_ideally(pair, 4, change)
         assert np.array_equal(soft.bits, pair.displayed.bits)
         assert np.isfinite(soft.scores).all()
+
+
+@pytest.mark.slow
+def test_the_change_of_both_frames_has_twice_the_signal() -> None:
+    """Bits that change the original frame too, the other way, are an amplitude of 2."""
+    rng = np.random.default_rng(2)
+    draws, other = draws_of_both_bits(rng), draws_of_both_bits(rng)[::-1]
+    bits = rng.integers(0, 2, (TRIALS, COUNT))
+    errors = 0
+    for message in bits:
+        high = STEP * message[BLOCKS][..., None]
+        original = OriginalSeen(noisy(LOW + STEP - high, rng), other, BLOCKS)
+        found = log_likelihood_ratios(noisy(LOW + high, rng), draws, BLOCKS, COUNT, original)
+        errors += int(((found > 0) != message).sum())
+    d_prime = 2 * STEP * np.sqrt(3 * SIDE**2 / 2) / SIGMA
+    assert binomtest(errors, bits.size, norm.sf(d_prime / 2)).pvalue > 0.001
+
+
+@pytest.mark.parametrize("change", [False, True])
+def test_antipodal_messages_are_decided_from_both_frames(change: bool) -> None:
+    cell = Cell("canon-samsung", 45.0, 1)
+    wrong, scores = {}, {}
+    for modulation in ("on_off", "antipodal"):
+        layout = make_layout(16, 16, 256, 192, modulation=modulation, pilots=16)
+        pair = FramePair(Source(layout, "train", 7), cell, 0)
+        soft = observe_ideally(pair, 8, change)
+        bits = pair.displayed.bits
+        assert soft.scores.shape == (layout.n_bits,) == (240,)
+        wrong[modulation] = int((soft.bits != bits).sum())
+        scores[modulation] = float((soft.scores * (2 * bits - 1)).mean())
+    assert wrong["antipodal"] < wrong["on_off"]
+    assert scores["antipodal"] > 1.5 * scores["on_off"]
 
 
 @pytest.mark.slow
