@@ -7,7 +7,7 @@ the page again, --compare A B compares two runs.
 
 import os
 import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,15 +15,15 @@ import tyro
 
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
+from data_gen.flags import LayoutFlags
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
-from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from reports.engine.backends import make_backend
-from reports.engine.methods import METHODS, Method, methods_for
+from reports.engine.methods import METHODS, Method, methods_for, suited_methods
 from reports.engine.predict import (
     Condition,
     checkpoint_digest,
@@ -52,7 +52,7 @@ UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "
 
 
 @dataclass(frozen=True)
-class EvaluateConfig:
+class EvaluateConfig(LayoutFlags):
     """The paper's protocol on simulated captures, or your own captures with --captures."""
 
     pairs: tuple[str, ...] = tuple(PAIRS)
@@ -95,8 +95,6 @@ class EvaluateConfig:
     """Your own pictures, in place of the built-in test pictures."""
     run: Path | None = None
     """Checkpoint of the method "learned": by default the shipped one, trained on all pairs."""
-    ratex: int = 5
-    """Ratex patches: 1, 2, 3 or 5."""
     show: Path | None = None
     """With --captures: folder for annotated pictures, one a frame pair and method."""
     jobs: int = os.cpu_count() or 1
@@ -138,6 +136,8 @@ def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: Ru
     backend = make_backend(config.backend, config.jobs, config.scheduler)
     cells = paper_cells(config.pairs, config.views, config.kappas)
     comparison = Condition("", source_of(config), cells, config.frames)
+    methods, left_out = suited_methods(methods, comparison.source.layout)
+    print(*left_out, sep="\n", end="\n" * bool(left_out))
     with clock.time("decoding"):
         predicted = predict([comparison], methods, config.out, backend)
     meta = {**provenance(config.seed, simulated=True), "failed_cells": predicted.failed}
@@ -159,7 +159,7 @@ def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: Ru
             folder, [comparison, *conditions], curves, predicted, swept, methods, amount, clock
         )
         failed = [*failed, *swept.failed]
-        folder.finish(meta, clock.seconds, failed)
+        folder.finish(meta, clock.seconds, [*left_out, *failed])
         print(f"written: {write_report(config.out)}")
     for line in failed:
         print(f"failed: {line}", file=sys.stderr)
@@ -175,8 +175,9 @@ def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:
     if config.sweeps is not None:
         return config.sweeps
     usual = EvaluateConfig()
-    flags = ("pairs", "views", "kappas", "pictures", "without", "set", "ratex")
+    flags = ("pairs", "views", "kappas", "pictures", "without", "set")
     whole = all(getattr(config, flag) == getattr(usual, flag) for flag in flags)
+    whole &= config.layout() == usual.layout()
     return tuple(SWEEPS) if whole else ()
 
 
@@ -203,7 +204,7 @@ def check(config: EvaluateConfig) -> None:
 def source_of(config: EvaluateConfig) -> Source:
     """Test pictures, and the channel as the flags set it."""
     return Source(
-        make_layout(ratex=config.ratex),
+        config.layout(),
         "test",
         config.seed,
         pictures=config.pictures,
@@ -215,7 +216,13 @@ def source_of(config: EvaluateConfig) -> Source:
 
 def describe(config: EvaluateConfig, methods: list[Method]) -> dict[str, Any]:
     """All that decides the result: flags, and digests of the checkpoints."""
-    settings = {k: v for k, v in asdict(config).items() if k not in UNDECISIVE}
+    layout, usual = config.layout(), EvaluateConfig().layout()
+    flags = {field.name for field in fields(LayoutFlags)}
+    settings = {k: v for k, v in asdict(config).items() if k not in (*UNDECISIVE, *flags)}
+    settings["ratex"] = len(layout.ratex)
+    for flag in sorted(flags - {"ratex"}):  # runs of the usual grid have always been without them
+        if getattr(layout, flag) != getattr(usual, flag):
+            settings[flag] = getattr(layout, flag)
     return {**settings, "checkpoints": {m.name: checkpoint_digest(m) for m in methods}}
 
 

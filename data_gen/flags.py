@@ -1,7 +1,8 @@
 """Flags that several commands share: what a display shows, and who films it from where.
 
 A command's configuration inherits them, so that a flag is declared and explained in one place. A
-new choice about the layout or the channel is a field of `SourceFlags` and a word in its methods.
+new choice about the layout is a field of `LayoutFlags`, one about the channel a field of
+`SourceFlags`, and a word in their methods.
 """
 
 from dataclasses import dataclass
@@ -16,19 +17,13 @@ from link.layout import Layout, count_pilots, make_layout
 
 
 @dataclass(frozen=True, kw_only=True)
-class SourceFlags:
-    """Pictures, layout and channel of a command that simulates.
+class LayoutFlags:
+    """Layout of a command: what the display's pictures carry where, and how bits change them.
 
-    >>> SourceFlags(rows=4, cols=4, ratex=2, set=("drift=0.1",)).source().parameters
-    (('drift', 0.1),)
+    >>> LayoutFlags(rows=24, cols=32, modulation="antipodal", pilots="auto").layout().pilots
+    38
     """
 
-    seed: int = 0
-    """Seed of every random draw."""
-    split: str = "test"
-    """Split whose pictures and channel draws are used: "train" or "test"."""
-    pictures: Path | None = None
-    """Folder with your own pictures."""
     rows: int = 8
     """Rows of message blocks."""
     cols: int = 8
@@ -44,11 +39,6 @@ class SourceFlags:
     "antipodal" brightens a 1 and darkens a 0."""
     pilots: str = "0"
     """Share of the blocks that carry known bits in place of ratex patches, or "auto"."""
-    without: tuple[str, ...] = ()
-    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
-    set: tuple[str, ...] = ()
-    """Parameters of the channel to set, such as drift=0.1 jpeg_quality=70
-    (data_gen/parameters.py)."""
 
     def layout(self) -> Layout:
         """Return the layout of the displayed pictures.
@@ -66,6 +56,27 @@ class SourceFlags:
             self.modulation,
             count_pilots(self.pilots, self.rows, self.cols),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceFlags(LayoutFlags):
+    """Pictures, layout and channel of a command that simulates.
+
+    >>> SourceFlags(rows=4, cols=4, ratex=2, set=("drift=0.1",)).source().parameters
+    (('drift', 0.1),)
+    """
+
+    seed: int = 0
+    """Seed of every random draw."""
+    split: str = "test"
+    """Split whose pictures and channel draws are used: "train" or "test"."""
+    pictures: Path | None = None
+    """Folder with your own pictures."""
+    without: tuple[str, ...] = ()
+    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
+    set: tuple[str, ...] = ()
+    """Parameters of the channel to set, such as drift=0.1 jpeg_quality=70
+    (data_gen/parameters.py)."""
 
     def source(self) -> Source:
         """Return where pictures, messages and channel draws come from.

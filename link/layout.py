@@ -211,7 +211,7 @@ def count_pilots(pilots: str, rows: int, cols: int) -> int:
         cols: number of blocks from left to right.
 
     Raises:
-        ParameterError: ``pilots`` is no such share.
+        ParameterError: ``pilots`` is no such share, or gives a single pilot or none.
 
     >>> [count_pilots(pilots, 24, 32) for pilots in ("0", "auto", "0.1")]
     [0, 38, 77]
@@ -225,6 +225,9 @@ def count_pilots(pilots: str, rows: int, cols: int) -> int:
         share = -1.0
     if not 0 <= share < 1:
         problem = f"need auto, or a share from 0 to below 1, got {pilots!r:.60}"
+        raise ParameterError("pilots", problem)
+    if share > 0 and round(share * blocks) < 2:
+        problem = f"{share:g} of {cols}x{rows} blocks is less than 2 pilots; give a larger share"
         raise ParameterError("pilots", problem)
     return round(share * blocks)
 

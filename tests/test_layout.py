@@ -167,7 +167,6 @@ def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) ->
         ("auto", 3, 3, 8),
         ("0.25", 8, 8, 16),
         ("1e-1", 24, 32, 77),
-        ("0.001", 8, 8, 0),
     ],
 )
 def test_shares_of_pilots_become_numbers(pilots: str, rows: int, cols: int, count: int) -> None:
@@ -177,6 +176,12 @@ def test_shares_of_pilots_become_numbers(pilots: str, rows: int, cols: int, coun
 @pytest.mark.parametrize("pilots", ["", "-0.1", "1", "1.5", "nan", "inf", "many", "AUTO", "5%"])
 def test_what_is_no_share_of_pilots_is_refused(pilots: str) -> None:
     with pytest.raises(ParameterError, match=r"^pilots: need auto, or a share from 0 to below 1"):
+        count_pilots(pilots, 8, 8)
+
+
+@pytest.mark.parametrize("pilots", ["0.001", "0.02", "1e-300"])
+def test_a_share_of_less_than_two_pilots_is_no_wish_for_patches(pilots: str) -> None:
+    with pytest.raises(ParameterError, match="of 8x8 blocks is less than 2 pilots; give a larger"):
         count_pilots(pilots, 8, 8)
 
 

@@ -6,10 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from data_gen.frame_pair import FramePair
 from data_gen.ideal import observe_ideally
-from link.errors import choose
-from link.frames import SoftBits
+from link.errors import InputError, UnsuitedError, choose
+from link.frames import Rectified, SoftBits
+from link.layout import Layout
 from models import DECODERS, BlockDecoder, Card, make_decoder
 
 OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
@@ -69,3 +72,33 @@ def methods_for(names: Sequence[str], checkpoint: Path) -> list[Method]:
     """The named methods; ``learned`` gets the checkpoint."""
     options = {"learned": (("checkpoint", checkpoint),)}
     return [Method(name, options.get(name, ())) for name in names]
+
+
+def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
+    """Find the methods that can decode frame pairs of a layout, by letting them decode one.
+
+    Observers and methods that are shown pictures without ratex patches want none of what layouts
+    differ in, and are not tried.
+
+    Args:
+        methods: all that are asked for.
+        layout: of the frame pairs.
+
+    Returns:
+        the methods that suit, and a line for each that is left out.
+
+    Raises:
+        InputError: no method suits.
+    """
+    suited, notes = [], []
+    gray = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    for method in methods:
+        try:
+            if not (method.card.needs_truth or method.card.hidden):
+                method.build().decode(Rectified(gray, gray, layout, kappa=1))
+            suited.append(method)
+        except UnsuitedError as error:
+            notes.append(f"{method.label}: left out, {error}")
+    if not suited:
+        raise InputError(f"no method suits this layout; {'; '.join(notes)}")
+    return suited, notes

@@ -1,12 +1,13 @@
 """Two runs on the same captures: who is better, by how much, with paired tests."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from data_gen.flags import LayoutFlags
 from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
@@ -16,7 +17,10 @@ from reports.render.tables import Table, TableCell, Tint, difference_interval, p
 from reports.run import Run, RunFolder
 from reports.score.paired import COUNTS, KEYS, MIN_FRAMES, Paired, compare, tally
 
-SAME = ("seed", "pictures", "captures", "ratex", "without", "set")
+SAME = (
+    *("seed", "pictures", "captures", "without", "set"),
+    *(field.name for field in fields(LayoutFlags)),
+)
 """Settings that decide what was captured."""
 COMPARE_PAGE = "compare.html"
 """Name of the page that a comparison writes into the folder of the second run."""

@@ -132,7 +132,11 @@ def _condition(
         whole = int(value) if value == int(value) else value
         source = replace(source, parameters=(*source.parameters, (sweep.parameter, whole)))
     if name == "ratex":
-        source = replace(source, layout=make_layout(ratex=int(value)))
+        shown = base.layout
+        usual = make_layout(
+            shown.rows, shown.cols, shown.width, shown.height, int(value), shown.modulation
+        )
+        source = replace(source, layout=usual)
     view = float(value) if name == "angle" else USUAL_VIEW
     kappa = int(value) if name == "kappa" else USUAL_KAPPA
     cells = tuple(Cell(pair, view, kappa) for pair in pairs)
