@@ -298,7 +298,7 @@ def test_a_refusal_in_a_process_of_its_own(arguments: tuple[str, ...]) -> None:
         ("--view 89", "--view: need an angle within ±75 degrees"),
         ("--view -89", "--view: need an angle within ±75 degrees"),
         ("--ratex 4", "--ratex: choose"),
-        ("--rows 0", "rows and cols must be positive"),
+        ("--rows 0", "--rows: need at least 1, got 0"),
         ("--without rain", "effect 'rain'; choose one of: perspective"),
         ("--set jpeg_quality=200", "jpeg_quality must lie in [0, 100]"),
         ("--width 20", "need a frame of at least"),
@@ -441,7 +441,7 @@ LAYOUT = {"rows": 8, "cols": 8, "width": 512, "height": 384}
         ({"bits": [2] * 59}, "bits: need a list of 0, 1 or null"),
         ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
         ({"kappa": 0}, "kappa must be a whole number from 1 to 64"),
-        ({"layout": {"rows": 8}}, "layout: need exactly the keys"),
+        ({"layout": {"rows": 8}}, "layout: need the keys"),
         ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "line 1, layout.ratex"),
     ],
 )

@@ -237,7 +237,7 @@ def without_metadata(model: bytes) -> bytes:
         (lambda model: with_metadata(model, format="999"), "not a decoder of this version"),
         (lambda model: with_metadata(model, layout=None), "carries no layout"),
         (lambda model: with_metadata(model, layout="{"), "carries no layout"),
-        (lambda model: with_metadata(model, layout="[1, 2]"), "layout: need exactly the keys"),
+        (lambda model: with_metadata(model, layout="[1, 2]"), "layout: need the keys"),
         (lambda model: with_metadata(model, features=None), "features are no list of names"),
         (lambda model: with_metadata(model, features="{"), "features: not JSON"),
         (lambda model: with_metadata(model, features="[1]"), "features are no list of names"),
