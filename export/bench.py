@@ -22,8 +22,8 @@ from export.runtime import Decoder
 from link.errors import at_least, read_flags, run_cli
 from link.frames import Rectified
 from link.images import as_batch, intensity
-from link.ratex import training_pixels
 from models import PRETRAINED
+from models.classical.common import training_samples
 from models.classical.oorc import OORC, explicit_map
 
 MODEL = PRETRAINED / "decoder.onnx"
@@ -91,9 +91,8 @@ def timed_actions(
     H_captured_from_display = np.array([[1.6, 0.1, 40], [0.05, 1.6, 30], [1e-4, 1e-4, 1]])
     size = (layout.width, layout.height)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    pixels = training_pixels(layout)
-    i_o, i_e = intensity(pair.original), intensity(pair.embedded)
-    u = explicit_map(i_o[pixels.y, pixels.x], i_e[pixels.y, pixels.x])
+    maps = explicit_map(intensity(pair.original), intensity(pair.embedded))
+    u, labels = training_samples(pair, maps, "pixel")
     u = u / np.sqrt((u**2).mean(axis=0))
     batches = as_batch(pair.original), as_batch(pair.embedded)
 
@@ -106,8 +105,8 @@ def timed_actions(
         "decoder.onnx, fit and decision": lambda: decoder.run(*batches),
         "scikit-learn LinearSVC, fit alone": lambda: LinearSVC(
             loss="squared_hinge", dual=False, tol=1e-6, max_iter=5000
-        ).fit(u, pixels.label),
-        "scikit-learn SVC (linear), fit alone": lambda: SVC(kernel="linear").fit(u, pixels.label),
+        ).fit(u, labels),
+        "scikit-learn SVC (linear), fit alone": lambda: SVC(kernel="linear").fit(u, labels),
         "method oorc, fit and decision": lambda: OORC().decode(pair),
     }
 

@@ -346,7 +346,7 @@ def main() -> None:
     limit = args.max_megapixels
     frames = read_image(args.original, limit), read_image(args.embedded, limit)
     pair = decoder.rectify(*frames, corners, corners_embedded)
-    seen = visibility(pair.original, decoder.layout)
+    seen = visibility(pair.original, decoder.layout) if decoder.layout.ratex else 1.0
     if seen < MIN_VISIBILITY:
         raise InputError(
             f"no ratex patches where the corners and the model's layout put them (correlation "

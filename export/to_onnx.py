@@ -166,7 +166,7 @@ class ExportConfig:
     parity_frames: int = 30
     """Synthetic frame pairs on which torch and onnxruntime must agree."""
     layout: Path | None = None
-    """JSON file with rows, cols, width, height, ratex; the run's own layout where absent."""
+    """JSON file with a layout (docs/formats.md); the run's own layout where absent."""
     out: Path | None = None
     """The .onnx file; RUN/decoder.onnx where absent."""
 

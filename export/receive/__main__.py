@@ -84,6 +84,7 @@ def read_two_images(
     Raises:
         InputError: an image is unreadable or shows no display, or both show one state.
     """
+    receiver = Receiver(decoder)
     frames = [read_image(path, max_megapixels) for path in (first, second)]
     corners = []
     for path, image in zip((first, second), frames, strict=True):
@@ -92,7 +93,6 @@ def read_two_images(
             raise InputError(f"{path}: no display with this layout's ratex patches in view")
         corners.append(found.corners)
         say("display", image=path, corners=found.corners.round(2).tolist())
-    receiver = Receiver(decoder)
     pair = receiver.decode_images(frames[0], frames[1], corners[0], corners[1])
     say("pair", **pair_values(pair, scores=True))
 

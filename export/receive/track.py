@@ -59,7 +59,11 @@ class Tracker:
 
     def __init__(self, layout: Layout) -> None:
         if not layout.ratex:
-            raise InputError("the model's layout has no ratex patches; a receiver needs them")
+            found = "pilots in place of" if layout.pilots else "no"
+            raise InputError(
+                f"the model's layout has {found} ratex patches; a receiver needs patches to find "
+                "and follow the display"
+            )
         self.layout = layout
         self.corners: NDArray[np.float64] | None = None
         self._motion = np.zeros((4, 2))
