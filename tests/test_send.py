@@ -29,7 +29,7 @@ from link.code.collect import Collector
 from link.embed import with_head_room
 from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
-from link.layout import Layout, make_layout
+from link.layout import MODULATIONS, Layout, make_layout
 from link.loop import Loop
 from link.video import read_video, write_video
 
@@ -236,21 +236,34 @@ def test_a_player_holds_each_image_once(inputs: Path, tmp_path: Path, command: C
     assert "http" not in re.sub(r"http-equiv", "", out.read_text())
 
 
-grids = st.tuples(st.integers(4, 9), st.integers(5, 9), st.sampled_from([0, 1, 2, 3, 5]))
+shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
+known = st.one_of(
+    st.builds(lambda count: {"ratex": count}, st.sampled_from([0, 1, 2, 3, 5])),
+    st.builds(lambda count: {"pilots": count}, st.integers(2, 8)),
+)
+"""Patches or pilots of a layout."""
 
 
 @settings(max_examples=20)
 @given(
-    grids,
+    shapes,
+    known,
+    st.sampled_from(list(MODULATIONS)),
     st.tuples(st.integers(0, 40), st.integers(0, 40)),
     st.binary(min_size=1, max_size=12),
     st.integers(1, 64),
 )
 def test_any_layout_survives_folder_and_player(
-    grid: tuple[int, int, int], more: tuple[int, int], message: bytes, kappa: int
+    shape: tuple[int, int],
+    known: dict[str, int],
+    modulation: str,
+    more: tuple[int, int],
+    message: bytes,
+    kappa: int,
 ) -> None:
-    rows, cols, patches = grid
-    layout = make_layout(rows, cols, 8 * cols + more[0], 8 * rows + more[1], patches)
+    rows, cols = shape
+    size = 8 * cols + more[0], 8 * rows + more[1]
+    layout = make_layout(rows, cols, *size, modulation=modulation, **known)
     if layout.n_bits < framing.MIN_BITS:
         return
     picture = noise(layout.height, layout.width, len(message))

@@ -10,6 +10,7 @@ import numpy as np
 
 from data_gen.frame_pair import FramePair
 from data_gen.ideal import observe_ideally
+from link.embed import embed
 from link.errors import InputError, UnsuitedError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import Layout
@@ -77,8 +78,8 @@ def methods_for(names: Sequence[str], checkpoint: Path) -> list[Method]:
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
     """Find the methods that can decode frame pairs of a layout, by letting them decode one.
 
-    Observers and methods that are shown pictures without ratex patches want none of what layouts
-    differ in, and are not tried.
+    Ratex patches suit every method. Observers, and methods that are shown pictures without ratex
+    patches, suit every layout. So these are not tried.
 
     Args:
         methods: all that are asked for.
@@ -91,11 +92,13 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
         InputError: no method suits.
     """
     suited, notes = [], []
-    gray = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    picture = np.random.default_rng(0).integers(0, 256, (layout.height, layout.width, 3), np.uint8)
+    shown = embed(picture, np.zeros(layout.n_bits), layout, kappa=5)
+    pair = Rectified(shown.original, shown.embedded, layout, shown.kappa)
     for method in methods:
         try:
-            if not (method.card.needs_truth or method.card.hidden):
-                method.build().decode(Rectified(gray, gray, layout, kappa=1))
+            if not (layout.ratex or method.card.needs_truth or method.card.hidden):
+                method.build().decode(pair)
             suited.append(method)
         except UnsuitedError as error:
             notes.append(f"{method.label}: left out, {error}")

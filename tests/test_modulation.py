@@ -1,0 +1,207 @@
+"""Antipodal blocks and pilots through the commands: what is written, decoded, left out, refused."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from conftest import Command
+
+import data_gen.__main__ as data_gen_cli
+import data_gen.video as video_cli
+import evaluate
+import export.receive.__main__ as receive_cli
+import export.runtime as runtime_cli
+import export.send.__main__ as send_cli
+from data_gen.flags import LayoutFlags
+from data_gen.frame_pair import Source
+from link.captures import load_capture, read_manifest
+from link.errors import InputError
+from link.images import write_image
+from link.layout import Layout, make_layout
+from models import PRETRAINED
+from reports.engine.methods import Method, suited_methods
+from reports.evaluation.versus import compare_runs
+from reports.studies.sweeps import sweep_conditions
+
+FINE = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto")
+FINE_LAYOUT = make_layout(12, 16, modulation="antipodal", pilots=16)
+TINY = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
+
+
+@pytest.fixture(scope="module")
+def pilots_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped model, with metadata that claims pilots in place of its ratex patches."""
+    proto = onnx.load(PRETRAINED / "decoder.onnx")
+    layout = make_layout(modulation="antipodal", pilots=5)
+    for entry in proto.metadata_props:
+        if entry.key == "layout":
+            entry.value = json.dumps(layout.to_dict())
+    file = tmp_path_factory.mktemp("model") / "pilots.onnx"
+    onnx.save(proto, file)
+    return file
+
+
+# Sender, simulator and film
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--pilots", "many"), "--pilots: need auto, or a share from 0 to below 1, got 'many'"),
+        (("--pilots", "1"), "--pilots: need auto, or a share from 0 to below 1, got '1'"),
+        (("--pilots", "0.01"), "--pilots: 0.01 of 8x8 blocks is less than 2 pilots"),
+        (("--pilots", "auto", "--ratex", 5), "layout: has pilots beside ratex patches"),
+        (("--modulation", "polar"), "modulation"),
+    ],
+)
+@pytest.mark.parametrize("main", ["send", "data_gen", "video", "evaluate"])
+def test_wrong_layouts_end_in_one_line(
+    main: str, flags: tuple[str, ...], says: str, tmp_path: Path, command: Command
+) -> None:
+    write_image(tmp_path / "picture.png", np.zeros((96, 128, 3), np.uint8))
+    mains = {
+        "send": (send_cli.main, tmp_path / "picture.png", "--message", "hi"),
+        "data_gen": (data_gen_cli.main,),
+        "video": (video_cli.main, "--message", "hi"),
+        "evaluate": (evaluate.main,),
+    }
+    done = command(*mains[main], *flags, "--out", tmp_path / "out")
+    assert done.status == 2
+    assert done.stderr.startswith("error: ")
+    assert done.stderr.count("\n") == 1
+    assert says in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -> None:
+    done = command(data_gen_cli.main, *FINE, "--frames", 1, "--out", tmp_path / "out")
+    assert done.status == 0, done.stderr
+    (entry,) = read_manifest(tmp_path / "out")
+    assert load_capture(tmp_path / "out", entry).layout == FINE_LAYOUT
+    done = command(evaluate.main, "--captures", tmp_path / "out", "--out", tmp_path / "run",
+                   "--methods", "oorc", "two_step", "naive", "--no-html")  # fmt: skip
+    assert done.status == 0, done.stderr
+    assert "two_step: left out of 1 of 1, it trains on ratex patches" in done.stdout
+    assert "| oorc |" in done.stdout
+
+
+def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_needs(
+    pilots_model: Path, tmp_path: Path, command: Command
+) -> None:
+    film = tmp_path / "film.mkv"
+    flags = ("--message", "hi", "--seconds", 0.1, "--size", 320, 180)
+    done = command(video_cli.main, *FINE, *flags, "--out", film)
+    assert done.status == 0, done.stderr
+    assert Layout.from_dict(json.loads(done.stdout)["layout"]) == FINE_LAYOUT
+    done = command(receive_cli.main, film, "--model", pilots_model)
+    assert (done.status, done.stdout) == (2, "")
+    assert "layout has pilots in place of ratex patches; a receiver needs patches" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_what_is_sent_with_pilots_is_told(tmp_path: Path, command: Command) -> None:
+    write_image(tmp_path / "picture.png", np.zeros((96, 128, 3), np.uint8))
+    words = (tmp_path / "picture.png", "--message", "hi", "--out", tmp_path / "sent.html")
+    done = command(send_cli.main, *words, *FINE)
+    assert done.status == 0, done.stderr
+    assert Layout.from_dict(json.loads(done.stdout)["layout"]) == FINE_LAYOUT
+
+
+def test_the_receiver_of_two_images_needs_patches_before_it_looks(
+    pilots_model: Path, tmp_path: Path, command: Command
+) -> None:
+    write_image(tmp_path / "gray.png", np.full((96, 128, 3), 99, np.uint8))
+    done = command(receive_cli.main, *2 * (tmp_path / "gray.png",), "--model", pilots_model)
+    assert (done.status, done.stdout) == (2, "")
+    assert "pilots in place of ratex patches" in done.stderr
+
+
+def test_the_runtime_looks_for_no_patches_where_there_are_none(
+    pilots_model: Path, tmp_path: Path, command: Command
+) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (384, 512, 3), np.uint8)
+    write_image(tmp_path / "noise.png", noise)
+    done = command(runtime_cli.main, pilots_model, *2 * (tmp_path / "noise.png",))
+    assert (done.status, done.stderr) == (0, "")
+    assert len(json.loads(done.stdout)["bits"]) == 59
+
+
+# The comparison
+
+
+def test_methods_that_a_layout_does_not_suit_are_told_apart() -> None:
+    methods = [Method(name) for name in ("naive", "two_step", "oorc", "blind", "ideal")]
+    suited, notes = suited_methods(methods, FINE_LAYOUT)
+    assert [method.name for method in suited] == ["naive", "oorc", "blind", "ideal"]
+    assert notes == ["two_step: left out, it trains on ratex patches and the layout has none"]
+    assert suited_methods(methods, make_layout()) == (methods, [])
+    with pytest.raises(InputError, match="no method suits this layout; two_step: left out"):
+        suited_methods(methods[1:2], FINE_LAYOUT)
+
+
+def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: Command) -> None:
+    out = tmp_path / "run"
+    done = command(
+        evaluate.main, *TINY, *FINE, "--methods", "two_step", "oorc", "hidden_ratex", "--out", out
+    )
+    assert done.status == 0, done.stderr
+    assert "two_step: left out, it trains on ratex patches and the layout has none" in done.stdout
+    lines = [json.loads(line) for line in (out / "predictions.jsonl").read_text().splitlines()]
+    assert {line["method"]: len(line["bits"]) for line in lines} == {
+        "oorc": 12 * 16 - 16,
+        "hidden_ratex": 12 * 16 - 16,
+    }
+    settings = json.loads((out / "config.json").read_text())
+    chosen = {key: settings.get(key) for key in ("rows", "cols", "modulation", "pilots", "ratex")}
+    expected = {"rows": 12, "cols": 16, "modulation": "antipodal", "pilots": 16, "ratex": 0}
+    assert chosen == expected
+    page = (out / "report.html").read_text()
+    assert "two_step: left out" in page
+    assert "modulation: antipodal" in page
+    again = command(evaluate.main, "--report", out)
+    assert again.status == 0, again.stderr
+
+
+def test_settings_of_the_usual_layout_are_those_of_runs_that_knew_no_other() -> None:
+    """Golden: a folder that an earlier version began is gone on with and compared."""
+    keys = list(evaluate.describe(evaluate.EvaluateConfig(), []))
+    assert sorted(keys) == [
+        "captures", "checkpoints", "frames", "kappas", "methods", "pairs",
+        "pictures", "protocol", "quick", "ratex", "run", "seed", "set", "sweeps", "views",
+        "without",
+    ]  # fmt: skip
+    assert evaluate.describe(evaluate.EvaluateConfig(), [])["ratex"] == 5
+    assert evaluate.describe(evaluate.EvaluateConfig(ratex=3), [])["ratex"] == 3
+    same = [evaluate.describe(evaluate.EvaluateConfig(pilots=p), []) for p in ("auto", "0.25")]
+    assert same[0] == same[1]
+    assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
+
+
+@pytest.mark.slow
+def test_runs_on_other_modulations_are_not_compared(tmp_path: Path, command: Command) -> None:
+    for name, flags in (("a", ()), ("b", ("--modulation", "antipodal"))):
+        words = [*TINY, "--methods", "naive", *flags, "--out", tmp_path / name]
+        assert command(evaluate.main, *words).status == 0
+    with pytest.raises(InputError, match=r"has modulation None and .* has antipodal; paired tests"):
+        compare_runs(tmp_path / "a", tmp_path / "b")
+
+
+def test_the_sweep_of_patches_keeps_the_rest_of_the_layout() -> None:
+    base = Source(FINE_LAYOUT)
+    conditions, _ = sweep_conditions(("ratex", "kappa"), base, 1, quick=True)
+    layouts = [condition.source.layout for condition in conditions]
+    assert [len(layout.ratex) for layout in layouts[:3]] == [1, 3, 5]
+    for layout in layouts[:3]:
+        assert replace(layout, ratex=(), pilots=16) == FINE_LAYOUT
+    assert set(layouts[3:]) == {FINE_LAYOUT}
+
+
+def test_flags_make_every_layout_of_the_contract() -> None:
+    flags = LayoutFlags(rows=96, cols=128, modulation="antipodal", pilots="0.05")
+    assert flags.layout() == make_layout(96, 128, modulation="antipodal", pilots=614)
+    assert LayoutFlags().layout() == make_layout()
+    wide = LayoutFlags(rows=27, cols=48, width=960, height=540, pilots="auto")
+    assert wide.layout().n_bits == 27 * 48 - 65
