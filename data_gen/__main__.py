@@ -13,8 +13,8 @@ from data_gen.flags import CellFlags
 from data_gen.frame_pair import FramePair
 from link.captures import MANIFEST, save_captures
 from link.errors import ParameterError, at_least, read_flags, run_cli
+from link.files.lock import locked
 from link.frames import Captured
-from link.images import make_folder
 from link.quality import psnr, ssim
 
 
@@ -39,9 +39,6 @@ def main() -> None:
     cell = config.cell()
     source = replace(config.source(), pyramid_level=config.pyramid_level)
     source.pair(cell.pair)
-    make_folder(config.out)
-    if (config.out / MANIFEST).exists():
-        raise ParameterError("out", f"{config.out} already holds captures; choose another folder")
     visibility = []
 
     def captures() -> Iterator[Captured]:
@@ -52,8 +49,13 @@ def main() -> None:
             yield pair.captured
             bar.update()
 
-    with tqdm(total=config.frames, unit="pair") as bar:  # an error begins a new line
-        count = save_captures(config.out, captures())
+    with locked(config.out):
+        if (config.out / MANIFEST).exists():
+            raise ParameterError(
+                "out", f"{config.out} already holds captures; choose another folder"
+            )
+        with tqdm(total=config.frames, unit="pair") as bar:  # an error begins a new line
+            count = save_captures(config.out, captures())
     psnr_db, similarity = np.mean(visibility, axis=0)
     report = {"psnr_db": round(psnr_db, 2), "ssim": round(similarity, 4), "simulated": True}
     print(json.dumps({"out": str(config.out), "frame_pairs": count, **report}))

@@ -20,7 +20,9 @@ from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
 from link.code.framing import encode
 from link.errors import ParameterError, at_least, read_flags, run_cli
-from link.images import all_or_none, make_folder, write_bytes, write_image
+from link.files.lock import locked
+from link.files.together import written_together
+from link.images import write_bytes, write_image
 from link.loop import Loop
 from link.video import write_video
 
@@ -81,32 +83,31 @@ def main() -> None:
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
     stream = film(list(loop.states()), source.layout, pair, cell.view_deg, settings, rng)
     folder = config.out if config.out.suffix == "" else config.out.parent
-    make_folder(folder)
     truth = folder / TRUTH if config.out.suffix == "" else config.out.with_suffix(".jsonl")
-    if truth.exists():
-        raise ParameterError("out", f"{truth} is there already; choose another name")
     lines: list[str] = []
-    files: list[Path] = []
 
-    def frames() -> Iterator[NDArray[np.uint8]]:
+    def frames(folder: Path) -> Iterator[NDArray[np.uint8]]:
         for frame in stream:
             file = None if config.out.suffix else f"{frame.number:06d}.png"
             if file:
-                files.append(config.out / file)
-                write_image(config.out / file, frame.rgb)
+                write_image(folder / file, frame.rgb)
             lines.append(frame.truth(file))
             yield frame.rgb
             bar.update()
 
-    total = int(seconds * settings.fps)
-    with all_or_none(files), tqdm(total=total, unit="frame") as bar:  # errors begin a new line
-        if config.out.suffix:
-            write_video(config.out, frames(), settings.fps)
-            files.append(config.out)
-        else:
-            for _ in frames():
-                pass
-        write_bytes(truth, ("\n".join(lines) + "\n").encode())
+    with locked(folder, truth.name if config.out.suffix else ""):
+        if truth.exists():
+            raise ParameterError("out", f"{truth} is there already; choose another name")
+        with (
+            written_together(folder, truth.name) as hidden,
+            tqdm(total=int(seconds * settings.fps), unit="frame") as bar,  # errors begin a new line
+        ):
+            if config.out.suffix:
+                write_video(hidden / config.out.name, frames(hidden), settings.fps)
+            else:
+                for _ in frames(hidden):
+                    pass
+            write_bytes(hidden / truth.name, ("\n".join(lines) + "\n").encode())
     report = {
         "out": str(config.out),
         "truth": str(truth),

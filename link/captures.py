@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from link.embed import MAX_KAPPA
 from link.errors import InputError
+from link.files.together import written_together
 from link.frames import Captured
 from link.geometry import as_corners
-from link.images import all_or_none, read_image, write_bytes, write_image
+from link.images import read_image, write_bytes, write_image
 from link.layout import Layout
 from link.outside import inside, is_file, read_json_lines
 
@@ -34,7 +35,7 @@ KNOWN = {
 
 
 def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
-    """Write frame pairs as PNG files, and last the manifest.
+    """Write frame pairs as PNG files and the manifest; they appear once all are written.
 
     Args:
         folder: made if it is not there.
@@ -47,15 +48,13 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
         InputError: the folder cannot be written; no picture is left in it.
     """
     lines: list[str] = []
-    files: list[Path] = []
-    with all_or_none(files):
+    with written_together(folder, MANIFEST) as hidden:
         for number, captured in enumerate(captures):
             names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
             digest = hashlib.sha256()
             for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
-                files.append(folder / name)
-                write_image(folder / name, frame)
-                digest.update((folder / name).read_bytes())
+                write_image(hidden / name, frame)
+                digest.update((hidden / name).read_bytes())
             entry: dict[str, Any] = {
                 "original": names[0],
                 "embedded": names[1],
@@ -70,7 +69,7 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
             if captured.ratex_kappa is not None:
                 entry["ratex_kappa"] = captured.ratex_kappa
             lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
-        write_bytes(folder / MANIFEST, ("\n".join(lines) + "\n").encode())
+        write_bytes(hidden / MANIFEST, ("\n".join(lines) + "\n").encode())
     return len(lines)
 
 

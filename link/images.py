@@ -3,8 +3,6 @@
 import math
 import os
 from argparse import ArgumentParser
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -249,21 +247,6 @@ def temporary_name(path: Path) -> Path:
         raise InputError(f"{path}: is a folder; name a file")
     short = len(os.fsencode(path.name)) < MAX_NAME_BYTES - 30
     return path.with_name(f".{path.name if short else path.name[:50]}.{os.getpid()}.tmp")
-
-
-@contextmanager
-def all_or_none(files: Sequence[Path]) -> Iterator[None]:
-    """Remove files that belong together where an error keeps the block from writing all of them.
-
-    Args:
-        files: what was written so far; it may grow within the block.
-    """
-    try:
-        yield
-    except (InputError, OSError, MemoryError):
-        for file in files:
-            file.unlink(missing_ok=True)
-        raise
 
 
 def make_folder(path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from export.send.pictures import open_pictures
-from export.send.write import check_out, write_loop
+from export.send.write import output_kind, write_loop
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
@@ -143,7 +143,7 @@ def main() -> None:
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR and SSIM.
     """
     args = read_flags(send_parser().parse_args, counter=MAX_STAMP)
-    kind = check_out(args.out)
+    kind = output_kind(args.out)
     message = message_of(args.message, args.file)
     layout = choose_layout(args.layout, {name: getattr(args, name) for name in GRID})
     check_kappa(args.kappa)

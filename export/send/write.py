@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from export.send.player import write_player
 from link.errors import InputError, ParameterError
+from link.files.lock import locked
 from link.images import make_folder, temporary_name, write_bytes, write_image
 from link.loop import Loop
 from link.video import write_video
@@ -22,14 +23,14 @@ SENT = "sent.json"
 """Name of the file, in a folder of images, that says what was sent."""
 
 
-def check_out(out: Path) -> str:
-    """Check that an output's name has a known ending and is free; an empty folder counts as free.
+def output_kind(out: Path) -> str:
+    """Check that an output's name has a known ending.
 
     Returns:
         the ending in lower case, one of `KINDS`.
 
     Raises:
-        ParameterError: the ending is unknown, or something is there already.
+        ParameterError: the ending is unknown.
     """
     kind = out.suffix.lower()
     if not out.name:
@@ -38,9 +39,6 @@ def check_out(out: Path) -> str:
         raise ParameterError(
             "out", f"{out} must end in .html, .avi or .mkv, or be a folder with no dot in its name"
         )
-    empty = kind == "" and out.is_dir() and not any(out.iterdir())
-    if out.exists() and not empty:
-        raise ParameterError("out", f"{out} is already there; remove it or choose another name")
     return kind
 
 
@@ -62,6 +60,8 @@ def unfinished(out: Path) -> Iterator[Path]:
     except OSError as error:
         raise ParameterError("out", f"{out} cannot be written ({error.strerror})") from None
     except InputError as error:
+        if str(temporary) not in str(error):
+            raise
         raise InputError(str(error).replace(str(temporary), str(out))) from None
     finally:
         if temporary.is_dir():
@@ -97,16 +97,20 @@ def write_loop(
         `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM.
 
     Raises:
-        InputError: a picture or the output is no good; nothing is left behind.
+        InputError: a picture or the output is no good, or something but an empty folder is there
+            already; nothing is left behind.
     """
-    kind = check_out(out)
-    if kind == ".html":
-        write_player(out, loop.pairs(), hold, scale)
-    elif kind:
-        write_video(out, loop.states(), state_hz)
-    else:
-        with unfinished(out) as folder:
-            write_states(folder, loop.states())
-            report = loop.report(message_bytes, state_hz)
-            write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
+    kind = output_kind(out)
+    with locked(out.parent, out.name):
+        if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
+            raise ParameterError("out", f"{out} is already there; remove it or choose another name")
+        if kind == ".html":
+            write_player(out, loop.pairs(), hold, scale)
+        elif kind:
+            write_video(out, loop.states(), state_hz)
+        else:
+            with unfinished(out) as folder:
+                write_states(folder, loop.states())
+                report = loop.report(message_bytes, state_hz)
+                write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
     return loop.report(message_bytes, state_hz)

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from link.errors import InputError
-from link.images import make_folder
+from link.images import MAX_NAME_BYTES, make_folder
 
 LOCK = ".lock"
 """Name of the file in a folder that carries the lock of the process that writes there."""
@@ -52,7 +52,7 @@ def locked(folder: Path, file: str = "") -> Iterator[None]:
     (['.lock'], [])
     """
     make_folder(folder)
-    path = os.path.join(os.path.realpath(folder), f".{file}.lock" if file else LOCK)
+    path = os.path.join(os.path.realpath(folder), _lock_name(file))
     if path in _held:
         yield
         return
@@ -66,6 +66,14 @@ def locked(folder: Path, file: str = "") -> Iterator[None]:
         if _held.pop(path, None) == descriptor:  # a forked process has dropped it
             _remove(path, descriptor)
             os.close(descriptor)
+
+
+def _lock_name(file: str) -> str:
+    """Name of the file that carries the lock on a file, or on a whole folder where it is empty."""
+    if not file:
+        return LOCK
+    short = len(os.fsencode(file)) + len(".") + len(LOCK) <= MAX_NAME_BYTES
+    return f".{file if short else file[:50]}{LOCK}"
 
 
 def _acquire(target: Path, path: str) -> tuple[int, bool]:
@@ -96,8 +104,9 @@ def _acquire(target: Path, path: str) -> tuple[int, bool]:
             if not _is_at(path, descriptor):  # its last holder removed it after it was opened
                 continue
             was_left = os.fstat(descriptor).st_size > 0
-            os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, f"{os.getpid()} {platform.node()}\n".encode(), 0)
+            name = f"{os.getpid()} {platform.node()}\n".encode()
+            os.pwrite(descriptor, name, 0)  # never empty in between: it says what was left
+            os.ftruncate(descriptor, len(name))
             taken = True
             return descriptor, was_left
         except OSError as error:
@@ -109,8 +118,8 @@ def _acquire(target: Path, path: str) -> tuple[int, bool]:
 
 def _holder(descriptor: int) -> str:
     """The process that a lock's file names, in words; empty where it names none that lives."""
-    process, _, host = os.pread(descriptor, 300, 0).decode(errors="replace").partition(" ")
-    host = host.strip()
+    said = os.pread(descriptor, 300, 0).decode(errors="replace").partition("\n")[0]
+    process, _, host = said.partition(" ")
     if not process.isdecimal() or not host:
         return ""  # the holder has not written its name yet
     if host != platform.node():
