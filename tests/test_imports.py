@@ -276,3 +276,24 @@ def test_sender_and_receiver_need_numpy_opencv_and_onnxruntime_alone() -> None:
     commands = ("export.receive", "export.locate", "export.receive.bench", "export.send")
     result = run_without(LAB_ONLY, "\n".join(f"import {name}" for name in commands))
     assert result.returncode == 0, result.stderr
+
+
+SEND_UNLOCKED = """
+import os
+from importlib import import_module
+from pathlib import Path
+from link.files.lock import locked
+for name in ("export.receive.__main__", "export.locate.__main__", "export.receive.bench"):
+    import_module(name)
+folder = Path(sys.argv[1])
+with locked(folder), locked(folder, "x.html"):
+    assert not os.listdir(folder)  # nothing is locked
+sys.argv = ["send", sys.argv[2], "--message", "a", "--out", str(folder / "x.html")]
+import_module("export.send.__main__").main()
+"""
+
+
+def test_sender_and_receiver_do_without_locks_where_the_system_has_none(tmp_path: Path) -> None:
+    result = run_without(["fcntl"], SEND_UNLOCKED, tmp_path, ROOT / "docs" / "overview.jpg")
+    assert result.returncode == 0, result.stderr
+    assert [file.name for file in tmp_path.iterdir()] == ["x.html"]

@@ -16,6 +16,9 @@ from conftest import Command, slow
 
 import evaluate
 import train
+from data_gen import __main__ as data_gen
+from data_gen import video
+from export.send import __main__ as send
 from link.errors import InputError
 from link.files.lock import LOCK, locked
 from reports.engine.digest import ROOT
@@ -191,6 +194,40 @@ def test_commands_refuse_a_folder_that_is_being_written(tmp_path: Path, command:
             predict_all([], [], tmp_path, 1)
         with pytest.raises(InputError, match="is writing it"):
             resume(abs, {}, tmp_path / "results.jsonl", 1, "title")
+        assert sorted(tmp_path.rglob("*")) == before
+
+
+FILM_OF_ONE_FRAME = ["--message", "a", "--seconds", "0.02", "--size", "160", "120", "--out"]
+SENT = [str(ROOT / "docs" / "overview.jpg"), "--message", "a", "--out"]
+
+
+@pytest.mark.parametrize(
+    ("main", "flags", "out", "lock"),
+    [
+        (data_gen.main, ["--frames", "1", "--out"], "captures", ""),
+        (video.main, FILM_OF_ONE_FRAME, "film", ""),
+        (video.main, FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
+        (send.main, SENT, "sent.html", "sent.html"),
+        (send.main, SENT, "sent.mkv", "sent.mkv"),
+        (send.main, SENT, "sent", "sent"),
+    ],
+)
+def test_commands_refuse_an_output_that_is_being_written(
+    tmp_path: Path,
+    command: Command,
+    main: Callable[[], None],
+    flags: list[str],
+    out: str,
+    lock: str,
+) -> None:
+    folder = tmp_path if lock else tmp_path / out
+    folder.mkdir(exist_ok=True)
+    with holder(folder, lock) as (process, _):
+        before = sorted(tmp_path.rglob("*"))
+        done = command(main, *flags, tmp_path / out)
+        assert (done.status, done.stdout) == (2, "")
+        assert f"{folder / lock}: process {process.pid} is writing it" in done.stderr
+        assert done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
         assert sorted(tmp_path.rglob("*")) == before
 
 

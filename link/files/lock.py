@@ -4,9 +4,11 @@ The kernel holds the lock and drops it when the process ends, however it ends. T
 the lock names the process for whoever is refused, and is removed at a normal end. A file that a
 killed process left behind locks nothing. It tells the next process to remove the temporary files
 that were not renamed any more.
+
+Locks need the module fcntl, which POSIX systems such as Linux and macOS have. Where it is missing,
+as on Windows, nothing is locked and nothing that a killed process left is removed.
 """
 
-import fcntl
 import os
 import platform
 import re
@@ -18,6 +20,11 @@ from pathlib import Path
 
 from link.errors import InputError
 from link.images import MAX_NAME_BYTES, make_folder
+
+try:
+    import fcntl
+except ModuleNotFoundError:
+    fcntl = None  # type: ignore[assignment]
 
 LOCK = ".lock"
 """Name of the file in a folder that carries the lock of the process that writes there."""
@@ -34,7 +41,8 @@ def locked(folder: Path, file: str = "") -> Iterator[None]:
     """Keep other processes from writing a folder, or one file in it, while the block runs.
 
     A process that holds the lock already may take it again; the outermost block releases it. A
-    process that is forked meanwhile does not hold it.
+    process that is forked meanwhile does not hold it. On a system without fcntl, such as Windows,
+    the folder is made and the block runs without a lock.
 
     Args:
         folder: is made if it is not there.
@@ -52,6 +60,9 @@ def locked(folder: Path, file: str = "") -> Iterator[None]:
     (['.lock'], [])
     """
     make_folder(folder)
+    if fcntl is None:
+        yield
+        return
     path = os.path.join(os.path.realpath(folder), _lock_name(file))
     if path in _held:
         yield
@@ -177,4 +188,5 @@ def _drop_in_child() -> None:
     _held.clear()
 
 
-os.register_at_fork(after_in_child=_drop_in_child)
+if fcntl is not None:
+    os.register_at_fork(after_in_child=_drop_in_child)
