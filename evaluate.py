@@ -21,7 +21,7 @@ from data_gen.pairs import PAIRS
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
-from models import DECODERS, PRETRAINED
+from models import DECODERS, shipped_checkpoint
 from reports.engine.backends import make_backend
 from reports.engine.methods import METHODS, Method, methods_for, suited_methods
 from reports.engine.predict import (
@@ -118,7 +118,8 @@ def main() -> None:
     check(config)
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
-    methods = apply_protocol(config.protocol, methods_for(config.methods, config.run or PRETRAINED))
+    checkpoint = config.run or shipped_checkpoint(config.layout())
+    methods = apply_protocol(config.protocol, methods_for(config.methods, checkpoint))
     folder = RunFolder(config.out)
     with locked(config.out):
         folder.claim(describe(config, methods))

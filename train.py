@@ -1,11 +1,12 @@
 """Train what the decoder shares across frame pairs: python train.py --pair canon-lg.
 
 Episodes come from the simulated channel. Each round warps and re-lights them anew. Each step fits
-the head of every frame pair to its ratex pixels, and backpropagates the cross-entropy of the
-message bits through that fit.
+the head of every frame pair to its ratex patches or pilots, and backpropagates the cross-entropy of
+the message bits through that fit.
 """
 
 import json
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
@@ -25,11 +26,18 @@ from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
-from link.layout import make_layout
+from link.layout import Layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
 from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
-from models.neural.training import Start, initial_decoder, training_step
+from models.neural.training import (
+    BATCH_BLOCKS,
+    LAYOUTS,
+    LayoutKind,
+    Start,
+    initial_decoder,
+    training_step,
+)
 from reports.engine.digest import code_digest
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
@@ -46,7 +54,9 @@ TRAINED_BY = ("data_gen.episodes", "models.neural.training")
 """Modules that decide, with all that they import, what a step of training computes."""
 PARITY_FRAMES = 30
 """Number of synthetic frame pairs on which torch and onnxruntime must agree after the export."""
-LOOP_VERSION = 1
+ON_PILOTS = ("naive", "oorc", "learned")
+"""Methods that the final evaluation compares on layouts with pilots."""
+LOOP_VERSION = 2
 """Raise it when `train` changes what it computes, so that an older state.pt is not continued."""
 
 
@@ -60,18 +70,21 @@ class TrainConfig:
     """Folder of the run; runs/PAIR by default. A run of the same settings goes on there if it was
     cut off, and is made again if it was finished; a folder that holds another run is refused, and
     so is one that another process is writing."""
+    layouts: LayoutKind = "ratex"
+    """Layouts that the decoder learns to read: "ratex" is the usual grid with patches, "hidden" are
+    grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations."""
     decoder: DecoderConfig = FULL
     start: Start = "shipped"
     """Initial parameters: "shipped" goes on from the shipped decoder, which all pairs' training
     pictures taught; "constants" wants more: --rounds 4 --steps 75 --batch 256 --lr 0.03."""
     episodes: int = 240
-    """Number of simulated frame pairs, of training pictures."""
+    """Number of simulated frame pairs, of training pictures, dealt out evenly to the layouts."""
     rounds: int = 1
     """Number of times that all episodes are augmented anew."""
     steps: int = 30
     """Number of the optimiser's steps in a round."""
     batch: int = 64
-    """Number of frame pairs in a step."""
+    """Number of frame pairs in a step; fewer of those with thousands of blocks."""
     lr: float = 0.01
     """Learning rate of Adam at the start; it falls to zero on a cosine."""
     kappas: tuple[int, ...] = (1, 2, 3, 5)
@@ -94,7 +107,8 @@ def main() -> None:
     pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     check_training(config)
     folder = config.out or Path("runs") / config.pair
-    module = initial_decoder(make_layout(), config.decoder, config.start).to(config.device)
+    module = initial_decoder(LAYOUTS[config.layouts][0], config.decoder, config.start)
+    module.to(config.device)
     with locked(folder):
         claim_folder(folder, training_settings(config), "train", UNDECISIVE)
         train_and_evaluate(module, pairs, config, folder)
@@ -111,35 +125,48 @@ def train_and_evaluate(
         config: settings of the run.
         folder: where the run is written.
     """
-    layout = module.layout
-    plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
-    episodes = simulate_episodes(Source(layout, "train", config.seed), pairs, plan, config.jobs)
+    layouts = LAYOUTS[config.layouts]
+    plan = EpisodePlan(config.episodes // len(layouts), config.kappas, config.max_view)
+    sources = [Source(layout, "train", config.seed) for layout in layouts]
+    episodes = [simulate_episodes(source, pairs, plan, config.jobs) for source in sources]
     train(module, episodes, config, folder)
     module.cpu()
     settings = training_settings(config)
     save_checkpoint(folder, module, {"train": settings})
-    held_out = Source(layout, "test", config.seed)
-    condition = Condition("", held_out, paper_cells(pairs), config.frames)
-    methods = methods_for(tuple(DECODERS), folder)
+    conditions = [
+        Condition(name, Source(layout, "test", config.seed), paper_cells(pairs), config.frames)
+        for name, layout in zip(names_of(layouts), layouts, strict=True)
+    ]
+    methods = methods_for(ON_PILOTS if layouts[0].pilots else tuple(DECODERS), folder)
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
         model = folder / "decoder.onnx"
         exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
-        records = predict_all([condition], methods, folder / "evaluation", config.jobs)
+        records = predict_all(conditions, methods, folder / "evaluation", config.jobs)
         parity = exported.result()
     (folder / STATE).unlink(missing_ok=True)
     scores = score(records)
     write_scores(folder / "metrics.json", scores, provenance(config.seed, simulated=True))
     title = f"{config.pair}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
-    print(summary_table(scores, title).markdown())
+    for condition in conditions:
+        of_condition = scores[scores["condition"] == condition.name]
+        print(summary_table(of_condition, f"{title}{condition.name}").markdown())
     print(
         f"\n{model}: torch and onnxruntime agree on all {parity.bits} bits of "
         f"{parity.frames} synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
 
 
+def names_of(layouts: Sequence[Layout]) -> list[str]:
+    """Name the conditions of the final evaluation; a single layout needs no name."""
+    if len(layouts) == 1:
+        return [""]
+    return [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]
+
+
 def check_training(config: TrainConfig) -> None:
     """Raise a `ParameterError` that names the first flag whose value is wrong."""
-    at_least(1, episodes=config.episodes, rounds=config.rounds, steps=config.steps)
+    at_least(len(LAYOUTS[config.layouts]), episodes=config.episodes)
+    at_least(1, rounds=config.rounds, steps=config.steps)
     at_least(1, batch=config.batch, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     if not config.kappas:
@@ -154,8 +181,16 @@ def check_training(config: TrainConfig) -> None:
         raise ParameterError("device", "torch finds no GPU here; choose cpu")
 
 
-def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder: Path) -> None:
+def train(
+    module: PhiDecoder, episodes: Sequence[EpisodeSet], config: TrainConfig, folder: Path
+) -> None:
     """Run the loop; each round ends with log.jsonl and state.pt, from which a killed run goes on.
+
+    Args:
+        module: the decoder, whose parameters are changed.
+        episodes: one set for each of the run's layouts, which take their steps in turn.
+        config: settings of the run.
+        folder: where log.jsonl and state.pt are written.
 
     Raises:
         InputError: the loss is not finite, or state.pt is damaged.
@@ -167,14 +202,21 @@ def train(module: PhiDecoder, episodes: EpisodeSet, config: TrainConfig, folder:
     parts = {"module": module, "optimiser": optimiser, "schedule": schedule}
     key = resume_key(config)
     first, log = resume_state(folder / STATE, parts, generator, key)
-    bits = episodes.bits.to(config.device)
+    decoders = [module.for_layout(layout) for layout in LAYOUTS[config.layouts]]
+    bits = [each.bits.to(config.device) for each in episodes]
     progress = tqdm(total=total, initial=first * config.steps, desc="train", unit="step")
     for number in range(first, config.rounds):
-        ratex, blocks = augmented_features(episodes, module.summarise, config.device, generator)
+        features = [
+            augmented_features(each, decoder.summarise, config.device, generator)
+            for decoder, each in zip(decoders, episodes, strict=True)
+        ]
         for step in range(number * config.steps, (number + 1) * config.steps):
-            index = torch.randint(len(bits), (config.batch,), generator=generator)
+            turn = step % len(decoders)
+            decoder, (known, blocks), sent = decoders[turn], features[turn], bits[turn]
+            batch = max(1, min(config.batch, BATCH_BLOCKS // decoder.layout.message_mask.size))
+            index = torch.randint(len(sent), (batch,), generator=generator)
             try:
-                result = training_step(module, optimiser, ratex[index], blocks[index], bits[index])
+                result = training_step(decoder, optimiser, known[index], blocks[index], sent[index])
             except FloatingPointError:
                 raise InputError(f"step {step}: the loss is not finite; lower --lr") from None
             schedule.step()

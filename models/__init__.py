@@ -10,9 +10,13 @@ from typing import Any, Literal, Protocol
 
 from link.errors import choose
 from link.frames import Rectified, SoftBits
+from link.layout import Layout
 
 PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
-"""Folder of the shipped checkpoint of ``learned``, trained on all nine camera-display pairs."""
+"""Folder of the shipped checkpoint of ``learned`` for layouts with ratex patches; it was trained on
+all nine camera-display pairs."""
+PRETRAINED_PILOTS = PRETRAINED.with_name("pretrained_pilots")
+"""Folder of the shipped checkpoint of ``learned`` for layouts with pilots, of any grid."""
 PRETRAINED_CNN = PRETRAINED.with_name("pretrained_cnn")
 """Folder of the shipped checkpoint of ``cnn``, trained on all nine camera-display pairs."""
 
@@ -72,6 +76,11 @@ DECODERS = {
     "cnn": Card("models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=PRETRAINED_CNN),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
+
+
+def shipped_checkpoint(layout: Layout) -> Path:
+    """Choose the shipped checkpoint of ``learned`` that reads a layout."""
+    return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
 
 
 class BlockDecoder(Protocol):

@@ -121,7 +121,6 @@ def test_more_pilots_keep_the_fewer(layout: Layout, data: st.DataObject) -> None
         fewer = replace(layout, pilots=data.draw(st.integers(2, layout.pilots)))
         kept = slice(0, fewer.pilots)
         np.testing.assert_array_equal(layout.pilot_blocks[kept], fewer.pilot_blocks)
-        np.testing.assert_array_equal(layout.pilot_bits[kept], fewer.pilot_bits)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +136,8 @@ def test_the_first_pilots_are_where_every_receiver_expects_them(
     """Golden: a display and a receiver of different versions must agree on it."""
     layout = make_layout(rows, cols, pilots=LEAST_PILOTS)
     assert layout.pilot_blocks.tolist() == blocks
-    assert layout.pilot_bits.tolist() == [0, 1] * 8
+    in_reading_order = np.argsort(layout.pilot_blocks)
+    assert layout.pilot_bits[in_reading_order].tolist() == [0, 1] * 8
 
 
 @pytest.mark.parametrize(("rows", "cols"), [(16, 16), (24, 32), (48, 64), (96, 128)])

@@ -70,7 +70,8 @@ def training_settings(config: "DataclassInstance") -> dict[str, Any]:
 def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
     """Rebuild the decoder saved in ``folder``.
 
-    Its learned parameters do not depend on the layout, so it may be loaded for another one.
+    Its learned parameters do not depend on the grid, so it may be loaded for another one, as long
+    as both layouts have ratex patches, or both have pilots.
 
     Args:
         folder: folder with decoder.pt and config.json.
@@ -78,7 +79,7 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
 
     Raises:
         InputError: a file is missing, damaged, or does not fit the other.
-        UnsuitedError: the given layout has no ratex patch.
+        UnsuitedError: the given layout has neither ratex patches nor pilots.
 
     >>> from models import PRETRAINED
     >>> decoder = load_checkpoint(PRETRAINED)
@@ -90,11 +91,20 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
     config = read_config(folder)
     try:
         saved_layout = Layout.from_dict(config["layout"])
+        if layout is not None and bool(layout.pilots) != bool(saved_layout.pilots):
+            kinds = [
+                ("pilots" if each.pilots else "ratex patches") for each in (saved_layout, layout)
+            ]
+            raise UnsuitedError(
+                f"{folder} was trained on layouts with {kinds[0]}, not with {kinds[1]}"
+            )
         module = PhiDecoder(layout or saved_layout, DecoderConfig(**config["decoder"]))
     except UnsuitedError:
         if layout is not None:
             raise
-        raise InputError(f"{folder / 'config.json'}: its layout has no ratex patch") from None
+        raise InputError(
+            f"{folder / 'config.json'}: its layout has neither ratex patches nor pilots"
+        ) from None
     except (ValueError, KeyError, TypeError) as error:
         file = folder / "config.json"
         raise InputError(f"{file}: not a decoder configuration ({error})") from None

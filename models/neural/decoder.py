@@ -16,6 +16,7 @@ from models.classical.oorc import inverse_response
 from models.neural.phi import PhiPolynomial, check_degrees, legendre_maps
 from models.neural.reduce import Reduce
 from models.neural.refine import MOMENTS, Refiner
+from models.neural.refine_pilots import TEXTURES, PilotRefiner
 from models.neural.register import channel_mean, derivatives, register
 from models.neural.solver import fit_head
 
@@ -117,14 +118,14 @@ class PhiDecoder(nn.Module):
     method ``phi``: ridge 1, prior 0, C = 1. Training, the method ``learned``, changes what frame
     pairs share: the ridge (which scales each feature) and the prior of the head, C, the spreads of
     the `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself
-    is always fitted to the ratex pixels of the frame pair at hand.
+    is always fitted to the ratex patches, or else the pilots, of the frame pair at hand.
 
     Args:
         layout: grid of blocks and ratex patches that the frames show.
         config: which parts the graph has.
 
     Raises:
-        UnsuitedError: the layout has no ratex patch.
+        UnsuitedError: the layout has neither ratex patches nor pilots.
 
     >>> from link.layout import make_layout
     >>> layout = make_layout(rows=4, cols=4, width=64, height=48, ratex=2)
@@ -143,29 +144,34 @@ class PhiDecoder(nn.Module):
     tile_rows: Tensor
     tile_cols: Tensor
     tile_index: Tensor
+    pilot_index: Tensor
     message_index: Tensor
 
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
         super().__init__()
-        if not layout.ratex:
-            raise UnsuitedError("it trains on ratex patches and the layout has none")
+        if not layout.ratex and not layout.pilots:
+            raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
         self.layout, self.config = layout, config
         self.phi = PhiPolynomial(config.degree, config.drift_degree)
         n_weights = self.phi.n_features + 1
         self.log_ridge = nn.Parameter(torch.zeros(n_weights))
         self.prior = nn.Parameter(torch.zeros(n_weights))
         self.log_C = nn.Parameter(torch.zeros(()))
-        self.refiner = None
-        if config.refine:
+        self.refiner: Refiner | PilotRefiner | None = None
+        if config.refine and layout.ratex:
             self.refiner = Refiner(layout, config.refine, config.rows, config.space)
+        elif config.refine:
+            pixels = layout.width * layout.height / layout.message_mask.size / config.coarsen**2
+            self.refiner = PilotRefiner(layout, pixels, config.refine, config.rows, config.space)
         else:
             self.log_temperature = nn.Parameter(torch.zeros(()))
         self.reduce = Reduce(CHANNELS[config.channels], config.coarsen)
         grid = sample_grid(layout)
         rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
         cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
-        signs = torch.from_numpy(2.0 * tile_labels(layout).reshape(-1) - 1)
-        repeats = SAMPLES * SAMPLES if config.train_on == "pixel" else 1
+        known = tile_labels(layout).reshape(-1) if layout.ratex else layout.pilot_bits
+        signs = torch.from_numpy(2.0 * known - 1)
+        repeats = SAMPLES * SAMPLES if layout.ratex and config.train_on == "pixel" else 1
         for name, value in (
             ("labels", signs.repeat_interleave(repeats)),
             # whole numbers in float64, which onnxruntime divides and rounds down quickest
@@ -176,6 +182,7 @@ class PhiDecoder(nn.Module):
             ("tile_rows", torch.from_numpy(rows)),
             ("tile_cols", torch.from_numpy(cols)),
             ("tile_index", torch.from_numpy(len(cols) * row + col)),
+            ("pilot_index", torch.from_numpy(layout.pilot_blocks)),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -198,18 +205,21 @@ class PhiDecoder(nn.Module):
         """Compute all that comes before the first learned parameter.
 
         F is the number of features. It is n_features without refinement. With refinement, the
-        terms P_k(i_o) go on up to k = MOMENTS if the drift terms end before that.
+        terms P_k(i_o) go on up to k = MOMENTS if the drift terms end before that. With refinement
+        on pilots, five features of the picture's texture follow (`refine_pilots.STATISTICS`).
 
         Args:
             original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
             embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
 
         Returns:
-            ratex: (B, N, F) float64, features of the N training samples, tiles or pixels.
+            known: (B, N, F) float64, features of the N training samples: ratex tiles, their pixels
+                or pilots.
             blocks: (B, n_bits, F) float64, features averaged over message blocks.
         """
         i_o, i_e = self.reduce(original), self.reduce(embedded)
-        if self.config.register or self.config.texture:
+        on_pilots = isinstance(self.refiner, PilotRefiner)
+        if self.config.register or self.config.texture or on_pilots:
             dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
             i_e = register(i_o, i_e, xx, yy)
@@ -221,13 +231,21 @@ class PhiDecoder(nn.Module):
         if self.config.texture:
             limit = (self.config.coarsen * self.config.texture) ** 2
             weights = limit / (limit + channel_mean(dx) ** 2 + channel_mean(dy) ** 2)
-        return self.ratex_samples(stacked), self.block_means(stacked, weights)
+        if on_pilots:
+            dx, dy, curvature = (channel_mean(each) for each in (dx, dy, xx + yy))
+            stacked = torch.cat([stacked, dx, dy, curvature, dx * dx + dy * dy], dim=1)
+        means = self.block_means(stacked, weights, with_weight=on_pilots)
+        blocks, pilots = (
+            means.index_select(2, index).transpose(1, 2).double()
+            for index in (self.message_index, self.pilot_index)
+        )
+        return self.ratex_samples(stacked) if self.layout.ratex else pilots, blocks
 
-    def solve_and_score(self, ratex: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
-        """Fit each pair's head to its ratex samples and score its blocks.
+    def solve_and_score(self, known: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
+        """Fit each pair's head to its training samples and score its blocks.
 
         Args:
-            ratex: (B, N, F) float64 features of the training samples, from `summarise`.
+            known: (B, N, F) float64 features of the training samples, from `summarise`.
             blocks: (B, n_bits, F) float64 features of the message blocks, from `summarise`.
 
         Returns:
@@ -235,7 +253,7 @@ class PhiDecoder(nn.Module):
             head: (B, n_features + 1) float32, weights of the features, then the bias.
         """
         n = self.phi.n_features
-        u = ratex[..., :n]
+        u = known[..., :n]
         scale = (u**2).mean(1).sqrt().clamp_min(1e-6)
         ones = torch.ones_like(u[:, :, :1])
         X = torch.cat([u / scale.unsqueeze(1), ones], dim=-1)  # (B, N, n_features + 1)
@@ -245,8 +263,10 @@ class PhiDecoder(nn.Module):
         scores = (blocks[..., :n] @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
+        elif isinstance(self.refiner, PilotRefiner):
+            scores = self.refiner(self.statistics(known), self.statistics(blocks))
         else:
-            tiles = ratex
+            tiles = known
             if self.config.train_on == "pixel":
                 B, _, F = tiles.shape
                 tiles = tiles.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # (B, tiles, F)
@@ -261,10 +281,13 @@ class PhiDecoder(nn.Module):
 
         Returns:
             (B, N, 1 + MOMENTS): the change of intensity, i_e - i_o = (P_1(i_o) - P_1(i_e)) / -2,
-            then the moments P_k(i_o).
+            then the moments P_k(i_o); on pilots the features of texture follow.
         """
         degree = self.config.degree
-        return torch.cat([features[..., :1] / -2, features[..., degree : degree + MOMENTS]], dim=-1)
+        parts = [features[..., :1] / -2, features[..., degree : degree + MOMENTS]]
+        if isinstance(self.refiner, PilotRefiner):
+            parts.append(features[..., -TEXTURES:])
+        return torch.cat(parts, dim=-1)
 
     def ratex_samples(self, maps: Tensor) -> Tensor:
         """Take the training samples from feature maps: (B, F, H, W) to (B, N, F) float64.
@@ -285,22 +308,25 @@ class PhiDecoder(nn.Module):
             u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
         return u.transpose(1, 2)
 
-    def block_means(self, maps: Tensor, weights: Tensor) -> Tensor:
-        """Average feature maps over each message block.
+    def block_means(self, maps: Tensor, weights: Tensor, with_weight: bool) -> Tensor:
+        """Average feature maps over each block of the grid.
 
         Args:
             maps: (B, F, H, W) features.
             weights: (B, 1, H, W) weight of each pixel.
+            with_weight: whether the mean weight of a block's pixels follows as one more feature.
 
         Returns:
-            (B, n_bits, F) float64 weighted means.
+            (B, F or F + 1, rows * cols) weighted means, row-major over the blocks.
         """
         height, width = maps.shape[-2:]
         rows = bin_mean(height, self.layout.rows, self.rows, 0.0, maps)
         cols = bin_mean(width, self.layout.cols, self.cols, 0.0, maps)
         total = rows @ weights @ cols.T
         means = (rows @ (maps * weights) @ cols.T) / total  # (B, F, rows, cols)
-        return means.flatten(2).index_select(2, self.message_index).transpose(1, 2).double()
+        if with_weight:
+            means = torch.cat([means, total], dim=1)
+        return means.flatten(2)
 
     def inverse_response(self, head: NDArray[np.float64]) -> Legendre:
         """Read the inverse response g off the head of a frame pair.
@@ -313,6 +339,18 @@ class PhiDecoder(nn.Module):
             nothing, because the SVM leaves them free.
         """
         return inverse_response(head[: self.config.degree])
+
+    def for_layout(self, layout: Layout) -> "PhiDecoder":
+        """Build a decoder for another layout of the same kind that shares this one's parameters.
+
+        Args:
+            layout: with ratex patches if this decoder's layout has them, else with pilots.
+        """
+        other = PhiDecoder(layout, self.config).to(self.log_C.device)
+        for name, parameter in self.named_parameters():
+            owner, _, leaf = name.rpartition(".")
+            setattr(other.get_submodule(owner), leaf, parameter)
+        return other
 
     def to_config(self) -> dict[str, object]:
         """Give layout and configuration, enough to rebuild the module for `load_state_dict`."""

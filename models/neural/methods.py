@@ -9,7 +9,7 @@ import torch
 from link.frames import Rectified, SoftBits
 from link.images import as_batch
 from link.layout import Layout
-from models import PRETRAINED
+from models import shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import DecoderConfig, PhiDecoder
 
@@ -44,7 +44,7 @@ class Phi:
         """Score every message block of a frame pair.
 
         Raises:
-            UnsuitedError: the layout has no ratex patch.
+            UnsuitedError: the layout has neither ratex patches nor pilots.
         """
         return decode_with(_untrained(pair.layout, self.config), pair)
 
@@ -53,14 +53,16 @@ class Phi:
 class Learned:
     """The torch decoder with the parameters that training shares across frame pairs."""
 
-    checkpoint: Path = PRETRAINED
-    """Folder with decoder.pt and config.json, such as runs/canon-lg; the shipped one by default."""
+    checkpoint: Path | None = None
+    """Folder with decoder.pt and config.json, such as runs/canon-lg; by default the shipped one for
+    the frame pair's layout."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair, in natural log-likelihood ratios.
 
         Raises:
             InputError: a file of the checkpoint is missing or damaged.
-            UnsuitedError: the layout has no ratex patch.
+            UnsuitedError: the layout has neither ratex patches nor pilots.
         """
-        return decode_with(_trained(self.checkpoint, pair.layout), pair)
+        checkpoint = self.checkpoint or shipped_checkpoint(pair.layout)
+        return decode_with(_trained(checkpoint, pair.layout), pair)

@@ -8,12 +8,33 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from link.errors import ParameterError
-from link.layout import Layout
-from models import PRETRAINED
+from link.layout import Layout, count_pilots, make_layout
+from models import shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import START_LOG_TEMPERATURE, DecoderConfig, PhiDecoder
 
 Start = Literal["shipped", "constants"]
+LayoutKind = Literal["ratex", "hidden"]
+HIDDEN_GRIDS = (
+    (8, 8, "antipodal"),
+    (16, 16, "antipodal"),
+    (24, 32, "antipodal"),
+    (48, 64, "antipodal"),
+    (96, 128, "antipodal"),
+    (8, 8, "on_off"),
+    (24, 32, "on_off"),
+)
+"""Rows, columns and modulation of the layouts with pilots on which one decoder is trained."""
+LAYOUTS: dict[LayoutKind, tuple[Layout, ...]] = {
+    "ratex": (make_layout(),),
+    "hidden": tuple(
+        make_layout(rows, cols, modulation=modulation, pilots=count_pilots("auto", rows, cols))
+        for rows, cols, modulation in HIDDEN_GRIDS
+    ),
+}
+"""Layouts on which a decoder is trained, by the name that ``train.py --layouts`` takes."""
+BATCH_BLOCKS = 16_384
+"""Largest number of blocks in the frame pairs of one step, which bounds its memory."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +67,7 @@ def initial_decoder(layout: Layout, config: DecoderConfig, start: Start) -> PhiD
     link.errors.ParameterError: start: the shipped decoder has other parts; choose constants
     """
     if start == "shipped":
-        module = load_checkpoint(PRETRAINED, layout)
+        module = load_checkpoint(shipped_checkpoint(layout), layout)
         if module.config != config:
             raise ParameterError("start", "the shipped decoder has other parts; choose constants")
         return module
@@ -59,7 +80,7 @@ def initial_decoder(layout: Layout, config: DecoderConfig, start: Start) -> PhiD
 def training_step(
     module: PhiDecoder,
     optimiser: torch.optim.Optimizer,
-    ratex: Tensor,
+    known: Tensor,
     blocks: Tensor,
     bits: Tensor,
 ) -> StepResult:
@@ -71,7 +92,7 @@ def training_step(
     Args:
         module: the decoder, whose parameters are changed.
         optimiser: the optimiser of these parameters.
-        ratex: (B, N, F) float64 features of the training samples, from `PhiDecoder.summarise`.
+        known: (B, N, F) float64 features of the training samples, from `PhiDecoder.summarise`.
         blocks: (B, n_bits, F) float64 features of the message blocks, from `PhiDecoder.summarise`.
         bits: (B, n_bits) message bits, 0 or 1.
 
@@ -79,7 +100,7 @@ def training_step(
         FloatingPointError: the loss is not finite or a fit has no solution; nothing was changed.
     """
     try:
-        scores, _ = module.solve_and_score(ratex, blocks)
+        scores, _ = module.solve_and_score(known, blocks)
     except torch.linalg.LinAlgError as error:  # type: ignore[attr-defined]
         raise FloatingPointError("a fit has no solution") from error
     loss = binary_cross_entropy_with_logits(scores, bits.float())
