@@ -1,10 +1,12 @@
 """Run commands on mutated inputs: python -m tests.fuzz --cases 5000 --seed 0 --out DIR.
 
 Each case is one command on one mutated input: a manifest, a stored run, a model, an image, a video,
-a layout or a command line. It runs in a process of its own, forked from one that has all modules
-loaded. A case fails where it prints a traceback, dies of a signal, takes more than 10 seconds or
-more than 2 GB, or ends with an error that is not told. Prints what failed, with its command, and
-counts by kind; inputs of failed cases stay in --out. Exit status 1 where a case failed.
+a layout, a key, a folder of train.py, values of --set, or a command line. It runs in a process of
+its own, forked from one that has all modules loaded. A case fails where it prints a traceback, dies
+of a signal, takes more than 10 seconds or more than 2 GB, or ends with an error that is not told. A
+case that takes longer is run once more, and fails where it does so again: a machine that others use
+is slow at times. Prints what failed, with its command, and counts by kind; inputs of failed cases
+stay in --out. Exit status 1 where a case failed.
 
 Needs Linux, and the test dependencies (onnx to change the metadata of models).
 """
@@ -24,7 +26,7 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,25 +34,30 @@ import cv2
 import numpy as np
 import onnx
 
+from data_gen.pairs import get_pair
 from link.captures import MANIFEST, save_captures
 from link.embed import embed
+from link.errors import InputError, run_cli
 from link.frames import Captured
 from link.geometry import frame_corners
 from link.images import write_image
 from link.layout import make_layout
 from link.video import write_video
 from models import PRETRAINED
+from reports.engine.backends import one_thread
 from reports.engine.records import to_line, to_records
 from reports.evaluation.page import write_report
 from reports.run import Cost, RunFolder, Story
 
 MAX_S, MAX_BYTES, KILL_S = 10.0, 2 * 10**9, 30.0
+NO_FAILURES = ("cases", "refused", "repeated")
 STATUSES = (0, 1, 2, 130, 141)
 LAYOUT = make_layout()
 MODEL = PRETRAINED / "decoder.onnx"
 COMMANDS = (
     "evaluate", "train", "data_gen.__main__", "data_gen.video", "export.send.__main__",
     "export.receive.__main__", "export.locate.__main__", "export.runtime", "export.parity",
+    "export.to_onnx",
 )  # fmt: skip
 NASTY: list[Any] = [
     None, True, False, 0, -1, 1.5, 2**31, 2**63, 10**23, 10**400, 1e308, float("nan"), float("inf"),
@@ -78,9 +85,23 @@ SOUND = (
     "export.receive.__main__ {good}/film.avi --threads 2 --fps 30 --show {out}",
     "export.locate.__main__ {good}/a.png --show {out} --max-megapixels 5",
     "export.runtime {model} {good}/a.png {good}/b.png --corners 60,40 570,40 570,420 60,420",
+    "export.send.__main__ {good}/a.png --message hi --modulation antipodal --pilots auto --ratex 0 "
+    "--rows 8 --cols 8 --key {good}/key --counter 7 --out {out}",
+    "export.receive.__main__ {good}/a.png {good}/b.png --key {good}/key --max-age 60 --threads 2",
+    "data_gen.__main__ --frames 1 --rows 12 --cols 12 --modulation antipodal --pilots 0.1 "
+    "--out {out}",
     "train --pair canon-lg --seed 0 --batch 0 --lr 0.1 --kappas 3 --jobs 1 --out {out}",
 )
 """Command lines that are mutated; that of train.py is refused as it is, because it takes long."""
+
+
+LAYOUTS = (
+    LAYOUT,
+    make_layout(ratex=0, modulation="antipodal", pilots=12),
+    make_layout(12, 12, pilots=20),
+    make_layout(modulation="antipodal"),
+)
+TRAIN = ("--episodes", "1", "--rounds", "2", "--steps", "1", "--batch", "1", "--jobs", "1")
 
 
 @dataclass(frozen=True)
@@ -177,6 +198,27 @@ def mutated_text(text: str, rng: random.Random) -> bytes:
     return "\n".join(lines).encode()
 
 
+def parameters(part: Any) -> dict[str, Any]:
+    """The channel's parameters by name, with their values for one camera and display."""
+    found: dict[str, Any] = {}
+    for name, value in part.items():
+        found |= parameters(value) if isinstance(value, dict) else {name: value}
+    return found
+
+
+PARAMETERS = parameters(asdict(get_pair("canon-lg")))
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """A parameter's value with each of its numbers scaled."""
+    if isinstance(value, list | tuple):
+        return [scaled(part, factor) for part in value]
+    if isinstance(value, bool | str) or value is None:
+        return value
+    scaled_value = value * factor
+    return int(scaled_value) if isinstance(value, int) and abs(factor) < 1e9 else scaled_value
+
+
 class Inputs:
     """Sound inputs, made once, and cases that mutate them."""
 
@@ -186,6 +228,7 @@ class Inputs:
         picture = cv2.resize(draws.integers(30, 220, (6, 8, 3)).astype(np.uint8), (512, 384))
         bits = draws.integers(0, 2, LAYOUT.n_bits)
         shown = embed(picture, bits, LAYOUT, 5)
+        pilots = embed(picture, draws.integers(0, 2, LAYOUTS[1].n_bits), LAYOUTS[1], 5)
         frames = [cv2.copyMakeBorder(f, 40, 40, 60, 60, cv2.BORDER_CONSTANT) for f in
                   (shown.original, shown.embedded)]  # fmt: skip
         corners = frame_corners(512, 384) + np.array([60, 40])
@@ -196,7 +239,14 @@ class Inputs:
         for name, frame in zip(("a.png", "b.png"), frames, strict=True):
             write_image(self.good / name, frame)
         write_video(self.good / "film.avi", frames * 8, 30)
-        (self.good / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
+        shown_twice = [cv2.copyMakeBorder(f, 40, 40, 60, 60, cv2.BORDER_CONSTANT) for f in
+                       (pilots.original, pilots.embedded)]  # fmt: skip
+        with_pilots = Captured(shown_twice[0], shown_twice[1], LAYOUTS[1], corners, corners)
+        save_captures(self.good / "pilots", iter([with_pilots]))
+        for number, layout in enumerate(LAYOUTS):
+            (self.good / f"layout{number}.json").write_text(json.dumps(layout.to_dict()))
+        (self.good / "key").write_bytes(bytes(range(32)))
+        shutil.copytree(PRETRAINED, self.good / "checkpoint")
         self._write_run(self.good / "run", captured)
 
     def _write_run(self, path: Path, captured: Captured) -> None:
@@ -217,13 +267,14 @@ class Inputs:
     def case(self, folder: Path) -> Case:
         """Make the next case in an empty folder."""
         makers: list[Callable[[Path], Case]] = [
-            self.manifest, self.run, self.model, self.image, self.video, self.layout, self.command,
+            self.manifest, self.run, self.model, self.image, self.video, self.layout, self.key,
+            self.training, self.settings, self.command,
         ]  # fmt: skip
         self.number += 1
         return makers[self.number % len(makers)](folder)
 
     def manifest(self, folder: Path) -> Case:
-        shutil.copytree(self.good / "captures", folder / "in")
+        shutil.copytree(self.good / self.rng.choice(("captures", "pilots")), folder / "in")
         file = folder / "in" / MANIFEST
         file.write_bytes(mutated_text(file.read_text(), self.rng))
         flags = ["--captures", str(folder / "in"), "--out", str(folder / "out")]
@@ -295,13 +346,65 @@ class Inputs:
         return Case("video", "export.receive.__main__", [str(folder / "film.avi")])
 
     def layout(self, folder: Path) -> Case:
-        text = (self.good / "layout.json").read_text()
+        text = (self.good / f"layout{self.rng.randrange(len(LAYOUTS))}.json").read_text()
         (folder / "layout.json").write_bytes(mutated_text(text, self.rng))
         flags = ["--layout", str(folder / "layout.json")]
         if self.rng.random() < 0.5:
             return Case("layout", "export.locate.__main__", [str(self.good / "a.png"), *flags])
         flags += [str(self.good / "a.png"), "--message", "hi", "--out", str(folder / "out")]
         return Case("layout", "export.send.__main__", flags)
+
+    def key(self, folder: Path) -> Case:
+        """A key of any length and content, or what is none, and numbers that go with it."""
+        file = folder / "key"
+        file.write_bytes(self.rng.randbytes(self.rng.choice((0, 1, 15, 16, 32, 4096, 4097, 10**6))))
+        name = self.rng.choice((str(file), str(file), str(file), *WORDS, str(folder)))
+        word = self.rng.choice(("1", str(2**32 - 1), str(2**32), *WORDS))
+        if self.rng.random() < 0.5:
+            flags = [str(self.good / "a.png"), "--message", "hi", "--key", name]
+            return Case("key", "export.send.__main__", [*flags, "--counter", word, "--out", "x"])
+        flags = [str(self.good / "film.avi"), "--key", name, "--max-age", word]
+        return Case("key", "export.receive.__main__", flags)
+
+    def training(self, folder: Path) -> Case:
+        """A folder of train.py: a training to go on with, a checkpoint to export or evaluate."""
+        how = self.rng.randrange(3)
+        name, files = "checkpoint", ["config.json", "config.json", "decoder.pt"]
+        if how == 0:
+            name, files = "training", ["config.json", "state.pt", "state.pt", "log.jsonl"]
+        shutil.copytree(self.good / name, folder / "in")
+        file = folder / "in" / self.rng.choice(files)
+        if self.rng.random() < 0.1:
+            file.unlink()
+        elif file.suffix == ".pt":
+            file.write_bytes(mutated_bytes(file.read_bytes(), self.rng))
+        else:
+            file.write_bytes(mutated_text(file.read_text(), self.rng))
+        if how == 0:
+            return Case("training", "train", [*TRAIN, "--out", str(folder / "in")])
+        if how == 1 and file.suffix == ".pt":
+            return Case("training", "export.to_onnx", [str(folder / "in"), "--parity-frames", "1"])
+        flags = ["--captures", str(self.good / "captures"), "--out", str(folder / "out"), "--jobs"]
+        flags += ["1", "--no-html", "--methods", "learned", "--run", str(folder / "in")]
+        return Case("training", "evaluate", flags)
+
+    def settings(self, folder: Path) -> Case:
+        """Values of the channel's parameters, within their limits, beyond them, and of no kind."""
+        words = []
+        for _ in range(self.rng.choice((1, 1, 2, 4))):
+            name = self.rng.choice(list(PARAMETERS))
+            number = self.rng.choice((0, 1, -1, 0.5, 2, 3, 90, 1e-9, 1e3, 1e9, 1e308, -1e308))
+            value = scaled(PARAMETERS[name], number)
+            if self.rng.random() < 0.2:
+                value = self.rng.choice((number, [number] * 3, True, *NASTY))
+            words.append(f"{name}={json.dumps(value)}".replace("\0", ""))
+        flags = ["--rows", "4", "--cols", "4", "--width", "128", "--height", "96", "--set", *words]
+        if self.rng.random() < 0.3:
+            flags += ["--message", "hi", "--seconds", "0.1", "--size", "160", "120"]
+            return Case("settings", "data_gen.video", [*flags, "--out", str(folder / "out")])
+        flags += ["--view", self.rng.choice(("0", "45", "75"))]
+        flags += ["--frames", "1", "--out", str(folder / "out")]
+        return Case("settings", "data_gen.__main__", flags)
 
     def command(self, folder: Path) -> Case:
         """A sound command line with a value, or a flag, replaced by something else."""
@@ -342,8 +445,6 @@ def run_case(case: Case, folder: Path, main: Callable[[], None]) -> Outcome:
 
 
 def _run_in_child(case: Case, folder: Path, stderr: Path, main: Callable[[], None]) -> None:
-    from link.errors import run_cli
-
     status = 99
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2**30, 2**30))
@@ -367,6 +468,11 @@ def _run_in_child(case: Case, folder: Path, stderr: Path, main: Callable[[], Non
         os._exit(status)
 
 
+def stop_training(*_: object) -> None:
+    """End train.py in place of its last part, the export and the evaluation, which take long."""
+    raise InputError("the fuzz ends a training here")
+
+
 def main() -> None:
     """Run the cases and print what failed."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
@@ -377,16 +483,28 @@ def main() -> None:
     parser.add_argument("--verbose", action="store_true", help="print every case")
     config = parser.parse_args()
     mains = {module: importlib.import_module(module).main for module in COMMANDS}
+    importlib.import_module("train").save_checkpoint = stop_training  # type: ignore[attr-defined]
+    one_thread()  # a forked process waits forever for threads that its parent had
     counts: Counter[tuple[str, str]] = Counter()
     slowest = largest = 0.0
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         inputs = Inputs(folder, random.Random(config.seed))
+        words = [*TRAIN, "--out", str(inputs.good / "training")]
+        begun = run_case(Case("training", "train", words), inputs.good, mains["train"])
+        if not (inputs.good / "training" / "state.pt").is_file():
+            sys.exit(f"the training to mutate could not be made: {begun.stderr}")
         for number in range(config.cases):
             place = folder / "case"
             place.mkdir()
             case = getattr(inputs, config.kind)(place) if config.kind else inputs.case(place)
+            before = set(place.iterdir())
             outcome = run_case(case, place, mains[case.module])
+            if "hang" in outcome.failures:
+                for made in set(place.iterdir()) - before:
+                    shutil.rmtree(made) if made.is_dir() else made.unlink()
+                counts[case.kind, "repeated"] += 1
+                outcome = run_case(case, place, mains[case.module])
             counts[case.kind, "cases"] += 1
             counts[case.kind, "refused"] += outcome.status == 2
             slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.peak_bytes)
@@ -400,7 +518,7 @@ def main() -> None:
                 if config.out is not None and outcome.failures:
                     shutil.copytree(place, config.out / f"{config.seed}_{number}", symlinks=True)
             shutil.rmtree(place)
-    failed = sum(count for (_, what), count in counts.items() if what not in ("cases", "refused"))
+    failed = sum(count for (_, what), count in counts.items() if what not in NO_FAILURES)
     table: dict[str, dict[str, int]] = {}
     for (kind, what), count in sorted(counts.items()):
         table.setdefault(kind, {})[what] = count

@@ -247,7 +247,7 @@ def test_the_fuzz_command_finds_nothing() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout
-    assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 7
+    assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 10
 
 
 def noise(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
