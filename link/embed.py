@@ -4,6 +4,9 @@ The display shows the two frames in turn. With the paper's modulation "on_off", 
 embedded frame is ``kappa`` gray levels brighter than in the original frame where its bit is 1, and
 equal where its bit is 0. With "antipodal" it is ``kappa`` brighter where its bit is 1 and ``kappa``
 darker where its bit is 0, and both frames lie around the picture, which is their mean over time.
+
+Blocks change along the layout's colour direction: all channels alike, or red against green. What is
+no whole number of gray levels is dithered over the pixels (`split_change`).
 """
 
 import cv2
@@ -12,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError, ParameterError
 from link.frames import Displayed
-from link.layout import Layout, block_index
+from link.layout import COLOURS, MODULATIONS, Layout, block_index
 from link.ratex import draw_patches
 
 MAX_KAPPA = 64
@@ -21,6 +24,14 @@ BOTTOM, TOP = 16, 245
 """Darkest and brightest level of an embedded picture; outside them a message would vanish. Displays
 may clip the top 4 % of grays (a Samsung SyncMaster 2494 at high contrast does). At black, kappa is
 worth a twentieth of what it is at 16, while 16 emits just 0.2 % of white, about an LCD's black."""
+
+BEFORE = {"on_off": 0.0, "antipodal": 0.5}
+"""By the name of a modulation the share of a block's change by which the original frame lies below
+the picture; the embedded frame lies above the picture by the rest."""
+THRESHOLDS = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]]) / 16 + 1 / 32
+"""Thresholds in (0, 1) of an ordered dither over each 4 x 4 pixels (Bayer, "An optimum method for
+two-level rendition of continuous-tone pictures", IEEE ICC 1973). The upper half of them lies on the
+black fields of a chessboard."""
 
 
 def check_kappa(kappa: int, name: str = "kappa") -> int:
@@ -42,21 +53,26 @@ def check_kappa(kappa: int, name: str = "kappa") -> int:
 
 
 def with_head_room(
-    picture: NDArray[np.uint8], kappa: int, modulation: str = "on_off"
+    picture: NDArray[np.uint8], kappa: int, modulation: str = "on_off", colour: str = "gray"
 ) -> NDArray[np.uint8]:
     """Scale a picture from [0, 255] to levels from which kappa leads to none outside [BOTTOM, TOP].
+
+    All channels get the room that the one with the largest change needs, so that grays stay gray.
 
     Args:
         picture: uint8 of any shape, encoded.
         kappa: gray levels by which blocks will change.
         modulation: "on_off" needs room for kappa above the picture, "antipodal" for half of it on
-            either side.
+            either side; a key of `link.layout.MODULATIONS`.
+        colour: key of `link.layout.COLOURS`; where it darkens a channel, that needs room as well.
 
     Returns:
         uint8 of the same shape.
     """
-    half = (kappa + 1) // 2
-    below, above = {"on_off": (0, kappa), "antipodal": (half, half)}[modulation]
+    changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
+    before = BEFORE[modulation]
+    offsets = np.array([0 * changes, -before * changes, (1 - before) * changes])
+    below, above = (int(np.ceil(offset)) for offset in (-offsets.min(), offsets.max()))
     levels = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
     return levels[picture]
 
@@ -107,24 +123,39 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
     return np.asarray(np.clip(mask, low, high), np.float32)
 
 
-def split_change(change: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Split the change of every pixel so that the picture is the mean of the two frames.
+def split_change(
+    change: NDArray[np.float64], before: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Split the change of every pixel into whole levels below and above the picture.
 
-    An odd change has no whole half. Half of the pixels, like the white fields of a chessboard, then
-    take the larger part before the picture and the others after it.
+    What is no whole level is dithered: within each 4 x 4 pixels of one change, the mean of either
+    part is right to 1/32 level. Both parts round at opposite thresholds, so that halves are equal
+    on average, and that a whole change stays as it is in every pixel. Of an odd change, half of the
+    pixels, like the white fields of a chessboard, take the larger part above the picture and the
+    others below it. The opposite change gives the same parts in the other order.
 
     Args:
-        change: (height, width) whole gray levels, embedded minus original frame.
+        change: (height, width, ...) levels, embedded minus original frame, not always whole.
+        before: share of the change that lies below the picture, 0 or 0.5.
 
     Returns:
-        (height, width) whole gray levels by which the original frame lies below the picture.
+        below: whole levels by which the original frame lies below the picture, as ``change``.
+        above: whole levels by which the embedded frame lies above the picture, as ``change``.
 
-    >>> split_change(np.array([[3, 3], [-1, 2]]))
+    >>> below, above = split_change(np.array([[3, 3], [-1, 2]]), 0.5)
+    >>> below
     array([[1, 2],
            [0, 1]])
+    >>> above
+    array([[ 2,  1],
+           [-1,  1]])
     """
-    y, x = np.indices(change.shape)
-    return np.asarray((change + (y + x) % 2) // 2)
+    height, width = change.shape[:2]
+    tiled = np.tile(THRESHOLDS, (-(-height // 4), -(-width // 4)))[:height, :width]
+    threshold = tiled.reshape(height, width, *[1] * (change.ndim - 2))
+    below = np.floor(before * change + threshold)
+    above = np.floor((1 - before) * change + (1 - threshold))
+    return below.astype(np.intp), above.astype(np.intp)
 
 
 def embed(
@@ -141,7 +172,7 @@ def embed(
         picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
-        kappa: gray levels by which blocks change, in every colour channel (see the modulation).
+        kappa: gray levels by which blocks change, times the layout's direction in each channel.
         pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
         ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
 
@@ -149,7 +180,8 @@ def embed(
         the frame pair, each frame uint8 of the picture's shape.
 
     Raises:
-        InputError: kappa, the bits or the picture's size do not fit.
+        InputError: kappa, the bits or the picture's size do not fit, or the layout's colour needs
+            three channels and the picture has one.
 
     >>> from link.layout import make_layout
     >>> layout = make_layout(rows=4, cols=4, width=64, height=48, ratex=2)
@@ -165,13 +197,16 @@ def embed(
             f"picture is {picture.shape[1]}x{picture.shape[0]}, "
             f"the layout needs {layout.width}x{layout.height}"
         )
-    shown = with_head_room(picture, kappa, layout.modulation)
-    change = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.intp)
-    below = split_change(change) if layout.modulation == "antipodal" else np.zeros_like(change)
+    if picture.ndim == 2 and layout.colour != "gray":
+        raise InputError(
+            f"picture has one channel, colour {layout.colour!r} needs three; give an RGB picture"
+        )
+    shown = with_head_room(picture, kappa, layout.modulation, layout.colour)
+    change = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.float64)
     if picture.ndim == 3:
-        change, below = change[:, :, None], below[:, :, None]
-    original = (shown - below).astype(np.uint8)
-    embedded = (original + change).astype(np.uint8)
+        change = change[:, :, None] * ((1.0,) if layout.colour == "gray" else layout.direction)
+    below, above = split_change(change, BEFORE[layout.modulation])
+    original, embedded = ((shown + part).astype(np.uint8) for part in (-below, above))
     toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa, "ratex_kappa")
     draw_patches(original, layout, toggle, embedded=False)
     draw_patches(embedded, layout, toggle, embedded=True)

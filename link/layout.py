@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError, choose
 from link.outside import read_json
+from link.visibility.viewing import LUMINANCE_FROM_RGB
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""
@@ -22,8 +23,16 @@ MAX_BLOCKS = 16_384
 MODULATIONS = {"on_off": (0, 1), "antipodal": (-1, 1)}
 """By the name of a modulation the change between the two displayed states, in units of kappa, of a
 block whose bit is 0 and of one whose bit is 1. The paper's is "on_off"."""
-LEAST_PILOTS = 16
-"""Smallest number of pilots that "auto" takes; docs/hidden.md measures how many a fit needs."""
+COLOURS = {
+    "gray": (1.0, 1.0, 1.0),
+    "chroma": (1.0, float(-LUMINANCE_FROM_RGB[0] / LUMINANCE_FROM_RGB[1]), 0.0),
+}
+"""By the name of a colour direction the change of red, green and blue, in gray levels, where a bit
+changes its block by one. "chroma" turns red against green, about (1, -0.297, 0): over gray, the
+luminance of sRGB's primaries nearly stays, and the eye flickers less at colour alone."""
+LEAST_PILOTS, MOST_PILOT_SHARE = 32, 0.25
+"""Smallest number of pilots that "auto" takes, and the share of a small grid's blocks that it does
+not exceed for that; docs/hidden.md measures how many a fit needs."""
 PILOT_SHARE = 0.05
 """Share of the blocks that "auto" makes pilots on grids of more than 20 times `LEAST_PILOTS`."""
 
@@ -39,7 +48,8 @@ class Layout:
 
     Raises:
         InputError: the grid does not fit the frame, a ratex cell lies outside it or is repeated,
-            the modulation is unknown, or there are pilots beside ratex patches.
+            the modulation or the colour is unknown, or there are ratex patches beside pilots or
+            beside a colour other than "gray".
     """
 
     rows: int
@@ -57,9 +67,12 @@ class Layout:
     pilots: int = 0
     """Number of blocks that carry known bits, from which decoders learn what ratex patches would
     tell them; such a layout has no ratex patches."""
+    colour: str = "gray"
+    """Direction in red, green and blue along which a bit changes its block; a key of `COLOURS`."""
 
     def __post_init__(self) -> None:
         choose(MODULATIONS, self.modulation, "modulation")
+        choose(COLOURS, self.colour, "colour")
         if self.rows < 1 or self.cols < 1:
             raise InputError(f"layout: rows and cols must be positive, got {self.rows}x{self.cols}")
         if not (self.width <= MAX_SIDE_PX and self.height <= MAX_SIDE_PX):
@@ -87,6 +100,11 @@ class Layout:
             raise InputError("layout: a ratex cell is listed twice")
         if self.pilots and self.ratex:
             raise InputError("layout: has pilots beside ratex patches; choose one of them")
+        if self.colour != "gray" and self.ratex:
+            raise InputError(
+                f"layout: ratex patches are gray, bits are {self.colour}; "
+                "take pilots, or no patches"
+            )
         if self.pilots < 0 or self.pilots == 1:
             raise InputError(f"layout: need 2 pilots, so that both bits occur, got {self.pilots}")
         if len(self.ratex) + self.pilots >= self.rows * self.cols:
@@ -125,6 +143,11 @@ class Layout:
         """Change of a block between the two states for bit 0 and for bit 1, in units of kappa."""
         return MODULATIONS[self.modulation]
 
+    @property
+    def direction(self) -> tuple[float, float, float]:
+        """Change of red, green and blue, in gray levels, of a block that changes by one level."""
+        return COLOURS[self.colour]
+
     def cell_box(self, row: int, col: int) -> tuple[int, int, int, int]:
         """Find the pixels of a block.
 
@@ -159,6 +182,8 @@ class Layout:
             described["modulation"] = self.modulation
         if self.pilots:
             described["pilots"] = self.pilots
+        if self.colour != "gray":
+            described["colour"] = self.colour
         return described
 
     @classmethod
@@ -172,13 +197,14 @@ class Layout:
         if not isinstance(data, dict) or not set(keys[:5]) <= set(data) <= set(keys):
             raise InputError(
                 f"layout: need the keys {', '.join(keys[:5])}, and perhaps "
-                f"{' and '.join(keys[5:])}, got {data!r:.200}"
+                f"{', '.join(keys[5:-1])} and {keys[-1]}, got {data!r:.200}"
             )
         for key in (*keys[:4], "pilots"):
             if key in data and type(data[key]) is not int:
                 raise InputError(f"layout: {key} must be a whole number, got {data[key]!r:.60}")
-        if not isinstance(data.get("modulation", ""), str):
-            raise InputError(f"layout: modulation must be text, got {data['modulation']!r:.60}")
+        for key in ("modulation", "colour"):
+            if not isinstance(data.get(key, ""), str):
+                raise InputError(f"layout: {key} must be text, got {data[key]!r:.60}")
         try:
             cells = tuple((row, col) for row, col in data["ratex"])
         except (TypeError, ValueError):
@@ -218,7 +244,8 @@ def count_pilots(pilots: str, rows: int, cols: int) -> int:
     """
     blocks = rows * cols
     if pilots == "auto":
-        return min(max(LEAST_PILOTS, round(PILOT_SHARE * blocks)), blocks - 1)
+        few = min(LEAST_PILOTS, round(MOST_PILOT_SHARE * blocks))
+        return max(few, round(PILOT_SHARE * blocks))
     try:
         share = float(pilots)
     except ValueError:
@@ -240,6 +267,7 @@ def make_layout(
     ratex: int | None = None,
     modulation: str = "on_off",
     pilots: int = 0,
+    colour: str = "gray",
 ) -> Layout:
     """Make the usual layout: pilots, or ratex patches in the corners and the centre.
 
@@ -250,9 +278,11 @@ def make_layout(
         cols: number of blocks from left to right.
         width: of the displayed frame, pixels.
         height: of the displayed frame, pixels.
-        ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots.
+        ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots and
+            beside a colour other than "gray".
         modulation: a key of `MODULATIONS`.
         pilots: number of blocks that carry known bits.
+        colour: a key of `COLOURS`.
 
     Raises:
         InputError: ``ratex`` is another number, or the layout is impossible (`Layout`).
@@ -262,14 +292,14 @@ def make_layout(
     (59, ((0, 0), (7, 7), (0, 7), (7, 0), (4, 4)))
     """
     if ratex is None:
-        ratex = 0 if pilots else 5
+        ratex = 0 if pilots or colour != "gray" else 5
     bottom, right = rows - 1, cols - 1
     cells = ((0, 0), (bottom, right), (0, right), (bottom, 0), (rows // 2, cols // 2))
     if ratex not in (0, 1, 2, 3, 5):
         raise ParameterError("ratex", f"choose 0, 1, 2, 3 or 5 patches, got {ratex}")
     if len(set(cells[:ratex])) < ratex:
         raise ParameterError("ratex", f"a {cols}x{rows} grid has no room for {ratex} patches")
-    return Layout(rows, cols, width, height, cells[:ratex], modulation, pilots)
+    return Layout(rows, cols, width, height, cells[:ratex], modulation, pilots, colour)
 
 
 def read_layout(file: Path) -> Layout:

@@ -24,8 +24,9 @@ from link.embed import (
 )
 from link.errors import InputError
 from link.frames import Displayed
-from link.layout import Layout, block_index, block_mean, make_layout
+from link.layout import MODULATIONS, Layout, block_index, block_mean, make_layout
 from link.quality import psnr, ssim
+from link.visibility.viewing import LUMINANCE_FROM_RGB
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
 Picture = NDArray[np.uint8]
@@ -262,10 +263,114 @@ def test_on_off_frames_are_those_of_the_papers_formula(
 
 @given(arrays(np.intp, (6, 8), elements=st.integers(-MAX_KAPPA, MAX_KAPPA)))
 def test_changes_are_split_into_halves_a_level_apart_at_most(change: NDArray[np.intp]) -> None:
-    below = split_change(change)
-    above = change - below
+    below, above = split_change(change.astype(np.float64), 0.5)
+    np.testing.assert_array_equal(below + above, change)
     assert (np.abs(above - below) == change % 2).all()
-    assert (split_change(change + 1) >= below).all()
+    y, x = np.indices(change.shape)
+    np.testing.assert_array_equal(below, (change + (y + x) % 2) // 2)  # a chessboard
+    assert (split_change(change + 1.0, 0.5)[0] >= below).all()
+    whole = split_change(change.astype(np.float64), 0.0)
+    np.testing.assert_array_equal(whole, [np.zeros_like(change), change])
+
+
+@given(st.floats(-64, 64), st.sampled_from([0.0, 0.5]), st.integers(0, 3), st.integers(0, 3))
+def test_any_change_is_dithered_right_over_each_4_x_4_pixels(
+    change: float, before: float, top: int, left: int
+) -> None:
+    below, above = split_change(np.full((7, 7), change), before)
+    window = np.s_[top : top + 4, left : left + 4]
+    assert below[window].mean() == pytest.approx(before * change, abs=1 / 32 + FLOAT64)
+    assert above[window].mean() == pytest.approx((1 - before) * change, abs=1 / 32 + FLOAT64)
+    for part, exact in ((below, before * change), (above, (1 - before) * change)):
+        assert np.abs(part - exact).max() <= 1
+    if before == 0.5 and 0.01 < 32 * change % 1 < 0.99:  # no pixel is at its threshold
+        assert below[window].mean() == above[window].mean()
+        turned = split_change(np.full((7, 7), -change), before)
+        np.testing.assert_array_equal(turned, [-above, -below])
+
+
+# Colour directions
+
+CHROMA = make_layout(8, 8, 157, 131, modulation="antipodal", pilots=16, colour="chroma")
+both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
+
+
+def test_gray_turns_no_colour_and_chroma_no_luminance() -> None:
+    assert make_layout().direction == (1, 1, 1)
+    red, green, blue = CHROMA.direction
+    assert (red, round(green, 3), blue) == (1, -0.297, 0)
+    assert np.dot(LUMINANCE_FROM_RGB, CHROMA.direction) == pytest.approx(0, abs=FLOAT64)
+
+
+@both_modulations
+@pytest.mark.parametrize("kappa", [1, 2, 3, 5, 10, 64])
+def test_chroma_blocks_change_along_their_direction_over_each_4_x_4_pixels(
+    kappa: int, modulation: str
+) -> None:
+    layout = replace(CHROMA, modulation=modulation)
+    picture, bits = noise(layout, 3), random_bits(layout)
+    displayed = embed(picture, bits, layout, kappa)
+    change = planes(displayed.embedded) - planes(displayed.original)
+    shown = planes(with_head_room(picture, kappa, modulation, "chroma"))
+    surplus = planes(displayed.original) + planes(displayed.embedded) - 2 * shown
+    bit = blocks_of(layout, bits)
+    sign = np.array(MODULATIONS[modulation])[bit]
+    windows = np.lib.stride_tricks.sliding_window_view
+    even = windows(bit, (4, 4)).min(axis=(2, 3)) == windows(bit, (4, 4)).max(axis=(2, 3))
+    assert even.mean() > 0.4
+    for channel, weight in enumerate(CHROMA.direction):
+        mean = windows(change[channel], (4, 4)).mean(axis=(2, 3))[even]
+        wanted = (kappa * weight * sign)[:-3, :-3][even]
+        np.testing.assert_allclose(mean, wanted, rtol=0, atol=1 / 16)
+        if modulation == "antipodal":  # the mean over time is the picture
+            assert (windows(surplus[channel], (4, 4)).sum(axis=(2, 3))[even] == 0).all()
+    np.testing.assert_array_equal(change[0], kappa * sign)
+    assert (change[2] == 0).all()
+    if modulation == "on_off":
+        np.testing.assert_array_equal(planes(displayed.original), shown)
+
+
+def test_a_chroma_block_of_kappa_3_pixel_by_pixel() -> None:
+    """Red -1.5, green 0.446 below: red 1 or 2 on a chessboard, green in 7 of 16 pixels."""
+    layout = make_layout(4, 4, 16, 16, modulation="antipodal", colour="chroma")
+    displayed = embed(np.full((16, 16, 3), 128, np.uint8), np.ones(16), layout, 3)
+    shown = int(with_head_room(np.array([128], np.uint8), 3, "antipodal")[0])
+    red, green, blue = (plane[:4, :4] - shown for plane in planes(displayed.original))
+    np.testing.assert_array_equal(
+        red, [[-1, -2, -1, -2], [-2, -1, -2, -1], [-1, -2, -1, -2], [-2, -1, -2, -1]]
+    )
+    np.testing.assert_array_equal(green, [[1, 0, 1, 0], [0, 1, 0, 1], [1, 0, 1, 0], [0, 0, 0, 1]])
+    assert (blue == 0).all()
+
+
+@both_modulations
+@pytest.mark.parametrize("level", range(3))
+@pytest.mark.parametrize("kappa", [1, 5, 63, 64])
+@pytest.mark.parametrize("bit", [0, 1])
+def test_chroma_frames_stay_within_the_displays_range(
+    bit: int, kappa: int, level: int, modulation: str
+) -> None:
+    layout = replace(SOFT, modulation=modulation, colour="chroma")
+    displayed = embed(noise(layout, 3), np.full(layout.n_bits, bit), layout, kappa, level)
+    for frame in (displayed.original, displayed.embedded):
+        assert frame.min() >= BOTTOM
+        assert frame.max() <= TOP
+
+
+def test_head_room_of_chroma_keeps_grays_gray() -> None:
+    ramp = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
+    for modulation, ends in (
+        ("on_off", (BOTTOM + 3, TOP - 10)),
+        ("antipodal", (BOTTOM + 5, TOP - 5)),
+    ):
+        shown = with_head_room(ramp, 10, modulation, "chroma")
+        assert (shown == shown[:, :1]).all()
+        assert (shown[0, 0], shown[-1, 0]) == ends
+
+
+def test_chroma_needs_three_channels() -> None:
+    with pytest.raises(InputError, match="picture has one channel, colour 'chroma' needs three"):
+        embed(noise(CHROMA), random_bits(CHROMA), CHROMA, 3)
 
 
 def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:

@@ -12,6 +12,7 @@ from tolerances import FLOAT64
 
 from link.errors import InputError, ParameterError
 from link.layout import (
+    COLOURS,
     LEAST_PILOTS,
     MAX_SIDE_PX,
     MIN_BLOCK_PX,
@@ -33,7 +34,8 @@ def layouts(draw: st.DrawFn) -> Layout:
     modulation = draw(st.sampled_from(list(MODULATIONS)))
     if rows * cols > 2 and draw(st.booleans()):
         pilots = draw(st.integers(2, rows * cols - 1))
-        return Layout(rows, cols, width, height, (), modulation, pilots)
+        colour = draw(st.sampled_from(list(COLOURS)))
+        return Layout(rows, cols, width, height, (), modulation, pilots, colour)
     cells = draw(st.lists(cell, unique=True, max_size=min(7, rows * cols - 1)))
     return Layout(rows, cols, width, height, tuple(cells), modulation)
 
@@ -84,8 +86,9 @@ def test_json_holds_the_later_keys_only_where_they_say_something(layout: Layout)
     assert list(described)[:5] == first
     assert ("modulation" in described) == (layout.modulation != "on_off")
     assert ("pilots" in described) == (layout.pilots > 0)
+    assert ("colour" in described) == (layout.colour != "gray")
     assert Layout.from_dict({key: described[key] for key in first}) == replace(
-        layout, modulation="on_off", pilots=0
+        layout, modulation="on_off", pilots=0, colour="gray"
     )
 
 
@@ -134,7 +137,7 @@ def test_the_first_pilots_are_where_every_receiver_expects_them(
     rows: int, cols: int, blocks: list[int]
 ) -> None:
     """Golden: a display and a receiver of different versions must agree on it."""
-    layout = make_layout(rows, cols, pilots=LEAST_PILOTS)
+    layout = make_layout(rows, cols, pilots=16)
     assert layout.pilot_blocks.tolist() == blocks
     in_reading_order = np.argsort(layout.pilot_blocks)
     assert layout.pilot_bits[in_reading_order].tolist() == [0, 1] * 8
@@ -246,6 +249,8 @@ def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
         ({"pilots": 2}, "pilots beside ratex patches"),
         ({"modulation": "onoff"}, "unknown modulation 'onoff'; choose one of: on_off, antipodal"),
         ({"modulation": ""}, "unknown modulation ''"),
+        ({"ratex": (), "colour": "red"}, "unknown colour 'red'; choose one of: gray, chroma"),
+        ({"colour": "chroma"}, "layout: ratex patches are gray, bits are chroma; take pilots"),
     ],
 )
 def test_a_grid_that_does_not_fit_says_why(changes: dict[str, Any], message: str) -> None:
@@ -291,10 +296,18 @@ def test_the_number_of_pilots_must_be_whole(value: Any) -> None:
         Layout.from_dict(as_dict(ratex=[], pilots=value))
 
 
+@pytest.mark.parametrize("key", ["modulation", "colour"])
 @pytest.mark.parametrize("value", [None, 1, True, ["antipodal"], {}])
-def test_the_modulation_must_be_text(value: Any) -> None:
-    with pytest.raises(InputError, match="layout: modulation must be text"):
-        Layout.from_dict(as_dict(modulation=value))
+def test_the_modulation_and_the_colour_must_be_text(value: Any, key: str) -> None:
+    with pytest.raises(InputError, match=f"layout: {key} must be text"):
+        Layout.from_dict(as_dict(**{key: value}))
+
+
+def test_chroma_layouts_have_no_patches_unless_they_are_asked_for() -> None:
+    layout = make_layout(colour="chroma")
+    assert (layout.ratex, layout.n_bits) == ((), 64)
+    with pytest.raises(InputError, match="ratex patches are gray"):
+        make_layout(colour="chroma", ratex=2)
 
 
 @pytest.mark.parametrize(
