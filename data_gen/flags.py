@@ -33,12 +33,15 @@ class LayoutFlags:
     height: int = 384
     """Height of the displayed picture, pixels."""
     ratex: int | None = None
-    """Number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots."""
+    """Number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots and chroma."""
     modulation: str = "on_off"
     """How bits change blocks: "on_off" brightens a 1 and leaves a 0 as it is, as in the paper;
     "antipodal" brightens a 1 and darkens a 0."""
     pilots: str = "0"
     """Share of the blocks that carry known bits in place of ratex patches, or "auto"."""
+    colour: str = "gray"
+    """Direction in which bits change blocks: "gray" changes red, green and blue alike, "chroma"
+    turns red against green, which the eye sees less; without ratex patches."""
 
     def layout(self) -> Layout:
         """Return the layout of the displayed pictures.
@@ -55,6 +58,7 @@ class LayoutFlags:
             self.ratex,
             self.modulation,
             count_pilots(self.pilots, self.rows, self.cols),
+            self.colour,
         )
 
 

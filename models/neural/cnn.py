@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, silu
 
-from link.errors import InputError, ParameterError
+from link.errors import InputError, ParameterError, UnsuitedError
 from link.frames import Rectified, SoftBits
 from link.images import as_batch
 from models import PRETRAINED_CNN
@@ -198,7 +198,14 @@ class Cnn:
     """Folder with decoder.pt and config.json, written by ``python -m reports.lab.cnn_baseline``."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block of a frame pair, in natural log-likelihood ratios."""
+        """Score every message block of a frame pair, in natural log-likelihood ratios.
+
+        Raises:
+            UnsuitedError: the layout's bits are not gray.
+        """
+        if pair.layout.colour != "gray":
+            colour = pair.layout.colour
+            raise UnsuitedError(f"it was made for gray bits and the layout's are {colour}")
         frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
         with torch.inference_mode():
             logits = _trained(self.checkpoint)(*frames, pair.layout.rows, pair.layout.cols)

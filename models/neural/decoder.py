@@ -151,6 +151,8 @@ class PhiDecoder(nn.Module):
         super().__init__()
         if not layout.ratex and not layout.pilots:
             raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
+        if layout.colour != "gray":
+            raise UnsuitedError(f"it was made for gray bits and the layout's are {layout.colour}")
         self.layout, self.config = layout, config
         self.phi = PhiPolynomial(config.degree, config.drift_degree)
         n_weights = self.phi.n_features + 1

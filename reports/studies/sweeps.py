@@ -134,7 +134,13 @@ def _condition(
     if name == "ratex":
         shown = base.layout
         usual = make_layout(
-            shown.rows, shown.cols, shown.width, shown.height, int(value), shown.modulation
+            shown.rows,
+            shown.cols,
+            shown.width,
+            shown.height,
+            int(value),
+            shown.modulation,
+            colour=shown.colour,
         )
         source = replace(source, layout=usual)
     view = float(value) if name == "angle" else USUAL_VIEW
