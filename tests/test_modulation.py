@@ -27,7 +27,7 @@ from reports.evaluation.versus import compare_runs
 from reports.studies.sweeps import sweep_conditions
 
 FINE = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto")
-FINE_LAYOUT = make_layout(12, 16, modulation="antipodal", pilots=16)
+FINE_LAYOUT = make_layout(12, 16, modulation="antipodal", pilots=32)
 TINY = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
 
 
@@ -151,12 +151,12 @@ def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: C
     assert "two_step: left out, it trains on ratex patches and the layout has none" in done.stdout
     lines = [json.loads(line) for line in (out / "predictions.jsonl").read_text().splitlines()]
     assert {line["method"]: len(line["bits"]) for line in lines} == {
-        "oorc": 12 * 16 - 16,
-        "hidden_ratex": 12 * 16 - 16,
+        "oorc": 12 * 16 - 32,
+        "hidden_ratex": 12 * 16 - 32,
     }
     settings = json.loads((out / "config.json").read_text())
     chosen = {key: settings.get(key) for key in ("rows", "cols", "modulation", "pilots", "ratex")}
-    expected = {"rows": 12, "cols": 16, "modulation": "antipodal", "pilots": 16, "ratex": 0}
+    expected = {"rows": 12, "cols": 16, "modulation": "antipodal", "pilots": 32, "ratex": 0}
     assert chosen == expected
     page = (out / "report.html").read_text()
     assert "two_step: left out" in page
@@ -195,7 +195,7 @@ def test_the_sweep_of_patches_keeps_the_rest_of_the_layout() -> None:
     layouts = [condition.source.layout for condition in conditions]
     assert [len(layout.ratex) for layout in layouts[:3]] == [1, 3, 5]
     for layout in layouts[:3]:
-        assert replace(layout, ratex=(), pilots=16) == FINE_LAYOUT
+        assert replace(layout, ratex=(), pilots=32) == FINE_LAYOUT
     assert set(layouts[3:]) == {FINE_LAYOUT}
 
 
