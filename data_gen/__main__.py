@@ -10,7 +10,7 @@ import tyro
 from tqdm import tqdm
 
 from data_gen.flags import CellFlags
-from data_gen.frame_pair import FramePair
+from data_gen.frame_pair import FramePair, shuffled_pictures
 from link.captures import MANIFEST, save_captures
 from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.files.lock import locked
@@ -39,6 +39,7 @@ def main() -> None:
     cell = config.cell()
     source = replace(config.source(), pyramid_level=config.pyramid_level)
     source.pair(cell.pair)
+    shuffled_pictures(source)  # a wrong folder of pictures is refused before any work
     visibility = []
 
     def captures() -> Iterator[Captured]:

@@ -203,3 +203,57 @@ def test_names_and_texts_that_cannot_be(
     done = command(importlib.import_module(module).main, *words)
     assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
     assert done.stderr.startswith(f"error: {says}")
+
+
+@pytest.mark.parametrize(
+    ("module", "words", "says"),
+    [
+        ("reports.studies.delivery", ["--views", "1000000"], "--views: need an angle"),
+        ("reports.studies.delivery", ["--kappa", "1000"], "--kappa: need 1 to 64"),
+        ("reports.studies.delivery", ["--kappa", "0"], "--kappa: need 1 to 64"),
+        ("reports.studies.delivery", ["--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
+        ("reports.studies.delivery", ["--coverage", "0", "0.5"], "--coverage: need a share"),
+        ("reports.studies.delivery", ["--coverage", "0.5", "0.4"], "--coverage: the largest"),
+        ("reports.studies.delivery", ["--fps", "0"], "--fps: need"),
+        ("reports.studies.delivery", ["--state-hz", "1e5"], "--state-hz: need"),
+        ("reports.studies.delivery", ["--loops", "0"], "--loops: need more than 0"),
+        ("reports.studies.delivery", ["--grid", "9"], "--grid: need 8 or 16"),
+        ("reports.studies.delivery", ["--pairs", "x"], "unknown name in --pairs 'x'"),
+        ("reports.studies.repeats", ["--captures", "1000000"], "--captures: need at most 256"),
+        ("reports.studies.framing", ["--ber", "1"], "--ber: need shares"),
+        ("reports.studies.framing", ["--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
+        ("reports.studies.tune", ["--pairs", "x"], "unknown name in --pairs 'x'"),
+        ("reports.studies.leave_one_out", ["--episodes", "8"], "--episodes: need at least 9"),
+        ("reports.studies.peers.__main__", ["--bits", "1000000"], "--bits: need at most 1024"),
+        ("reports.studies.peers.__main__", ["--kappas", "99"], "--kappas: need 1 to 64"),
+        ("reports.lab.locate", ["--size", "1000000", "1000000"], "--size: 1000000x1000000"),
+        ("reports.lab.locate", ["--size", "8", "8"], "--size: need at least 64x64"),
+        ("reports.lab.locate_weights", ["--collages", "1"], "--collages: need at least 5"),
+        ("reports.lab.cnn_baseline", ["--kappas", "0"], "--kappas: need 1 to 64"),
+        ("reports.lab.cnn_baseline", ["--max-view", "90"], "--max-view: need an angle"),
+        ("reports.visibility.__main__", ["--grid", "0", "8"], "--grid: need at least one"),
+        ("reports.visibility.flicker", ["--width", "1000000"], "layout: a 1000000x384 frame"),
+        ("reports.visibility.flicker", ["--seconds", "1000000"], "--seconds: need 1 to 3600"),
+    ],
+)
+def test_studies_refuse_a_number_out_of_range_before_any_work(
+    module: str, words: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(importlib.import_module(module).main, *words)
+    assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert done.stderr.startswith(f"error: {says}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("module", ["data_gen.__main__", "data_gen.video"])
+@pytest.mark.parametrize("folder", ["missing", "n" * 300])
+def test_a_wrong_folder_of_pictures_is_all_that_is_printed(
+    module: str, folder: str, command: Command, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["--message", "a"] if module == "data_gen.video" else []
+    done = command(importlib.import_module(module).main, "--pictures", folder, "--out", "x", *words)
+    assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1), done.stderr
+    assert done.stderr.startswith(f"error: {folder}: ")
+    assert not list(tmp_path.iterdir())

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from export.send.player import write_player
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
-from link.images import make_folder, temporary_name, write_bytes, write_image
+from link.images import MAX_NAME_BYTES, make_folder, temporary_name, write_bytes, write_image
 from link.loop import Loop
 from link.video import write_video
 
@@ -24,15 +25,17 @@ SENT = "sent.json"
 
 
 def output_kind(out: Path) -> str:
-    """Check that an output's name has a known ending.
+    """Check that an output's name is short enough and has a known ending.
 
     Returns:
         the ending in lower case, one of `KINDS`.
 
     Raises:
-        ParameterError: the ending is unknown.
+        InputError: the ending is unknown, or the name is longer than file systems take.
     """
     kind = out.suffix.lower()
+    if len(os.fsencode(out.name)) > MAX_NAME_BYTES:
+        raise InputError(f"{out}: the name has more than {MAX_NAME_BYTES} bytes; shorten it")
     if not out.name:
         raise ParameterError("out", f"{out} has no name; choose a new file or folder")
     if kind not in KINDS:

@@ -59,23 +59,24 @@ def capacity(frames: int, n_bits: int) -> int:
     return max(0, information_bytes(frames, n_bits) - LENGTH_BYTES - CRC_BYTES)
 
 
-def frames_needed(n_bytes: int, n_bits: int) -> int:
+def frames_needed(n_bytes: int, n_bits: int, name: str = "message") -> int:
     """Count the frames of the shortest loop that carries a message.
 
     Args:
         n_bytes: length of the message.
         n_bits: message blocks of a frame.
+        name: the parameter that the error names, or the flag of a command.
 
     Raises:
         InputError: the message is empty or too long, or the layout has too few message blocks.
     """
     check_bits(n_bits)
     if n_bytes < 1:
-        raise ParameterError("message", "empty; give at least one byte")
+        raise ParameterError(name, "empty; give at least one byte")
     longest = min(capacity(MAX_FRAMES, n_bits), 256**LENGTH_BYTES - 1)
     if n_bytes > longest:
         raise ParameterError(
-            "message",
+            name,
             f"{n_bytes} bytes, a loop of {MAX_FRAMES} frames with {n_bits} bits each "
             f"carries {longest}; shorten it or use a finer grid",
         )

@@ -15,10 +15,12 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import tqdm
 
+from data_gen.channel.optics import check_view
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
+from link.embed import check_kappa
+from link.errors import InputError, ParameterError, at_least, each_once, read_flags, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
 from models import PRETRAINED_CNN
@@ -73,6 +75,10 @@ def main() -> None:
             raise ParameterError(
                 name, f"need at least 0 and less than 1, got {getattr(config, name):g}"
             )
+    each_once(kappas=config.kappas)
+    for kappa in config.kappas:
+        check_kappa(kappa, "kappas")
+    check_view(config.max_view, "max_view")
     make_folder(config.out)
     layout = make_layout()
     plan = EpisodePlan(config.episodes, config.kappas, config.max_view)

@@ -5,9 +5,11 @@ without; held-out photographs that show no display; and, where a folder is given
 whose corners are known.
 """
 
+import io
 import json
 import os
 import time
+import zipfile
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -29,6 +31,7 @@ from link.errors import InputError, at_least, read_flags, run_cli
 from link.geometry import as_corners
 from link.images import IMAGE_SUFFIXES, read_image, write_bytes
 from link.layout import Layout, make_layout
+from link.outside import read_bounded
 from reports.engine.backends import one_thread
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
@@ -44,6 +47,8 @@ COVERS = (("5 to 15 %", 0.0, 0.15), ("15 to 40 %", 0.15, 0.4), ("over 40 %", 0.4
 """Groups of photographs by the share of the image that the display covers: name, least, most."""
 SHOWN_KAPPA = 3
 """Gray levels added to a block that carries a 1, in simulated photographs."""
+MAX_CORNERS_BYTES = 4096
+"""Largest size, in bytes, of a file of true corners; eight numbers and a header take 192."""
 PATCH_COUNTS = (1, 2, 3, 5)
 """Numbers of ratex patches for which the visibility of right and wrong turns is measured."""
 
@@ -246,6 +251,22 @@ def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float(shared / (cv2.contourArea(one) + cv2.contourArea(two) - shared))
 
 
+def read_corners(file: Path) -> NDArray[np.float64]:
+    """Read the true corners of a display from a NumPy file.
+
+    Returns:
+        (4, 2) corners (x, y) in pixels.
+
+    Raises:
+        InputError: the file is missing or damaged, or holds no four corners.
+    """
+    data = read_bounded(file, MAX_CORNERS_BYTES)
+    try:
+        return as_corners(np.load(io.BytesIO(data), allow_pickle=False))
+    except (ValueError, EOFError, TypeError, zipfile.BadZipFile) as error:
+        raise InputError(f"{file}: no four corners ({error})") from None
+
+
 def measure_photos(folder: Path) -> list[dict[str, Any]]:
     """Measure overlap and corner errors on real photographs, which are searched without a layout.
 
@@ -258,7 +279,7 @@ def measure_photos(folder: Path) -> list[dict[str, Any]]:
     for path in sorted(p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES):
         if not path.with_suffix(".npy").is_file():
             continue
-        truth = as_corners(np.load(path.with_suffix(".npy")))
+        truth = read_corners(path.with_suffix(".npy"))
         found = locate(read_image(path))
         iou = 0.0 if found is None else overlap(found.corners, truth)
         off = [] if found is None else np.linalg.norm(found.corners - truth, axis=1).tolist()
@@ -345,6 +366,7 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(LocateConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    SceneSettings(size=config.size).check()
     real = [] if config.photos is None else measure_photos(config.photos)
     kinds = {"patches": make_layout(), "edges": make_layout(ratex=0)}
     searches = [

@@ -35,6 +35,8 @@ PHOTO_SIZES = (SIZE, SIZE[::-1], (1024, 768))
 """Widths and heights to which photographs without a display are cut, pixels."""
 RIGHT_OVERLAP, WRONG_OVERLAP = 0.965, 0.93
 """Overlap with the truth from which a candidate is right, and up to which it is wrong."""
+COLLAGES_PER_CLUTTER = 5
+"""Number of pasted displays for each photograph that is made the same way without a display."""
 INVERSE_RIDGE = 0.3
 """Inverse strength of the ridge penalty (scikit-learn's C), on standardised features."""
 
@@ -46,7 +48,8 @@ class WeightsConfig:
     scenes: int = 240
     """Number of photographs in drawn rooms."""
     collages: int = 300
-    """Number of pasted displays; there are a fifth as many collages again without a display."""
+    """Number of pasted displays, at least 5; there are a fifth as many collages again without a
+    display."""
     seed: int = 0
     """Seed of the photographs."""
     jobs: int = os.cpu_count() or 1
@@ -189,7 +192,8 @@ def label_bare(task: tuple[int, int, int]) -> Labelled:
 def main() -> None:
     """Fit and print."""
     config = read_flags(lambda: tyro.cli(WeightsConfig))
-    at_least(1, scenes=config.scenes, collages=config.collages, jobs=config.jobs)
+    at_least(1, scenes=config.scenes, jobs=config.jobs)
+    at_least(COLLAGES_PER_CLUTTER, collages=config.collages)
     at_least(0, seed=config.seed)
     bare = [
         (*size, number)
@@ -200,7 +204,9 @@ def main() -> None:
     seed, jobs = config.seed, config.jobs
     scenes = [(seed, index) for index in range(config.scenes)]
     collages = [Collage(index, seed, True) for index in range(config.collages)]
-    clutter = [Collage(index, seed + 1, False) for index in range(config.collages // 5)]
+    clutter = [
+        Collage(index, seed + 1, False) for index in range(config.collages // COLLAGES_PER_CLUTTER)
+    ]
     with_display = all_results(label_scene, scenes, jobs, "rooms")
     with_display += all_results(label_collage, collages, jobs, "collages")
     without = all_results(label_collage, clutter, jobs, "clutter")

@@ -19,9 +19,11 @@ from tqdm import tqdm
 from export.locate.find import locate
 from export.send.write import SENT
 from link.captures import MANIFEST
+from link.embed import check_kappa
 from link.errors import InputError, read_flags, run_cli
 from link.images import image_files, intensity, read_image, write_bytes
 from link.layout import Layout, block_mean
+from link.outside import read_json
 
 
 @dataclass(frozen=True)
@@ -87,14 +89,14 @@ def read_sent(folder: Path) -> tuple[Layout, int]:
     """
     file = folder / SENT
     try:
-        report = json.loads(file.read_text())
-        return Layout.from_dict(report["layout"]), int(report["kappa"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, InputError):
-            raise
+        report = read_json(file)
+        if not isinstance(report, dict) or type(report.get("kappa")) is not int:
+            raise InputError(f"{file}: need layout and kappa")
+        return Layout.from_dict(report.get("layout")), check_kappa(report["kappa"])
+    except InputError as error:
         raise InputError(
-            f"--sent: {file} is missing or damaged; python -m export.send PICTURE --message TEXT "
-            f"--out {folder} writes it"
+            f"--sent: {file} is missing or damaged ({error}); python -m export.send PICTURE "
+            f"--message TEXT --out {folder} writes it"
         ) from None
 
 

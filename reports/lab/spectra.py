@@ -10,7 +10,6 @@ rawtoaces uses them. So the integrand is the plain product; a photon factor lamb
 entry by at most 0.03. Scales cancel in the row sums.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ import scipy.io
 import tyro
 
 from link.errors import InputError, read_flags, run_cli
+from link.outside import read_json
 
 Array = npt.NDArray[np.float64]
 """Numbers of any shape."""
@@ -71,7 +71,7 @@ class DisplaySpectra:
 def load_ssf(path: Path) -> tuple[Array, Array]:
     """Read a rawtoaces file: wavelengths (L,) in nm, sensitivities (L, 3) in columns R, G, B."""
     try:
-        table = json.loads(path.read_text())["spectral_data"]["data"]["main"]
+        table = read_json(path)["spectral_data"]["data"]["main"]
         wavelength = np.array([float(key) for key in table], dtype=np.float64)
         ssf = np.array(list(table.values()), dtype=np.float64).reshape(len(wavelength), 3)
     except UNREADABLE as error:

@@ -20,6 +20,7 @@ import pandas as pd
 import tyro
 from numpy.typing import NDArray
 
+from data_gen.channel.optics import check_view
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
@@ -27,9 +28,9 @@ from data_gen.pairs import PAIRS
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
-from link.code.framing import encode
-from link.embed import embed
-from link.errors import at_least, read_flags, run_cli
+from link.code.framing import encode, frames_needed
+from link.embed import check_kappa, embed
+from link.errors import ParameterError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
@@ -47,6 +48,10 @@ STORED_VERSION = 1
 """Raise it when `deliver` changes what it does, so that older runs are not read again."""
 DECIDING = ("data_gen.film.stream", "data_gen.frame_pair", "export.receive.receiver")
 """Modules that decide, with all that they import, what a run gives."""
+GRIDS = (8, 16)
+"""Numbers of blocks along each side that a message may be filmed with."""
+MAX_LOOPS = 100.0
+"""Largest number of loops of the message after which a run may be given up."""
 
 
 @dataclass(frozen=True)
@@ -254,15 +259,15 @@ def summarise_deliveries(
     Returns:
         for each view, and then for "all": numbers of runs and of messages ``delivered``, with
         Wilson's 95 % interval of their share; ``wrong_messages``; median and 95 % quantile of the
-        seconds, median of the loops, and median of `bound_seconds`; share of ``bits_wrong``; and
-        bits of delivered messages in a second of film.
+        seconds (None where no message came), median of the loops, and median of `bound_seconds`;
+        share of ``bits_wrong``; and bits of delivered messages in a second of film.
     """
     runs = pd.DataFrame([asdict(delivery) for delivery in deliveries])
     runs["bound"] = [bound_seconds(delivery, config) for delivery in deliveries]
     groups = {f"{view:g}°": runs[runs["view_deg"] == view] for view in config.views} | {"all": runs}
     rows = []
     for name, group in groups.items():
-        came = group[group["delivered"]]
+        came, filmed = group[group["delivered"]], float(group["seconds"].sum())
         low, high = wilson(len(came), len(group))
         rows.append(
             {
@@ -272,12 +277,12 @@ def summarise_deliveries(
                 "ci_low": low,
                 "ci_high": high,
                 "wrong_messages": int(group["wrong"].sum()),
-                "seconds_median": float(came["seconds"].median()),
-                "seconds_95": float(came["seconds"].quantile(0.95)),
+                "seconds_median": float(came["seconds"].median()) if len(came) else None,
+                "seconds_95": float(came["seconds"].quantile(0.95)) if len(came) else None,
                 "loops_median": float(came["loops"].median()) if len(came) else 0.0,
                 "bound_seconds": float(group["bound"].median()),
                 "bits_wrong": int(group["bits_wrong"].sum()) / max(1, int(group["bits"].sum())),
-                "goodput_bit_s": 8 * config.n_bytes * len(came) / float(group["seconds"].sum()),
+                "goodput_bit_s": 8 * config.n_bytes * len(came) / max(filmed, 1 / config.fps),
             }
         )
     return rows
@@ -305,7 +310,9 @@ def delivery_table(folder: Path) -> Table:
                 f"{share_interval(row['ci_low'], row['ci_high'], 1)} %",
                 str(row["wrong_messages"]),
                 percent(row["bits_wrong"]),
-                f"{row['seconds_median']:.1f} ({row['seconds_95']:.1f})",
+                "–"
+                if row["seconds_median"] is None
+                else f"{row['seconds_median']:.1f} ({row['seconds_95']:.1f})",
                 f"{row['loops_median']:.2f}",
                 f"{row['bound_seconds']:.1f}",
                 f"{row['goodput_bit_s']:.0f}",
@@ -328,11 +335,36 @@ def delivery_block(folder: Path) -> str:
     return f"{delivery_table(folder).markdown()}\n\n{bound}"
 
 
+def check_delivery(config: DeliveryConfig) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value, before any work."""
+    at_least(1, runs=config.runs, jobs=config.jobs, n_bytes=config.n_bytes)
+    at_least(0, seed=config.seed)
+    each_once(pairs=config.pairs, views=config.views)
+    for pair in config.pairs:
+        choose(PAIRS, pair, "name in --pairs")
+    for view in config.views:
+        check_view(view, "views")
+    check_kappa(config.kappa)
+    if config.grid not in GRIDS:
+        raise ParameterError("grid", f"need 8 or 16, got {config.grid}")
+    frames_needed(config.n_bytes, make_layout(config.grid, config.grid).n_bits, "n_bytes")
+    if not 0 < config.loops <= MAX_LOOPS:
+        raise ParameterError(
+            "loops", f"need more than 0 and at most {MAX_LOOPS:g}, got {config.loops:g}"
+        )
+    least, most = config.coverage
+    for share in config.coverage:
+        scene = SceneSettings(coverage=share)
+        VideoSettings(scene=scene, fps=config.fps, state_hz=config.state_hz).check()
+        scene.check()
+    if not least <= most:
+        raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
+
+
 def main() -> None:
     """Film, receive, store, print."""
     config = read_flags(lambda: tyro.cli(DeliveryConfig))
-    at_least(1, runs=config.runs, jobs=config.jobs, n_bytes=config.n_bytes)
-    at_least(0, seed=config.seed)
+    check_delivery(config)
     with locked(config.out):
         _run(config)
 

@@ -22,8 +22,8 @@ import tyro
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from link.code.framing import SIGNATURE, decode, encode
-from link.errors import at_least, read_flags, run_cli
+from link.code.framing import SIGNATURE, decode, encode, frames_needed
+from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
@@ -59,7 +59,7 @@ class FramingConfig:
     trials: int = 200
     """Number of messages for each code, number of loops and share of wrong bits."""
     ber: tuple[float, ...] = (0.02, 0.04, 0.05, 0.06, 0.07, 0.08, 0.09, 0.1, 0.12)
-    """Shares of wrong bits, in [0, 1]."""
+    """Shares of wrong bits, more than 0 and less than 1."""
     wrong: bool = False
     """Count wrong messages, too: 100,000 decodes of random scores, 10,000 at 5 to 30 %."""
     seed: int = 0
@@ -297,6 +297,11 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(FramingConfig))
     at_least(1, trials=config.trials, n_bytes=config.n_bytes, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    each_once(ber=config.ber)
+    for share in config.ber:
+        if not 0 < share < 1:
+            raise ParameterError("ber", f"need shares between 0 and 1, got {share:g}")
+    frames_needed(config.n_bytes, make_layout().n_bits, "n_bytes")
     with locked(config.out):
         _run(config)
 

@@ -64,8 +64,8 @@ class LeaveOneOutConfig:
 def main() -> None:
     """Train, decode, print."""
     config = read_flags(lambda: tyro.cli(LeaveOneOutConfig))
-    at_least(1, episodes=config.episodes, steps=config.steps, frames=config.frames)
-    at_least(1, jobs=config.jobs)
+    at_least(len(PAIRS), episodes=config.episodes)
+    at_least(1, steps=config.steps, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     with locked(config.out):
         _run(config)

@@ -14,7 +14,7 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
-from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.errors import ParameterError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.frames import combined
 from link.images import write_bytes
@@ -29,6 +29,9 @@ from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.render.tables import Table, TableCell, percent, share_interval
 from reports.score.accuracy import wilson
+
+MAX_CAPTURES = 256
+"""Largest number of captures of one frame pair that are filmed and added."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,8 @@ def main() -> None:
     each_once(conditions=config.conditions, captures=config.captures)
     at_least(1, frames=config.frames, captures=min(config.captures), jobs=config.jobs)
     at_least(0, seed=config.seed)
+    if max(config.captures) > MAX_CAPTURES:
+        raise ParameterError("captures", f"need at most {MAX_CAPTURES}, got {max(config.captures)}")
     for name in config.conditions:
         choose(SETTINGS, name, "condition")
     with locked(config.out):

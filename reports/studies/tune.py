@@ -14,7 +14,8 @@ import pandas as pd
 import tyro
 
 from data_gen.frame_pair import Source
-from link.errors import at_least, read_flags, run_cli
+from data_gen.pairs import PAIRS
+from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
@@ -60,6 +61,9 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(TuneConfig))
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    each_once(pairs=config.pairs)
+    for pair in config.pairs:
+        choose(PAIRS, pair, "name in --pairs")
     with locked(config.work):
         _run(config)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import tyro
 
-from link.errors import ParameterError, at_least, run_cli
+from link.errors import ParameterError, at_least, read_flags, run_cli
 from reports.render.charts import save_png
 from reports.render.tables import write_blocks
 from reports.visibility.codes import code_figure, code_table, compare_codes
-from reports.visibility.presets import kappa_table, preset_table, square_wave_table
+from reports.visibility.presets import check_seconds, kappa_table, preset_table, square_wave_table
 
 KEPT = ("toggle", "hold2", "soft2")
 """Line codes of the table of largest kappas."""
@@ -36,10 +36,11 @@ class VisibilityConfig:
 
 def main() -> None:
     """Compute, print, and write the blocks and the chart."""
-    config = tyro.cli(VisibilityConfig)
+    config = read_flags(lambda: tyro.cli(VisibilityConfig))
     at_least(0, seed=config.seed)
-    if not 1 <= config.seconds <= 3600:
-        raise ParameterError("seconds", f"need 1 to 3600 s, got {config.seconds}")
+    check_seconds(config.seconds)
+    if min(config.grid) < 1:
+        raise ParameterError("grid", f"need at least one row and column, got {config.grid}")
     if not config.limit > 0:
         raise ParameterError("limit", f"need a number above 0, got {config.limit}")
     results = compare_codes(config.grid, config.limit, config.seed, config.seconds)

@@ -15,9 +15,10 @@ import tyro
 
 from data_gen.pictures.library import load_pictures
 from link.embed import with_head_room
-from link.errors import at_least, run_cli
+from link.errors import at_least, read_flags, run_cli
 from link.images import write_bytes
-from reports.visibility.presets import Preset
+from link.layout import make_layout
+from reports.visibility.presets import Preset, check_seconds
 
 TEMPLATE = Path(__file__).with_name("flicker.html")
 """Page with `__PAGE__` where the settings and the picture go as JSON."""
@@ -97,8 +98,11 @@ def write_flicker_page(config: FlickerConfig) -> None:
 
 def main() -> None:
     """Write the page and say where it is."""
-    config = tyro.cli(FlickerConfig)
+    config = read_flags(lambda: tyro.cli(FlickerConfig))
     at_least(0, seed=config.seed)
+    check_seconds(config.seconds)
+    for preset in SIDES.values():
+        make_layout(*preset.grid, config.width, config.height, 0)
     write_flicker_page(config)
     print(f"written: {config.out}")
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from link.errors import ParameterError
 from link.visibility.flicker import (
     Visibility,
     contrast_over_threshold,
@@ -90,6 +91,16 @@ PRESETS = (
     Preset((48, 64), "toggle", 3, 60, colour=RED_GREEN),
 )
 """Settings that the table lists: the paper's first, then what it takes to hide a message."""
+
+
+def check_seconds(seconds: float) -> None:
+    """Check the length of random messages whose visibility is computed.
+
+    Raises:
+        ParameterError: it is below 1 s or above an hour.
+    """
+    if not 1 <= seconds <= 3600:
+        raise ParameterError("seconds", f"need 1 to 3600 s, got {seconds:g}")
 
 
 def preset_table(seed: int, seconds: float, presets: Sequence[Preset] = PRESETS) -> Table:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from data_gen.pictures.library import load_pictures
 from link.embed import with_head_room
-from link.errors import InputError, at_least, run_cli
+from link.errors import InputError, at_least, read_flags, run_cli
 from link.visibility.line_code import LINE_CODES
 from reports.render.tables import Table, write_blocks
 from reports.visibility.presets import PRESETS, Preset
@@ -144,7 +144,7 @@ def both_models(config: SecondModelConfig, presets: Sequence[Preset]) -> Table:
 
 def main() -> None:
     """Rate the presets, print, and write the block."""
-    config = tyro.cli(SecondModelConfig)
+    config = read_flags(lambda: tyro.cli(SecondModelConfig))
     at_least(0, seed=config.seed)
     if not 0.1 <= config.seconds <= 5:
         raise InputError(f"--seconds: need 0.1 to 5 s, got {config.seconds}")

@@ -17,7 +17,7 @@ import tyro
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Source
 from link.embed import check_kappa
-from link.errors import InputError, at_least, choose, read_flags, run_cli
+from link.errors import InputError, ParameterError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
@@ -45,6 +45,9 @@ from reports.studies.peers.study import (
     System,
     read_messages,
 )
+
+MAX_BITS = 1024
+"""Largest number of message bits; the pictures have three times as many blocks of 8 x 8."""
 
 
 @dataclass(frozen=True)
@@ -133,11 +136,14 @@ def check_systems(config: PeersConfig, source: Source) -> list[System]:
     for view in config.views:
         check_view(view, "views")
     for kappa in config.kappas:
-        check_kappa(kappa)
+        check_kappa(kappa, "kappas")
     for name in config.ours:
         choose(DECODERS, name, "method")
     at_least(1, frames=config.frames, bits=config.bits, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    each_once(pairs=config.pairs, views=config.views, kappas=config.kappas)
+    if config.bits > MAX_BITS:
+        raise ParameterError("bits", f"need at most {MAX_BITS}, got {config.bits}")
     stills: list[System] = [
         StillSystem(peer) for name in config.systems for peer in make_peers(name, config.bits)
     ]
