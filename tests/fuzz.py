@@ -358,8 +358,10 @@ class Inputs:
         """A key of any length and content, or what is none, and numbers that go with it."""
         file = folder / "key"
         file.write_bytes(self.rng.randbytes(self.rng.choice((0, 1, 15, 16, 32, 4096, 4097, 10**6))))
-        name = self.rng.choice((str(file), str(file), str(file), *WORDS, str(folder)))
-        word = self.rng.choice(("1", str(2**32 - 1), str(2**32), *WORDS))
+        name = self.rng.choice((*[str(file)] * 60, *WORDS, str(folder)))
+        word = self.rng.choice(WORDS)
+        if self.rng.random() < 0.6:
+            word = self.rng.choice(("1", "7", str(2**32 - 1), str(2**32)))
         if self.rng.random() < 0.5:
             flags = [str(self.good / "a.png"), "--message", "hi", "--key", name]
             return Case("key", "export.send.__main__", [*flags, "--counter", word, "--out", "x"])
@@ -398,7 +400,7 @@ class Inputs:
             if self.rng.random() < 0.2:
                 value = self.rng.choice((number, [number] * 3, True, *NASTY))
             words.append(f"{name}={json.dumps(value)}".replace("\0", ""))
-        flags = ["--rows", "4", "--cols", "4", "--width", "128", "--height", "96", "--set", *words]
+        flags = ["--rows", "5", "--cols", "5", "--width", "128", "--height", "96", "--set", *words]
         if self.rng.random() < 0.3:
             flags += ["--message", "hi", "--seconds", "0.1", "--size", "160", "120"]
             return Case("settings", "data_gen.video", [*flags, "--out", str(folder / "out")])

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import onnx
 import pytest
+from conftest import slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -248,6 +249,21 @@ def test_the_fuzz_command_finds_nothing() -> None:
     )
     assert done.returncode == 0, done.stdout
     assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 10
+
+
+@pytest.mark.parametrize("name", ["data_gen", slow("send_folder"), slow("film_mkv"), slow("train")])
+def test_a_killed_command_ends_in_the_same_bytes(name: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.kills", "--kills", "2", "--commands", name],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found["kills"] >= 2 and found["files_compared"] > 0 and not found["failures"]
 
 
 def noise(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
