@@ -13,6 +13,7 @@ import torch
 import tyro
 from onnxscript.values import Opset
 
+from export.orphan import end_with_parent
 from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
@@ -128,6 +129,9 @@ def export(
 ) -> Parity:
     """Write an .onnx file once its parity with torch is shown.
 
+    In a process that `multiprocessing` started, such as that of ``train.py``, the process ends with
+    its parent, whose lock keeps others out of the folder.
+
     Args:
         module: the decoder in torch.
         path: the .onnx file.
@@ -142,6 +146,7 @@ def export(
     Raises:
         InputError: torch and onnxruntime disagree; nothing is left under that name.
     """
+    end_with_parent()
     candidate = temporary_name(path)
     write_bytes(candidate, to_onnx(module, run_name, training))
     try:

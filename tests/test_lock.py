@@ -18,9 +18,12 @@ import evaluate
 import train
 from data_gen import __main__ as data_gen
 from data_gen import video
+from export import to_onnx
 from export.send import __main__ as send
 from link.errors import InputError
 from link.files.lock import LOCK, locked
+from link.layout import make_layout
+from models.neural.decoder import FULL, PhiDecoder
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
@@ -343,3 +346,68 @@ def test_what_a_killed_command_left_is_gone_after_the_next(
     names = {file.relative_to(tmp_path / "in") for file in (tmp_path / "in").rglob("*")}
     assert not [file for file in names if any(part.startswith(".") for part in file.parts)]
     assert names  # nothing but what a whole run leaves
+
+
+ORPHAN = """
+import os, sys, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from export.orphan import end_with_parent
+
+def work(file, watched):
+    if watched:
+        end_with_parent()
+    with open(file, "w") as stream:
+        stream.write(f"{os.getpid()}\\n")
+    time.sleep(100)
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        pool.submit(work, *sys.argv[1:]).result()
+"""
+
+
+def has_ended(process: int) -> bool:
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return True
+    return state == "Z"
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+@pytest.mark.parametrize("watched", [True, False])
+def test_an_exporting_process_ends_with_the_one_that_started_it(
+    tmp_path: Path, watched: bool
+) -> None:
+    script, file = tmp_path / "script.py", tmp_path / "process"
+    script.write_text(ORPHAN)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    line = [sys.executable, str(script), str(file), "yes" if watched else ""]
+    with subprocess.Popen(line, env=environment) as parent:
+        deadline = time.monotonic() + 60
+        while not (file.exists() and file.read_text().endswith("\n")):
+            assert time.monotonic() < deadline and parent.poll() is None
+            time.sleep(0.02)
+        child = int(file.read_text())
+        assert not has_ended(child)
+        parent.kill()
+    deadline = time.monotonic() + (10 if watched else 0.5)
+    while not has_ended(child) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert has_ended(child) == watched
+    if not watched:  # what is guarded against
+        os.kill(child, signal.SIGKILL)
+
+
+def test_export_ends_with_its_parent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class AskedError(Exception):
+        pass
+
+    def ask() -> None:
+        raise AskedError
+
+    monkeypatch.setattr(to_onnx, "end_with_parent", ask)
+    with pytest.raises(AskedError):
+        to_onnx.export(PhiDecoder(make_layout(), FULL), tmp_path / "decoder.onnx", "run", frames=1)
+    assert not list(tmp_path.iterdir())
