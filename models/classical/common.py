@@ -152,7 +152,7 @@ def decode_with_svm(
         UnsuitedError: the layout has neither ratex patches nor pilots.
     """
     pool = choose(POOLINGS, pooling, "pooling")
-    i_o, i_e = intensity(pair.original), intensity(pair.embedded)
+    i_o, i_e = (intensity(f, pair.layout.colour) for f in (pair.original, pair.embedded))
     maps = features(i_o, i_e)
     head = fit_svm(*training_samples(pair, maps, train_on), C)
     scores = maps @ head.weights + head.bias

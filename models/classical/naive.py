@@ -37,6 +37,7 @@ class Naive:
             UnsuitedError: the layout has neither ratex patches nor pilots to learn a threshold on.
         """
         if self.threshold is not None:
-            change = intensity(pair.embedded) - intensity(pair.original)
+            colour = pair.layout.colour
+            change = intensity(pair.embedded, colour) - intensity(pair.original, colour)
             return decode_with_threshold(pair, change, self.threshold / 255, self.pooling)
         return decode_with_svm(pair, difference, self.C, self.pooling, self.train_on)

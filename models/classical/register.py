@@ -134,16 +134,17 @@ def _warp(
 
 
 def align_frames(
-    original: NDArray[np.uint8], embedded: NDArray[np.uint8]
+    original: NDArray[np.uint8], embedded: NDArray[np.uint8], colour: str = "gray"
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Move the embedded frame onto the original, by a homography found on a pyramid.
+    """Move the embedded frame onto the original, by a homography found on a pyramid of their luma.
 
     Args:
         original: (H, W) or (H, W, 3) uint8, encoded.
         embedded: uint8 of the same height and width, encoded.
+        colour: key of `link.images.INTENSITIES`, the intensity that is moved.
 
     Returns:
-        (luma, inside): the embedded frame's luma where the original shows the same, (H, W)
+        (moved, inside): the embedded frame's intensity where the original shows the same, (H, W)
         float32 in [0, 1], encoded; and (H, W) bool, false where the embedded frame ends. It stays
         where it was if moving brings the edges no closer.
     """
@@ -163,7 +164,9 @@ def align_frames(
     moved, inside = _warp(moving, H)
     target, before, after = (high_pass(image) for image in (fixed, moving, moved))
     if inside.mean() < 0.5 or _misfit(target, after, inside) >= _misfit(target, before, everywhere):
-        return moving, everywhere
+        return intensity(embedded, colour), everywhere
+    if colour != "gray":
+        moved, _ = _warp(intensity(embedded, colour), H)
     return moved, inside
 
 
