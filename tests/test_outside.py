@@ -9,12 +9,20 @@ import pytest
 
 from data_gen.effects import parse_settings
 from export.locate.find import locate
+from export.onnx_file import MAX_NODES
+from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
+from export.watchdog import GRACE_S
+from link import errors, images, layout, outside
 from link.errors import InputError, ParameterError
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from link.video import VideoReader
+from models.neural.checkpoint import MAX_WEIGHTS_BYTES
+from reports.engine.digest import ROOT
 from reports.engine.records import to_records
+from reports.lab.locate import read_corners
+from reports.lab.recorded import read_sent
 from reports.run import RunFolder, Story
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
@@ -191,3 +199,63 @@ def test_the_narrowest_photographs_are_searched(
 ) -> None:
     image = np.random.default_rng(0).integers(0, 256, (*size, 3), np.uint8)
     assert locate(image, layout) is None
+
+
+SENT_LAYOUT = json.dumps(make_layout().to_dict())
+DEEP = "[" * 10**5
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "", "{}", "[]", "null", DEEP, f'{{"layout": {SENT_LAYOUT}}}', '{"kappa": 3}',
+        f'{{"layout": {SENT_LAYOUT}, "kappa": NaN}}', f'{{"layout": {SENT_LAYOUT}, "kappa": true}}',
+        f'{{"layout": {SENT_LAYOUT}, "kappa": 65}}', '{"layout": 5, "kappa": 3}',
+        f'{{"layout": {SENT_LAYOUT}, "kappa": {"9" * 5000}}}',
+    ],
+)  # fmt: skip
+def test_what_was_sent_is_read_through_the_door(tmp_path: Path, content: str) -> None:
+    file = tmp_path / "sent.json"
+    file.write_text(f'{{"layout": {SENT_LAYOUT}, "kappa": 3, "frames": 4}}')
+    assert read_sent(tmp_path) == (make_layout(), 3)
+    file.write_text(content)
+    with pytest.raises(InputError, match=r"^--sent: \S*sent.json is missing or damaged \(.*\); "):
+        read_sent(tmp_path)
+
+
+def test_true_corners_of_a_stranger_are_four_points_or_refused(tmp_path: Path) -> None:
+    file = tmp_path / "photo.npy"
+    np.save(file, np.eye(4, 2))
+    assert np.array_equal(read_corners(file), np.eye(4, 2))
+    whole = file.read_bytes()
+    for data in (b"", whole[:100], whole[:-1], b"PK\3\4" + whole, whole + bytes(5000)):
+        file.write_bytes(data)
+        with pytest.raises(InputError, match=str(file)):
+            read_corners(file)
+    for values in (np.eye(3), np.full((4, 2), np.nan), np.array([[{}] * 2] * 4, dtype=object)):
+        np.save(file, values, allow_pickle=True)
+        with pytest.raises(InputError, match="no four corners"):
+            read_corners(file)
+
+
+def test_the_page_on_security_states_the_limits_of_the_code() -> None:
+    page = " ".join((ROOT / "docs" / "security.md").read_text().split())
+    mib = 2**20
+    for words in (
+        f"one line of a file of JSON lines | {outside.MAX_JSON_BYTES / mib:g} MiB |",
+        f"| a file of JSON lines | {outside.MAX_LINES_BYTES / mib:g} MiB |",
+        f"inside each other | {outside.MAX_DEPTH} |",
+        f"characters of a whole number | {outside.MAX_DIGITS} |",
+        f"frame of a video | {images.MAX_MEGAPIXELS:g} megapixels; `--max-megapixels` or "
+        f"`{images.MEGAPIXELS_VARIABLE}`",
+        f"and its pixels | {layout.MAX_SIDE_PX}, and {layout.MAX_PIXELS / 1e6:g} million |",
+        f"blocks of a layout | {layout.MAX_BLOCKS:,} |",
+        f"and its nodes | {MAX_MODEL_BYTES / mib:g} MiB, and {MAX_NODES:,} |",
+        f"models of a process | {MAX_MEMORY_BYTES / mib:g} MiB |",
+        f"or to run it | {TIME_LIMIT_S:g} s, and 1 s more",
+        f"let itself be stopped within {GRACE_S:g} s",
+        f"weights of a checkpoint | {MAX_WEIGHTS_BYTES / mib:g} MiB |",
+        f"command line | {errors.MAX_NUMBER:,}, where",
+        f"processes and threads {errors.MAX_OF_FLAG['jobs']} |",
+    ):
+        assert words in page
