@@ -130,8 +130,11 @@ class Layout:
 
     @cached_property
     def pilot_bits(self) -> NDArray[np.intp]:
-        """(pilots,) known bits of the pilots, 0 and 1 in turn: places are random, bits balanced."""
-        return np.arange(self.pilots) % 2
+        """(pilots,) known bits of the pilots, which alternate from pilot to pilot in reading order.
+
+        Both bits so occur in all parts of the frame.
+        """
+        return np.asarray(np.argsort(np.argsort(self.pilot_blocks)) % 2, np.intp)
 
     @property
     def n_bits(self) -> int:

@@ -13,7 +13,6 @@ from tolerances import FLOAT64
 from link.errors import InputError, ParameterError
 from link.layout import (
     COLOURS,
-    LEAST_PILOTS,
     MAX_SIDE_PX,
     MIN_BLOCK_PX,
     MODULATIONS,
@@ -163,11 +162,11 @@ def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) ->
         ("0", 8, 8, 0),
         ("0.0", 8, 8, 0),
         ("auto", 8, 8, 16),
-        ("auto", 16, 16, 16),
+        ("auto", 16, 16, 32),
         ("auto", 24, 32, 38),
         ("auto", 48, 64, 154),
         ("auto", 96, 128, 614),
-        ("auto", 3, 3, 8),
+        ("auto", 3, 3, 2),
         ("0.25", 8, 8, 16),
         ("1e-1", 24, 32, 77),
     ],
