@@ -16,7 +16,7 @@ import tyro
 from data_gen.channel.optics import check_view
 from data_gen.effects import parse_settings
 from data_gen.flags import LayoutFlags
-from data_gen.frame_pair import Source
+from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
@@ -197,6 +197,8 @@ def check(config: EvaluateConfig) -> None:
     at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
     make_backend(config.backend, config.jobs, config.scheduler)
+    if config.pictures is not None and config.captures is None:
+        shuffled_pictures(source_of(config))
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
     each_once(pairs=config.pairs, views=config.views, kappas=config.kappas, methods=config.methods)

@@ -246,7 +246,7 @@ def test_studies_refuse_a_number_out_of_range_before_any_work(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("module", ["data_gen.__main__", "data_gen.video"])
+@pytest.mark.parametrize("module", ["data_gen.__main__", "data_gen.video", "evaluate"])
 @pytest.mark.parametrize("folder", ["missing", "n" * 300])
 def test_a_wrong_folder_of_pictures_is_all_that_is_printed(
     module: str, folder: str, command: Command, tmp_path: Path, monkeypatch: Any
