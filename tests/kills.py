@@ -12,11 +12,13 @@ times. report.html shows the times, so it is made again from the times of the un
 is then compared as it is. All other files must have the same bytes.
 
 Runs are forked from a process that has all modules loaded. The settings are the smallest that go
-through all stages: train.py evaluates one cell with two methods, and compares its export on two
-frame pairs. Prints a line of JSON for each command; exit status 1 where a case failed.
+through all stages: train.py evaluates one cell with two methods, compares its export on two frame
+pairs, and takes the graph that the undisturbed run traced. The code must not change meanwhile.
+Prints a line of JSON for each command; exit status 1 where a case failed.
 """
 
 import argparse
+import hashlib
 import importlib
 import json
 import os
@@ -34,6 +36,7 @@ from pathlib import Path
 from typing import Any
 
 from link.errors import run_cli
+from link.images import write_bytes
 
 ROOT = Path(__file__).parents[1]
 GRID = "--rows 4 --cols 4 --width 256 --height 192"
@@ -53,6 +56,8 @@ COMMANDS = {
 }
 """Module and flags of each command by a name whose end says the ending of its output."""
 ENDINGS = {"player": ".html", "mkv": ".mkv"}
+CACHE = "OORC_TRACED_GRAPHS"
+"""Environment variable that names the folder of graphs that were traced before."""
 LIMIT_S = 300.0
 """Seconds after which a run counts as hung."""
 TIMES: dict[str, Callable[[Any], Any]] = {
@@ -175,9 +180,27 @@ def differences(expected: dict[str, Any], found: dict[str, Any]) -> list[str]:
     ]  # fmt: skip
 
 
-def shrink_training() -> None:
+def cached_export(module: Any, path: Path, *arguments: Any) -> Any:
+    """Export a decoder as train.py does, but trace its graph once for all runs, which takes long."""
+    to_onnx: Any = importlib.import_module("export.to_onnx")
+    trace = to_onnx.to_onnx
+    weights = hashlib.sha256((path.parent / "decoder.pt").read_bytes()).hexdigest()
+    cached = Path(os.environ[CACHE]) / weights
+
+    def traced(*words: Any) -> bytes:
+        if not cached.is_file():
+            write_bytes(cached, trace(*words))
+        return cached.read_bytes()
+
+    to_onnx.to_onnx = traced
+    return to_onnx.export(module, path, *arguments)
+
+
+def shrink_training(folder: Path) -> None:
     """Let train.py evaluate one cell with two methods, and compare its export on two pairs."""
     train: Any = importlib.import_module("train")
+    os.environ[CACHE] = str(folder)
+    train.export = cached_export
     paper_cells = train.paper_cells
     train.PARITY_FRAMES = 2
     train.DECODERS = ("naive", "learned")
@@ -226,7 +249,7 @@ def try_command(name: str, kills: int, rng: random.Random, folder: Path, out: Pa
             failed += [f"killed at {moments} of {seconds:.2f} s: {line}" for line in wrong]
             print(name, number, moments, *wrong, "left:", *left, sep="\n  ", flush=True)
             if out is not None:
-                shutil.copytree(place.folder, out / f"{name}_{number}", symlinks=True)
+                shutil.copytree(place.work, out / f"{name}_{number}", symlinks=True)
     print(json.dumps({"command": name, "seconds": round(seconds, 1), "kills": done,
                       "twice_in_a_row": twice, "ended_before_the_kill": ended_first,
                       "was_complete": refused, "files": len(expected),
@@ -242,11 +265,11 @@ def main() -> None:
     parser.add_argument("--commands", nargs="*", choices=list(COMMANDS), default=list(COMMANDS))
     parser.add_argument("--out", type=Path, help="folder for what failed cases left")
     config = parser.parse_args()
-    if "train" in config.commands:
-        shrink_training()
     importlib.import_module("reports.engine.backends").one_thread()
     rng = random.Random(config.seed)
     with tempfile.TemporaryDirectory() as temporary:
+        if "train" in config.commands:
+            shrink_training(Path(temporary) / "traced")
         results = [
             try_command(name, config.kills, rng, Path(temporary), config.out)
             for name in config.commands
