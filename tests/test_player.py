@@ -111,6 +111,22 @@ def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     assert seen == wanted
 
 
+@pytest.mark.parametrize("colour", ["gray", "chroma"])
+def test_what_an_embedded_frame_takes_away_is_exact_too(
+    colour: str, small: Loop, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    layout = make_layout(5, 6, 120, 80, 0, "antipodal", colour=colour)
+    loop = Loop(layout, 9, framing.encode(MESSAGE, layout.n_bits), small.pictures)
+    write_player(tmp_path / "player.html", loop.pairs(), hold=4)
+    page = open_window(300, 200)
+    load(page, tmp_path / "player.html")
+    for number, state in enumerate(loop.states()):
+        show = f"player.pause(), player.show({number})"  # in one step, or it plays on meanwhile
+        read = "Array.from(context.getImageData(0, 0, loop.width, loop.height).data)"
+        pixels = np.array(page.evaluate(f"{show}, {read}"), np.uint8).reshape(80, 120, 4)
+        np.testing.assert_array_equal(pixels[:, :, :3], state)
+
+
 @pytest.mark.slow
 def test_each_state_stays_for_its_refreshes(
     open_window: OpenWindow, player: Path, small: Loop

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import export.send.__main__ as send_cli
+from export.send.hiding import SECONDS, SEED, Hiding, Onlooker
 from export.send.pictures import open_pictures
 from export.send.player import write_player
 from export.send.write import write_states
@@ -29,9 +30,11 @@ from link.code.collect import Collector
 from link.embed import with_head_room
 from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
-from link.layout import MODULATIONS, Layout, make_layout
+from link.layout import COLOURS, MODULATIONS, Layout, make_layout
 from link.loop import Loop
 from link.video import read_video, write_video
+from link.visibility.flicker import contrast_over_threshold, random_message
+from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
 ROOT = Path(__file__).parents[1]
 LAYOUT = make_layout(5, 6, 120, 80, 2)
@@ -80,9 +83,13 @@ def read_player(file: Path) -> tuple[dict[str, Any], list[NDArray[np.uint8]]]:
 def player_states(file: Path) -> list[NDArray[np.uint8]]:
     loop, images = read_player(file)
     states = []
-    for original, added in loop["pairs"]:
-        assert images[added].ndim == 2
-        states += [images[original], images[original] + images[added][:, :, None]]
+    for original, *changes in loop["pairs"]:
+        shown = images[original].astype(int)
+        levels = [np.atleast_3d(images[number]).astype(int) for number in changes]
+        embedded = np.minimum(shown + levels[0], 255)  # as a browser adds, and takes away
+        for taken in levels[1:]:
+            embedded = np.abs(embedded - taken)
+        states += [images[original], embedded.astype(np.uint8)]
     return states
 
 
@@ -233,6 +240,8 @@ def test_a_player_holds_each_image_once(inputs: Path, tmp_path: Path, command: C
     loop, images = read_player(out)
     assert (loop["width"], loop["height"], loop["hold"], loop["scale"]) == (120, 80, 6, 2)
     assert len(images) == 1 + len({tuple(bits) for bits in SENT.tolist()})
+    assert all(len(numbers) == 2 for numbers in loop["pairs"])  # nothing is taken away
+    assert [image.ndim for image in images].count(2) == len(images) - 1  # of one channel
     assert "http" not in re.sub(r"http-equiv", "", out.read_text())
 
 
@@ -249,6 +258,7 @@ known = st.one_of(
     shapes,
     known,
     st.sampled_from(list(MODULATIONS)),
+    st.sampled_from(list(COLOURS)),
     st.tuples(st.integers(0, 40), st.integers(0, 40)),
     st.binary(min_size=1, max_size=12),
     st.integers(1, 64),
@@ -257,13 +267,15 @@ def test_any_layout_survives_folder_and_player(
     shape: tuple[int, int],
     known: dict[str, int],
     modulation: str,
+    colour: str,
     more: tuple[int, int],
     message: bytes,
     kappa: int,
 ) -> None:
     rows, cols = shape
     size = 8 * cols + more[0], 8 * rows + more[1]
-    layout = make_layout(rows, cols, *size, modulation=modulation, **known)
+    known = {"ratex": 0} if colour != "gray" and "ratex" in known else known
+    layout = make_layout(rows, cols, *size, modulation=modulation, colour=colour, **known)
     if layout.n_bits < framing.MIN_BITS:
         return
     picture = noise(layout.height, layout.width, len(message))
@@ -293,6 +305,87 @@ def test_fit_cuts_evenly_and_does_not_stretch() -> None:
     np.testing.assert_array_equal(fit_picture(same, 50, 40), same)
     checks = (np.indices((64, 64)).sum(axis=0) % 2 * 254).astype(np.uint8)
     assert np.unique(fit_picture(checks, 32, 32)).tolist() == [127]  # averaged, not aliased
+
+
+# Visibility
+
+SHOWN = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto", "--hold", 1)
+
+
+def test_the_sender_says_how_visible_the_message_is(
+    inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, *SHOWN, "--kappa", 2)
+    said = report(command(send_cli.main, *words, "--out", tmp_path / "a"))
+    assert json.loads((tmp_path / "a" / "sent.json").read_text()) | {"out": said["out"]} == said
+    seen = []
+    for level in PICTURE_LEVELS:
+        viewing = Viewing(12, 16, 2, aspect=512 / 384, picture_level=level)
+        shown = random_message(viewing, "toggle", np.random.default_rng(SEED), SECONDS)
+        seen.append(
+            [contrast_over_threshold(shown, viewing, where).high for where in ("block", "screen")]
+        )
+    block, screen = np.max(seen, axis=0).round(3)
+    assert (said["visibility_block"], said["visibility_screen"]) == (block, screen)
+    keys = ("visibility_block", "visibility_screen")
+    other = {}
+    for number, flags in enumerate(
+        [
+            ("--kappa", 2),
+            ("--kappa", 2, "--refresh", 120, "--state-hz", 60),  # light is held: no change
+            ("--kappa", 1),
+            ("--kappa", 2, "--colour", "chroma"),
+            ("--kappa", 2, "--distance", 6),
+            ("--kappa", 2, "--luminance", 20),
+            ("--kappa", 2, "--diagonal", 6),
+            ("--kappa", 2, "--hold", 4),
+        ]
+    ):
+        given = [*SHOWN, *flags]
+        if "--state-hz" in flags:
+            del given[given.index("--hold") : given.index("--hold") + 2]
+            given += ["--hold", 2]
+        done = command(
+            send_cli.main, inputs / "picture.png", "--message", MESSAGE, *given,
+            "--out", tmp_path / f"{number}.html",
+        )  # fmt: skip
+        other[number] = [report(done)[key] for key in keys]
+    assert other[0] == other[1] == [block, screen]
+    for number in (2, 3, 4, 5, 6):
+        assert other[number][0] < block
+    assert other[7][0] > block
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+def test_the_largest_kappa_below_a_visibility_is_taken(
+    colour: str, inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, *SHOWN, "--colour", colour)
+    limit = 10 if colour == "gray" else 1.5
+    said = report(command(send_cli.main, *words, "--visibility", limit, "--out", tmp_path / "a"))
+    kappa = said["kappa"]
+    assert 1 < kappa < 64
+    layout = Layout.from_dict(said["layout"])
+    hiding = Hiding(layout, 60, Onlooker())
+    assert said["visibility_block"] == round(hiding.seen(kappa), 3) <= limit
+    assert hiding.seen(kappa + 1) > limit
+    same = report(command(send_cli.main, *words, "--kappa", kappa, "--out", tmp_path / "b"))
+    assert {**same, "out": said["out"]} == said
+
+
+def test_every_kappa_is_taken_where_nothing_is_seen() -> None:
+    far = Onlooker(diagonal=1, luminance=1, distance=10_000)
+    layout = make_layout(modulation="antipodal", ratex=0)
+    assert Hiding(layout, 1000, far).largest_kappa(1.0) == 64
+
+
+@pytest.mark.parametrize("state_hz", [1e-9, 0.3, 23.976, 1000])
+@pytest.mark.parametrize("modulation", MODULATIONS)
+def test_any_rate_and_any_onlooker_has_a_visibility(state_hz: float, modulation: str) -> None:
+    layout = make_layout(modulation=modulation)
+    for onlooker in (Onlooker(0.1, 1, 10_000), Onlooker(10_000, 100_000, 0.01)):
+        hiding = Hiding(layout, state_hz, onlooker)
+        assert 0 < hiding.seen(3) < hiding.seen(3, "screen") < np.inf
 
 
 CUT = "picture.png --message hi --out"
@@ -338,7 +431,16 @@ WRONG = {
     "pyramid": (f"{CUT} x.html --pyramid-level 9", "--pyramid-level: 9 does not fit"),
     "patches": (f"{CUT} x.html --ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),
     "odd video": (f"{CUT} x.mkv --width 121", "even widths and heights only, got 121x80"),
-    "flag": (f"{CUT} x.html --colour red", "--colour: no such flag; see --help"),
+    "flag": (f"{CUT} x.html --color red", "--color: no such flag; "),
+    "no colour": (f"{CUT} x.html --colour red", "--colour: invalid choice: 'red'"),
+    "chroma patches": (f"{CUT} x.html --colour chroma", "layout: ratex patches are gray, bits"),
+    "both limits": (f"{CUT} x.html --visibility 1 --kappa 1", "--visibility and --kappa: give one"),
+    "too visible": (f"{CUT} x.html --visibility 0.5", "--visibility: a kappa of 1 is at "),
+    "no limit": (f"{CUT} x.html --visibility 0", "--visibility: need a number above 0, got 0"),
+    "below": (f"{CUT} x.html --visibility -1", "--visibility: need a number above 0, got -1"),
+    "flat": (f"{CUT} x.html --diagonal 0", "--diagonal: need 0.1 to 10000, got 0"),
+    "unlit": (f"{CUT} x.html --luminance 0.5", "--luminance: need 1 to 100000, got 0.5"),
+    "too near": (f"{CUT} x.html --distance -1", "--distance: need 0.01 to 10000, got -1"),
     "no layout": (f"{CUT} x.html --layout bad.json", "bad.json: no layout there"),
     "two layouts": (f"{CUT} x.html --layout layout.json --rows 5", "--rows and --layout: give one"),
 }

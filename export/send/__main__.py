@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from export.send.hiding import Hiding, Onlooker
 from export.send.pictures import open_pictures
 from export.send.write import output_kind, write_loop
 from link.code.authenticate import MAX_STAMP, read_key, sign
@@ -17,12 +18,14 @@ from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit
-from link.layout import MODULATIONS, Layout, count_pilots, make_layout, read_layout
+from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
 
-GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots")
+GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
 """Flags that describe a layout; those that are absent have the defaults of `make_layout`."""
+USUAL_KAPPA = 3
+"""Number of gray levels by which blocks change where neither --kappa nor --visibility is given."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
 
@@ -111,23 +114,46 @@ def states_per_second(hold: int, refresh: float, state_hz: float | None, kind: s
     return wanted
 
 
+def choose_kappa(kappa: int | None, limit: float | None, hiding: Hiding) -> int:
+    """Take --kappa, or the largest kappa that stays below --visibility.
+
+    Args:
+        kappa: value of --kappa, None where absent.
+        limit: value of --visibility, None where absent.
+        hiding: the message before the eyes of an onlooker.
+
+    Raises:
+        InputError: both are given, kappa is out of range, or even a kappa of 1 is too visible.
+    """
+    if limit is None:
+        return check_kappa(USUAL_KAPPA if kappa is None else kappa)
+    if kappa is not None:
+        raise InputError("--visibility and --kappa: give one of them")
+    return hiding.largest_kappa(limit)
+
+
 def send_parser() -> argparse.ArgumentParser:
     """Make the parser of the command line."""
     parser = argparse.ArgumentParser(prog="python -m export.send", description=main.__doc__)
-    add = parser.add_argument
+    add, usual = parser.add_argument, Onlooker()
     add("pictures", type=Path, help="an image, a folder of images, or a video")
     add("--message", help="text to send")
     add("--file", type=Path, help="file to send, instead of --message")
     add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
     add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
-    add("--kappa", type=int, default=3, help="gray levels added for a 1 (3)")
+    add("--kappa", type=int, help=f"gray levels added for a 1 ({USUAL_KAPPA})")
+    add("--visibility", type=float, help="take the largest kappa that is seen less than this")
+    add("--diagonal", type=float, default=usual.diagonal, help="of the shown picture, inches (24)")
+    add("--luminance", type=float, default=usual.luminance, help="of white, cd/m2 (200)")
+    add("--distance", type=float, default=usual.distance, help="of the eye, metres (0.6)")
     for name, default in {"rows": 8, "cols": 8, "width": 512, "height": 384}.items():
         add(f"--{name}", type=int, help=f"of the layout ({default})")
-    add("--ratex", type=int, help="patches of the layout: 0, 1, 2, 3 or 5 (5, or 0 with pilots)")
+    add("--ratex", type=int, help="patches: 0, 1, 2, 3 or 5 (5, or 0 with pilots or chroma)")
     add("--modulation", choices=list(MODULATIONS), help="how bits change blocks (on_off)")
     add("--pilots", help="share of blocks with known bits in place of patches, or auto (0)")
-    add("--layout", type=Path, help="JSON file with a layout, instead of these seven")
+    add("--colour", choices=list(COLOURS), help="in which direction blocks change (gray)")
+    add("--layout", type=Path, help="JSON file with a layout, instead of these eight")
     add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
     add("--hold", type=int, default=4, help="refreshes that a state stays (4)")
     add("--refresh", type=float, default=60.0, help="of the display, Hz (60)")
@@ -140,24 +166,33 @@ def send_parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Hide a message in pictures and write what a display shows: a player, a video or images.
 
-    Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR and SSIM.
+    Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, and how visible
+    the message is to the eye, as contrast over threshold (docs/visibility.md).
     """
     args = read_flags(send_parser().parse_args, counter=MAX_STAMP)
     kind = output_kind(args.out)
     message = message_of(args.message, args.file)
     layout = choose_layout(args.layout, {name: getattr(args, name) for name in GRID})
-    check_kappa(args.kappa)
+    onlooker = Onlooker(args.diagonal, args.luminance, args.distance)
     if not 0 <= args.scale <= MAX_SCALE:
         raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
     state_hz = states_per_second(args.hold, args.refresh, args.state_hz, kind)
+    hiding = Hiding(layout, state_hz, onlooker)
+    kappa = choose_kappa(args.kappa, args.visibility, hiding)
     loop = Loop(
         layout,
-        args.kappa,
+        kappa,
         encode(protected_message(message, args.key, args.counter), layout.n_bits),
         open_pictures(args.pictures, state_hz / 2, args.max_megapixels),
         args.pyramid_level,
     )
-    report = write_loop(loop, args.out, len(message), state_hz, hold=args.hold, scale=args.scale)
+    seen = {
+        "visibility_block": round(hiding.seen(kappa), 3),
+        "visibility_screen": round(hiding.seen(kappa, "screen"), 3),
+    }
+    report = write_loop(
+        loop, args.out, len(message), state_hz, hold=args.hold, scale=args.scale, more=seen
+    )
     print(json.dumps({"out": str(args.out), **report}))
 
 

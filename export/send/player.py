@@ -23,8 +23,9 @@ MAX_DECODED_BYTES = 2**30
 def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int = 0) -> None:
     """Write the player, one HTML file that needs no other.
 
-    It holds each picture once, and for each frame pair a gray image of the levels that the embedded
-    frame adds; the browser adds them. Images are PNG without colour chunks.
+    It holds each original frame once, and for each frame pair an image of the levels that the
+    embedded frame adds to it, and one of the levels that it takes away, if any; the browser adds
+    and takes them. Images are PNG without colour chunks.
 
     Args:
         path: the .html file.
@@ -39,9 +40,12 @@ def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int =
     pngs: list[bytes] = []
     order, shape = [], (0, 0)
     for pair in pairs:
-        added = pair.embedded - pair.original
+        change = pair.embedded.astype(np.int16) - pair.original
+        shown = [pair.original, _gray_where_alike(np.maximum(change, 0))]
+        if (change < 0).any():
+            shown.append(_gray_where_alike(np.maximum(-change, 0)))
         numbers = []
-        for image in (pair.original, added if added.ndim == 2 else added[:, :, 0]):
+        for image in shown:
             key = sha256(image.tobytes()).digest()
             if key not in images:
                 images[key] = len(pngs)
@@ -64,6 +68,13 @@ def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int =
     }
     page = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(loop), 1)
     write_bytes(path, page.encode())
+
+
+def _gray_where_alike(levels: NDArray[np.int16]) -> NDArray[np.uint8]:
+    """Levels of [0, 255] as an image, (H, W) where all channels are alike, which is smaller."""
+    image = levels.astype(np.uint8)
+    alike = image.ndim == 3 and bool((image == image[:, :, :1]).all())
+    return np.ascontiguousarray(image[:, :, 0]) if alike else image
 
 
 def _png(image: NDArray[np.uint8]) -> bytes:

@@ -4,7 +4,7 @@ import contextlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -83,7 +83,14 @@ def write_states(folder: Path, states: Iterable[NDArray[np.uint8]]) -> None:
 
 
 def write_loop(
-    loop: Loop, out: Path, message_bytes: int, state_hz: float, *, hold: int, scale: int
+    loop: Loop,
+    out: Path,
+    message_bytes: int,
+    state_hz: float,
+    *,
+    hold: int,
+    scale: int,
+    more: Mapping[str, float],
 ) -> dict[str, Any]:
     """Write a loop to a file or folder.
 
@@ -95,9 +102,10 @@ def write_loop(
         hold: refreshes of the display for which the player shows each state, at least 1.
         scale: display pixels for each picture pixel and axis in the player; 0 for the largest that
             fits.
+        more: numbers that are reported beside the loop's own.
 
     Returns:
-        `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM.
+        `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM; and ``more``.
 
     Raises:
         InputError: a picture or the output is no good, or something but an empty folder is there
@@ -114,6 +122,6 @@ def write_loop(
         else:
             with unfinished(out) as folder:
                 write_states(folder, loop.states())
-                report = loop.report(message_bytes, state_hz)
+                report = {**loop.report(message_bytes, state_hz), **more}
                 write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
-    return loop.report(message_bytes, state_hz)
+    return {**loop.report(message_bytes, state_hz), **more}

@@ -64,8 +64,8 @@ def spot_sensitivity(
     eccentricity = np.asarray(eccentricity_deg, np.float64)
     shifted = (np.asarray(frequency_hz, np.float64) + 2) / (1 + 0.0341811 * eccentricity) - 2
     phase = 2j * np.pi * 0.00292069 * shifted / (0.6678 + 0.222269 * np.log10(luminance_cd_m2))
-    fast = np.exp(-15 * np.log(1 + phase))
-    slow = np.exp(-16 * np.log(1 + 2.12547 * phase))
+    fast = (1 + phase) ** -15
+    slow = (1 + 2.12547 * phase) ** -16
     in_time = 154.133 * np.abs(fast - 0.721095 * slow)
     in_light = 1.76801 * (1 + 1.62402 / luminance_cd_m2) ** -0.533781
     return np.asarray(10 ** (-0.0330933 * eccentricity) * in_light * in_time)

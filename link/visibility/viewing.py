@@ -13,6 +13,8 @@ Numbers = NDArray[np.float64]
 """Array of real numbers."""
 LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
 """Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
+PICTURE_LEVELS = (32.0, 128.0, 230.0)
+"""Gray levels of a picture that stand for dark, middle and bright."""
 METRES_PER_INCH = 0.0254
 """Length of an inch in metres."""
 Where = Literal["block", "screen"]
