@@ -470,9 +470,9 @@ def _run_in_child(case: Case, folder: Path, stderr: Path, main: Callable[[], Non
         os._exit(status)
 
 
-def stop_training(*_: object) -> None:
-    """End train.py in place of its last part, the export and the evaluation, which take long."""
-    raise InputError("the fuzz ends a training here")
+def stop_before_export(*_: object) -> None:
+    """End a command in place of the export of a sound decoder, which takes long."""
+    raise InputError("the fuzz ends before an export")
 
 
 def main() -> None:
@@ -482,10 +482,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kind", help="one kind alone, such as model")
     parser.add_argument("--out", type=Path, help="folder for the inputs of failed cases")
+    parser.add_argument("--minutes", type=float, default=1e9, help="begin no case after so many")
     parser.add_argument("--verbose", action="store_true", help="print every case")
     config = parser.parse_args()
     mains = {module: importlib.import_module(module).main for module in COMMANDS}
-    importlib.import_module("train").save_checkpoint = stop_training  # type: ignore[attr-defined]
+    for module, function in (("train", "save_checkpoint"), ("export.to_onnx", "to_onnx")):
+        setattr(importlib.import_module(module), function, stop_before_export)
     one_thread()  # a forked process waits forever for threads that its parent had
     counts: Counter[tuple[str, str]] = Counter()
     slowest = largest = 0.0
@@ -496,7 +498,10 @@ def main() -> None:
         begun = run_case(Case("training", "train", words), inputs.good, mains["train"])
         if not (inputs.good / "training" / "state.pt").is_file():
             sys.exit(f"the training to mutate could not be made: {begun.stderr}")
+        ends = time.monotonic() + 60 * config.minutes
         for number in range(config.cases):
+            if time.monotonic() > ends:
+                break
             place = folder / "case"
             place.mkdir()
             case = getattr(inputs, config.kind)(place) if config.kind else inputs.case(place)

@@ -181,7 +181,7 @@ def differences(expected: dict[str, Any], found: dict[str, Any]) -> list[str]:
 
 
 def cached_export(module: Any, path: Path, *arguments: Any) -> Any:
-    """Export a decoder as train.py does, but trace its graph once for all runs, which takes long."""
+    """Export a decoder as train.py does, but trace its graph, which takes long, only once."""
     to_onnx: Any = importlib.import_module("export.to_onnx")
     trace = to_onnx.to_onnx
     weights = hashlib.sha256((path.parent / "decoder.pt").read_bytes()).hexdigest()
