@@ -18,6 +18,7 @@ Prints a line of JSON for each command; exit status 1 where a case failed.
 """
 
 import argparse
+import contextlib
 import hashlib
 import importlib
 import json
@@ -106,8 +107,9 @@ class Place:
             if done:
                 break
             if time.monotonic() - start >= kill_s:
+                with contextlib.suppress(ProcessLookupError):  # it has no group of its own yet
+                    os.killpg(child, signal.SIGKILL)
                 os.kill(child, signal.SIGKILL)
-                _kill_group(child)
                 _, status = os.waitpid(child, 0)
                 break
             time.sleep(0.001)
