@@ -16,7 +16,7 @@ import export.receive.__main__ as receive_cli
 import export.runtime as runtime_cli
 import export.send.__main__ as send_cli
 from data_gen.flags import LayoutFlags
-from data_gen.frame_pair import Source
+from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import load_capture, read_manifest
 from link.errors import InputError
 from link.images import write_image
@@ -55,6 +55,8 @@ def pilots_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (("--pilots", "0.01"), "--pilots: 0.01 of 8x8 blocks is less than 2 pilots"),
         (("--pilots", "auto", "--ratex", 5), "layout: has pilots beside ratex patches"),
         (("--modulation", "polar"), "modulation"),
+        (("--colour", "red"), "colour"),
+        (("--colour", "chroma", "--ratex", 5), "layout: ratex patches are gray, bits are chroma"),
     ],
 )
 @pytest.mark.parametrize("main", ["send", "data_gen", "video", "evaluate"])
@@ -178,6 +180,27 @@ def test_settings_of_the_usual_layout_are_those_of_runs_that_knew_no_other() -> 
     same = [evaluate.describe(evaluate.EvaluateConfig(pilots=p), []) for p in ("auto", "0.25")]
     assert same[0] == same[1]
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
+
+
+def test_chroma_is_simulated_and_decoded_by_what_can(tmp_path: Path, command: Command) -> None:
+    chroma = (*FINE, "--colour", "chroma")
+    done = command(data_gen_cli.main, *chroma, "--frames", 1, "--out", tmp_path / "out")
+    assert done.status == 0, done.stderr
+    (entry,) = read_manifest(tmp_path / "out")
+    assert load_capture(tmp_path / "out", entry).layout == replace(FINE_LAYOUT, colour="chroma")
+    methods = [Method(name) for name in ("naive", "oorc", "blind", "hidden_ratex", "phi", "cnn")]
+    suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma"))
+    assert [method.name for method in suited] == ["naive", "oorc", "blind", "hidden_ratex"]
+    for name, note in zip(("phi", "cnn"), notes, strict=True):
+        assert note == f"{name}: left out, it was made for gray bits and the layout's are chroma"
+    done = command(evaluate.main, *TINY, *chroma, "--methods", "oorc", "--no-html",
+                   "--out", tmp_path / "run")  # fmt: skip
+    assert done.status == 0, done.stderr
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["colour"] == "chroma"
+    (line,) = (tmp_path / "run" / "predictions.jsonl").read_text().splitlines()
+    sent = FramePair(Source(replace(FINE_LAYOUT, colour="chroma")), Cell("canon-lg", 0.0, 5), 0)
+    right = np.mean(np.array(json.loads(line)["bits"]) == sent.displayed.bits)
+    assert right > 0.95
 
 
 @pytest.mark.slow

@@ -28,8 +28,9 @@ from link.visibility.flicker import (
     message_visibility,
     random_message,
 )
-from link.visibility.viewing import LUMINANCE_FROM_RGB, Viewing
+from link.visibility.viewing import COLOUR_LEVELS, LUMINANCE_FROM_RGB, Viewing
 from reports.visibility import __main__ as study
+from reports.visibility import colours
 from reports.visibility import flicker as flicker_page
 from reports.visibility.codes import bits_known
 from reports.visibility.presets import RED_GREEN, Preset
@@ -138,7 +139,8 @@ def test_degrees_of_blocks_and_screen() -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [("rows", 0), ("states_hz", 45.0), ("states_hz", 120.0), ("picture_level", 256.0),
-     ("kappa", -1.0), ("gazes_deg", ()), ("distance_m", float("nan")), ("gamma", 0.0)],
+     ("picture_level", (0.0, 0.0, -1.0)), ("picture_level", (9.0, 9.0)), ("kappa", -1.0),
+     ("gazes_deg", ()), ("distance_m", float("nan")), ("gamma", 0.0)],
 )  # fmt: skip
 def test_wrong_viewings_name_the_parameter(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
@@ -243,6 +245,39 @@ def test_red_against_green_keeps_its_luminance() -> None:
     np.testing.assert_allclose(red.windows, np.hypot(red.luminance, red.colour))
 
 
+def test_a_coloured_area_has_levels_of_its_own_and_shows_red_against_green_by_luminance() -> None:
+    gray = replace(FINE, picture_level=(128.0, 128.0, 128.0))
+    np.testing.assert_array_equal(
+        message_visibility(gray, "toggle", rng(), 4).windows,
+        message_visibility(FINE, "toggle", rng(), 4).windows,
+    )
+    np.testing.assert_array_equal(
+        Viewing(kappa=2, picture_level=(10, 20, 30)).gray_levels([1.0]), [[12, 22, 32]]
+    )
+    turned = replace(FINE, colour=RED_GREEN)
+    over_gray = message_visibility(turned, "toggle", rng(), 4)
+    for level in COLOUR_LEVELS:
+        seen = message_visibility(replace(turned, picture_level=level), "toggle", rng(), 4)
+        assert seen.luminance.mean() > 10 * over_gray.luminance.mean()
+        plain = message_visibility(replace(FINE, picture_level=level), "toggle", rng(), 4)
+        assert seen.mean < 0.3 * plain.mean
+
+
+def test_the_table_of_colours_counts_right_bits(
+    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(colours, "GRIDS", {(6, 6): 1})
+    monkeypatch.setattr(colours, "KAPPAS", {"gray": (5,), "chroma": (10,)})
+    monkeypatch.setattr(colours, "SEATS", (("canon-lg", 0.0),))
+    page = tmp_path / "page.md"
+    done = command(colours.main, "--page", page, "--frames", 1, "--seconds", 1)
+    assert done.status == 0, done.stderr
+    rows = [line.split(" | ") for line in page.read_text().splitlines() if "× 6" in line]
+    assert [row[1:3] for row in rows] == [["gray", "5"], ["chroma", "10"]]
+    assert all(float(share) > 90 for row in rows for share in row[6:8])
+    assert command(colours.main, "--frames", 0).stderr.startswith("error: --frames: need at least")
+
+
 def test_colour_flicker_fuses_below_luminance_flicker() -> None:
     amplitudes = np.array([[[0.01, 0.0]]])
     slow, fast = (colour_over_threshold(amplitudes, [hz], 50, 3, 3)[0] for hz in (2, 30))
@@ -288,7 +323,7 @@ def test_the_blocks_of_the_document_are_what_the_command_writes(
     page = tmp_path / PAGE.name
     page.write_text(
         re.sub(
-            r"(<!-- (visibility_(?!jod)\w+) -->\n).*?(<!-- /\2 -->)",
+            r"(<!-- (visibility_(?!jod|colour)\w+) -->\n).*?(<!-- /\2 -->)",
             r"\1\3",
             PAGE.read_text(),
             flags=re.S,

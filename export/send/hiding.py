@@ -1,14 +1,16 @@
 """How visible the message is to somebody who looks at the display, and the largest hidden kappa.
 
 Visibility is contrast over threshold, where 1 is just seen (`link.visibility.flicker`). A picture
-has many gray levels, and a player may show many pictures; what counts is the most visible of a few
-levels (`link.visibility.viewing.PICTURE_LEVELS`), whatever the picture. The message is random, and
-always the same. Soft edges of blocks are taken for hard ones.
+has many levels, and a player may show many pictures; what counts is the most visible of a few gray
+levels, whatever the picture, and for chroma bits of a few usual colours as well
+(`link.visibility.viewing.PICTURE_LEVELS` and `COLOUR_LEVELS`). The message is random, and always
+the same. Soft edges of blocks are taken for hard ones.
 """
 
 import bisect
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -16,8 +18,10 @@ from link.embed import MAX_KAPPA
 from link.errors import ParameterError
 from link.layout import Layout
 from link.visibility.flicker import contrast_over_threshold, random_message
-from link.visibility.viewing import PICTURE_LEVELS, Viewing, Where
+from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
 
+Level = float | tuple[float, float, float]
+"""Gray level of a picture, or its red, green and blue."""
 SECONDS = 20.0
 """Length of the random message, in seconds; its high end is known to some percent."""
 SEED = 0
@@ -104,11 +108,17 @@ class Hiding:
             where: "block" for one block, "screen" for all blocks in phase.
 
         Returns:
-            contrast over threshold at the most visible of `PICTURE_LEVELS`; 1 is just seen.
+            contrast over threshold at the most visible level; 1 is just seen.
         """
-        return max(self._seen_over(level, kappa, where) for level in PICTURE_LEVELS)
+        return max(self._seen_over(level, kappa, where) for level in self._levels)
 
-    def _seen_over(self, level: float, kappa: int, where: Where = "block") -> float:
+    @property
+    def _levels(self) -> tuple[Level, ...]:
+        gray = self.layout.colour == "gray"  # changes colours no more than grays
+        return PICTURE_LEVELS if gray else (*PICTURE_LEVELS, *COLOUR_LEVELS)
+
+    @cache  # noqa: B019 - a few numbers, for one message a process
+    def _seen_over(self, level: Level, kappa: int, where: Where = "block") -> float:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
         viewing = replace(viewing, kappa=kappa, picture_level=level)
         code, rng = LINE_CODE[self.layout.modulation], np.random.default_rng(SEED)
@@ -129,7 +139,7 @@ class Hiding:
         """
         if not limit > 0:
             raise ParameterError("visibility", f"need a number above 0, got {limit:g}")
-        least = {level: self._seen_over(level, 1) for level in PICTURE_LEVELS}
+        least = {level: self._seen_over(level, 1) for level in self._levels}
         worst = max(least, key=lambda level: least[level])
         if least[worst] > limit:
             raise ParameterError(

@@ -15,6 +15,9 @@ LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
 """Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
 PICTURE_LEVELS = (32.0, 128.0, 230.0)
 """Gray levels of a picture that stand for dark, middle and bright."""
+COLOUR_LEVELS = ((200.0, 120.0, 80.0), (80.0, 120.0, 200.0), (60.0, 140.0, 60.0))
+"""Levels of red, green and blue that stand for the usual colours of pictures: skin, sky and leaves.
+Over them a toggle along a direction of colour changes luminance as well."""
 METRES_PER_INCH = 0.0254
 """Length of an inch in metres."""
 Where = Literal["block", "screen"]
@@ -44,8 +47,8 @@ class Viewing:
     """Number of states that are shown a second; a frame pair is two states."""
     refresh_hz: float = 60.0
     """Number of times a second that the display shows a new frame, and holds it until the next."""
-    picture_level: float = 128.0
-    """Gray level of the picture below the message, in [0, 255]."""
+    picture_level: float | tuple[float, float, float] = 128.0
+    """Gray level of the picture below the message, in [0, 255], or its red, green and blue."""
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Gray levels by which red, green and blue change for each gray level of kappa."""
     diagonal_inch: float = 24.0
@@ -91,7 +94,8 @@ class Viewing:
                 raise ParameterError(name, f"need a number of at least 0, got {value}")
         if not 0 <= self.ambient_cd_m2 < math.inf:
             raise ParameterError("ambient_cd_m2", f"need at least 0, got {self.ambient_cd_m2}")
-        if not 0 <= self.picture_level <= 255:
+        level = np.asarray(self.picture_level, np.float64)
+        if level.shape not in ((), (3,)) or not ((level >= 0) & (level <= 255)).all():
             raise ParameterError("picture_level", f"need 0 to 255, got {self.picture_level}")
         if not self.gazes_deg or not all(0 <= gaze < 90 for gaze in self.gazes_deg):
             raise ParameterError("gazes_deg", f"need angles from 0 to 90, got {self.gazes_deg}")
@@ -130,7 +134,7 @@ class Viewing:
         array([127., 130.])
         """
         added = self.kappa * np.asarray(amplitudes, np.float64)[:, None] * np.array(self.colour)
-        levels = self.picture_level + added
+        levels = np.asarray(self.picture_level, np.float64) + added
         if self.whole_levels:
             levels = np.floor(levels + 0.5 + 1e-9)  # halves go up on both sides: the swing stays
         return np.asarray(np.clip(levels, 0, 255))

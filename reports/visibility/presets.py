@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from link.errors import ParameterError
+from link.layout import COLOURS
 from link.visibility.flicker import (
     Visibility,
     contrast_over_threshold,
@@ -13,12 +14,10 @@ from link.visibility.flicker import (
     message_visibility,
 )
 from link.visibility.line_code import LINE_CODES
-from link.visibility.viewing import Viewing, Where
+from link.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 from reports.render.tables import Table
 
-LEVELS = (32.0, 128.0, 230.0)
-"""Gray levels of the picture that stand for dark, middle and bright."""
-RED_GREEN = (1.0, -0.3, 0.0)
+RED_GREEN = COLOURS["chroma"]
 """Gray levels of red, green and blue that change colour at nearly constant luminance."""
 
 
@@ -39,8 +38,8 @@ class Preset:
     colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """Gray levels of red, green and blue for each of kappa."""
 
-    def viewing(self, picture_level: float = 128.0) -> Viewing:
-        """Make the viewing of the preset on the standard display, over a gray picture."""
+    def viewing(self, picture_level: float | tuple[float, float, float] = 128.0) -> Viewing:
+        """Make the viewing of the preset on the standard display, over a gray or coloured area."""
         return Viewing(
             *self.grid,
             kappa=self.kappa,
@@ -48,11 +47,15 @@ class Preset:
             refresh_hz=self.refresh_hz,
             picture_level=picture_level,
             colour=self.colour,
-            whole_levels=True,
+            whole_levels=self.colour != RED_GREEN,  # the sender dithers what is no whole level
         )
 
     def seen(
-        self, seed: int, seconds: float, where: Where = "block", level: float = 128.0
+        self,
+        seed: int,
+        seconds: float,
+        where: Where = "block",
+        level: float | tuple[float, float, float] = 128.0,
     ) -> Visibility:
         """Work out the visibility of a random message of the preset."""
         rng = np.random.default_rng(seed)
@@ -108,7 +111,7 @@ def preset_table(seed: int, seconds: float, presets: Sequence[Preset] = PRESETS)
     rows = []
     for preset in presets:
         middle = preset.seen(seed, seconds)
-        others = [preset.seen(seed, seconds, level=level).mean for level in LEVELS]
+        others = [preset.seen(seed, seconds, level=level).mean for level in PICTURE_LEVELS]
         screen = preset.seen(seed, seconds, "screen")
         rows.append(
             [
@@ -159,7 +162,7 @@ def square_wave_table() -> Table:
             cells = []
             for kappa in (1, 3):
                 seen = []
-                for level in LEVELS:
+                for level in PICTURE_LEVELS:
                     viewing = replace(
                         Viewing(*grid, kappa=kappa, states_hz=states), picture_level=level
                     )

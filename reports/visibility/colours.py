@@ -1,0 +1,123 @@
+"""What turning red against green costs decoders and spares the eye: a block of docs/visibility.md.
+
+python -m reports.visibility.colours
+
+Frame pairs are simulated, at two camera-display pairs and angles, with antipodal blocks and pilots.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import tyro
+from joblib import Parallel, delayed
+
+from data_gen.frame_pair import Cell, FramePair, Source
+from link.errors import at_least, read_flags, run_cli
+from link.layout import COLOURS, count_pilots, make_layout
+from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS
+from models import make_decoder
+from reports.render.tables import Table, write_blocks
+from reports.visibility.presets import Preset, check_seconds
+
+GRIDS = {(8, 8): 4, (24, 32): 1}
+"""Grids, as rows and columns, and for each by which factor more frame pairs are decoded; coarse
+grids have fewer bits a frame pair."""
+KAPPAS = {"gray": (3, 5), "chroma": (3, 5, 10)}
+"""Kappas by colour direction; the eye takes more of chroma."""
+SEATS = (("canon-lg", 0.0), ("nikon-samsung", 45.0))
+"""Camera-display pairs, and angles of observation in degrees."""
+METHODS = ("oorc", "blind")
+"""Decoders that read chroma."""
+
+
+@dataclass(frozen=True)
+class ColoursConfig:
+    """Decode frame pairs of both colour directions, and write the table."""
+
+    page: Path = Path("docs/visibility.md")
+    """Page whose block is written."""
+    frames: int = 6
+    """Number of frame pairs of the finest grid for each kappa and camera-display pair."""
+    seconds: float = 40.0
+    """Length of the random messages whose visibility is worked out, in seconds."""
+    seed: int = 0
+    """Seed of the messages and of the channel."""
+    jobs: int = 1
+    """Number of processes."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A row of the table."""
+
+    grid: tuple[int, int]
+    """Number of rows and of columns."""
+    colour: str
+    """Key of `link.layout.COLOURS`."""
+    kappa: int
+    """Gray levels by which blocks change."""
+
+    def source(self, seed: int) -> Source:
+        """Return held-out pictures, with antipodal blocks and pilots."""
+        layout = make_layout(
+            *self.grid,
+            modulation="antipodal",
+            pilots=count_pilots("auto", *self.grid),
+            colour=self.colour,
+        )
+        return Source(layout, "test", seed)
+
+    def right_bits(self, seed: int, seat: tuple[str, float], index: int) -> list[int]:
+        """Count the right bits of each of `METHODS` in one frame pair."""
+        pair = FramePair(self.source(seed), Cell(*seat, self.kappa), index)
+        decided = (make_decoder(name).decode(pair.rectified).bits for name in METHODS)
+        return [int((bits == pair.displayed.bits).sum()) for bits in decided]
+
+
+def all_settings() -> Iterator[Setting]:
+    """Give the rows of the table, from top to bottom."""
+    for grid in GRIDS:
+        for colour in COLOURS:
+            for kappa in KAPPAS[colour]:
+                yield Setting(grid, colour, kappa)
+
+
+def colour_row(setting: Setting, config: ColoursConfig, parallel: Parallel) -> list[str]:
+    """Work out a row of the table: visibility at 60 states a second, and right bits."""
+    preset = Preset(setting.grid, "toggle", setting.kappa, 60, colour=COLOURS[setting.colour])
+    worst = [
+        max(preset.seen(config.seed, config.seconds, level=level).mean for level in levels)
+        for levels in (PICTURE_LEVELS, COLOUR_LEVELS)
+    ]
+    frames = range(config.frames * GRIDS[setting.grid])
+    bits = len(frames) * setting.source(config.seed).layout.n_bits
+    shares = []
+    for seat in SEATS:
+        count = partial(setting.right_bits, config.seed, seat)
+        right = parallel(delayed(count)(index) for index in frames)
+        shares += [f"{100 * sum(each) / bits:.2f}" for each in zip(*right, strict=True)]
+    rows, cols = setting.grid
+    middle = preset.seen(config.seed, config.seconds).mean
+    name = [f"{rows} × {cols}", setting.colour, str(setting.kappa)]
+    return [*name, *(f"{seen:.2f}" for seen in (middle, *worst)), *shares, f"{bits:,}"]
+
+
+def main() -> None:
+    """Decode, print, and write the block."""
+    config = read_flags(lambda: tyro.cli(ColoursConfig))
+    at_least(1, frames=config.frames, jobs=config.jobs)
+    check_seconds(config.seconds)
+    parallel = Parallel(n_jobs=config.jobs)
+    rows = [colour_row(setting, config, parallel) for setting in all_settings()]
+    heads = ["grid", "colour", "κ", "gray 128", "worst gray", "worst colour"]
+    heads += [f"{name}, {pair} {view:g}°" for pair, view in SEATS for name in METHODS]
+    table = Table([*heads, "bits a cell"], rows, left=2).markdown()
+    print(table)
+    write_blocks(config.page, {"visibility_colour": table})
+    print(f"written: {config.page}")
+
+
+if __name__ == "__main__":
+    run_cli(main)
