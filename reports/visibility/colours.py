@@ -49,7 +49,7 @@ class ColoursConfig:
 
 
 @dataclass(frozen=True)
-class Setting:
+class ColourSetting:
     """A row of the table."""
 
     grid: tuple[int, int]
@@ -76,15 +76,15 @@ class Setting:
         return [int((bits == pair.displayed.bits).sum()) for bits in decided]
 
 
-def all_settings() -> Iterator[Setting]:
+def all_settings() -> Iterator[ColourSetting]:
     """Give the rows of the table, from top to bottom."""
     for grid in GRIDS:
         for colour in COLOURS:
             for kappa in KAPPAS[colour]:
-                yield Setting(grid, colour, kappa)
+                yield ColourSetting(grid, colour, kappa)
 
 
-def colour_row(setting: Setting, config: ColoursConfig, parallel: Parallel) -> list[str]:
+def colour_row(setting: ColourSetting, config: ColoursConfig, parallel: Parallel) -> list[str]:
     """Work out a row of the table: visibility at 60 states a second, and right bits."""
     preset = Preset(setting.grid, "toggle", setting.kappa, 60, colour=COLOURS[setting.colour])
     worst = [
