@@ -6,7 +6,7 @@ the message bits through that fit.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
@@ -127,8 +127,10 @@ def train_and_evaluate(
     """
     layouts = LAYOUTS[config.layouts]
     plan = EpisodePlan(config.episodes // len(layouts), config.kappas, config.max_view)
-    sources = [Source(layout, "train", config.seed) for layout in layouts]
-    episodes = [simulate_episodes(source, pairs, plan, config.jobs) for source in sources]
+    episodes = {
+        layout: simulate_episodes(Source(layout, "train", config.seed), pairs, plan, config.jobs)
+        for layout in layouts
+    }
     train(module, episodes, config, folder)
     module.cpu()
     settings = training_settings(config)
@@ -182,13 +184,13 @@ def check_training(config: TrainConfig) -> None:
 
 
 def train(
-    module: PhiDecoder, episodes: Sequence[EpisodeSet], config: TrainConfig, folder: Path
+    module: PhiDecoder, episodes: Mapping[Layout, EpisodeSet], config: TrainConfig, folder: Path
 ) -> None:
     """Run the loop; each round ends with log.jsonl and state.pt, from which a killed run goes on.
 
     Args:
         module: the decoder, whose parameters are changed.
-        episodes: one set for each of the run's layouts, which take their steps in turn.
+        episodes: a set for each layout; the layouts take their steps in turn.
         config: settings of the run.
         folder: where log.jsonl and state.pt are written.
 
@@ -202,13 +204,13 @@ def train(
     parts = {"module": module, "optimiser": optimiser, "schedule": schedule}
     key = resume_key(config)
     first, log = resume_state(folder / STATE, parts, generator, key)
-    decoders = [module.for_layout(layout) for layout in LAYOUTS[config.layouts]]
-    bits = [each.bits.to(config.device) for each in episodes]
+    decoders = [module.for_layout(layout) for layout in episodes]
+    bits = [each.bits.to(config.device) for each in episodes.values()]
     progress = tqdm(total=total, initial=first * config.steps, desc="train", unit="step")
     for number in range(first, config.rounds):
         features = [
             augmented_features(each, decoder.summarise, config.device, generator)
-            for decoder, each in zip(decoders, episodes, strict=True)
+            for decoder, each in zip(decoders, episodes.values(), strict=True)
         ]
         for step in range(number * config.steps, (number + 1) * config.steps):
             turn = step % len(decoders)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from reports.visibility import frontier
-from reports.visibility.frontier import PAPER, PAPER_HZ, SETTINGS, Setting, information
+from reports.visibility.frontier import PAPER, PAPER_HZ, SETTINGS, FrontierSetting, information
 
 PAGE = (
     "<!-- hidden_bits -->\n<!-- /hidden_bits -->\n<!-- hidden_rates -->\n<!-- /hidden_rates -->\n"
@@ -37,8 +37,8 @@ def test_settings_have_names_of_their_own_and_fit_their_layouts() -> None:
 
 
 def test_finer_blocks_and_faster_states_are_seen_less() -> None:
-    slow, fast = (Setting(8, 8, "antipodal", 3).seen(hz, 0) for hz in (15, 60))
-    fine = Setting(48, 64, "antipodal", 3).seen(60, 0)
+    slow, fast = (FrontierSetting(8, 8, "antipodal", 3).seen(hz, 0) for hz in (15, 60))
+    fine = FrontierSetting(48, 64, "antipodal", 3).seen(60, 0)
     assert PAPER.seen(PAPER_HZ, 0) > 1
     assert slow > fast > fine
 
@@ -47,7 +47,7 @@ def test_finer_blocks_and_faster_states_are_seen_less() -> None:
 def test_the_page_gets_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "hidden.md"
     page.write_text(PAGE)
-    monkeypatch.setattr(frontier, "SETTINGS", (PAPER, Setting(8, 8, "antipodal", 1)))
+    monkeypatch.setattr(frontier, "SETTINGS", (PAPER, FrontierSetting(8, 8, "antipodal", 1)))
     monkeypatch.setattr(frontier, "PAIRS", ("canon-lg",))
     flags = ["--frames", "1", "--jobs", "1", "--observed", "0"]
     folders = ["--work", str(tmp_path / "work"), "--page", str(page)]

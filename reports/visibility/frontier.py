@@ -35,7 +35,7 @@ LINE_CODE = {"on_off": "on_off", "antipodal": "toggle"}
 
 
 @dataclass(frozen=True)
-class Setting:
+class FrontierSetting:
     """A layout and a kappa that are compared."""
 
     rows: int
@@ -69,19 +69,19 @@ class Setting:
         return Preset(grid, LINE_CODE[self.modulation], self.kappa, states_hz).seen(seed, 20.0).mean
 
 
-PAPER = Setting(8, 8, "on_off", 3, ratex=True)
+PAPER = FrontierSetting(8, 8, "on_off", 3, ratex=True)
 """The paper's setting, at 15 states a second, against which rates are compared."""
 PAPER_HZ = 15
 SETTINGS = (
     PAPER,
-    Setting(8, 8, "on_off", 1, ratex=True),
-    Setting(8, 8, "antipodal", 1),
-    Setting(24, 32, "on_off", 3),
-    Setting(24, 32, "antipodal", 1),
-    Setting(24, 32, "antipodal", 3),
-    Setting(48, 64, "antipodal", 1),
-    Setting(48, 64, "antipodal", 3),
-    Setting(96, 128, "antipodal", 3),
+    FrontierSetting(8, 8, "on_off", 1, ratex=True),
+    FrontierSetting(8, 8, "antipodal", 1),
+    FrontierSetting(24, 32, "on_off", 3),
+    FrontierSetting(24, 32, "antipodal", 1),
+    FrontierSetting(24, 32, "antipodal", 3),
+    FrontierSetting(48, 64, "antipodal", 1),
+    FrontierSetting(48, 64, "antipodal", 3),
+    FrontierSetting(96, 128, "antipodal", 3),
 )
 """Settings that are compared."""
 RATES_HZ = (15, 30, 60)
@@ -181,7 +181,7 @@ def information(scores: np.ndarray, bits: np.ndarray) -> float:
 class RateRow:
     """What a setting shows and carries at one rate, over both views."""
 
-    setting: Setting
+    setting: FrontierSetting
     states_hz: int
     seen: float
     """Contrast over threshold of one block; above 1 it is seen."""
