@@ -54,6 +54,6 @@ def test_the_page_gets_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("sys.argv", ["frontier", *flags, *folders])
     frontier.main()
     text = page.read_text()
-    assert text.count("| 8 × 8, antipodal, pilots, κ 1 | 45° | learned |") == 1
-    assert "| 8 × 8, on_off, ratex, κ 3 | 15 |" in text
+    assert text.count("| 8 × 8 antipodal, pilots, κ 1 | 45° | learned |") == 1
+    assert "| 8 × 8 on_off, ratex, κ 3 | 15 |" in text
     assert (tmp_path / "hidden_frontier.png").is_file()

@@ -56,7 +56,7 @@ class FrontierSetting:
     def name(self) -> str:
         """What tables call the setting."""
         known = "ratex" if self.ratex else "pilots"
-        return f"{self.rows} × {self.cols}, {self.modulation}, {known}, κ {self.kappa}"
+        return f"{self.rows} × {self.cols} {self.modulation}, {known}, κ {self.kappa}"
 
     def condition(self, frames: int, seed: int) -> Condition:
         """Held-out frame pairs of all nine pairs at both views."""
@@ -229,7 +229,7 @@ def rate_table(rows: Sequence[RateRow]) -> Table:
 
 def frontier_figure(rows: Sequence[RateRow]) -> Figure:
     """Draw bits a second over contrast over threshold, a line for each setting."""
-    figure, (panel,) = new_panels(legend=2.6, size=(8.4, 4.2))
+    figure, (panel,) = new_panels(legend=3.6, size=(9.6, 4.2), title=True)
     for number, setting in enumerate(SETTINGS):
         own = [row for row in rows if row.setting == setting]
         label = setting.name
@@ -244,9 +244,9 @@ def frontier_figure(rows: Sequence[RateRow]) -> Figure:
     panel.set_xscale("log")
     panel.set_yscale("log")
     set_ticks(panel.xaxis, [0.3, 1, 3, 10], ["0.3", "1", "3", "10"])
-    set_ticks(panel.yaxis, [1e2, 1e3, 1e4, 1e5], ["100", "1,000", "10,000", "100,000"])
+    set_ticks(panel.yaxis, [1e2, 1e3, 1e4, 1e5], ["100", "1 k", "10 k", "100 k"])
     panel.set_xlabel("contrast over threshold of one block; above 1 it is seen")
-    panel.set_ylabel("bits a second, before coding")
+    panel.set_title("bits a second, before coding", loc="left")
     panel.grid(axis="both")
     panel.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     return figure
