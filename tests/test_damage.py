@@ -240,10 +240,12 @@ def damages(file: Path) -> Iterator[tuple[tuple[Any, ...], Any, bytes]]:
 
 
 @pytest.mark.parametrize("name", [slow(name) for name in JSON])
-def test_every_place_of_every_file_may_hold_anything(
+def test_many_places_of_every_file_may_hold_anything(
     shown: Callable[..., bool], good: Path, name: str
 ) -> None:
-    for path, new, data in damages(good / name):
+    """Some 60 cases a file, drawn evenly; all of them, 3,510, take many minutes."""
+    cases = list(damages(good / name))
+    for path, new, data in cases[:: max(1, len(cases) // 60)]:
         shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
 
 
