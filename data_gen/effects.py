@@ -131,6 +131,8 @@ def _as_tuple(value: Any) -> Any:
 
 
 def _kind(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true or false"
     if isinstance(value, int | float):
         return "a number"
     if isinstance(value, list | tuple):

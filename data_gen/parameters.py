@@ -61,7 +61,7 @@ class Limited:
 
 def _shape(value: Any) -> tuple[int, ...] | None:
     """Return the shape of nested lists of numbers, () for one number, None for anything else."""
-    if isinstance(value, int | float):
+    if isinstance(value, int | float) and not isinstance(value, bool):
         return ()
     if not isinstance(value, list | tuple) or not value:
         return None

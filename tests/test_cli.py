@@ -301,6 +301,9 @@ def test_a_refusal_in_a_process_of_its_own(arguments: tuple[str, ...]) -> None:
         ("--rows 0", "--rows: need at least 1, got 0"),
         ("--without rain", "effect 'rain'; choose one of: perspective"),
         ("--set jpeg_quality=200", "jpeg_quality must lie in [0, 100]"),
+        ("--set blur_px=true", "blur_px: need a number, such as"),
+        ("--set bayer=2", "bayer: need true or false, such as"),
+        ("--set gamma=[true,2,2]", "gamma must be 3 numbers"),
         ("--width 20", "need a frame of at least"),
     ],
 )
