@@ -312,11 +312,11 @@ FILM = ("--message", "a", "--seconds", "0.1", "--size", "160", "120")
 @pytest.mark.parametrize(
     ("name", "stop", "words", "out"),
     [
-        ("data_gen.__main__", "00001_original.png", GENERATE, "out"),
-        ("data_gen.__main__", "manifest.jsonl", GENERATE, "out"),
+        slow("data_gen.__main__", "00001_original.png", GENERATE, "out"),
+        slow("data_gen.__main__", "manifest.jsonl", GENERATE, "out"),
         slow("data_gen.video", "000002.png", FILM, "out"),
         slow("data_gen.video", "truth.jsonl", FILM, "out"),
-        ("data_gen.video", "film.jsonl", FILM, "film.mkv"),
+        slow("data_gen.video", "film.jsonl", FILM, "film.mkv"),
         ("export.send.__main__", "x.html", ("PICTURE", "--message", "a"), "x.html"),
         slow("export.send.__main__", "x.mkv", ("PICTURE", "--message", "a"), "x.mkv"),
         slow("export.send.__main__", "sent.json", ("PICTURE", "--message", "a"), "x"),

@@ -144,6 +144,7 @@ def test_methods_that_a_layout_does_not_suit_are_told_apart() -> None:
         suited_methods(methods[1:2], FINE_LAYOUT)
 
 
+@pytest.mark.slow
 def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: Command) -> None:
     out = tmp_path / "run"
     done = command(

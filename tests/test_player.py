@@ -111,6 +111,7 @@ def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     assert seen == wanted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("colour", ["gray", "chroma"])
 def test_what_an_embedded_frame_takes_away_is_exact_too(
     colour: str, small: Loop, open_window: OpenWindow, tmp_path: Path
