@@ -251,9 +251,7 @@ def test_the_fuzz_command_finds_nothing() -> None:
     assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 10
 
 
-@pytest.mark.parametrize(
-    "name", [slow("data_gen"), slow("send_folder"), slow("film_mkv"), slow("train")]
-)
+@pytest.mark.parametrize("name", [slow("data_gen"), slow("send_folder"), slow("film_mkv")])
 def test_a_killed_command_ends_in_the_same_bytes(name: str) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tests.kills", "--kills", "2", "--commands", name],
