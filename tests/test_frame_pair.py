@@ -53,6 +53,7 @@ def test_cells_do_not_depend_on_the_order(layout: Layout) -> None:
     assert all(same(a, b) for a, b in zip(there, reversed(back), strict=True))
 
 
+@pytest.mark.slow
 def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
     calls = [(Source(layout), cell, index) for cell in (FRONTAL, OBLIQUE) for index in (1, 0)]
     here = [filmed(*call) for call in calls]
