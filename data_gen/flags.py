@@ -13,7 +13,7 @@ from data_gen.effects import parse_settings
 from data_gen.frame_pair import Cell, Source
 from link.embed import check_kappa
 from link.errors import at_least
-from link.layout import Layout, count_pilots, make_layout
+from link.layout import Layout, make_layout
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,6 @@ class LayoutFlags:
         Raises:
             InputError: the grid does not fit the picture, or has no room for the ratex patches.
         """
-        at_least(1, rows=self.rows, cols=self.cols)
         return make_layout(
             self.rows,
             self.cols,
@@ -57,7 +56,7 @@ class LayoutFlags:
             self.height,
             self.ratex,
             self.modulation,
-            count_pilots(self.pilots, self.rows, self.cols),
+            self.pilots,
             self.colour,
         )
 

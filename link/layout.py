@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from link.errors import InputError, ParameterError, choose
+from link.errors import InputError, ParameterError, at_least, choose
 from link.outside import read_json
 from link.visibility.viewing import LUMINANCE_FROM_RGB
 
@@ -269,7 +269,7 @@ def make_layout(
     height: int = 384,
     ratex: int | None = None,
     modulation: str = "on_off",
-    pilots: int = 0,
+    pilots: int | str = 0,
     colour: str = "gray",
 ) -> Layout:
     """Make the usual layout: pilots, or ratex patches in the corners and the centre.
@@ -284,7 +284,7 @@ def make_layout(
         ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots and
             beside a colour other than "gray".
         modulation: a key of `MODULATIONS`.
-        pilots: number of blocks that carry known bits.
+        pilots: number of blocks that carry known bits, or text for `count_pilots`, such as "auto".
         colour: a key of `COLOURS`.
 
     Raises:
@@ -294,6 +294,9 @@ def make_layout(
     >>> (layout.n_bits, layout.ratex)
     (59, ((0, 0), (7, 7), (0, 7), (7, 0), (4, 4)))
     """
+    at_least(1, rows=rows, cols=cols)
+    if isinstance(pilots, str):
+        pilots = count_pilots(pilots, rows, cols)
     if ratex is None:
         ratex = 0 if pilots or colour != "gray" else 5
     bottom, right = rows - 1, cols - 1

@@ -18,7 +18,7 @@ from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit
-from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout, read_layout
+from link.layout import COLOURS, MODULATIONS, Layout, make_layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
 
@@ -80,10 +80,6 @@ def choose_layout(file: Path | None, grid: dict[str, Any]) -> Layout:
     """
     given = {name: value for name, value in grid.items() if value is not None}
     if file is None:
-        at_least(1, **{name: given[name] for name in ("rows", "cols") if name in given})
-        if "pilots" in given:
-            rows, cols = given.get("rows", 8), given.get("cols", 8)
-            given["pilots"] = count_pilots(given["pilots"], rows, cols)
         return make_layout(**given)
     if given:
         raise InputError(f"--{next(iter(given))} and --layout: give one of them")

@@ -8,7 +8,7 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from link.errors import ParameterError
-from link.layout import Layout, count_pilots, make_layout
+from link.layout import Layout, make_layout
 from models import shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import START_LOG_TEMPERATURE, DecoderConfig, PhiDecoder
@@ -28,7 +28,7 @@ HIDDEN_GRIDS = (
 LAYOUTS: dict[LayoutKind, tuple[Layout, ...]] = {
     "ratex": (make_layout(),),
     "hidden": tuple(
-        make_layout(rows, cols, modulation=modulation, pilots=count_pilots("auto", rows, cols))
+        make_layout(rows, cols, modulation=modulation, pilots="auto")
         for rows, cols, modulation in HIDDEN_GRIDS
     ),
 }

@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.errors import at_least, read_flags, run_cli
-from link.layout import COLOURS, count_pilots, make_layout
+from link.layout import COLOURS, make_layout
 from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS
 from models import make_decoder
 from reports.render.tables import Table, write_blocks
@@ -64,7 +64,7 @@ class ColourSetting:
         layout = make_layout(
             *self.grid,
             modulation="antipodal",
-            pilots=count_pilots("auto", *self.grid),
+            pilots="auto",
             colour=self.colour,
         )
         return Source(layout, "test", seed)

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
 from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
-from link.layout import Layout, count_pilots, make_layout
+from link.layout import Layout, make_layout
 from models import shipped_checkpoint
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, predict_all
-from reports.render.charts import colour_of, marker_of, new_panels, save_png, set_ticks
+from reports.render.charts import marker_of, new_panels, save_png, set_ticks
 from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.accuracy import pool, score
 from reports.visibility.presets import Preset
@@ -49,7 +49,7 @@ class FrontierSetting:
     @property
     def layout(self) -> Layout:
         """The layout that the display shows."""
-        pilots = 0 if self.ratex else count_pilots("auto", self.rows, self.cols)
+        pilots = 0 if self.ratex else "auto"
         return make_layout(self.rows, self.cols, modulation=self.modulation, pilots=pilots)
 
     @property
@@ -236,7 +236,7 @@ def frontier_figure(rows: Sequence[RateRow]) -> Figure:
             [row.seen for row in own],
             [row.bits_hz for row in own],
             marker=marker_of(label),
-            color=f"C{number}" if number < 10 else colour_of(label),
+            color=f"C{number}",
             label=label,
         )
     panel.axvline(1.0, linestyle=":", color="0.5")
