@@ -90,13 +90,13 @@ STEPS = {
         {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},
     ),
     "delivery": Step(
-        "reports.studies.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
+        "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
     ),
 }
 """Steps by name, in the order in which they are run."""
 STEPS |= {
     f"delivery_{name}": Step(
-        f"reports.studies.delivery --runs 4 {THREE} {flags} --out runs/delivery",
+        f"reports.films.delivery --runs 4 {THREE} {flags} --out runs/delivery",
         {"runs/delivery": "delivery"},
     )
     for name, flags in {

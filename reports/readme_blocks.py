@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from link.outside import read_json
+from reports.films.delivery import delivery_block
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores, wilson
-from reports.studies.delivery import delivery_block
 from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks
 
@@ -67,14 +67,21 @@ def measured_table(docs: Path) -> str:
 def current_command(stored: str) -> str:
     """Name a command as it is called today.
 
-    Results that were stored before the studies had a folder of their own name ``reports.NAME``.
+    Results that were stored before the studies had folders of their own name ``reports.NAME``.
 
     >>> current_command("python -m reports.peers --out runs/peers")
     'python -m reports.studies.peers --out runs/peers'
+    >>> current_command("python -m reports.delivery --runs 6")
+    'python -m reports.films.delivery --runs 6'
     >>> current_command("python -m reports.readme")
     'python -m reports.readme'
     """
-    return re.sub(r"^python -m reports\.(?!studies\.|lab\.|readme)", r"\g<0>studies.", stored)
+    stored = re.sub(
+        r"^(python -m reports)\.(?:studies\.)?(?=(?:delivery|endless)\b)", r"\1.films.", stored
+    )
+    return re.sub(
+        r"^python -m reports\.(?!studies\.|films\.|lab\.|readme)", r"\g<0>studies.", stored
+    )
 
 
 @dataclass(frozen=True)

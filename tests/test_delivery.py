@@ -14,9 +14,10 @@ from link.errors import InputError
 from link.layout import make_layout
 from reports.engine.checked import seal
 from reports.engine.stored import all_results, each_result, resume
+from reports.films import delivery
+from reports.films.delivery import Delivery, DeliveryConfig, Take
 from reports.readme import DOCS
-from reports.studies import delivery, framing
-from reports.studies.delivery import Delivery, DeliveryConfig, Take
+from reports.studies import framing
 
 ROOT = Path(__file__).parents[1]
 STORED = sorted((ROOT / DOCS / "delivery").glob("*.json"))

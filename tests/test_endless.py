@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from conftest import Command
 
-from reports.studies import endless
-from reports.studies.endless import (
+from reports.films import endless
+from reports.films.endless import (
     BLOCKS,
     StreamBlock,
     endure,

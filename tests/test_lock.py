@@ -27,7 +27,8 @@ from models.neural.decoder import FULL, PhiDecoder
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
-from reports.studies import ablation, delivery, endless, framing, leave_one_out, repeats
+from reports.films import delivery, endless
+from reports.studies import ablation, framing, leave_one_out, repeats
 from reports.studies.peers import __main__ as peers
 
 HOLD = """

@@ -1,4 +1,4 @@
-"""Messages from simulated hand-held video: python -m reports.studies.delivery.
+"""Messages from simulated hand-held video: python -m reports.films.delivery.
 
 Each run draws a picture, a room, a pose, the motion of the hand, both clocks, and the moment of the
 loop at which the camera joins. The receiver gets the frames alone. Runs are stored as they end, and
@@ -321,7 +321,7 @@ def delivery_table(folder: Path) -> Table:
     title = (
         "Simulated hand-held video at 1280 × 720, 0° and 45°, κ = 3, a 100-byte message; picture, "
         "room, pose, clocks (±1 %) and start in the loop drawn anew in each run "
-        "(`python -m reports.studies.delivery`):"
+        "(`python -m reports.films.delivery`):"
     )
     return Table(heads, rows, title)
 

@@ -1,4 +1,4 @@
-"""What an endless stream costs the receiver: python -m reports.studies.endless.
+"""What an endless stream costs the receiver: python -m reports.films.endless.
 
 Streams that no receiver should choke on are pushed through it frame by frame: noise, a display that
 stands still, and a film that begins again and again. Memory and the time of a frame are measured on

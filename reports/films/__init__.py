@@ -1,0 +1,1 @@
+"""Studies of films: how well a receiver reads what a simulated hand-held camera films."""
