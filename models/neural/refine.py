@@ -112,7 +112,9 @@ class Refiner(nn.Module):
         labels = torch.from_numpy(tile_labels(layout).reshape(-1).astype(np.float64))
         self.register_buffer("labels", labels, persistent=False)
 
-    def forward(self, tiles: Tensor, blocks: Tensor, scores: Tensor) -> Tensor:
+    def forward(
+        self, tiles: Tensor, blocks: Tensor, scores: Tensor, together: bool = False
+    ) -> Tensor:
         """Compute the log-likelihood ratios of the message bits.
 
         Args:
@@ -122,9 +124,11 @@ class Refiner(nn.Module):
                 message block.
             scores: (B, n_bits) float64 scores of the SVM, with margins of about 1, from which the
                 first probabilities are made.
+            together: whether the batch holds captures of one frame pair, whose bits are the same.
 
         Returns:
-            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1.
+            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1. Those of captures
+            that are fitted together are still what each capture says by itself, and add.
         """
         S, N, y, var = self.design(tiles, blocks)
         T, n_bits = tiles.shape[1], blocks.shape[1]
@@ -141,7 +145,7 @@ class Refiner(nn.Module):
         relative = (2 * self.spread.double()).exp()
         llr = self.start.exp() * scores
         for _ in range(self.rounds):
-            p = llr.sigmoid()
+            p = said_of_bits(llr, together).sigmoid()
             q = torch.cat([known, p, 1 - p], dim=1)
             variance = noise * var + LEAST_NOISE**2
             total = variance + scatter
@@ -249,6 +253,23 @@ class Refiner(nn.Module):
         log_noise = self.is_tile * self.tile_noise + (1 - self.is_tile) * self.block_noise
         variance = (2 * (P[..., :3] * log_noise).sum(-1)).exp()
         return S, torch.cat(columns, dim=-1), GRAY_LEVELS * statistics[..., 0], variance
+
+
+def said_of_bits(llr: Tensor, together: bool) -> Tensor:
+    """Add up what captures of one frame pair say of its bits.
+
+    Args:
+        llr: (B, n_bits) log-likelihood ratios, by what each frame pair says.
+        together: whether the batch holds captures of one frame pair, whose bits are the same.
+
+    Returns:
+        (B, n_bits) log-likelihood ratios by all that is known of each frame pair's bits.
+
+    >>> said_of_bits(torch.tensor([[1.0, 2.0], [3.0, -3.0]]), together=True)
+    tensor([[ 4., -1.],
+            [ 4., -1.]])
+    """
+    return llr.sum(0, keepdim=True).expand_as(llr) if together else llr
 
 
 def cavity_llr(

@@ -21,7 +21,14 @@ from torch import Tensor, nn
 from torch.nn.functional import pad
 
 from link.layout import Layout
-from models.neural.refine import GRAY_LEVELS, GRID, MOMENTS, cavity_llr, with_surprises
+from models.neural.refine import (
+    GRAY_LEVELS,
+    GRID,
+    MOMENTS,
+    cavity_llr,
+    said_of_bits,
+    with_surprises,
+)
 from models.neural.solver import inverse
 
 TEXTURES = 5
@@ -107,15 +114,17 @@ class PilotRefiner(nn.Module):
         ):
             self.register_buffer(name, torch.from_numpy(value), persistent=False)
 
-    def forward(self, pilots: Tensor, blocks: Tensor) -> Tensor:
+    def forward(self, pilots: Tensor, blocks: Tensor, together: bool = False) -> Tensor:
         """Compute the log-likelihood ratios of the message bits.
 
         Args:
             pilots: (B, pilots, STATISTICS) float64 statistics of the pilots.
             blocks: (B, n_bits, STATISTICS) float64 statistics of the message blocks.
+            together: whether the batch holds captures of one frame pair, whose bits are the same.
 
         Returns:
-            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1.
+            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1. Those of captures
+            that are fitted together are still what each capture says by itself, and add.
         """
         n_pilots = pilots.shape[1]
         S, N, y, variance = self.design(torch.cat([pilots, blocks], dim=1))
@@ -158,7 +167,7 @@ class PilotRefiner(nn.Module):
             total = [noise * variance + relative * (m * signal) ** 2 for m in (high, low)]
             both = (torch.cat(v, dim=1) for v in (residual, total, doubt, weight))
             llr = cavity_llr(shared, *both)
-            p = torch.cat([labels, llr[:, n_pilots:].sigmoid()], dim=1)
+            p = torch.cat([labels, said_of_bits(llr[:, n_pilots:], together).sigmoid()], dim=1)
             entered = none + 1
             shown = (low + (high - low) * p) * S[..., 0] * amplitude
             spilled = self.neighbours(shown)

@@ -43,7 +43,13 @@ def derivatives(image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     return dx, dy, xx, yy
 
 
-def register(i_o: Tensor, i_e: Tensor, xx: Tensor, yy: Tensor) -> Tensor:
+def register(
+    i_o: Tensor,
+    i_e: Tensor,
+    xx: Tensor,
+    yy: Tensor,
+    guide: tuple[Tensor, Tensor] | None = None,
+) -> Tensor:
     """Move the embedded frame onto the original.
 
     Args:
@@ -51,12 +57,14 @@ def register(i_o: Tensor, i_e: Tensor, xx: Tensor, yy: Tensor) -> Tensor:
         i_e: (B, C, H, W) intensities of the embedded frame in [0, 1], encoded.
         xx: (B, C, H, W) second derivative of i_o along x, per square pixel.
         yy: (B, C, H, W) second derivative of i_o along y, per square pixel.
+        guide: other intensities of the original and of the embedded frame, (B, C, H, W) each, in
+            which the motion is looked for; by default those that are moved.
 
     Returns:
         i_e as it would be without the motion, (B, C, H, W).
     """
     height, width = i_o.shape[-2:]
-    s_x, s_y = motion(i_o, i_e)
+    s_x, s_y = motion(*(guide or (i_o, i_e)))
     x, y = axes(height, width, i_o)
     s_x, s_y = (m[:, 0] + m[:, 1] * x + m[:, 2] * y for m in (s_x, s_y))
     # bilinear interpolation blurs: at fraction f of a pixel it adds f (1 - f) / 2 of the curvature
