@@ -1,15 +1,18 @@
 """Video files: the one reader and the one writer of the project.
 
 They are part of the contract because the sender reads and writes video, the film simulator writes
-it, and the receiver reads it. `VideoReader` serves all who read. It gives the frames, and tells
-afterwards whether the file broke off; its caller decides whether that is an error (`read_video`,
-for the sender) or a warning (`export.receive.sources`, for the receiver).
+it, and the receiver reads it. `VideoReader` serves all who read. It gives the frames with the times
+at which the file shows them, and tells afterwards whether the file broke off; its caller decides
+whether that is an error (`read_video`, for the sender) or a warning (`export.receive.sources`, for
+the receiver).
 """
 
 import math
 import os
 import zlib
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -29,8 +32,49 @@ SPACE_BYTES = 2**20
 is to blame."""
 SLACK_S = 0.5
 """Seconds that a stream may end before its file says: sound is often a little longer."""
+DEFAULT_FPS = 30.0
+"""Frames a second of a source that states none."""
+PROBED_FRAMES = 31
+"""Number of frames from whose times a file's rate is measured."""
+MAX_GAP_S = 60.0
+"""Largest time from one frame of a file to the next that is believed, seconds."""
 # our one line says what is wrong; OpenCV asks for this when it first reads or writes a video
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+
+@dataclass(frozen=True)
+class TimedImage:
+    """One frame of a video file and the time at which the file shows it."""
+
+    image: NDArray[np.uint8]
+    """(H, W, 3) uint8, encoded RGB."""
+    time: float
+    """Presentation time, seconds from the file's beginning; it rises from frame to frame."""
+
+
+def time_after(stated: float, before: float | None, rate: float) -> float:
+    """Say when a frame is shown, from the time that its file states.
+
+    A file that states no times, or that states constant, falling or wild ones, so gets the times
+    that it would have at its rate; where its times are lost for a while, they are taken up again
+    as soon as they have caught up.
+
+    Args:
+        stated: time of the frame as the file states it, seconds; may be anything.
+        before: time of the frame before, seconds, or None for the first frame.
+        rate: frames a second of the file.
+
+    Returns:
+        ``stated`` where it is later than ``before``, by `MAX_GAP_S` at most; else one period of
+        the rate after ``before``. A first frame without a time is shown at 0.
+
+    >>> [round(time_after(stated, 1.0, rate=10.0), 3) for stated in (1.3, 1.0, 0.2, np.nan, 1e9)]
+    [1.3, 1.1, 1.1, 1.1, 1.1]
+    """
+    if before is None:
+        return stated if math.isfinite(stated) and abs(stated) <= MAX_GAP_S else 0.0
+    later = math.isfinite(stated) and 0.5 / MAX_FPS <= stated - before <= MAX_GAP_S
+    return stated if later else before + 1 / rate
 
 
 class VideoReader:
@@ -50,12 +94,7 @@ class VideoReader:
         self.path = Path(path)
         if not is_file(self.path):
             raise InputError(f"{path}: no such video file; check the path")
-        level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
-            self._video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        finally:
-            cv2.utils.logging.setLogLevel(level)
+        self._video = _open_capture(self.path)
         if not self._video.isOpened():
             raise InputError(
                 f"{path}: not a readable video; it may be cut off or of a kind that OpenCV cannot "
@@ -76,6 +115,28 @@ class VideoReader:
         """Where the video ended before the time that the file states, in words; None if it did not,
         or has not yet."""
 
+    @cached_property
+    def rate(self) -> float:
+        """Frames a second that the times of the first frames tell, where missing frames count, too.
+
+        Files state their average rate, which missing frames lower, or a rate of which all times are
+        multiples. Where the times tell nothing, the stated rate counts, else `DEFAULT_FPS`.
+        """
+        video = _open_capture(self.path)  # opened once more: frames that are grabbed are gone
+        times: list[float] = []
+        try:
+            while len(times) < PROBED_FRAMES and video.grab():
+                times.append(video.get(cv2.CAP_PROP_POS_MSEC) / 1000)
+        except cv2.error:
+            times = []
+        finally:
+            video.release()
+        gaps = np.diff(np.array(times))
+        if len(gaps) and np.isfinite(gaps).all() and (gaps >= 1 / MAX_FPS).all():
+            frames = np.maximum(1, np.rint(gaps / np.median(gaps)))
+            return float(frames.sum() / gaps.sum())
+        return self.fps or DEFAULT_FPS
+
     def frames(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames one at a time, (H, W, 3) uint8, encoded RGB.
 
@@ -84,12 +145,30 @@ class VideoReader:
         Raises:
             InputError: the file holds no frame that can be read.
         """
+        for image, _ in self._read():
+            yield image
+
+    def timed_frames(self) -> Iterator[TimedImage]:
+        """Give the frames one at a time, each with its presentation time as `time_after` finds it.
+
+        After the last one, ``broken_off`` says whether some are missing.
+
+        Raises:
+            InputError: the file holds no frame that can be read.
+        """
+        time: float | None = None
+        for image, stated in self._read():
+            time = time_after(stated, time, self.rate)
+            yield TimedImage(image, time)
+
+    def _read(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
+        """Give each frame and the seconds at which the file says that it is shown."""
         count, end_s = 0, 0.0
         try:
             while (image := next_frame(self._video)) is not None:
                 end_s = self._video.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 count += 1
-                yield image
+                yield image, end_s
         finally:
             self._video.release()
         if not count:
@@ -99,6 +178,16 @@ class VideoReader:
                 f"{self.path}: the video breaks off after {count} frames, at {end_s:.1f} of "
                 f"{self._stated_s:.1f} s; copy it again, or cut it there"
             )
+
+
+def _open_capture(path: Path) -> cv2.VideoCapture:
+    """Open a video file without OpenCV's messages; the result may not be open."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
 
 
 def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:

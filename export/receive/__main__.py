@@ -16,7 +16,7 @@ from export.locate.find import locate
 from export.receive.inbox import Inbox, say
 from export.receive.receiver import DecodedPair, Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
-from export.receive.sources import CameraFrame, open_source
+from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.track import Tracked
 from export.runtime import Decoder
 from link.code.authenticate import Verifier, read_key
@@ -36,7 +36,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m export.receive", description=__doc__)
     parser.add_argument("input", nargs="+", metavar="INPUT")
     parser.add_argument("--model", type=Path, default=MODEL, help="an .onnx file")
-    parser.add_argument("--fps", type=float, help="camera frames a second, where INPUT is silent")
+    parser.add_argument("--fps", type=float, help=FPS_HELP)
     parser.add_argument("--show", type=Path, help="folder for annotated pictures")
     parser.add_argument("--out", type=Path, help="file for the message's bytes")
     parser.add_argument("--scores", action="store_true", help="print each pair's scores, too")

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from export.receive.receiver import Receiver
-from export.receive.sources import open_source
+from export.receive.sources import FPS_HELP, open_source
 from export.runtime import Decoder
 from link.errors import InputError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit
@@ -33,7 +33,7 @@ def main() -> None:
     )
     parser.add_argument("input", metavar="INPUT", help="a folder of images or a video file")
     parser.add_argument("--model", type=Path, default=MODEL, help="an .onnx file")
-    parser.add_argument("--fps", type=float, help="camera frames a second, where INPUT is silent")
+    parser.add_argument("--fps", type=float, help=FPS_HELP)
     parser.add_argument("--frames", type=int, default=300, help="at most")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")
     add_pixel_limit(parser)

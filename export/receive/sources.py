@@ -1,8 +1,15 @@
-"""Camera frames from a folder of images, a video file or a camera, one at a time."""
+"""Camera frames from a folder of images, a video file or a camera, one at a time.
 
+Frames may be missing, so a frame's time is not its place in the order. A video says when each of
+its frames is shown, a folder's names say the number of each image, and a camera's frames are timed
+as they come.
+"""
+
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -12,10 +19,15 @@ from numpy.typing import NDArray
 from link.errors import InputError, ParameterError
 from link.images import image_files, pixel_limit, read_image
 from link.outside import is_file
-from link.video import MAX_FPS, VideoReader, next_frame
+from link.video import DEFAULT_FPS, MAX_FPS, VideoReader, next_frame
 
-DEFAULT_FPS = 30.0
-"""Frames a second of a source that states none."""
+MAX_NUMBER_DIGITS = 15
+"""Largest number of digits of a file's name that count as the frame's number."""
+FPS_HELP = (
+    "camera frames a second: of a folder of images, whose names number the frames (else "
+    f"{DEFAULT_FPS:g}), or in place of a video's own times where these are wrong, as in slow motion"
+)
+"""Help of the flag --fps."""
 MAX_CAMERA_DIGITS = 4
 """Largest number of digits of a camera's number; a longer one is the name of a file."""
 MISSES = 30
@@ -51,7 +63,9 @@ def open_source(
 
     Args:
         name: path, or a whole number for a camera.
-        fps: frames a second, where the source does not know it or is wrong.
+        fps: frames a second of the camera. A folder's frames have their numbers' times at this rate
+            in place of `link.video.DEFAULT_FPS`; a video's frames follow one another evenly at
+            this rate, whatever times the file states; of a camera it is the nominal rate.
         max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
             `link.images.pixel_limit`.
 
@@ -73,12 +87,44 @@ def open_source(
     return _video(path, fps, max_megapixels)
 
 
+def number_frames(files: list[Path]) -> list[tuple[int, Path]]:
+    """Find the number of each image of a folder in its name, so that gaps stay gaps in time.
+
+    The number is the last run of digits of the name without its suffix. Where a name has none, or
+    the numbers do not rise, the files are numbered in the order of their names instead.
+
+    Args:
+        files: sorted by name.
+
+    Returns:
+        the number, counted from the first file's, and the path of each file, in rising order.
+
+    >>> named = number_frames([Path("x_10.png"), Path("x_12.png"), Path("x_9.png")])
+    >>> [(number, path.name) for number, path in named]
+    [(0, 'x_9.png'), (1, 'x_10.png'), (3, 'x_12.png')]
+    >>> [number for number, _ in number_frames([Path("first.png"), Path("second.png")])]
+    [0, 1]
+    """
+    found = [re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", file.stem, re.DOTALL) for file in files]
+    parts = [match.groups() for match in found if match is not None]
+    plain = list(enumerate(files))
+    if len(parts) < len(files) or max(len(digits) for _, digits, _ in parts) > MAX_NUMBER_DIGITS:
+        return plain
+    numbered = [(int(digits), file) for (_, digits, _), file in zip(parts, files, strict=True)]
+    if len({(before, after) for before, _, after in parts}) == 1:
+        numbered.sort()  # 9 comes before 10, whatever the order of their names
+    numbers = [number for number, _ in numbered]
+    if any(number <= before for before, number in pairwise(numbers)):
+        return plain
+    return [(number - numbers[0], file) for number, file in numbered]
+
+
 def _folder(path: Path, fps: float | None, max_megapixels: float | None) -> FrameSource:
-    files = image_files(path)
+    files = number_frames(image_files(path))
     rate = fps or DEFAULT_FPS
 
     def frames() -> Iterator[CameraFrame]:
-        for number, file in enumerate(files):
+        for number, file in files:
             try:
                 image = read_image(file, max_megapixels)
             except InputError as error:
@@ -91,15 +137,17 @@ def _folder(path: Path, fps: float | None, max_megapixels: float | None) -> Fram
 
 def _video(path: Path, fps: float | None, max_megapixels: float | None) -> FrameSource:
     reader = VideoReader(path, max_megapixels)
-    rate = fps or reader.fps or DEFAULT_FPS
 
     def frames() -> Iterator[CameraFrame]:
-        for number, image in enumerate(reader.frames()):
-            yield CameraFrame(image, number / rate, f"frame {number}")
+        start: float | None = None
+        for number, frame in enumerate(reader.timed_frames()):
+            start = frame.time if start is None else start
+            time = frame.time - start if fps is None else number / fps
+            yield CameraFrame(frame.image, time, f"frame {number}")
         if reader.broken_off is not None:  # what there is may hold the message
             print(f"warning: {reader.broken_off}", file=sys.stderr)
 
-    return FrameSource(frames(), rate)
+    return FrameSource(frames(), fps or reader.rate)
 
 
 def _camera(index: int, fps: float | None) -> FrameSource:

@@ -1,0 +1,251 @@
+"""When each camera frame was taken: times of files, numbers of folders, and repeated frames."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from streams import Stream, states_of
+
+import link.video
+from export.receive.receiver import Receiver
+from export.receive.repeats import Repeats
+from export.receive.sources import open_source
+from export.runtime import Decoder
+from link.code.framing import encode
+from link.images import write_image
+from link.layout import make_layout
+from link.video import VideoReader, write_video
+from models import PRETRAINED
+
+LAYOUT = make_layout()
+TEXT = b"hidden"
+SEEN = (0, 1, 2, 4, 5, 6, 8, 9, 10, 11, 13, 14, 15, 16, 17, 18)
+"""Numbers of the frames that a film with gaps holds."""
+
+
+def write_timed(
+    path: Path,
+    frames: list[NDArray[np.uint8]],
+    times: list[float],
+    codec: str = "libx264",
+    **options: str,
+) -> Path:
+    """A film whose frames have the times given, by PyAV."""
+    av = pytest.importorskip("av")
+    base = Fraction(1, 90000)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=30, options=options)
+        stream.height, stream.width = frames[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        stream.time_base = stream.codec_context.time_base = base
+        for image, time in zip(frames, times, strict=True):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts, frame.time_base = round(time / base), base
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    return path
+
+
+def grays(numbers: tuple[int, ...]) -> list[NDArray[np.uint8]]:
+    """Even images whose level tells their number."""
+    return [np.full((48, 64, 3), 40 + 8 * number, np.uint8) for number in numbers]
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("film.mp4", {}), ("film.mp4", {"bf": "0"}), ("film.mkv", {}), ("late.mp4", {})],
+)
+def test_a_file_with_missing_frames_keeps_their_times(
+    tmp_path: Path, name: str, options: dict[str, str]
+) -> None:
+    start = 2.5 if name == "late.mp4" else 0.0
+    times = [start + number / 30 for number in SEEN]
+    path = write_timed(tmp_path / name, grays(SEEN), times, **options)
+    source = open_source(str(path))
+    frames = list(source.frames)
+    assert [frame.time for frame in frames] == pytest.approx([n / 30 for n in SEEN], abs=1e-3)
+    levels = [int(frame.image[24, 32, 1]) for frame in frames]
+    assert levels == pytest.approx([40 + 8 * number for number in SEEN], abs=2)
+    assert source.fps == pytest.approx(30, rel=0.02)
+
+
+def test_fps_overrides_the_times_of_a_file(tmp_path: Path) -> None:
+    path = write_timed(tmp_path / "slow.mp4", grays(SEEN), [number / 30 for number in SEEN])
+    source = open_source(str(path), fps=240)
+    assert [frame.time for frame in source.frames] == [k / 240 for k in range(len(SEEN))]
+    assert source.fps == 240
+
+
+def test_times_of_a_variable_rate_are_those_of_the_file(tmp_path: Path) -> None:
+    gaps = np.random.default_rng(0).uniform(0.02, 0.06, len(SEEN) - 1)
+    times = [0.0, *np.cumsum(gaps).tolist()]
+    path = write_timed(tmp_path / "film.mp4", grays(SEEN), times)
+    reader = VideoReader(path)
+    assert [frame.time for frame in reader.timed_frames()] == pytest.approx(times, abs=1e-4)
+    assert 15 < reader.rate < 50
+
+
+class ToldTimes:
+    """A video whose frames are black and whose times are what a test says."""
+
+    times: tuple[float, ...] = ()
+
+    def __init__(self, *_: object) -> None:
+        self.number = -1
+
+    def isOpened(self) -> bool:  # noqa: N802 (OpenCV's name)
+        return True
+
+    def grab(self) -> bool:
+        self.number += 1
+        return self.number < len(self.times)
+
+    def read(self) -> tuple[bool, NDArray[np.uint8]]:
+        return self.grab(), np.zeros((16, 16, 3), np.uint8)
+
+    def get(self, what: int) -> float:
+        stated = {cv2.CAP_PROP_FRAME_WIDTH: 16, cv2.CAP_PROP_FRAME_HEIGHT: 16, cv2.CAP_PROP_FPS: 20}
+        if what == cv2.CAP_PROP_POS_MSEC:
+            return 1000 * self.times[min(max(self.number, 0), len(self.times) - 1)]
+        return stated.get(what, 0)
+
+    def release(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("told", "used"),
+    [
+        ((0, 0, 0, 0), (0, 0.05, 0.1, 0.15)),
+        ((3, 2, 1, 0), (0, 0.05, 0.1, 0.15)),
+        ((float("nan"),) * 4, (0, 0.05, 0.1, 0.15)),
+        ((-1e300, 1e300, float("inf"), 0), (0, 0.05, 0.1, 0.15)),
+        ((0, 0.05, 0.02, 0.15), (0, 0.05, 0.1, 0.15)),  # one is wrong, and the next are right
+        ((0, 0.05, 900, 0.15), (0, 0.05, 0.1, 0.15)),
+        ((0, 0.05, 0, 0.05), (0, 0.05, 0.1, 0.15)),  # two files joined
+        ((0, 0.05, 0.2, 0.25), (0, 0.05, 0.2, 0.25)),
+    ],
+)
+def test_times_that_cannot_be_are_replaced(
+    told: tuple[float, ...],
+    used: tuple[float, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "film.mp4").touch()
+    monkeypatch.setattr(ToldTimes, "times", told)
+    monkeypatch.setattr(link.video.cv2, "VideoCapture", ToldTimes)
+    source = open_source(str(tmp_path / "film.mp4"))
+    assert [frame.time for frame in source.frames] == pytest.approx(used)
+    assert source.fps == pytest.approx(20)
+
+
+def test_a_constant_rate_is_read_as_before(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (12, 32, 32, 3), dtype=np.uint8)
+    write_video(tmp_path / "film.avi", noise, 25)
+    source = open_source(str(tmp_path / "film.avi"))
+    assert [frame.time for frame in source.frames] == pytest.approx([k / 25 for k in range(12)])
+    assert source.fps == pytest.approx(25)
+
+
+@pytest.mark.parametrize(
+    ("names", "numbers"),
+    [
+        (("f_0007", "f_0008", "f_0011"), (0, 1, 4)),
+        (("f8", "f9", "f10", "f12"), (0, 1, 2, 4)),
+        (("2026 frame 3 ", "2026 frame 5 "), (0, 2)),
+        (("a", "b2", "c5"), (0, 1, 2)),
+        (("f_1_cam2", "f_5_cam2", "f_6_cam2"), (0, 1, 2)),
+        (("a7", "b3", "c9"), (0, 1, 2)),
+        (("f1" + "0" * 200, "f2" + "0" * 200), (0, 1)),
+    ],
+)
+def test_the_names_of_a_folder_number_its_frames(
+    names: tuple[str, ...], numbers: tuple[int, ...], tmp_path: Path
+) -> None:
+    for level, name in enumerate(names):
+        write_image(tmp_path / f"{name}.png", np.full((16, 16, 3), level, np.uint8))
+    for fps, rate in ((None, 30), (15.0, 15)):
+        frames = list(open_source(str(tmp_path), fps).frames)
+        assert [frame.time for frame in frames] == pytest.approx([n / rate for n in numbers])
+        assert [int(frame.image[0, 0, 0]) for frame in frames] == list(range(len(names)))
+
+
+def noisy_film(count: int, noise: float = 1.5) -> list[NDArray[np.uint8]]:
+    """A display that stands still before a camera that stands still: only noise differs."""
+    rng = np.random.default_rng(1)
+    picture = cv2.resize(rng.integers(20, 230, (6, 8, 3)).astype(np.uint8), (320, 240))
+    seen = [picture + noise * rng.standard_normal(picture.shape) for _ in range(count)]
+    return [np.clip(np.rint(image), 0, 255).astype(np.uint8) for image in seen]
+
+
+def test_repeated_frames_are_recognised() -> None:
+    numbers = [n for n in range(40) for _ in range(2 if n % 7 == 6 else 1)]
+    film, repeats = noisy_film(40), Repeats()
+    told = [repeats.is_repeat(film[number]) for number in numbers]
+    again = [number == before for number, before in zip(numbers, [-1, *numbers], strict=False)]
+    assert told[8:] == again[8:]
+    assert repeats.count == sum(told)
+
+
+@pytest.mark.parametrize("modulation", ["on_off", "antipodal"])
+def test_a_recording_of_the_screen_has_no_repeats(modulation: str) -> None:
+    layout = make_layout(modulation=modulation)
+    states, repeats = states_of(TEXT, layout, np.random.default_rng(5)), Repeats()
+    for number in range(60):
+        assert not repeats.is_repeat(states[number // 4 % len(states)])
+
+
+@pytest.mark.slow
+def test_a_recording_of_the_screen_is_read() -> None:
+    states = states_of(TEXT, LAYOUT, np.random.default_rng(5))
+    receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), 60)
+    for number in range(480):
+        step = receiver.push(states[number // 4 % len(states)], number / 60)
+        if step.message is not None:
+            break
+    assert step.message is not None
+    assert step.message.data == TEXT
+    assert receiver.repeated == 0
+
+
+def wrong_share(path: Path, states: list[NDArray[np.uint8]]) -> tuple[float, Receiver]:
+    """Share of a film's decided bits that are wrong, and the receiver that decided them."""
+    source = open_source(str(path))
+    bits = encode(TEXT, LAYOUT.n_bits)
+    receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), source.fps)
+    wrong = decided = 0
+    for frame in source.frames:
+        for pair in receiver.push(frame.image, frame.time).pairs:
+            known = pair.soft.scores != 0
+            wrong += int(((pair.soft.scores > 0) != bits)[:, known].sum(axis=1).min())
+            decided += int(known.sum())
+    assert decided > 20 * LAYOUT.n_bits
+    return wrong / decided, receiver
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["missing", "repeated"])
+def test_missing_and_repeated_frames_cost_nothing(kind: str, tmp_path: Path) -> None:
+    states = states_of(TEXT, LAYOUT, np.random.default_rng(5))
+    film = list(Stream(noise=1.5).frames(states, 6, np.random.default_rng(2)))
+    rng = np.random.default_rng(3)
+    struck = [number > 0 and rng.random() < 0.05 for number in range(len(film))]
+    shown = [
+        film[number - 1 if kind == "repeated" and hit else number]
+        for number, hit in enumerate(struck)
+        if kind == "repeated" or not hit
+    ]
+    times = [n / 30 for n, hit in enumerate(struck) if kind == "repeated" or not hit]
+    whole = write_timed(
+        tmp_path / "whole.mp4", [f[1] for f in film], [n / 30 for n in range(len(film))], crf="16"
+    )
+    other = write_timed(tmp_path / "other.mp4", [f[1] for f in shown], times, crf="16")
+    complete, _ = wrong_share(whole, states)
+    spoilt, receiver = wrong_share(other, states)
+    assert spoilt <= complete + 0.001
+    if kind == "repeated":
+        assert receiver.repeated >= 0.8 * sum(struck)
