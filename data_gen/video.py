@@ -1,6 +1,7 @@
 """Film a display that shows a message, and write the frames and the truth about them.
 
-python -m data_gen.video --pair canon-lg --view 45 --kappa 3 --message TEXT --out DIR (or FILE.mkv)
+python -m data_gen.video --pair canon-lg --view 45 --kappa 3 --message TEXT --out DIR (or FILE.mkv,
+or FILE.mp4 for a film as phones store it)
 """
 
 import json
@@ -11,10 +12,16 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 from tqdm import tqdm
 from tyro.conf import OmitArgPrefixes
 
+from data_gen.film.codec import (
+    COMPRESSED_SUFFIXES,
+    CodecSettings,
+    through_codec,
+    write_film,
+)
+from data_gen.film.frame import VideoFrame
 from data_gen.film.stream import VideoSettings, film
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
@@ -28,7 +35,8 @@ from link.video import write_video
 
 TRUTH = "truth.jsonl"
 """Name of the file, in a folder of frames, that holds the truth about each of them."""
-
+LOSSLESS_SUFFIXES = (".mkv", ".avi")
+"""Endings of the video files that hold every level as it is, where no codec is named."""
 MAX_SHOWN_BYTES = 2**30
 """Largest memory, in bytes, for all states that the display shows."""
 
@@ -38,8 +46,10 @@ class FilmConfig(CellFlags):
     """A simulated camera stream of a display that shows a message over and over."""
 
     out: Path
-    """Folder for PNGs named by frame number and truth.jsonl, or a lossless .mkv or .avi, beside
-    which the truth lies as .jsonl; in a video file, a lost frame leaves no gap."""
+    """Folder for PNGs named by frame number and truth.jsonl, or a video file, beside which the
+    truth lies as .jsonl. A .mkv or .avi is lossless and without times, so that a lost frame leaves
+    no gap. A .mp4 or .mov, or a .mkv where a codec is named, is compressed and has the frames'
+    times."""
     message: str
     """Text that the display sends."""
     kappa: int = 3
@@ -52,6 +62,31 @@ class FilmConfig(CellFlags):
         default_factory=lambda: VideoSettings(seconds=10.0)
     )
     """Rates, camera, room, and what disturbs the stream; None is drawn at random."""
+    codec: CodecSettings = field(default_factory=CodecSettings)
+    """Codec of a compressed file, h264 if none is named; a folder gets what it leaves."""
+
+    def file_codec(self) -> CodecSettings:
+        """Return the codec, which a .mp4 or .mov has even where none is named.
+
+        Raises:
+            ParameterError: a setting is out of its range, or the file cannot hold the codec.
+        """
+        suffix, codec = self.out.suffix, self.codec
+        if suffix in COMPRESSED_SUFFIXES and suffix not in LOSSLESS_SUFFIXES and not codec.on:
+            codec = replace(codec, name="h264")
+        codec.check()
+        known = ("", *COMPRESSED_SUFFIXES) if codec.on else ("", *LOSSLESS_SUFFIXES)
+        if suffix not in known:
+            files = ", ".join(dict.fromkeys((*LOSSLESS_SUFFIXES, *COMPRESSED_SUFFIXES)))
+            raise ParameterError(
+                "out", f"need a folder, or a file of {files} that suits the codec, got {self.out}"
+            )
+        return codec
+
+
+def image_name(frame: VideoFrame) -> str:
+    """Name of a frame's image in a folder."""
+    return f"{frame.number:06d}.png"
 
 
 def main() -> None:
@@ -70,8 +105,7 @@ def main() -> None:
             f"{config.shown} pictures of this size need {shown_bytes / 2**30:.1f} GiB; "
             f"show fewer, for at most {MAX_SHOWN_BYTES / 2**30:g} GiB",
         )
-    if config.out.suffix not in ("", ".mkv", ".avi"):
-        raise ParameterError("out", f"need a folder, or a file .mkv or .avi, got {config.out}")
+    codec = config.file_codec()
     pair, pictures = source.pair(cell.pair), shuffled_pictures(source)
     chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
@@ -86,13 +120,10 @@ def main() -> None:
     truth = folder / TRUTH if config.out.suffix == "" else config.out.with_suffix(".jsonl")
     lines: list[str] = []
 
-    def frames(folder: Path) -> Iterator[NDArray[np.uint8]]:
+    def frames() -> Iterator[VideoFrame]:
         for frame in stream:
-            file = None if config.out.suffix else f"{frame.number:06d}.png"
-            if file:
-                write_image(folder / file, frame.rgb)
-            lines.append(frame.truth(file))
-            yield frame.rgb
+            lines.append(frame.truth(None if config.out.suffix else image_name(frame)))
+            yield frame
             bar.update()
 
     with locked(folder, truth.name if config.out.suffix else ""):
@@ -102,11 +133,14 @@ def main() -> None:
             written_together(folder, truth.name) as hidden,
             tqdm(total=int(seconds * settings.fps), unit="frame") as bar,  # errors begin a new line
         ):
-            if config.out.suffix:
-                write_video(hidden / config.out.name, frames(hidden), settings.fps)
+            if not config.out.suffix:
+                for frame in through_codec(frames(), codec, settings.fps):
+                    write_image(hidden / image_name(frame), frame.rgb)
+            elif codec.on:
+                write_film(hidden / config.out.name, frames(), codec, settings.fps)
             else:
-                for _ in frames(hidden):
-                    pass
+                images = (frame.rgb for frame in frames())
+                write_video(hidden / config.out.name, images, settings.fps)
             write_bytes(hidden / truth.name, ("\n".join(lines) + "\n").encode())
     report = {
         "out": str(config.out),

@@ -98,13 +98,17 @@ def develop(
     linear += np.float32(0.5)
     index = linear.astype(np.uint16)
     if camera.sharpening > 0:
-        encoded = table.take(index)
-        soft = cv2.GaussianBlur(encoded, (0, 0), 1.0)
-        encoded = cv2.addWeighted(encoded, 1 + camera.sharpening, soft, -camera.sharpening, 0.5)
-        pixels = np.clip(encoded, 0, 255, out=encoded).astype(np.uint8)
+        pixels = unsharp_mask(table.take(index), camera.sharpening)
     else:
         pixels = (table + np.float32(0.5)).astype(np.uint8).take(index)
     return jpeg(pixels, camera.jpeg_quality) if camera.jpeg_quality else pixels
+
+
+def unsharp_mask(encoded: Light, amount: float) -> NDArray[np.uint8]:
+    """Sharpen (H, W, 3) float32 in [0, 255] by a mask with a sigma of 1 pixel, and round it."""
+    soft = cv2.GaussianBlur(encoded, (0, 0), 1.0)
+    sharp = cv2.addWeighted(encoded, 1 + amount, soft, -amount, 0.5)
+    return np.asarray(np.clip(sharp, 0, 255, out=sharp), np.uint8)
 
 
 def _transform(image: Light, matrix: Matrix) -> Light:

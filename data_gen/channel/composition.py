@@ -201,8 +201,8 @@ class Shot:
         left, top, right, bottom = self.region
         rows = pwm_gain(pair.display, pair.camera, height, self.phase)[top:bottom]
         display = [rows[:, None, None]]
-        if pair.display.grid_contrast > 0:
-            size = right - left, bottom - top
+        size = right - left, bottom - top
+        if pair.display.grid_contrast > 0 and min(size) > 0:
             H = self.H_captured_from_display
             display.append(moire_gain(pair, view.layout, H, size, (left, top), width))
         return Gains(tuple(display), (view.lens, np.asarray(self.exposure, np.float32)))

@@ -1,11 +1,11 @@
 """A hand-held camera films a display that runs free of it.
 
 Between camera and display nothing is in step: each image row mixes the states that the display
-shows while the row is open, as linear light. Left out: a video codec (each frame is stored as the
-camera stores stills), motion within one frame, and a row's motion against the next.
+shows while the row is open, as linear light. What a phone's image processor does to the frames is
+in `data_gen.film.phone`, and its video codec in `data_gen.film.codec`. Left out: a row's motion
+against the next.
 """
 
-import json
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 from data_gen.channel.composition import Foreground, Shot
 from data_gen.channel.display import Light
 from data_gen.channel.timing import state_shares
+from data_gen.film.frame import VideoFrame, lies_within
 from data_gen.film.passer import draw_passer
+from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene
 from data_gen.film.shake import ExposureDrift, Hand
 from data_gen.parameters import Pair
@@ -41,6 +43,8 @@ JUMP = 0.2
 """Standard deviation of the log exposure to which automatic exposure jumps."""
 PAN_S = 0.5
 """Time, in seconds, in which the camera turns away, and in which it comes back."""
+MAX_JITTER = 0.45
+"""Largest share of the time from frame to frame by which the sensor takes a frame early or late."""
 STEPS_HZ = 1.8
 """Number of steps a second of someone who walks by; each lifts the figure a little."""
 
@@ -76,10 +80,15 @@ class VideoSettings:
     """Probability that a camera frame is lost: its number is left out."""
     duplicate: float = 0.0
     """Probability that a camera frame is the one before, again."""
+    jitter_s: float = 0.0
+    """Standard deviation, in seconds, of how early or late the sensor takes a frame; the frame's
+    time says so. It is cut off at 0.45 of the time from frame to frame."""
     passer_s: tuple[float, float] | None = None
     """Times of the stream, in seconds, between which someone crosses the image."""
     away_s: tuple[float, float] | None = None
     """Times of the stream, in seconds, between which the camera looks elsewhere."""
+    phone: PhoneSettings = field(default_factory=PhoneSettings)
+    """What a phone does to the frames after the camera's own processing; by default nothing."""
 
     def check(self) -> None:
         """Raise a `ParameterError` that names the first setting that is out of its range."""
@@ -93,6 +102,7 @@ class VideoSettings:
             ("scan_s", 0, 1, " seconds"),
             ("exposure_drift", 0, 1, ""),
             ("hand", 0, 100, ""),
+            ("jitter_s", 0, 1, " seconds"),
         ):
             value = getattr(self, name)
             if value is not None and not low <= value <= high:
@@ -103,43 +113,7 @@ class VideoSettings:
         for name, span in (("passer_s", self.passer_s), ("away_s", self.away_s)):
             if span is not None and not span[0] < span[1]:
                 raise ParameterError(name, f"the end must come after the start, got {span}")
-
-
-@dataclass(frozen=True, eq=False)
-class VideoFrame:
-    """A camera frame and the truth about it."""
-
-    rgb: NDArray[np.uint8]
-    """Pixels of the frame, (H, W, 3), encoded RGB."""
-    number: int
-    """Number of the sensor's frame; lost frames are counted, too."""
-    time_s: float
-    """Time by the camera's own clock, number / fps, seconds."""
-    display_s: float
-    """Time of the loop, in seconds by the display's clock, at which the first row opens."""
-    H_captured_from_display: NDArray[np.float64]
-    """Homography (3, 3) from display pixels to pixels of the frame."""
-    states: dict[int, float]
-    """Share of each state in the light of the display's part of the image; they sum to 1. State k
-    is number k modulo the loop's length; in a frame without display, what it would have shown."""
-    visible: bool
-    """Whether the whole picture lies within the image; someone may stand before it all the same."""
-    duplicate: bool
-    """Whether ``rgb`` is that of the frame before."""
-
-    def truth(self, file: str | None) -> str:
-        """Return the truth about the frame as a line of JSON, with the name of its file if any."""
-        line = {
-            "file": file,
-            "number": self.number,
-            "time_s": round(self.time_s, 6),
-            "display_s": round(self.display_s, 6),
-            "states": {str(k): round(share, 4) for k, share in self.states.items()},
-            "visible": self.visible,
-            "duplicate": self.duplicate,
-            "H_captured_from_display": self.H_captured_from_display.tolist(),
-        }
-        return json.dumps(line, allow_nan=False)
+        self.phone.check()
 
 
 def film(
@@ -179,7 +153,11 @@ def film(
         raise ParameterError("states", "a display needs at least one state to show")
     scene_rng, rng = rng.spawn(2)
     scene = draw_scene(layout, pair, view_deg, scene_rng, settings.scene)
-    return _Stream(states, scene, settings, rng).frames()
+    frames = _Stream(states, scene, settings, rng).frames()
+    if not settings.phone.processes:
+        return frames
+    processor = PhoneProcessor(settings.phone, (layout.width, layout.height), rng.spawn(1)[0])
+    return map(processor.process, frames)
 
 
 class _Stream:
@@ -189,7 +167,7 @@ class _Stream:
         self, states: States, scene: Scene, settings: VideoSettings, rng: np.random.Generator
     ) -> None:
         self.states, self.scene, self.settings = states, scene, settings
-        draws, viewpoint_rng, hand_rng, exposure_rng, loss_rng, noise_rng = rng.spawn(6)
+        draws, viewpoint_rng, hand_rng, exposure_rng, loss_rng, noise_rng, jitter_rng = rng.spawn(7)
         error = draws.uniform(-MAX_CLOCK_ERROR, MAX_CLOCK_ERROR)
         loop_s = UNENDING_LOOP_S if callable(states) else len(states) / settings.state_hz
         start = draws.uniform(0, loop_s)
@@ -201,7 +179,7 @@ class _Stream:
         drift = settings.exposure_drift
         drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
         self.exposure = ExposureDrift(drift, settings.jumps_hz, JUMP, exposure_rng)
-        self.loss_rng, self.noise_rng = loss_rng, noise_rng
+        self.loss_rng, self.noise_rng, self.jitter_rng = loss_rng, noise_rng, jitter_rng
         self.passer = self._draw_passer(draws) if settings.passer_s is not None else None
         self.walks_left = draws.random() < 0.5
         self.away = np.array([np.cos(a := draws.uniform(0, 2 * np.pi)), np.sin(a)])
@@ -210,23 +188,47 @@ class _Stream:
     def frames(self) -> Iterator[VideoFrame]:
         """Yield the frames that are not lost, in order."""
         settings, previous = self.settings, None
+        late_before, motion_before = 0.0, None
         for number in count():
-            time_s = number / settings.fps
-            if settings.seconds is not None and time_s >= settings.seconds:
+            if settings.seconds is not None and number / settings.fps >= settings.seconds:
                 return
+            late = self._late()
+            time_s, step_s = number / settings.fps + late, 1 / settings.fps + (late - late_before)
             lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
-            motion = self._look_away(time_s) @ self.hand.step(1 / settings.fps)
-            gain = self.exposure.step(1 / settings.fps)
+            motion = self._look_away(time_s) @ self.hand.step(step_s)
+            gain = self.exposure.step(step_s)
+            smear = self._smear(motion_before, motion, step_s)
+            late_before, motion_before = late, motion
             if lost:
                 continue
             if again and previous is not None:
                 previous = replace(previous, number=number, time_s=time_s, duplicate=True)
             else:
-                previous = self._film_frame(number, time_s, motion, gain)
+                previous = self._film_frame(number, time_s, motion, gain, smear)
             yield previous
 
+    def _late(self) -> float:
+        """Draw by how many seconds the sensor takes a frame after its time."""
+        limit, jitter_s = MAX_JITTER / self.settings.fps, self.settings.jitter_s
+        return float(np.clip(jitter_s * self.jitter_rng.standard_normal(), -limit, limit))
+
+    def _smear(
+        self, before: NDArray[np.float64] | None, motion: NDArray[np.float64], step_s: float
+    ) -> NDArray[np.float64] | None:
+        """Return the shift (2,), in pixels, of the image's centre while the shutter is open."""
+        if before is None or not self.settings.phone.motion_blur:
+            return None
+        middle = [(np.array(self.scene.size) - 1) / 2]
+        velocity = (transform(motion, middle) - transform(before, middle))[0] / step_s
+        return np.asarray(self.scene.pair.camera.shutter_s * velocity)
+
     def _film_frame(
-        self, number: int, time_s: float, motion: NDArray[np.float64], gain: float
+        self,
+        number: int,
+        time_s: float,
+        motion: NDArray[np.float64],
+        gain: float,
+        smear: NDArray[np.float64] | None,
     ) -> VideoFrame:
         """Expose and develop one frame of a camera that has moved."""
         scene = self.scene
@@ -238,9 +240,10 @@ class _Stream:
         first, shares = self._shares(opens, shot)
         lights = [self._light(first + k) for k in range(len(shares))]
         exposure = shot.expose_lights(lights, shares.astype(np.float32))
+        if smear is not None:
+            exposure = blur_by_motion(exposure, smear)
         mean = shares.reshape(len(shares), -1).mean(axis=1)
         points = transform(H, frame_corners(scene.layout.width, scene.layout.height))
-        inside = (points >= -0.5).all() and (points <= np.array(scene.size) - 0.5).all()
         return VideoFrame(
             rgb=shot.develop(exposure, self.noise_rng),
             number=number,
@@ -248,7 +251,7 @@ class _Stream:
             display_s=opens,
             H_captured_from_display=H,
             states={first + k: float(share) for k, share in enumerate(mean) if share > 0},
-            visible=bool(inside),
+            visible=lies_within(points, scene.size),
             duplicate=False,
         )
 

@@ -1,15 +1,19 @@
 """Messages from simulated hand-held video: python -m reports.films.delivery.
 
 Each run draws a picture, a room, a pose, the motion of the hand, both clocks, and the moment of the
-loop at which the camera joins. The receiver gets the frames alone. Runs are stored as they end, and
-a restarted command goes on where it stopped.
+loop at which the camera joins. What a phone does to the frames is chosen: its processing, a codec
+(``--codec.name h264 --codec.kbits 8000``), lost frames. The same draws are filmed whatever is
+chosen. The receiver gets the frames and their times alone. Runs are stored as they end, and a
+restarted command goes on where it stopped.
 """
 
 import hashlib
 import json
 import os
 import zlib
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, fields
+from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from time import perf_counter
@@ -19,8 +23,12 @@ import numpy as np
 import pandas as pd
 import tyro
 from numpy.typing import NDArray
+from tyro.conf import OmitArgPrefixes
 
 from data_gen.channel.optics import check_view
+from data_gen.film.codec import CodecSettings, through_codec
+from data_gen.film.frame import VideoFrame
+from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
@@ -46,7 +54,9 @@ from reports.score.accuracy import wilson
 
 STORED_VERSION = 1
 """Raise it when `deliver` changes what it does, so that older runs are not read again."""
-DECIDING = ("data_gen.film.stream", "data_gen.frame_pair", "export.receive.receiver")
+DECIDING = (
+    "data_gen.film.stream", "data_gen.film.codec", "data_gen.frame_pair", "export.receive.receiver",
+)  # fmt: skip
 """Modules that decide, with all that they import, what a run gives."""
 GRIDS = (8, 16)
 """Numbers of blocks along each side that a message may be filmed with."""
@@ -78,6 +88,16 @@ class DeliveryConfig:
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
     """Least and largest share of the image that the display covers; drawn between them."""
+    hand: float = VideoSettings.hand
+    """Motion of the hand relative to the usual."""
+    drop: float = VideoSettings.drop
+    """Probability that a camera frame is lost."""
+    jitter_s: float = VideoSettings.jitter_s
+    """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
+    phone: OmitArgPrefixes[PhoneSettings] = field(default_factory=PhoneSettings)
+    """What a phone does to the frames before it stores them."""
+    codec: CodecSettings = field(default_factory=CodecSettings)
+    """Codec through which the frames pass."""
     seed: int = 0
     """Seed of all draws."""
     jobs: int = os.cpu_count() or 1
@@ -89,7 +109,33 @@ class DeliveryConfig:
     def name(self) -> str:
         """Name of the setting, for files."""
         rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
-        return f"grid{self.grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
+        name = f"grid{self.grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
+        return "_".join([name, self.camera] if self.camera else [name])
+
+    @property
+    def camera(self) -> str:
+        """What differs from a plain camera with lossless frames, in one word; empty for nothing."""
+        words = [
+            f"{entry.name}{value:g}"
+            for part in (self, self.phone)
+            for entry in fields(part)
+            if part is self.phone or entry.name in ("hand", "drop", "jitter_s")
+            if (value := getattr(part, entry.name)) != entry.default
+        ]
+        return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
+
+    def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
+        """Return the settings of a film of a scene."""
+        return VideoSettings(
+            scene=scene,
+            fps=self.fps,
+            state_hz=self.state_hz,
+            seconds=seconds,
+            hand=self.hand,
+            drop=self.drop,
+            jitter_s=self.jitter_s,
+            phone=self.phone,
+        )
 
 
 @dataclass(frozen=True)
@@ -142,13 +188,24 @@ class Delivery:
     """Number of frames that the receiver took in a second of computing."""
 
 
-def deliver(take: Take) -> dict[str, Any]:
-    """Film until the message comes or the loops are over.
+@dataclass(frozen=True, eq=False)
+class MessageFilm:
+    """A film of a message, drawn and ready to be taken."""
 
-    Returns:
-        the fields of a `Delivery`.
-    """
-    one_thread()
+    take: Take
+    """Setting, pair, view and number of the film."""
+    picture: str
+    """Name of the picture that carries the message."""
+    message: bytes
+    """Message that the display sends."""
+    bits: NDArray[np.integer]
+    """Bits of the loop's frame pairs, (loop frames, n_bits) of 0 or 1."""
+    frames: Iterator[VideoFrame]
+    """Frames of at most as many loops as the setting allows; they can be taken once."""
+
+
+def film_message(take: Take) -> MessageFilm:
+    """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
     config = take.config
     layout = make_layout(config.grid, config.grid)
     setting = f"{config.kappa} {config.grid} {config.state_hz} {config.fps}"
@@ -161,45 +218,80 @@ def deliver(take: Take) -> dict[str, Any]:
     bits = encode(message, layout.n_bits)
     pairs_shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
     states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
-    settings = VideoSettings(
-        scene=SceneSettings(
-            coverage=float(rng.uniform(*config.coverage)), pictures=pictures, free=0.03
-        ),
-        fps=config.fps,
-        state_hz=config.state_hz,
-        seconds=config.loops * 2 * len(bits) / config.state_hz,
-    )
-    receiver = Receiver(Decoder(take.model, threads=1), config.fps)
-    wrong = decided = frames = 0
-    spent, received, time = 0.0, None, 0.0
-    for frame in film(states, layout, source.pair(take.pair), take.view, settings, rng):
-        frames, time = frames + 1, frame.time_s
+    coverage = float(rng.uniform(*config.coverage))
+    scene = SceneSettings(coverage=coverage, pictures=pictures, free=0.03)
+    settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
+    frames = film(states, layout, source.pair(take.pair), take.view, settings, rng)
+    return MessageFilm(take, picture.name, message, bits, frames)
+
+
+class Reading:
+    """What a receiver reads of a film, frame by frame.
+
+    Args:
+        filmed: the film, whose truth is compared with what is read; its frames are not taken.
+        decoder: of the receiver.
+    """
+
+    def __init__(self, filmed: MessageFilm, decoder: Decoder) -> None:
+        self._filmed = filmed
+        self._receiver = Receiver(decoder, filmed.take.config.fps)
+        self._received: bytes | None = None
+        self._wrong = self._decided = self._frames = 0
+        self._spent = self._time = 0.0
+
+    @property
+    def ended(self) -> bool:
+        """Whether a message came."""
+        return self._received is not None
+
+    def push(self, frame: VideoFrame) -> None:
+        """Give the receiver the next frame and its time."""
+        self._frames, self._time = self._frames + 1, frame.time_s
         start = perf_counter()
-        step = receiver.push(frame.rgb, frame.time_s)
-        spent += perf_counter() - start
+        step = self._receiver.push(frame.rgb, frame.time_s)
+        self._spent += perf_counter() - start
         for pair in step.pairs:
-            wrong += fewest_errors(pair.soft.scores, bits)
-            decided += layout.n_bits
+            self._wrong += fewest_errors(pair.soft.scores, self._filmed.bits)
+            self._decided += self._filmed.bits.shape[1]
         if step.message is not None:
-            received = step.message.data
+            self._received = step.message.data
+
+    def delivery(self) -> Delivery:
+        """Say what became of the message."""
+        take, bits = self._filmed.take, self._filmed.bits
+        return Delivery(
+            pair=take.pair,
+            view_deg=take.view,
+            run=take.run,
+            picture=self._filmed.picture,
+            delivered=self._received == self._filmed.message,
+            wrong=self.ended and self._received != self._filmed.message,
+            loops=self._time * take.config.state_hz / 2 / len(bits),
+            seconds=self._time,
+            frames=self._frames,
+            frames_with_display=self._receiver.found,
+            bits=self._decided,
+            bits_wrong=self._wrong,
+            loop_frames=len(bits),
+            receiver_fps=self._frames / max(self._spent, 1e-9),
+        )
+
+
+def deliver(take: Take) -> dict[str, Any]:
+    """Film until the message comes or the loops are over.
+
+    Returns:
+        the fields of a `Delivery`.
+    """
+    one_thread()
+    filmed = film_message(take)
+    reading = Reading(filmed, Decoder(take.model, threads=1))
+    for frame in through_codec(filmed.frames, take.config.codec, take.config.fps):
+        reading.push(frame)
+        if reading.ended:
             break
-    delivery = Delivery(
-        pair=take.pair,
-        view_deg=take.view,
-        run=take.run,
-        picture=picture.name,
-        delivered=received == message,
-        wrong=received is not None and received != message,
-        loops=time * config.state_hz / 2 / len(bits),
-        seconds=time,
-        frames=frames,
-        frames_with_display=receiver.found,
-        bits=decided,
-        bits_wrong=wrong,
-        loop_frames=len(bits),
-        receiver_fps=frames / spent,
-    )
-    return asdict(delivery)
+    return asdict(reading.delivery())
 
 
 def fewest_errors(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> int:
@@ -228,11 +320,13 @@ def receiver_model(config: DeliveryConfig) -> Path:
 def stored_runs(config: DeliveryConfig, model: Path) -> Path:
     """File of the runs, named after all that decides them apart from pair, view and number."""
     settings = (config.kappa, config.grid, config.state_hz, config.fps, config.n_bytes)
+    camera = (config.hand, config.drop, config.jitter_s, config.phone, config.codec)
     parts = [
-        repr((STORED_VERSION, *settings, config.loops, config.coverage, config.seed)),
+        repr((STORED_VERSION, *settings, config.loops, config.coverage, *camera, config.seed)),
         code_digest(*DECIDING),
         file_digest([model]),
         *package_versions(),
+        version("av") if config.codec.on else "",
     ]
     mark = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
     return config.out / config.name / f"runs_{mark}.jsonl"
@@ -289,7 +383,7 @@ def summarise_deliveries(
 
 
 def delivery_table(folder: Path) -> Table:
-    """Show the stored results of all settings, one row for each file of a folder."""
+    """Show the stored results of a plain camera's settings, one row for each file of a folder."""
     heads = (
         "grid", "states/s", "camera fps", "pairs", "runs", "delivered in 3 loops", "95 % interval",
         "wrong messages", "bits wrong %", "seconds, median (95 %)", "loops", "bound, s",
@@ -298,6 +392,8 @@ def delivery_table(folder: Path) -> Table:
     rows = []
     for path in sorted(folder.glob("*.json")):
         stored = read_json(path)
+        if stored.get("camera"):
+            continue  # reports.films.codecs compares what phones do
         row, setup = stored["summary"][-1], stored["config"]
         rows.append(
             [
@@ -355,8 +451,9 @@ def check_delivery(config: DeliveryConfig) -> None:
     least, most = config.coverage
     for share in config.coverage:
         scene = SceneSettings(coverage=share)
-        VideoSettings(scene=scene, fps=config.fps, state_hz=config.state_hz).check()
+        config.video(scene).check()
         scene.check()
+    config.codec.check()
     if not least <= most:
         raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
 
@@ -384,6 +481,7 @@ def _run(config: DeliveryConfig) -> None:
     setup = {key: value for key, value in asdict(config).items() if key not in ("out", "jobs")}
     content = {
         "meta": provenance(config.seed, simulated=True),
+        "camera": config.camera,
         "config": setup,
         "summary": summary,
         "runs": sorted(stored.values(), key=lambda run: (run["pair"], run["view_deg"], run["run"])),

@@ -1,0 +1,319 @@
+"""Video codecs of phones: frames are compressed, and come back as a receiver decodes them.
+
+`CodecChannel` and `through_codec` do both in memory, so that one film can be passed through several
+codecs. `write_film` writes the same compressed frames to a file with the times at which they were
+taken: a lost frame leaves a gap, and a jittering sensor a variable frame rate. Both need PyAV
+(``pip install -e '.[codec]'``), which brings FFmpeg with x264 and x265.
+
+Frames are stored as phones store them: 4:2:0 subsampling, the matrix of ITU-R BT.709, tagged with
+their range. A target rate is all that steers the encoder; it looks some frames ahead, as x264 and
+x265 do, and spends more bits on some frames than on others. One thread encodes and one decodes, so
+that the same frames always give the same result.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.film.frame import VideoFrame
+from link.errors import InputError, ParameterError, choose
+from link.images import make_folder, temporary_name
+from link.outside import is_file
+
+try:
+    import av
+except ModuleNotFoundError:
+    av = None  # type: ignore[assignment]
+
+ENCODERS = {"h264": "libx264", "hevc": "libx265"}
+"""Encoder in FFmpeg by the name of a codec."""
+PROFILES = {"h264": ("high", "main", "baseline"), "hevc": ("main",)}
+"""Profiles by the name of a codec; the first one is used where none is named."""
+PRESETS = (
+    "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow",
+)  # fmt: skip
+"""Presets of x264 and x265, from little effort of the encoder to much."""
+COMPRESSED_SUFFIXES = (".mp4", ".mov", ".mkv")
+"""Endings of the files that `write_film` writes."""
+TICKS_HZ = 90_000
+"""Ticks of presentation times in a second, as usual in MP4; other numbers are rounded to them."""
+BT709 = 1
+"""Number that ITU-T H.273 gives to the primaries, transfer function and matrix of BT.709."""
+LIMITED, FULL = 1, 2
+"""Numbers of FFmpeg for levels that run from 16 to 235, and from 0 to 255."""
+NO_PIXELS = np.empty((0, 0, 3), np.uint8)
+"""Pixels of a frame that waits in the codec."""
+ODD = "{}: need an even width and height, got {}x{}; change --size"
+"""Message for frames that cannot be subsampled by 4:2:0."""
+
+
+@dataclass(frozen=True)
+class CodecSettings:
+    """A video codec between the camera and the receiver."""
+
+    name: str = "none"
+    """Codec: "h264", "hevc", or "none" to store every level as it is."""
+    kbits: float = 8000.0
+    """Mean rate that the encoder aims at, in thousands of bits a second."""
+    profile: str | None = None
+    """Profile: "high", "main" or "baseline" for h264, "main" for hevc; None for the first."""
+    gop_s: float = 1.0
+    """Time from one key frame to the next, seconds."""
+    b_frames: int = 0
+    """Largest number of frames in a row that are predicted from later ones, too."""
+    preset: str = "veryfast"
+    """Effort of the encoder: "ultrafast", "superfast", "veryfast", "faster", "fast", "medium",
+    "slow", "slower" or "veryslow"."""
+    full_range: bool = False
+    """Whether levels run from 0 to 255, and not from 16 to 235."""
+
+    @property
+    def on(self) -> bool:
+        """Whether frames are compressed at all."""
+        return self.name != "none"
+
+    @property
+    def label(self) -> str:
+        """What differs from the usual settings, in one word, such as "h264_8000k"; empty if off."""
+        if not self.on:
+            return ""
+        usual = CodecSettings()
+        words = [f"{self.name}_{self.kbits:g}k"]
+        words += [self.profile] if self.profile not in (None, PROFILES[self.name][0]) else []
+        words += [f"gop{self.gop_s:g}"] if self.gop_s != usual.gop_s else []
+        words += [f"b{self.b_frames}"] if self.b_frames else []
+        words += [self.preset] if self.preset != usual.preset else []
+        words += ["full"] if self.full_range else []
+        return "_".join(words)
+
+    def check(self) -> None:
+        """Check the settings, and that their codec can be used here.
+
+        Raises:
+            InputError: a setting is out of its range, which the message names, or a codec is on and
+                PyAV is not installed.
+        """
+        known = ("none", *ENCODERS)
+        if self.name not in known:
+            raise _wrong("name", f"need {', '.join(known)}, got {self.name!r:.40}")
+        for name, low, high, unit in (
+            ("kbits", 50, 500_000, " kbit/s"),
+            ("gop_s", 0.03, 60, " seconds"),
+            ("b_frames", 0, 16, " frames"),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise _wrong(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
+        if self.preset not in PRESETS:
+            raise _wrong("preset", f"need one of {', '.join(PRESETS)}, got {self.preset!r:.40}")
+        if self.profile is not None:
+            profiles = PROFILES.get(self.name, ())
+            if self.profile not in profiles:
+                choices = f"{', '.join(profiles)} for {self.name}" if profiles else "a codec's name"
+                raise _wrong("profile", f"need {choices}, got {self.profile!r:.40}")
+            if self.profile == "baseline" and self.b_frames:
+                raise _wrong("b_frames", f"need 0 in profile baseline, got {self.b_frames}")
+        if self.on and av is None:
+            raise InputError(f"codec {self.name}: PyAV is missing; pip install -e '.[codec]'")
+
+    def encoder(self) -> str:
+        """Return the encoder's name in FFmpeg, after a check of the settings.
+
+        Raises:
+            InputError: the codec is "none", or what `check` raises.
+        """
+        self.check()
+        return choose(ENCODERS, self.name, "codec")
+
+
+def _wrong(name: str, problem: str) -> ParameterError:
+    return ParameterError(f"codec.{name}", problem)
+
+
+class CodecChannel:
+    """Passes the frames of one film through encoder and decoder.
+
+    Args:
+        settings: a codec that is on.
+        fps: nominal number of frames a second, which the encoder's rate refers to.
+
+    Raises:
+        InputError: a setting is out of its range, or PyAV is not installed.
+    """
+
+    def __init__(self, settings: CodecSettings, fps: float) -> None:
+        self._settings, self._fps = settings, fps
+        self._encoder = _context(settings.encoder(), "w")
+        self._decoder = _context(settings.name, "r")
+        self._decoder.thread_count = 1
+        self._waiting: dict[int, VideoFrame] = {}
+        self.encoded_bytes = 0
+        """Size, in bytes, of the compressed frames so far."""
+
+    def push(self, frame: VideoFrame) -> list[VideoFrame]:
+        """Compress a frame, and return those that are decoded by now, in order of time.
+
+        A codec holds frames back, to look ahead and to predict from later ones. A frame comes back
+        with the truth with which it went in; its ``rgb`` is what a receiver sees.
+
+        Args:
+            frame: the next frame; all are of one size, even in width and height, and ``time_s``
+                rises from frame to frame.
+
+        Raises:
+            InputError: odd width or height.
+        """
+        if not self._encoder.width:
+            _set_up(self._encoder, self._settings, self._fps, frame)
+        coded = _coded_frame(frame, self._settings)
+        self._waiting[_ticks_of(coded)] = replace(frame, rgb=NO_PIXELS)
+        return self._decode(self._encoder.encode(coded))
+
+    def finish(self) -> list[VideoFrame]:
+        """Return the frames that the codec still holds, when the film has ended."""
+        if not self._encoder.width:
+            return []
+        last = self._decode(self._encoder.encode(None))
+        return last + self._decoded(self._decoder.decode(None))
+
+    def _decode(self, packets: "list[av.Packet[av.VideoStream]]") -> list[VideoFrame]:
+        self.encoded_bytes += sum(packet.size for packet in packets)
+        return [
+            frame for packet in packets for frame in self._decoded(self._decoder.decode(packet))
+        ]
+
+    def _decoded(self, coded: "list[av.VideoFrame]") -> list[VideoFrame]:
+        """Give decoded frames the truth of those that went in at the same time."""
+        return [replace(self._waiting.pop(_ticks_of(one)), rgb=_as_rgb(one)) for one in coded]
+
+
+def through_codec(
+    frames: Iterable[VideoFrame], settings: CodecSettings, fps: float
+) -> Iterator[VideoFrame]:
+    """Pass a film through a codec: the same frames and times, with what a receiver sees of them.
+
+    >>> rgb = np.full((64, 96, 3), 90, np.uint8)
+    >>> film = [VideoFrame(rgb, k, k / 30, 0.0, np.eye(3), {}, True, False) for k in (0, 1, 3)]
+    >>> seen = list(through_codec(film, CodecSettings("h264", kbits=1000), 30.0))
+    >>> [frame.number for frame in seen], bool(abs(seen[2].rgb.astype(int) - 90).max() <= 2)
+    ([0, 1, 3], True)
+
+    Args:
+        frames: of one film, as `data_gen.film.stream.film` gives them.
+        settings: the codec; "none" passes the frames on as they are.
+        fps: nominal number of frames a second.
+
+    Raises:
+        InputError: a setting is out of its range, PyAV is not installed, or odd width or height.
+    """
+    settings.check()
+    if not settings.on:
+        yield from frames
+        return
+    channel = CodecChannel(settings, fps)
+    for frame in frames:
+        yield from channel.push(frame)
+    yield from channel.finish()
+
+
+def write_film(
+    path: Path, frames: Iterable[VideoFrame], settings: CodecSettings, fps: float
+) -> None:
+    """Write a film as a compressed video file with the times at which its frames were taken.
+
+    The file has its name only once it is whole; nothing else is left where that fails.
+
+    Args:
+        path: ends in one of `COMPRESSED_SUFFIXES`.
+        frames: of one film, as `data_gen.film.stream.film` gives them.
+        settings: a codec that is on.
+        fps: nominal number of frames a second.
+
+    Raises:
+        InputError: a setting is out of its range, PyAV is not installed, odd width or height, or a
+            full disk.
+    """
+    encoder = settings.encoder()
+    hidden = temporary_name(path.with_suffix(""))
+    temporary = hidden.with_name(hidden.name + path.suffix)  # which tells FFmpeg the kind
+    make_folder(path.parent)
+    try:
+        with av.open(str(temporary), "w") as container:
+            stream = None
+            for frame in frames:
+                if stream is None:
+                    added = container.add_stream(encoder, rate=_rate(fps))
+                    stream = cast("av.VideoStream", added)
+                    _set_up(stream.codec_context, settings, fps, frame)
+                container.mux(stream.encode(_coded_frame(frame, settings)))
+            if stream is not None:
+                container.mux(stream.encode(None))
+        temporary.replace(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        if is_file(temporary):
+            temporary.unlink()
+
+
+def _rate(fps: float) -> Fraction:
+    return Fraction(fps).limit_denominator(1001)
+
+
+def _context(name: str, mode: Literal["r", "w"]) -> "av.VideoCodecContext":
+    """Make an encoder ("w") or a decoder ("r") that works in memory."""
+    return cast("av.VideoCodecContext", av.CodecContext.create(name, mode))
+
+
+def _set_up(
+    context: "av.VideoCodecContext", settings: CodecSettings, fps: float, first: VideoFrame
+) -> None:
+    """Set an encoder's context, in memory or of a file, for frames like the first one."""
+    height, width = first.rgb.shape[:2]
+    if width % 2 or height % 2:
+        raise InputError(ODD.format(settings.name, width, height))
+    context.width, context.height, context.pix_fmt = width, height, "yuv420p"
+    context.time_base, context.framerate = Fraction(1, TICKS_HZ), _rate(fps)
+    context.bit_rate = round(1000 * settings.kbits)
+    context.gop_size = max(1, round(settings.gop_s * fps))
+    context.max_b_frames = settings.b_frames
+    context.color_range = FULL if settings.full_range else LIMITED
+    context.colorspace = context.color_primaries = context.color_trc = BT709
+    context.thread_count = 1
+    options = {"preset": settings.preset}
+    options["profile"] = settings.profile or PROFILES[settings.name][0]
+    if settings.name == "hevc":
+        options["x265-params"] = "log-level=none:pools=none:frame-threads=1:scenecut=0"
+    else:
+        options["sc_threshold"] = "0"
+    context.options = options
+
+
+def _coded_frame(frame: VideoFrame, settings: CodecSettings) -> "av.VideoFrame":
+    """Convert a frame's pixels to 4:2:0, and give them their presentation time."""
+    coded = av.VideoFrame.from_ndarray(frame.rgb, format="rgb24")
+    coded = coded.reformat(
+        format="yuv420p",
+        dst_colorspace="ITU709",
+        src_color_range=FULL,
+        dst_color_range=FULL if settings.full_range else LIMITED,
+    )
+    coded.pts, coded.time_base = round(frame.time_s * TICKS_HZ), Fraction(1, TICKS_HZ)
+    return coded
+
+
+def _ticks_of(coded: "av.VideoFrame") -> int:
+    """Presentation time of a decoded frame, which the codec passes on as it was given."""
+    if coded.pts is None:
+        raise RuntimeError("the decoder lost a frame's time")
+    return coded.pts
+
+
+def _as_rgb(coded: "av.VideoFrame") -> NDArray[np.uint8]:
+    """Convert decoded 4:2:0 planes to (H, W, 3) encoded RGB, by their tags."""
+    return np.asarray(coded.to_ndarray(format="rgb24", dst_color_range=FULL), np.uint8)

@@ -1,0 +1,263 @@
+"""What a phone does to the frames of its camera before it stores them.
+
+The effects follow the camera's own processing (`data_gen.channel.camera.develop`), in the order in
+which a phone applies them: the lens's distortion, electronic stabilisation, temporal noise
+reduction, local tone mapping and sharpening. Each has a switch in `PhoneSettings` and is off by
+default. They need nothing but the frames, so that one film can be processed in several ways.
+Motion blur alone belongs to the exposure, which `data_gen.film.stream` makes.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from data_gen.channel.camera import unsharp_mask
+from data_gen.channel.display import Light
+from data_gen.film.frame import VideoFrame, lies_within
+from link.errors import ParameterError
+from link.geometry import frame_corners, homography_from_corners, transform
+
+TILES = (8, 8)
+"""Number of tiles along x and y, between which local tone mapping interpolates."""
+REACH = 0.03
+"""Largest shift by which stabilisation moves a corner of the image, in widths of the image: what a
+phone crops for it."""
+UNDISTORT_STEPS = 8
+"""Number of steps of Newton's method that invert the lens's distortion."""
+
+
+@dataclass(frozen=True)
+class PhoneSettings:
+    """What a phone does to its frames beside the codec; every effect is off by default."""
+
+    noise_reduction: float = 0.0
+    """Share of the stored frame before that temporal noise reduction mixes into each frame; 0 for
+    none."""
+    local_tone: float = 0.0
+    """Clip limit of the local tone mapping (CLAHE of luma over 8 x 8 tiles), such as 2; 0 for
+    none."""
+    stabilise_s: float = 0.0
+    """Time constant, in seconds, over which stabilisation smooths the hand's motion; 0 for none."""
+    stabilise_px: float = 0.3
+    """Standard deviation, in pixels along each axis, by which stabilisation misses the smooth
+    motion in each frame."""
+    sharpen: float = 0.0
+    """Amount of the phone's unsharp mask with a sigma of 1 pixel, after the camera's own; 0 for
+    none."""
+    distortion: float = 0.0
+    """Coefficient k of the lens: a point r half diagonals from the centre is seen at r (1 + k r²).
+    Below 0 the image bulges like a barrel, and mirrors its edges into its corners."""
+    motion_blur: bool = False
+    """Whether the hand's motion while the shutter is open blurs the frame."""
+
+    @property
+    def processes(self) -> bool:
+        """Whether any effect but motion blur is on."""
+        return any(
+            (
+                self.noise_reduction,
+                self.local_tone,
+                self.stabilise_s,
+                self.sharpen,
+                self.distortion,
+            )
+        )
+
+    def check(self) -> None:
+        """Raise a `ParameterError` that names the first setting that is out of its range."""
+        for name, low, high, unit in (
+            ("noise_reduction", 0, 0.95, ""),
+            ("local_tone", 0, 100, ""),
+            ("stabilise_s", 0, 10, " seconds"),
+            ("stabilise_px", 0, 10, " pixels"),
+            ("sharpen", 0, 5, ""),
+            ("distortion", -0.12, 0.12, ""),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ParameterError(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
+
+
+class PhoneProcessor:
+    """Processes the frames of one film in order.
+
+    Args:
+        settings: what is switched on.
+        display: width and height of the displayed picture, pixels.
+        rng: draws by how much stabilisation misses.
+
+    >>> rgb = np.full((64, 96, 3), 90, np.uint8)
+    >>> frame = VideoFrame(rgb, 0, 0.0, 0.0, np.eye(3), {}, True, False)
+    >>> settings, rng = PhoneSettings(distortion=-0.1), np.random.default_rng(0)
+    >>> seen = PhoneProcessor(settings, (20, 20), rng).process(frame)
+    >>> transform(seen.H_captured_from_display, [[-0.5, -0.5]]).round(1).tolist()
+    [[4.3, 2.7]]
+    """
+
+    def __init__(
+        self, settings: PhoneSettings, display: tuple[int, int], rng: np.random.Generator
+    ) -> None:
+        settings.check()
+        self._settings, self._display, self._rng = settings, display, rng
+        self._first: NDArray[np.float64] | None = None
+        self._smooth = np.zeros((4, 2))
+        self._time_s = 0.0
+        self._kept: Light | None = None
+        self._maps: tuple[Light, Light] | None = None
+        self._last: VideoFrame | None = None
+
+    def process(self, frame: VideoFrame) -> VideoFrame:
+        """Return the frame as the phone passes it on, with the truth about where its display is.
+
+        A frame that is the one before again stays so.
+        """
+        if frame.duplicate and self._last is not None:
+            last = self._last
+            H, visible = last.H_captured_from_display, last.visible
+            return replace(frame, rgb=last.rgb, H_captured_from_display=H, visible=visible)
+        settings, rgb, H = self._settings, frame.rgb, frame.H_captured_from_display
+        size = rgb.shape[1], rgb.shape[0]
+        if settings.distortion:
+            rgb, H = self._distort(rgb), self._distorted(H, size)
+        if settings.stabilise_s > 0:
+            motion = self._steady(frame.H_captured_from_display, frame.time_s, size)
+            rgb, H = _warp(rgb, motion), motion @ H
+        if settings.noise_reduction > 0:
+            rgb = self._denoise(rgb)
+        if settings.local_tone > 0:
+            rgb = map_tones_locally(rgb, settings.local_tone)
+        if settings.sharpen > 0:
+            rgb = unsharp_mask(rgb.astype(np.float32), settings.sharpen)
+        H = H / H[2, 2]
+        visible = lies_within(transform(H, frame_corners(*self._display)), size)
+        self._last = replace(frame, rgb=rgb, H_captured_from_display=H, visible=visible)
+        return self._last
+
+    def _distort(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Resample (H, W, 3) pixels as the lens bends them."""
+        height, width = rgb.shape[:2]
+        if self._maps is None:
+            x, y = np.meshgrid(np.arange(width), np.arange(height))
+            seen = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
+            source = undistort(seen, (width, height), self._settings.distortion)
+            maps = source.reshape(height, width, 2).astype(np.float32)
+            self._maps = np.ascontiguousarray(maps[..., 0]), np.ascontiguousarray(maps[..., 1])
+        return np.asarray(
+            cv2.remap(rgb, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101),
+            np.uint8,
+        )
+
+    def _distorted(self, H: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
+        """Return the (3, 3) homography to where the lens shows the display's four corners."""
+        corners = transform(H, frame_corners(*self._display))
+        bent = distort(corners, size, self._settings.distortion)
+        return homography_from_corners(bent, *self._display)
+
+    def _steady(
+        self, H: NDArray[np.float64], time_s: float, size: tuple[int, int]
+    ) -> NDArray[np.float64]:
+        """Return the (3, 3) homography from pixels of this frame to those of a steadier one."""
+        corners = frame_corners(*size)
+        if self._first is None:
+            self._first, self._time_s = H, time_s
+        moved = transform(H @ np.linalg.inv(self._first), corners)
+        share = 1 - np.exp(-(time_s - self._time_s) / self._settings.stabilise_s)
+        self._smooth += share * (moved - corners - self._smooth)
+        self._time_s = time_s
+        limit = REACH * size[0]
+        shift = np.clip(corners + self._smooth - moved, -limit, limit)
+        shift += self._settings.stabilise_px * self._rng.standard_normal(2)
+        steady = (moved + shift).astype(np.float32)
+        return np.asarray(cv2.getPerspectiveTransform(moved.astype(np.float32), steady), np.float64)
+
+    def _denoise(self, rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Mix (H, W, 3) pixels with those kept of the frames before."""
+        new = rgb.astype(np.float32)
+        if self._kept is not None:
+            share = self._settings.noise_reduction
+            new = np.asarray(cv2.addWeighted(new, 1 - share, self._kept, share, 0))
+        self._kept = new
+        return (new + np.float32(0.5)).astype(np.uint8)
+
+
+def distort(points: NDArray[np.float64], size: tuple[int, int], k: float) -> NDArray[np.float64]:
+    """Move points to where a lens shows them.
+
+    Args:
+        points: (N, 2) pixels (x, y) of an image without distortion.
+        size: width and height of the image, pixels.
+        k: coefficient; a point r half diagonals from the centre moves to r (1 + k r²).
+
+    >>> distort(np.array([[-0.5, -0.5], [49.5, 39.5]]), (100, 80), -0.1).round(6).tolist()
+    [[4.5, 3.5], [49.5, 39.5]]
+    """
+    middle, half = (np.array(size) - 1) / 2, np.hypot(*size) / 2
+    centred = (points - middle) / half
+    return np.asarray(middle + half * centred * (1 + k * (centred**2).sum(axis=1))[:, None])
+
+
+def undistort(points: NDArray[np.float64], size: tuple[int, int], k: float) -> NDArray[np.float64]:
+    """Find the points (N, 2) that `distort` moves to given ones, by Newton's method.
+
+    >>> undistort(np.array([[4.5, 3.5]]), (100, 80), -0.1).round(3).tolist()
+    [[-0.5, -0.5]]
+    """
+    middle, half = (np.array(size) - 1) / 2, np.hypot(*size) / 2
+    seen = np.hypot(*((points - middle) / half).T)
+    found = seen
+    for _ in range(UNDISTORT_STEPS):
+        found = found - (found + k * found**3 - seen) / (1 + 3 * k * found**2)
+    return np.asarray(middle + (points - middle) / (1 + k * found**2)[:, None])
+
+
+def map_tones_locally(rgb: NDArray[np.uint8], clip_limit: float) -> NDArray[np.uint8]:
+    """Equalise the contrast of luma tile by tile (CLAHE).
+
+    Args:
+        rgb: (H, W, 3) uint8, encoded.
+        clip_limit: OpenCV's limit of a histogram's bins; the larger, the more contrast.
+
+    Returns:
+        (H, W, 3) uint8, encoded; colours keep their differences from luma.
+    """
+    planes = cv2.cvtColor(rgb, cv2.COLOR_RGB2YCrCb)
+    equalise = cv2.createCLAHE(clipLimit=clip_limit, tileGridSize=TILES)
+    planes[:, :, 0] = equalise.apply(np.ascontiguousarray(planes[:, :, 0]))
+    return np.asarray(cv2.cvtColor(planes, cv2.COLOR_YCrCb2RGB), np.uint8)
+
+
+def blur_by_motion(exposure: Light, shift: NDArray[np.float64]) -> Light:
+    """Average an exposure over a straight motion of the whole image.
+
+    Args:
+        exposure: (H, W, 3) float32, linear.
+        shift: (2,) motion along x and y while the shutter is open, pixels.
+
+    Returns:
+        (H, W, 3) float32, linear; the middle of the motion stays in place.
+    """
+    reach = int(np.ceil(np.abs(shift).max() / 2)) + 1
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
+    steps = 2 * int(np.ceil(4 * np.abs(shift).max())) + 1
+    for share in (np.arange(steps) + 0.5) / steps - 0.5:
+        x, y = share * shift + reach
+        left, top = int(np.floor(x)), int(np.floor(y))
+        along, down = np.array([left + 1 - x, x - left]), np.array([top + 1 - y, y - top])
+        kernel[top : top + 2, left : left + 2] += np.outer(down, along)
+    kernel /= steps
+    return np.asarray(
+        cv2.filter2D(exposure, -1, kernel, borderType=cv2.BORDER_REFLECT_101), np.float32
+    )
+
+
+def _warp(rgb: NDArray[np.uint8], motion: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Resample (H, W, 3) pixels by a (3, 3) homography, bilinearly."""
+    size = rgb.shape[1], rgb.shape[0]
+    return np.asarray(
+        cv2.warpPerspective(
+            rgb, motion, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101
+        ),
+        np.uint8,
+    )
