@@ -55,25 +55,30 @@ def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
     return points
 
 
-def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.float64]:
+def check_corners(
+    corners: ArrayLike, image_shape: tuple[int, ...], outside: float = 0.0
+) -> NDArray[np.float64]:
     """Check that four points can be the corners of a display in an image.
 
     Args:
         corners: (4, 2) pixels (x, y), in corner order.
         image_shape: (H, W, ...) of the captured image.
+        outside: distance by which corners may lie outside the image, as a share of its longer side.
 
     Returns:
         the points as (4, 2) float64.
 
     Raises:
-        InputError: wrong shape, not finite, outside the image, mirrored, not convex, or tiny.
+        InputError: wrong shape, not finite, too far outside the image, mirrored, not convex, or
+            tiny.
     """
     points = as_corners(corners)
     height, width = image_shape[:2]
-    low, high = np.array([-0.5, -0.5]), np.array([width - 0.5, height - 0.5])
-    outside = ((points < low) | (points > high)).any(axis=1)
-    if outside.any():
-        x, y = points[outside][0]
+    slack = outside * max(width, height)
+    low, high = -0.5 - slack, np.array([width, height]) - 0.5 + slack
+    beyond = ((points < low) | (points > high)).any(axis=1)
+    if beyond.any():
+        x, y = points[beyond][0]
         raise InputError(f"corners: ({x:g}, {y:g}) lies outside the {width}x{height} image")
     edges = np.roll(points, -1, axis=0) - points
     following = np.roll(edges, -1, axis=0)
@@ -86,6 +91,16 @@ def check_corners(corners: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[n
     if area < MIN_AREA_PX:
         raise InputError(f"corners: the display covers only {area:.0f} square pixels")
     return points
+
+
+def in_image(points: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Tell which points, (..., 2) pixels (x, y), lie in an image of a shape (H, W, ...).
+
+    >>> in_image([[-0.5, 3.0], [-0.6, 3.0]], (4, 8)).tolist()
+    [True, False]
+    """
+    at, (height, width) = np.asarray(points, np.float64), image_shape[:2]
+    return np.asarray(((at >= -0.5) & (at <= np.array([width, height]) - 0.5)).all(axis=-1))
 
 
 def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDArray[np.float64]:

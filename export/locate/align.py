@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from export.locate.corner_motion import four_point_homography, points_by_corners
 from export.locate.patches import DRAWN_KAPPA, Pyramid, at_level, level_for
-from link.geometry import frame_corners
+from link.geometry import frame_corners, in_image, transform
 from link.layout import Layout
 from link.ratex import TILES, tile_levels
 from link.robust import MAD_TO_SIGMA, reweighted, ridge_solution
@@ -81,6 +81,11 @@ def _align_phase(
     image = cv2.GaussianBlur(image, (0, 0), max(0.7, BLUR * float(apart.mean())))
     start = c.copy()
     points, basis = _grid(layout, fine, free)
+    first = transform(four_point_homography(frame_corners(width, height), c), points)
+    if not (seen := in_image(first, image.shape)).all():
+        points, basis = points[seen], basis[seen]
+    if not len(points):
+        return corners
     side = float(np.sqrt(cv2.contourArea(c.astype(np.float32)))) + 1e-9
     unit = frame_corners(width, height)
     ridge = (RESIDUAL_LEVELS / (max(spread, 1e-6) * side)) ** 2

@@ -4,14 +4,16 @@ Patches tell which way up the display is and, four of them in the corners, where
 whatever the picture shows and whatever surrounds it.
 """
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.corner_motion import four_point_homography, points_by_corners
-from link.geometry import homography_from_corners, transform
+from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
-from link.ratex import TILES, tile_levels
+from link.ratex import TILES, match_patches, tile_levels
 from link.robust import reweighted, ridge_solution
 
 TILE_PX = 4
@@ -22,6 +24,12 @@ SEARCH_ERROR, PLACE_ERROR = 0.04, 0.006
 """Expected errors, as shares of the display's side, of a coarse corner and of a patch found."""
 DRAWN_KAPPA = 3
 """Gray levels by which drawn patches toggle; the levels of the tiles hardly depend on it."""
+
+LEAST_PATCHES, MISSED_PATCHES = 3, 2
+"""Smallest number of patches that must be seen where a layout has so many, and largest number that
+may be out of view or covered."""
+COVERED_LOSS = 0.08
+"""Visibility that is taken off where patches that are not seen are left out of the mean."""
 
 Pyramid = list[NDArray[np.uint8]]
 """Gray levels of an image at 1, 1/2, 1/4, ... of its size, (H, W) uint8 each."""
@@ -63,6 +71,57 @@ def level_for(corners: NDArray[np.float64], width: float, height: float, levels:
     return int(np.clip(np.floor(np.log2(max(ratio, 1e-3) / 1.2) + 0.5), 0, levels - 1))
 
 
+@lru_cache(maxsize=8)
+def _templates(layout: Layout) -> list[NDArray[np.uint8]]:
+    """Draw each patch with `TILE_PX` pixels along each axis of a tile."""
+    whole = np.ones((TILE_PX, TILE_PX), np.intp)
+    return [np.kron(tiles, whole).astype(np.uint8) for tiles in tile_levels(layout, DRAWN_KAPPA)]
+
+
+def patches_in_view(
+    corners: NDArray[np.float64], layout: Layout, image_shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """Tell which patches lie wholly in the image.
+
+    Args:
+        corners: (4, 2) pixels of the image.
+        layout: with patches.
+        image_shape: (H, W, ...) of the image.
+
+    Returns:
+        (patches,) bool.
+    """
+    H = homography_from_corners(corners, layout.width, layout.height)
+    boxes = np.array([layout.cell_box(row, col) for row, col in layout.ratex]) - 0.5
+    top, bottom, left, right = boxes.T
+    ends = np.stack([left, top, right, top, right, bottom, left, bottom], axis=-1)
+    there = transform(H, ends.reshape(-1, 2)).reshape(-1, 4, 2)
+    return np.asarray(in_image(there, image_shape).all(axis=1))
+
+
+def seen_visibility(
+    rectified: NDArray[np.uint8], layout: Layout, in_view: NDArray[np.bool_]
+) -> float:
+    """Tell how well a rectified frame shows the patches, some of which may be hidden.
+
+    Args:
+        rectified: (H, W) or (H, W, 3) uint8, encoded.
+        layout: with at least one patch.
+        in_view: (patches,) which patches the image holds, as `patches_in_view` tells.
+
+    Returns:
+        `link.ratex.visibility`; or, where that is more, the mean correlation of the patches that
+        are seen best, less `COVERED_LOSS`. At most `MISSED_PATCHES` are left out, and
+        `LEAST_PATCHES` must be in view, or the value is -1.
+    """
+    match = match_patches(rectified, layout).correlation
+    needed = min(len(match), max(LEAST_PATCHES, len(match) - MISSED_PATCHES))
+    if in_view.sum() < needed:
+        return -1.0
+    best = np.sort(match[in_view])[-needed:].mean() - COVERED_LOSS
+    return float(max(match.mean(), best) if in_view.all() else best)
+
+
 def search_patches(
     pyramid: Pyramid, corners: NDArray[np.float64], layout: Layout, reach: float = SEARCH
 ) -> tuple[float, NDArray[np.float64]]:
@@ -75,8 +134,9 @@ def search_patches(
         reach: distance on each axis that is searched, as a share of the display's side.
 
     Returns:
-        mean over patches of the best correlation in reach, in [-1, 1], and (patches, 3): where its
-        centre was found (x, y in display units, [0, 1]) and that correlation.
+        mean over the patches in view of the best correlation in reach, in [-1, 1], or -1 where too
+        few are in view; and (patches, 3): where its centre was found (x, y in display units,
+        [0, 1]) and that correlation, 0 for a patch out of view.
     """
     width, height = layout.cols * TILES * TILE_PX, layout.rows * TILES * TILE_PX
     reach_x, reach_y = max(3, round(reach * width)), max(3, round(reach * height))
@@ -92,10 +152,7 @@ def search_patches(
     )
     size = TILES * TILE_PX
     found = np.empty((len(layout.ratex), 3))
-    for i, ((row, col), tiles) in enumerate(
-        zip(layout.ratex, tile_levels(layout, DRAWN_KAPPA), strict=True)
-    ):
-        template = np.kron(tiles, np.ones((TILE_PX, TILE_PX))).astype(np.uint8)
+    for i, ((row, col), template) in enumerate(zip(layout.ratex, _templates(layout), strict=True)):
         window = seen[
             row * size : (row + 1) * size + 2 * reach_y, col * size : (col + 1) * size + 2 * reach_x
         ]
@@ -107,7 +164,18 @@ def search_patches(
             ((row + 0.5) * size + y - reach_y) / height,
             match[y, x],
         )
-    return float(found[:, 2].mean()), found
+    if in_image(corners, pyramid[0].shape).all():
+        return float(found[:, 2].mean()), found
+    half = 0.5 / np.array([layout.cols, layout.rows])
+    around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    ends = (found[:, None, :2] + around) * [width, height] - 0.5  # (patches, 4, 2)
+    there = transform(H, ends.reshape(-1, 2)).reshape(ends.shape)
+    seen = in_image(there, pyramid[level].shape).all(axis=1)
+    cells = np.array(layout.ratex, np.float64)[:, ::-1] + 0.5
+    found[~seen] = np.column_stack([cells / [layout.cols, layout.rows], np.zeros(len(seen))])[~seen]
+    if seen.sum() < min(LEAST_PATCHES, len(seen)):
+        return -1.0, found
+    return float(found[seen, 2].mean()), found
 
 
 def corners_from_patches(
@@ -133,7 +201,7 @@ def corners_from_patches(
     )
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     moved = found[:, :2].copy()
-    weight = np.clip(found[:, 2], 0.05, 1) ** 8 / PLACE_ERROR**2
+    weight = np.clip(found[:, 2], 0.05, 1) ** 8 / PLACE_ERROR**2 * (found[:, 2] != 0)
     ridge = np.eye(8) / SEARCH_ERROR**2
 
     def solve(robust: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,6 +27,9 @@ MIN_CROSSING_DEG = 35.0
 """Smallest angle between neighbouring sides; a display seen at 70 degrees still has it."""
 MIN_SIDE_COVER, MIN_MEAN_COVER = 0.15, 0.45
 """Smallest shares that segments must cover of each side, and of all sides on average."""
+SLACK = 0.01
+"""Distance by which a corner may lie outside the image where the whole display is in view, as a
+share of the image's longer side: lines found on a small image are that uncertain."""
 SAME_PX = 3.0
 """Distance, in pixels, of corners below which two quadrilaterals are one."""
 NESTED = (0.65, 0.97)
@@ -42,15 +45,16 @@ def signed_areas(quads: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray((x * y_next - x_next * y).sum(axis=-1) / 2)
 
 
-def is_sound(quads: NDArray[np.float64], width: int, height: int) -> NDArray[np.bool_]:
+def is_sound(
+    quads: NDArray[np.float64], width: int, height: int, outside: float = SLACK
+) -> NDArray[np.bool_]:
     """Tell which quadrilaterals are clockwise, convex, large enough, no slivers, and in the image.
-
-    Corners may lie 1 % outside the image, for lines found on a small image are that uncertain.
 
     Args:
         quads: (N, 4, 2) pixels.
         width: of the image, pixels.
         height: of the image, pixels.
+        outside: distance by which corners may lie outside the image, as a share of its longer side.
 
     Returns:
         (N,) bool.
@@ -60,7 +64,7 @@ def is_sound(quads: NDArray[np.float64], width: int, height: int) -> NDArray[np.
     following = np.roll(edges, -1, axis=1)
     cross = edges[..., 0] * following[..., 1] - edges[..., 1] * following[..., 0]
     sine = cross / (length * np.roll(length, -1, axis=1))
-    slack = 0.01 * max(width, height)
+    slack = outside * max(width, height)
     low, high = -0.5 - slack, np.array([width, height]) - 0.5 + slack
     inside = ((quads >= low) & (quads <= high)).all(axis=(1, 2))
     large = signed_areas(quads) >= MIN_AREA * width * height

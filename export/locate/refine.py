@@ -6,11 +6,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from export.locate.align import align_corners
 from export.locate.edges import fit_edges
-from export.locate.patches import Pyramid, corners_from_patches, image_pyramid, search_patches
-from export.locate.quads import is_sound
+from export.locate.patches import (
+    Pyramid,
+    corners_from_patches,
+    image_pyramid,
+    patches_in_view,
+    search_patches,
+    seen_visibility,
+)
+from export.locate.quads import SLACK, is_sound
 from link.geometry import as_corners, homography_from_corners, rectify
 from link.layout import Layout
-from link.ratex import visibility
 
 EDGE_REACH = 0.015
 """Distance that a side may move onto an edge, as a share of the display's side."""
@@ -19,6 +25,9 @@ SEARCHES = (0.09, 0.09, 0.03)
 display's side: what is found first brings the others into reach."""
 MIN_VISIBILITY = {1: 0.88, 2: 0.85}
 """Smallest `link.ratex.visibility` of a display that shows one patch, and two."""
+OUTSIDE = 0.25
+"""Distance by which a corner of a display that is partly in view may lie outside the image, as a
+share of the image's longer side."""
 USUAL_VISIBILITY = 0.8
 """Smallest `link.ratex.visibility` of a display that shows three patches or more. It lies between
 what aligned displays have and what wrong turns reach by chance, most of all with few patches:
@@ -61,6 +70,8 @@ def corners_on_patches(
 ) -> tuple[NDArray[np.float64], float]:
     """Move corners so that the image shows the ratex patches where the layout has them.
 
+    Patches may be out of view, or covered, as `export.locate.patches.seen_visibility` allows.
+
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded RGB.
         pyramid: `export.locate.patches.image_pyramid` of its gray levels.
@@ -68,17 +79,23 @@ def corners_on_patches(
         layout: with patches.
 
     Returns:
-        (4, 2), and `link.ratex.visibility` there; -1 where the corners make no display.
+        (4, 2), and `export.locate.patches.seen_visibility` there; -1 where the corners make no
+        display.
     """
     for reach in SEARCHES:
         found = search_patches(pyramid, corners, layout, reach)[1]
         corners = corners_from_patches(corners, found, layout)
-    corners = clipped_to_image(align_corners(pyramid, corners, layout), image.shape)
+    corners = align_corners(pyramid, corners, layout)
     height, width = image.shape[:2]
-    if not is_sound(corners[None], width, height)[0]:
+    clipped = clipped_to_image(corners, image.shape)
+    if np.abs(clipped - corners).max() <= SLACK * max(width, height):
+        corners = clipped
+    if not is_sound(corners[None], width, height, OUTSIDE)[0]:
         return corners, -1.0
     H = homography_from_corners(corners, layout.width, layout.height)
-    return corners, visibility(rectify(image, H, layout.width, layout.height), layout)
+    rectified = rectify(image, H, layout.width, layout.height)
+    in_view = patches_in_view(corners, layout, image.shape)
+    return corners, seen_visibility(rectified, layout, in_view)
 
 
 def corners_on_edges(
