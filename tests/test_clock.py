@@ -1,18 +1,17 @@
 """The display's clock from the toggles of the patches, and states from camera frames."""
 
-from dataclasses import astuple
+from dataclasses import astuple, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
-from export.receive.clock import (
-    DisplayClock,
-    Synchroniser,
-    embedded_share,
-    explained_variance,
-    patch_toggles,
-)
+from export.receive.clock import DisplayClock, embedded_share
+from export.receive.fit import ToggleWindow
 from export.receive.states import RectifiedFrame, compose_state
+from export.receive.synchronise import Synchroniser
+from export.receive.toggles import patch_toggles
 from link.embed import embed
 from link.layout import make_layout
 
@@ -27,7 +26,7 @@ def test_shares_of_an_exposure_over_a_change() -> None:
     assert clock.shares(0.08, places, 1) == pytest.approx([0.5, 0.75, 1.0])
     assert clock.shares(0.08, places, 2) == pytest.approx([0, 0, 0])
     total = embedded_share(np.array([astuple(clock)]), np.array([0.08]), places)
-    assert total[0, 0] == pytest.approx([0.5, 0.75, 1.0])
+    assert total[0, :, 0] == pytest.approx([0.5, 0.75, 1.0])
 
 
 def test_shares_of_all_states_add_to_one() -> None:
@@ -70,7 +69,7 @@ def test_the_clock_is_found_in_noisy_toggles(
     sync = Synchroniser(fps, PLACES)
     for number in range(int(4 * fps)):
         time = number / fps
-        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, 0]
+        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, :, 0]
         sync.add(time, 3 * wave + rng.normal(0, 0.4, 5) + [1, 5, -3, 0, 2])
     assert sync.clock is not None
     assert sync.r2 > 0.8
@@ -86,7 +85,7 @@ def test_states_keep_their_numbers_for_a_minute() -> None:
     offsets, slips = [], 0
     for number in range(60 * 30):
         time = number / 30
-        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, 0]
+        wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, :, 0]
         sync.add(time, 3 * wave + rng.normal(0, 0.4, 5))
         if time == 5:
             slips = sync.slips
@@ -106,13 +105,39 @@ def test_noise_and_stillness_give_no_clock() -> None:
     assert still.clock is None
 
 
+def toggles_of(
+    clock: DisplayClock,
+    times: NDArray[np.float64],
+    rng: np.random.Generator,
+    amplitude: float,
+    noise: ArrayLike,
+    correlation: ArrayLike = 0.0,
+) -> NDArray[np.float64]:
+    """Toggles (n, 5) of a clock in noise, correlated from frame to frame, of each place."""
+    wave = embedded_share(np.array([astuple(clock)]), times, PLACES)[0].T
+    left = rng.normal(size=wave.shape)
+    for before, after in pairwise(range(len(times))):
+        left[after] *= np.sqrt(1 - np.square(correlation))
+        left[after] += correlation * left[before]
+    return np.asarray(amplitude * wave + noise * left)
+
+
 def test_a_perfect_wave_is_explained_wholly_and_its_opposite_not_at_all() -> None:
-    clock = np.array([[0.1, 0.0, 0.01, -0.01, 0.02]])
-    times = np.arange(40) / 30
-    wave = embedded_share(clock, times, PLACES)[0]
-    wave = wave - wave.mean(axis=0)
-    assert explained_variance(clock, times, PLACES, wave)[0] == pytest.approx(1)
-    assert explained_variance(clock, times, PLACES, -wave)[0] == 0
+    clock = DisplayClock(0.0913, 0.01, 0.01, -0.01, 0.02)
+    times = np.arange(60) / 30
+    rng = np.random.default_rng(4)
+    wave = toggles_of(clock, times, rng, 3.0, 1e-3)
+    for sign in (1, -1):
+        window = ToggleWindow(times, sign * wave, PLACES, 30)
+        fit = window.follow(replace(clock, start=clock.start - window.middle))
+        if sign == 1:
+            assert fit.r2 == pytest.approx(1, abs=1e-3)
+            assert fit.amplitude == pytest.approx(3, abs=0.01)
+            found = replace(fit.clock, start=fit.clock.start + window.middle)
+            assert astuple(found) == pytest.approx(astuple(clock), abs=5e-4)
+        else:
+            shift = (fit.clock.start + window.middle - clock.start) / clock.period
+            assert fit.amplitude == 0 or abs((shift + 1) % 2 - 1) > 0.5
 
 
 def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:

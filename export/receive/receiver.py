@@ -10,8 +10,8 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.clock import Synchroniser, patch_toggles
 from export.receive.occlusion import Occlusion
+from export.receive.repeats import Repeats
 from export.receive.states import (
     MESH,
     DisplayState,
@@ -19,6 +19,8 @@ from export.receive.states import (
     block_purity,
     compose_state,
 )
+from export.receive.synchronise import Synchroniser
+from export.receive.toggles import patch_toggles
 from export.receive.track import Tracked, Tracker
 from export.runtime import Decoder
 from link.code.collect import Collector, Message
@@ -27,8 +29,6 @@ from link.frames import Captured, SoftBits
 
 BUFFER = 256
 """Largest number of rectified frames that are kept while the clock is unknown."""
-LOST_S = 2.0
-"""Seconds out of view after which the display's clock is sought anew."""
 PURE_FROM, PURE_TO = 0.6, 0.95
 """Purities of a block's exposure at which its score begins to count, and counts in full."""
 STILL = 2.0
@@ -113,6 +113,8 @@ class Receiver:
         self.decoded = 0
         """Number of frame pairs decoded."""
         self._fps = fps
+        self._repeats = Repeats()
+        self._tracked: Tracked | None = None
         self._tracker = Tracker(self.layout)
         self._collector = Collector(self.layout.n_bits)
         self._sync = self._fresh_clock()
@@ -120,7 +122,6 @@ class Receiver:
         self._occlusion = Occlusion(self.layout)
         self._buffer: deque[tuple[RectifiedFrame, float]] = deque(maxlen=BUFFER)
         self._next: int | None = None
-        self._seen_at = -np.inf
         self._size = self.layout.width, self.layout.height
 
     def _fresh_clock(self) -> Synchroniser:
@@ -131,6 +132,11 @@ class Receiver:
     def progress(self) -> float:
         """Information received, as a share of what is needed: about 1 when the message is whole."""
         return self._collector.progress
+
+    @property
+    def repeated(self) -> int:
+        """Number of frames that showed again what the frame before showed, and were skipped."""
+        return self._repeats.count
 
     @property
     def decode_attempts(self) -> int:
@@ -160,14 +166,14 @@ class Receiver:
         frame = as_uint8(image)
         self.frames += 1
         start = perf_counter()
-        tracked = self._tracker.follow(frame)
+        if self._repeats.is_repeat(frame):  # it was not exposed at this time
+            self.found += self._tracked is not None
+            return ReceiverStep(self._tracked, [], None)
+        tracked = self._tracked = self._tracker.follow(frame)
         self.timing.add("track", start)
         if tracked is None:
             return ReceiverStep(None, [], None)
         self.found += 1
-        if time - self._seen_at > LOST_S and np.isfinite(self._seen_at):
-            self._restart()
-        self._seen_at = time
         start = perf_counter()
         toggles = patch_toggles(tracked.rectified, self.layout)
         self._sync.add(time, toggles)
@@ -217,13 +223,6 @@ class Receiver:
         if self._sync.clock is not None:
             return ReceiverStep(None, *self._decode_ready(np.inf))
         return ReceiverStep(None, *self._decode_unclocked())
-
-    def _restart(self) -> None:
-        """Forget the clock and what waits for it; the collector keeps what it has."""
-        self._sync = self._fresh_clock()
-        self._slips, self._next = 0, None
-        self._buffer.clear()
-        self._collector.start_run()
 
     def _decode_ready(self, now: float) -> tuple[list[DecodedPair], Message | None]:
         """Decode all frame pairs whose time on the display is over."""

@@ -1,0 +1,186 @@
+"""Find the display's clock, follow it, hold it through weak spells, and find it again."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from export.receive.clock import Array, DisplayClock
+from export.receive.fit import ClockFit, ToggleWindow
+
+MIN_WINDOW_S, WINDOW_S = 1.0, 4.0
+"""Seconds of toggles that the first fit needs, and that a later fit looks back."""
+MAX_SAMPLES = 4096
+"""Largest number of frames that a fit looks back, whatever their times say."""
+MIN_FRAMES = 12
+"""Number of frames that the first fit needs."""
+REFIT_S = 0.5
+"""Seconds from one fit to the next."""
+CONFIRMED = 30.0
+"""Smallest evidence, in units of twice the log-likelihood, that confirms a clock known before."""
+GOOD_R2 = 0.85
+"""Share of the toggles' variance at which no other clock is looked for."""
+SEARCH_S = 4.0
+"""Seconds from one search to the next while the clock that is known is confirmed."""
+CLEARLY, SHARE = 15.0, 0.05
+"""Least evidence by which another clock must lead, and the least as a share of the held clock's."""
+MIN_TOGGLE = 0.1
+"""Standard deviation of the toggles of a place, displayed gray levels, below which the place stands
+still: a square wave of kappa 1 has 0.5."""
+HOLD_S = 6.0
+"""Longest time, in seconds, for which a clock runs on without being confirmed."""
+MAX_PHASE_ERROR = 0.25
+"""Standard error of the state's number, in states, at which a clock that runs on is given up."""
+WANDER = 5e-5
+"""Share by which two clocks may drift apart while a clock runs on."""
+SAME = 0.5
+"""Largest distance, in states, between a clock that was found and the held one for the states to
+keep their numbers."""
+FALSE_ALARM = 1e-5
+"""Chance, for each window without a display's toggling, that a clock is found in it."""
+
+
+def needed_evidence(frames: int, places: int, span: float, fps: float) -> float:
+    """Say how much evidence a search must find for its clock to be believed.
+
+    Args:
+        frames: number of frames in the window.
+        places: number of places seen.
+        span: length of the window, seconds.
+        fps: frames of the camera in a second.
+
+    Returns:
+        twice a log-likelihood ratio.
+    """
+    return 60.0
+
+
+@dataclass(frozen=True)
+class Toggling:
+    """What a search for a clock found, whether it is believed or not."""
+
+    strength: float
+    """Evidence of the best clock as a share of what is needed; 1 and more is a lock."""
+    amplitude: float
+    """Toggle between original and embedded frames by that clock, displayed gray levels."""
+    state_hz: float
+    """Number of states a second by that clock."""
+
+
+class Synchroniser:
+    """Fits the clock to the toggles of the last seconds.
+
+    Args:
+        fps: frames of the camera in a second; they bound delays and shutter.
+        places: (P, 2) places of the display, in [0, 1], whose toggles are known.
+    """
+
+    def __init__(self, fps: float, places: Array) -> None:
+        self.fps = fps
+        self.places = places
+        self.clock: DisplayClock | None = None
+        """The clock, or None while it is unknown."""
+        self.r2 = 0.0
+        """Share of the toggles' variance, each place weighed by its noise, that the clock explains
+        in the last window, in [0, 1]."""
+        self.slips = 0
+        """Number of times that the numbers of the states began anew."""
+        self.best: Toggling | None = None
+        """The strongest toggling of all windows so far, or None before the first fit."""
+        self._samples: deque[tuple[float, Array]] = deque(maxlen=MAX_SAMPLES)
+        self._fitted_at = self._searched_at = self._confirmed_at = -np.inf
+        self._fit: tuple[ClockFit, float] | None = None
+
+    @property
+    def held(self) -> bool:
+        """Whether the clock runs on, because the toggles no longer confirm it."""
+        return self.clock is not None and self._fitted_at > self._confirmed_at
+
+    def phase_error(self, time: float) -> float:
+        """Standard error, in states, of the state's number at a time; infinite without a clock."""
+        if self.clock is None or self._fit is None:
+            return np.inf
+        fit, middle = self._fit
+        wander = WANDER * (time - middle) / self.clock.period
+        return float(np.hypot(fit.phase_error(time - middle), wander))
+
+    def add(self, time: float, toggles: Array) -> None:
+        """Take the toggles of one frame, and fit the clock where it is time.
+
+        Args:
+            time: of the frame, seconds; later than before.
+            toggles: (P,) displayed gray levels; NaN where a place is hidden.
+        """
+        self._samples.append((time, toggles))
+        while self._samples[0][0] < time - WINDOW_S:
+            self._samples.popleft()
+        enough = time - self._samples[0][0] >= MIN_WINDOW_S and len(self._samples) >= MIN_FRAMES
+        if enough and time >= self._fitted_at + REFIT_S:
+            self._fitted_at = time
+            self._update(time)
+        if self.held:
+            unsure = self.phase_error(time) > MAX_PHASE_ERROR
+            if unsure or time - self._confirmed_at > HOLD_S:
+                self.clock = None
+
+    def _update(self, time: float) -> None:
+        """Fit the clock to the last seconds, and look for another one where that is in doubt."""
+        times, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
+        window = ToggleWindow(times, toggles, self.places, self.fps)
+        if window.places_seen == 0:
+            return
+        if window.deviation.max() < MIN_TOGGLE:
+            self.clock, self.r2 = None, 0.0
+            return
+        needed = needed_evidence(len(times), window.places_seen, times[-1] - times[0], self.fps)
+        followed = None
+        if self.clock is not None:
+            followed = self._follow(window, time)
+            if followed.evidence >= needed and (
+                followed.r2 >= GOOD_R2 or time < self._searched_at + SEARCH_S
+            ):
+                self._adopt(followed, window, time)
+                return
+        found = window.search()
+        self._searched_at = time
+        self._note(found, needed)
+        if followed is not None and followed.evidence >= CONFIRMED:
+            lead = found.evidence - followed.evidence
+            if lead < max(CLEARLY, SHARE * followed.evidence) or found.evidence < needed:
+                self._adopt(followed, window, time)
+                return
+        if found.evidence >= needed and found.amplitude >= MIN_TOGGLE:
+            self._adopt(found, window, time)
+
+    def _note(self, found: ClockFit, needed: float) -> None:
+        strength = max(found.evidence, 0.0) / needed
+        if self.best is None or strength > self.best.strength:
+            self.best = Toggling(strength, found.amplitude, 1 / found.clock.period)
+
+    def _follow(self, window: ToggleWindow, time: float) -> ClockFit:
+        """Fit the held clock to the window, from where it has run to."""
+        assert self.clock is not None
+        number = 2 * round(self.clock.number(window.middle) / 2)
+        start = self.clock.start + number * self.clock.period - window.middle
+        return window.follow(replace(self.clock, start=start))
+
+    def _adopt(self, fit: ClockFit, window: ToggleWindow, time: float) -> None:
+        """Take a fitted clock; states keep their numbers where it goes on from the held one."""
+        clock = replace(fit.clock, start=fit.clock.start + window.middle)
+        if self.clock is None:
+            self.slips += 1
+        else:
+            ends = [
+                _number_seen(clock, at) - _number_seen(self.clock, at)
+                for at in (self._samples[0][0], time)
+            ]
+            shift = 2 * round(ends[1] / 2)
+            clock = replace(clock, start=clock.start + shift * clock.period)
+            self.slips += max(abs(end - shift) for end in ends) > SAME
+        self.clock, self.r2 = clock, fit.r2
+        self._fit, self._confirmed_at = (fit, window.middle), time
+
+
+def _number_seen(clock: DisplayClock, time: float) -> float:
+    """State in the middle of the exposure of the display's centre, of a frame at a time."""
+    return clock.number(time + clock.centre)
