@@ -1,7 +1,9 @@
 """The player in a real browser: screenshots taken while it plays show exactly what was sent."""
 
+import base64
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -39,7 +41,7 @@ def small() -> Loop:
 @pytest.fixture(scope="module")
 def player(small: Loop, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("player") / "player.html"
-    write_player(file, small.pairs(), hold=4)
+    write_player(file, small, 15)
     return file
 
 
@@ -71,13 +73,18 @@ def screenshot(page: Page) -> NDArray[np.uint8]:
 
 
 def cut_out(page: Page, layout: Layout, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture in a screenshot, in device pixels; all around it is black."""
-    script = "(({x, y}) => [x, y, player.scale, devicePixelRatio])(canvas.getBoundingClientRect())"
-    x, y, scale, ratio = page.evaluate(script)
+    """The picture in a screenshot, in device pixels; around it all but a line below is black."""
+    script = """(() => {
+        const [{ x, y }, below] = [canvas, line].map((part) => part.getBoundingClientRect());
+        return [x, y, player.scale, devicePixelRatio, below.height ? below.y : innerHeight];
+    })()"""
+    x, y, scale, ratio, below = page.evaluate(script)
     left, top = round(x * ratio), round(y * ratio)
     box = slice(top, top + scale * layout.height), slice(left, left + scale * layout.width)
+    assert below * ratio >= box[0].stop
     around = shot.copy()
     around[box] = 0
+    around[int(below * ratio) :] = 0
     assert not around.any()
     return shot[box]
 
@@ -111,21 +118,211 @@ def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     assert seen == wanted
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("colour", ["gray", "chroma"])
-def test_what_an_embedded_frame_takes_away_is_exact_too(
-    colour: str, small: Loop, open_window: OpenWindow, tmp_path: Path
+CANVAS = """() => {
+    const { data } = context.getImageData(0, 0, loop.width, loop.height);
+    let text = "";
+    for (let i = 0; i < data.length; i += 4096) {
+        text += String.fromCharCode(...data.subarray(i, i + 4096));
+    }
+    return btoa(text);
+}"""
+"""Script that gives what the canvas holds."""
+
+
+def pixels_of(page: Page, texts: list[str]) -> list[NDArray[np.uint8]]:
+    """What `CANVAS` gave, as images (H, W, 3)."""
+    width, height = page.evaluate("[loop.width, loop.height]")
+    images = [np.frombuffer(base64.b64decode(text), np.uint8) for text in texts]
+    return [image.reshape(height, width, 4)[:, :, :3] for image in images]
+
+
+def assert_shown(shown: list[NDArray[np.uint8]], wanted: list[NDArray[np.uint8]]) -> None:
+    for number, (image, state) in enumerate(zip(shown, wanted, strict=True)):
+        np.testing.assert_array_equal(image, state, f"state {number}")
+
+
+def ramp(height: int, width: int) -> NDArray[np.uint8]:
+    """From black to white, so that offsets meet both ends of what may be shown."""
+    row = np.linspace(0, 255, width).round().astype(np.uint8)
+    return np.stack([np.tile(row, (height, 1)), np.tile(row[::-1], (height, 1))] * 2, 2)[:, :, :3]
+
+
+EXACT: dict[str, tuple[int, int, dict[str, Any]]] = {
+    "on_off, ratex": (5, 0, {"ratex": 5}),
+    "antipodal, ratex, odd": (5, 0, {"ratex": 2, "modulation": "antipodal"}),
+    "antipodal, pilots, least": (1, 0, {"pilots": 4, "modulation": "antipodal"}),
+    "antipodal, pilots, most": (64, 0, {"pilots": 4, "modulation": "antipodal"}),
+    "antipodal, chroma": (9, 0, {"pilots": 4, "modulation": "antipodal", "colour": "chroma"}),
+    "on_off, chroma": (3, 0, {"pilots": 4, "colour": "chroma"}),
+    "antipodal, ratex, soft": (9, 1, {"ratex": 2, "modulation": "antipodal"}),
+    "on_off, soft": (6, 1, {"pilots": 4}),
+}
+"""Kappa, pyramid level and what else a layout has, by what the page must show exactly."""
+SOON = ("antipodal, chroma", "antipodal, ratex, soft")
+
+
+@pytest.mark.parametrize("case", [name if name in SOON else slow(name) for name in EXACT])
+def test_the_page_computes_what_is_embedded_to_the_gray_level(
+    case: str, open_window: OpenWindow, tmp_path: Path
 ) -> None:
-    layout = make_layout(5, 6, 120, 80, 0, "antipodal", colour=colour)
-    loop = Loop(layout, 9, framing.encode(MESSAGE, layout.n_bits), small.pictures)
-    write_player(tmp_path / "player.html", loop.pairs(), hold=4)
+    kappa, level, more = EXACT[case]
+    layout = make_layout(5, 6, 121, 83, **more)  # no whole blocks
+    noise = np.random.default_rng(0).integers(0, 256, (83, 121, 3), dtype=np.uint8)
+    gray = np.repeat(noise[:, :, :1], 3, axis=2)
+    bits = framing.encode(b"!", layout.n_bits)
+    loop = Loop(layout, kappa, bits, lambda: iter([noise, ramp(83, 121), gray]), level)
+    write_player(tmp_path / "player.html", loop, 15)
     page = open_window(300, 200)
-    load(page, tmp_path / "player.html")
-    for number, state in enumerate(loop.states()):
-        show = f"player.pause(), player.show({number})"  # in one step, or it plays on meanwhile
-        read = "Array.from(context.getImageData(0, 0, loop.width, loop.height).data)"
-        pixels = np.array(page.evaluate(f"{show}, {read}"), np.uint8).reshape(80, 120, 4)
-        np.testing.assert_array_equal(pixels[:, :, :3], state)
+    page.goto((tmp_path / "player.html").as_uri())
+    wait_for(page, "states.number === 0")
+    sent = list(loop.states())
+    assert len(sent) > 6
+    script = f"Array.from({{ length: {len(sent)} }}, (_, k) => (player.show(k), ({CANVAS})()))"
+    assert_shown(pixels_of(page, page.evaluate(script)), sent)
+
+
+# The clock, on displays whose refreshes the test makes
+
+REFRESHES = """
+    window.asked = [];
+    window.requestAnimationFrame = (call) => asked.push(call);
+    window.clock = 1000;
+    window.refresh = (gap) => {
+        clock += gap;
+        for (const call of asked.splice(0)) call(clock);
+    };
+"""
+"""Script that takes the place of the browser's refreshes."""
+
+
+def at_display(page: Page, player: Path, hz: float, state_hz: float) -> None:
+    """Open a player on a display of ``hz`` refreshes a second, ask for a rate, and play."""
+    page.add_init_script(REFRESHES)
+    page.goto(player.resolve().as_uri())
+    wait_for(page, "asked.length > 0")
+    page.evaluate(
+        f"loop.stateHz = {state_hz}; for (let k = 0; k < 1.2 * {hz}; k++) refresh(1000 / {hz})"
+    )
+    page.evaluate("player.play()")
+
+
+def after_refreshes(page: Page, gaps: list[float]) -> list[NDArray[np.uint8]]:
+    """What the canvas holds after each of some refreshes, by the milliseconds before it."""
+    return pixels_of(
+        page, page.evaluate(f"(gaps) => gaps.map((gap) => (refresh(gap), ({CANVAS})()))", gaps)
+    )
+
+
+def test_each_refresh_shows_the_next_state(
+    open_window: OpenWindow, player: Path, small: Loop
+) -> None:
+    page = open_window(300, 200)
+    at_display(page, player, 60, state_hz=60)
+    sent = list(small.states())
+    assert page.evaluate("[player.hold, player.rate, player.kept]") == [1, pytest.approx(60), True]
+    shown = after_refreshes(page, [1000 / 60] * (2 * len(sent) - 1))
+    assert_shown(shown, [*sent[1:], *sent])
+    assert page.evaluate("stats.dropped") == 0
+
+
+def test_a_late_refresh_is_told_below_the_picture_and_the_states_keep_time(
+    open_window: OpenWindow, player: Path, small: Loop
+) -> None:
+    page = open_window(300, 200)
+    at_display(page, player, 60, state_hz=60)
+    sent = list(small.states())
+    late = [*[1000 / 60] * 4, 50.0, *[1000 / 60] * 3, 34.0, *[1000 / 60] * 40]
+    number, wanted = 0, []
+    for gap in late:
+        number += round(gap * 60 / 1000)
+        wanted.append(sent[number % len(sent)])
+    assert_shown(after_refreshes(page, late), wanted)
+    assert page.evaluate("stats.dropped") == 3
+    said = "60.0 states/s, 3 refreshes skipped"
+    assert page.evaluate("[line.textContent, getComputedStyle(line).display]") == [said, "block"]
+    assert page.evaluate("getComputedStyle(note).display") == "none"
+    boxes = "[canvas, line].map((part) => part.getBoundingClientRect())"
+    script = f"{boxes}.map(({{ top, bottom }}) => [top, bottom])"
+    (_, bottom), (top, end) = page.evaluate(script)
+    assert bottom <= top < end <= 200
+
+
+@pytest.mark.parametrize(
+    ("hz", "asked", "hold", "word"),
+    [
+        (60, 60, 1, ""),
+        (120, 120, 1, ""),
+        (120, 60, 2, ""),
+        (59.94, 60, 1, ""),
+        (60, 15, 4, ""),
+        (240, 15, 16, ""),
+        (60, 120, 1, "60.0 states/s, not 120 as asked"),
+        (30, 60, 1, "30.0 states/s, not 60 as asked"),
+        (144, 60, 2, "72.0 states/s, not 60 as asked"),
+    ],
+)
+def test_the_rate_is_the_nearest_that_the_display_has(
+    hz: float, asked: float, hold: int, word: str, open_window: OpenWindow, player: Path
+) -> None:
+    page = open_window(300, 200)
+    at_display(page, player, hz, asked)
+    assert page.evaluate("player.hold") == hold
+    page.evaluate(f"for (let k = 0; k < {6 * hold}; k++) refresh(1000 / {hz})")
+    assert page.evaluate("[player.count, stats.dropped]") == [6, 0]
+    said, told = page.evaluate("[line.textContent, note.textContent]")
+    assert word in said
+    assert ("as asked" in told) == ("as asked" in said) == bool(word)
+
+
+def test_on_another_display_the_loop_goes_on_where_it_is(
+    open_window: OpenWindow, player: Path
+) -> None:
+    page = open_window(300, 200)
+    at_display(page, player, 60, state_hz=60)
+    page.evaluate("for (let k = 0; k < 7; k++) refresh(1000 / 60); player.pause()")
+    page.evaluate("for (let k = 0; k < 300; k++) refresh(1000 / 120); player.play()")
+    assert page.evaluate("[player.hold, player.count]") == [2, 7]
+    page.evaluate("for (let k = 0; k < 6; k++) refresh(1000 / 120)")
+    assert page.evaluate("player.count") == 10
+
+
+# The clock, on the browser's own refreshes
+
+
+@pytest.mark.slow
+def test_at_60_states_a_second_canvas_and_screenshots_are_the_states_in_order(
+    open_window: OpenWindow, small: Loop, tmp_path: Path
+) -> None:
+    write_player(tmp_path / "player.html", small, 60)
+    page = open_window(300, 200)
+    start(page, tmp_path / "player.html")
+    sent = list(small.states())
+    page.evaluate(f"""window.log = [], window.read = {CANVAS}, (function look() {{
+        log.push([stats.refreshes, read()]);
+        if (log.length < 90) requestAnimationFrame(look);
+    }})()""")
+    wait_for(page, "log.length === 90")
+    refreshes, texts = zip(*page.evaluate("log.slice(1)"), strict=True)
+    hold = page.evaluate("player.hold")
+    assert_shown(pixels_of(page, list(texts)), [sent[n // hold % len(sent)] for n in refreshes])
+    assert len(set(refreshes)) == len(refreshes)  # every refresh counts
+    skipped = refreshes[-1] - refreshes[0] + 1 - len(refreshes)
+    assert skipped <= page.evaluate("stats.dropped")
+    wanted = {np.kron(state, np.ones((2, 2, 1), np.uint8)).tobytes() for state in sent}
+    for _ in range(5):
+        assert cut_out(page, small.layout, screenshot(page)).tobytes() in wanted
+
+
+@pytest.mark.slow
+def test_a_page_of_a_fine_grid_is_small(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
+    noise = rng.integers(0, 256, (384, 512, 3), dtype=np.uint8)  # which nothing packs
+    bits = rng.integers(0, 2, (100, layout.n_bits), dtype=np.uint8)
+    write_player(tmp_path / "player.html", Loop(layout, 1, bits, lambda: iter([noise])), 60)
+    page = (tmp_path / "player.html").stat().st_size
+    assert page < 1_000_000
+    assert page - 4 / 3 * noise.size < 100_000  # little more than the picture
 
 
 @pytest.mark.slow
@@ -203,7 +400,7 @@ def slow_player(decoder: Decoder, tmp_path_factory: pytest.TempPathFactory) -> P
     coarse = np.random.default_rng(4).uniform(0, 255, (7, 9, 3)).astype(np.float32)
     picture = cv2.resize(coarse, (layout.width, layout.height)).round().astype(np.uint8)
     file = tmp_path_factory.mktemp("slow") / "player.html"
-    write_player(file, make_loop(layout, 3, picture).pairs(), hold=20)
+    write_player(file, make_loop(layout, 3, picture), 3)
     return file
 
 

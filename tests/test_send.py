@@ -38,7 +38,8 @@ from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
 ROOT = Path(__file__).parents[1]
 LAYOUT = make_layout(5, 6, 120, 80, 2)
-FLAGS = ("--rows", 5, "--cols", 6, "--width", 120, "--height", 80, "--ratex", 2)
+GRID = ("--rows", 5, "--cols", 6, "--width", 120, "--height", 80, "--ratex", 2)
+FLAGS = ("--preset", "paper", *GRID)
 MESSAGE = "héllo"
 SENT = framing.encode(MESSAGE.encode(), LAYOUT.n_bits)
 
@@ -61,35 +62,53 @@ def pairs_of(states: list[NDArray[np.uint8]]) -> list[tuple[Any, Any]]:
     return list(zip(states[::2], states[1::2], strict=True))
 
 
-def read_player(file: Path) -> tuple[dict[str, Any], list[NDArray[np.uint8]]]:
-    """What the page's script holds, and its images, (H, W) or (H, W, 3)."""
+def read_png(text: str) -> NDArray[np.uint8]:
+    """An image of the page, (H, W) or (H, W, 3)."""
+    png = base64.b64decode(text)
+    chunks, at = [], 8
+    while at < len(png):
+        chunks.append(png[at + 4 : at + 8])
+        at += 12 + int.from_bytes(png[at : at + 4], "big")
+    assert set(chunks) == {b"IHDR", b"IDAT", b"IEND"}  # nothing says colours to correct
+    assert png[24] == 8  # bits a channel, as the page's reader takes them
+    assert png[25] in (0, 2)  # gray or colour
+    assert png[28] == 0  # not interlaced
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    return image if image.ndim == 2 else image[:, :, ::-1]
+
+
+def read_player(file: Path) -> dict[str, Any]:
+    """What the page's script holds."""
     found = re.search(r"^const loop = (\{.*\});$", file.read_text(), re.MULTILINE)
     assert found
-    loop = json.loads(found[1])
-    images = []
-    for address in loop["images"]:
-        png = base64.b64decode(address.removeprefix("data:image/png;base64,"))
-        chunks, at = [], 8
-        while at < len(png):
-            chunks.append(png[at + 4 : at + 8])
-            at += 12 + int.from_bytes(png[at : at + 4], "big")
-        assert set(chunks) == {b"IHDR", b"IDAT", b"IEND"}  # nothing says colours to correct
-        image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
-        assert image is not None
-        images.append(image if image.ndim == 2 else image[:, :, ::-1])
-    return loop, images
+    held: dict[str, Any] = json.loads(found[1])
+    return held
 
 
 def player_states(file: Path) -> list[NDArray[np.uint8]]:
-    loop, images = read_player(file)
+    """The states that a page computes, by its rule, written here in numpy once more."""
+    loop = read_player(file)
+    width, height = loop["width"], loop["height"]
+    y, x = np.indices((height, width))
+    offsets = np.array(loop["offsets"])
+    patches = read_png(loop["patches"]) if loop["patches"] else np.zeros((height, width), int)
     states = []
-    for original, *changes in loop["pairs"]:
-        shown = images[original].astype(int)
-        levels = [np.atleast_3d(images[number]).astype(int) for number in changes]
-        embedded = np.minimum(shown + levels[0], 255)  # as a browser adds, and takes away
-        for taken in levels[1:]:
-            embedded = np.abs(embedded - taken)
-        states += [images[original], embedded.astype(np.uint8)]
+    for picture, changes in loop["pairs"]:
+        text = loop["changes"][changes]
+        if loop["soft"]:
+            numbers = read_png(text)
+        else:
+            bits = np.unpackbits(np.frombuffer(base64.b64decode(text), np.uint8))
+            blocks = bits[: loop["rows"] * loop["cols"]].reshape(loop["rows"], loop["cols"])
+            numbers = blocks[y * loop["rows"] // height, x * loop["cols"] // width]
+        numbers = np.where(patches > 0, patches, numbers).astype(int)
+        levels = np.atleast_3d(read_png(loop["pictures"][picture])).astype(int)
+        for half in offsets:
+            state = levels + half[16 * numbers + 4 * (y % 4) + x % 4]
+            assert state.min() >= 0
+            assert state.max() <= 255  # so a page may add all channels at once
+            states.append(state.astype(np.uint8))
     return states
 
 
@@ -233,15 +252,15 @@ def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> N
     assert len(shown) == pytest.approx(60 / step, abs=1)
 
 
-def test_a_player_holds_each_image_once(inputs: Path, tmp_path: Path, command: Command) -> None:
+def test_a_player_holds_each_picture_once(inputs: Path, tmp_path: Path, command: Command) -> None:
     out = tmp_path / "sent.html"
     words = (inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS)
     report(command(send_cli.main, *words, "--hold", 6, "--scale", 2))
-    loop, images = read_player(out)
-    assert (loop["width"], loop["height"], loop["hold"], loop["scale"]) == (120, 80, 6, 2)
-    assert len(images) == 1 + len({tuple(bits) for bits in SENT.tolist()})
-    assert all(len(numbers) == 2 for numbers in loop["pairs"])  # nothing is taken away
-    assert [image.ndim for image in images].count(2) == len(images) - 1  # of one channel
+    loop = read_player(out)
+    assert [loop[key] for key in ("width", "height", "stateHz", "scale")] == [120, 80, 10, 2]
+    assert len(loop["pictures"]) == 1
+    assert len(loop["changes"]) == len({tuple(bits) for bits in SENT.tolist()})
+    assert [picture for picture, _ in loop["pairs"]] == [0] * len(SENT)
     assert "http" not in re.sub(r"http-equiv", "", out.read_text())
 
 
@@ -262,6 +281,7 @@ known = st.one_of(
     st.tuples(st.integers(0, 40), st.integers(0, 40)),
     st.binary(min_size=1, max_size=12),
     st.integers(1, 64),
+    st.integers(0, 1),
 )
 def test_any_layout_survives_folder_and_player(
     shape: tuple[int, int],
@@ -271,6 +291,7 @@ def test_any_layout_survives_folder_and_player(
     more: tuple[int, int],
     message: bytes,
     kappa: int,
+    pyramid_level: int,
 ) -> None:
     rows, cols = shape
     size = 8 * cols + more[0], 8 * rows + more[1]
@@ -284,14 +305,15 @@ def test_any_layout_survives_folder_and_player(
         yield picture
 
     bits = framing.encode(message, layout.n_bits)
-    loop = Loop(layout, kappa, bits, pictures)
+    loop = Loop(layout, kappa, bits, pictures, pyramid_level)
     with TemporaryDirectory() as folder:
         out = Path(folder) / "page.html"
-        write_player(out, loop.pairs(), 4)
+        write_player(out, loop, 15)
         write_states(Path(folder), loop.states())
         states = folder_states(Path(folder))
         np.testing.assert_array_equal(player_states(out), states)
-    assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
+    if pyramid_level == 0:
+        assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
 
 
 def test_fit_cuts_evenly_and_does_not_stretch() -> None:
@@ -309,7 +331,8 @@ def test_fit_cuts_evenly_and_does_not_stretch() -> None:
 
 # Visibility
 
-SHOWN = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto", "--hold", 1)
+SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--modulation", "antipodal",
+         "--pilots", "auto", "--hold", 1)  # fmt: skip
 
 
 def test_the_sender_says_how_visible_the_message_is(
@@ -425,8 +448,11 @@ WRONG = {
     "scale": (f"{CUT} x.html --scale 65", "--scale: need 0 to 64, got 65"),
     "hold": (f"{CUT} x.html --hold 0", "--hold: need at least 1, got 0"),
     "refresh": (f"{CUT} x.html --refresh nan", "--refresh: need a finite number, got nan"),
-    "fast": (f"{CUT} x.html --refresh 1e5", "need up to 1000 states a second, got 25000"),
-    "rate": (f"{CUT} x.html --state-hz 12", "60 Hz with --hold 4 is 15"),
+    "fast": (f"{CUT} x.html --refresh 1e5 --hold 4", "need up to 1000 states a second, got 25000"),
+    "rate": (f"{CUT} x.html --state-hz 12 --hold 4", "60 Hz with --hold 4 is 15"),
+    "no whole refreshes": (f"{CUT} x.html --state-hz 13", "60 Hz with --hold 5 is 12"),
+    "no rate": (f"{CUT} x.html --state-hz 0", "need up to 1000 states a second, got 0"),
+    "no preset": (f"{CUT} x.html --preset loud", "--preset: invalid choice: 'loud' (choose from"),
     "coarse": (f"{CUT} x.html --rows 2", "layout: 10 message blocks a frame"),
     "pyramid": (f"{CUT} x.html --pyramid-level 9", "--pyramid-level: 9 does not fit"),
     "patches": (f"{CUT} x.html --ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),

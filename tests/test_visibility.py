@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from link.errors import InputError, ParameterError
+from link.layout import COLOURS
 from link.visibility.chroma import colour_over_threshold, opponent_change
 from link.visibility.elatcsf import (
     POOLING_EXPONENT,
@@ -33,7 +34,7 @@ from reports.visibility import __main__ as study
 from reports.visibility import colours
 from reports.visibility import flicker as flicker_page
 from reports.visibility.codes import bits_known
-from reports.visibility.presets import RED_GREEN, Preset
+from reports.visibility.presets import setting
 from reports.visibility.second_model import draw_clip, rate_clips
 
 if TYPE_CHECKING:
@@ -239,7 +240,7 @@ def test_messages_are_as_visible_as_an_independent_computation_found(
 
 def test_red_against_green_keeps_its_luminance() -> None:
     gray = message_visibility(FINE, "toggle", rng(), 4)
-    red = message_visibility(replace(FINE, colour=RED_GREEN), "toggle", rng(), 4)
+    red = message_visibility(replace(FINE, colour=COLOURS["chroma"]), "toggle", rng(), 4)
     assert red.luminance.mean() < 0.02 * gray.luminance.mean()
     assert 0 < red.colour.mean() < gray.luminance.mean()
     np.testing.assert_allclose(red.windows, np.hypot(red.luminance, red.colour))
@@ -254,7 +255,7 @@ def test_a_coloured_area_has_levels_of_its_own_and_shows_red_against_green_by_lu
     np.testing.assert_array_equal(
         Viewing(kappa=2, picture_level=(10, 20, 30)).gray_levels([1.0]), [[12, 22, 32]]
     )
-    turned = replace(FINE, colour=RED_GREEN)
+    turned = replace(FINE, colour=COLOURS["chroma"])
     over_gray = message_visibility(turned, "toggle", rng(), 4)
     for level in COLOUR_LEVELS:
         seen = message_visibility(replace(turned, picture_level=level), "toggle", rng(), 4)
@@ -398,7 +399,7 @@ def test_the_flicker_page_fits_and_shows_its_states(
 
 
 def test_a_clip_is_whole_gray_levels_around_the_picture() -> None:
-    preset = Preset((48, 64), "toggle", 2, 60)
+    preset = setting((48, 64), "toggle", 2, 60)
     clip = draw_clip(preset, (64, 32), 0.1, rng())
     levels = clip * 255
     assert clip.shape == (6, 32, 64, 3)

@@ -18,14 +18,15 @@ from link.code.framing import LENGTH_BYTES, encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit
-from link.layout import COLOURS, MODULATIONS, Layout, make_layout, read_layout
+from link.layout import COLOURS, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
+from link.presets import DEFAULT_PRESET, PRESETS, Preset
 
 GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
-"""Flags that describe a layout; those that are absent have the defaults of `make_layout`."""
-USUAL_KAPPA = 3
-"""Number of gray levels by which blocks change where neither --kappa nor --visibility is given."""
+"""Flags that describe a layout; those that are absent have the preset's values."""
+USUAL_REFRESH = 60.0
+"""Refreshes of the display in a second where --refresh is absent."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
 
@@ -67,10 +68,11 @@ def protected_message(message: bytes, key: Path | None, counter: int | None) -> 
     return sign(message, read_key(key), int(time.time()) if counter is None else counter)
 
 
-def choose_layout(file: Path | None, grid: dict[str, Any]) -> Layout:
-    """Read the layout in a JSON file, or make the usual one with what the flags change.
+def choose_layout(preset: Preset, file: Path | None, grid: dict[str, Any]) -> Layout:
+    """Read the layout in a JSON file, or take the preset's with what the flags change.
 
     Args:
+        preset: layout that the flags change.
         file: holds a layout; None where --layout is absent.
         grid: values of the flags in `GRID`, None where absent.
 
@@ -80,40 +82,55 @@ def choose_layout(file: Path | None, grid: dict[str, Any]) -> Layout:
     """
     given = {name: value for name, value in grid.items() if value is not None}
     if file is None:
-        return make_layout(**given)
+        return preset.changed(**given)
     if given:
         raise InputError(f"--{next(iter(given))} and --layout: give one of them")
     return read_layout(file)
 
 
-def states_per_second(hold: int, refresh: float, state_hz: float | None, kind: str) -> float:
-    """Work out how many states are shown in a second: --state-hz, or --refresh / --hold.
+def states_per_second(
+    usual: float, hold: int | None, refresh: float, state_hz: float | None, kind: str
+) -> float:
+    """Work out how many states are shown in a second: --state-hz, --refresh / --hold, or usual.
+
+    A player (".html") holds states for whole refreshes, so that it takes the nearest rate to the
+    usual one that the display has.
 
     Args:
-        hold: refreshes that a state stays.
+        usual: states a second where no flag says more, as in a preset.
+        hold: value of --hold, refreshes that a state stays, None where absent.
         refresh: refreshes of the display in a second.
         state_hz: value of --state-hz, None where absent.
-        kind: ending of the output's name; a player (".html") holds states for whole refreshes.
+        kind: ending of the output's name.
 
     Raises:
         InputError: the rate is no number up to 1000, or the player cannot keep it.
     """
-    at_least(1, hold=hold)
-    wanted = refresh / hold if state_hz is None else state_hz
-    if not (math.isfinite(wanted) and 0 < wanted <= 1000):
+    if hold is not None:
+        at_least(1, hold=hold)
+    wanted = usual if state_hz is None else state_hz
+    if state_hz is None and hold is not None:
+        wanted = refresh / hold
+    if not (math.isfinite(wanted) and 0 < wanted <= 1000 and refresh > 0):
         raise InputError(f"--refresh, --state-hz: need up to 1000 states a second, got {wanted:g}")
-    if kind == ".html" and not math.isclose(wanted, refresh / hold, rel_tol=1e-3):
+    if kind != ".html":
+        return wanted
+    held = max(1, round(refresh / wanted)) if hold is None else hold
+    if state_hz is None:
+        return refresh / held
+    if not math.isclose(wanted, refresh / held, rel_tol=1e-3):
         raise InputError(
             f"--state-hz: the player holds a state for whole refreshes; {refresh:g} Hz with "
-            f"--hold {hold} is {refresh / hold:g}"
+            f"--hold {held} is {refresh / held:g}"
         )
     return wanted
 
 
-def choose_kappa(kappa: int | None, limit: float | None, hiding: Hiding) -> int:
-    """Take --kappa, or the largest kappa that stays below --visibility.
+def choose_kappa(usual: int, kappa: int | None, limit: float | None, hiding: Hiding) -> int:
+    """Take --kappa, or the largest kappa that stays below --visibility, or the preset's.
 
     Args:
+        usual: kappa where neither is given.
         kappa: value of --kappa, None where absent.
         limit: value of --visibility, None where absent.
         hiding: the message before the eyes of an onlooker.
@@ -122,7 +139,7 @@ def choose_kappa(kappa: int | None, limit: float | None, hiding: Hiding) -> int:
         InputError: both are given, kappa is out of range, or even a kappa of 1 is too visible.
     """
     if limit is None:
-        return check_kappa(USUAL_KAPPA if kappa is None else kappa)
+        return check_kappa(usual if kappa is None else kappa)
     if kappa is not None:
         raise InputError("--visibility and --kappa: give one of them")
     return hiding.largest_kappa(limit)
@@ -138,22 +155,24 @@ def send_parser() -> argparse.ArgumentParser:
     add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
     add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
-    add("--kappa", type=int, help=f"gray levels added for a 1 ({USUAL_KAPPA})")
+    preset = f"settings that the other flags change ({DEFAULT_PRESET})"
+    add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
+    add("--kappa", type=int, help="gray levels added for a 1, instead of the preset's")
     add("--visibility", type=float, help="take the largest kappa that is seen less than this")
     add("--diagonal", type=float, default=usual.diagonal, help="of the shown picture, inches (24)")
     add("--luminance", type=float, default=usual.luminance, help="of white, cd/m2 (200)")
-    add("--distance", type=float, default=usual.distance, help="of the eye, metres (0.6)")
-    for name, default in {"rows": 8, "cols": 8, "width": 512, "height": 384}.items():
-        add(f"--{name}", type=int, help=f"of the layout ({default})")
-    add("--ratex", type=int, help="patches: 0, 1, 2, 3 or 5 (5, or 0 with pilots or chroma)")
-    add("--modulation", choices=list(MODULATIONS), help="how bits change blocks (on_off)")
-    add("--pilots", help="share of blocks with known bits in place of patches, or auto (0)")
-    add("--colour", choices=list(COLOURS), help="in which direction blocks change (gray)")
+    add("--distance", type=float, help="of the eye, metres, instead of the preset's")
+    for name in ("rows", "cols", "width", "height"):
+        add(f"--{name}", type=int, help="of the layout, instead of the preset's")
+    add("--ratex", type=int, help="patches: 0, 1, 2, 3 or 5, instead of pilots")
+    add("--modulation", choices=list(MODULATIONS), help="how bits change blocks")
+    add("--pilots", help="share of blocks with known bits in place of patches, or auto")
+    add("--colour", choices=list(COLOURS), help="in which direction blocks change")
     add("--layout", type=Path, help="JSON file with a layout, instead of these eight")
     add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
-    add("--hold", type=int, default=4, help="refreshes that a state stays (4)")
-    add("--refresh", type=float, default=60.0, help="of the display, Hz (60)")
-    add("--state-hz", type=float, help="states a second, if not refresh / hold")
+    add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
+    add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
+    add("--state-hz", type=float, help="states a second, instead of the preset's rate")
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser
@@ -162,19 +181,21 @@ def send_parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Hide a message in pictures and write what a display shows: a player, a video or images.
 
-    Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, and how visible
-    the message is to the eye, as contrast over threshold (docs/visibility.md).
+    Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, the preset, and
+    how visible the message is to the eye, as contrast over threshold (docs/visibility.md).
     """
     args = read_flags(send_parser().parse_args, counter=MAX_STAMP)
     kind = output_kind(args.out)
     message = message_of(args.message, args.file)
-    layout = choose_layout(args.layout, {name: getattr(args, name) for name in GRID})
-    onlooker = Onlooker(args.diagonal, args.luminance, args.distance)
+    preset = PRESETS[args.preset]
+    layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID})
+    distance = preset.distance_m if args.distance is None else args.distance
+    onlooker = Onlooker(args.diagonal, args.luminance, distance)
     if not 0 <= args.scale <= MAX_SCALE:
         raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
-    state_hz = states_per_second(args.hold, args.refresh, args.state_hz, kind)
+    state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     hiding = Hiding(layout, state_hz, onlooker)
-    kappa = choose_kappa(args.kappa, args.visibility, hiding)
+    kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     loop = Loop(
         layout,
         kappa,
@@ -182,13 +203,12 @@ def main() -> None:
         open_pictures(args.pictures, state_hz / 2, args.max_megapixels),
         args.pyramid_level,
     )
-    seen = {
+    more = {
+        "preset": args.preset,
         "visibility_block": round(hiding.seen(kappa), 3),
         "visibility_screen": round(hiding.seen(kappa, "screen"), 3),
     }
-    report = write_loop(
-        loop, args.out, len(message), state_hz, hold=args.hold, scale=args.scale, more=seen
-    )
+    report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
     print(json.dumps({"out": str(args.out), **report}))
 
 

@@ -18,6 +18,7 @@ from link.embed import MAX_KAPPA
 from link.errors import ParameterError
 from link.layout import Layout
 from link.visibility.flicker import contrast_over_threshold, random_message
+from link.visibility.line_code import CODE_OF_MODULATION
 from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
 
 Level = float | tuple[float, float, float]
@@ -31,8 +32,6 @@ SAMPLE_HZ = 60.0
 while a state lasts, so that more samples, or other refreshes, change nothing."""
 SLOWEST_HZ = 1.0
 """Number of states a second for which slower ones are taken; those are seen less."""
-LINE_CODE = {"on_off": "on_off", "antipodal": "toggle"}
-"""By the name of a modulation the line code (`link.visibility.line_code`) that players show."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ class Hiding:
     def _seen_over(self, level: Level, kappa: int, where: Where = "block") -> float:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
         viewing = replace(viewing, kappa=kappa, picture_level=level)
-        code, rng = LINE_CODE[self.layout.modulation], np.random.default_rng(SEED)
+        code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(SEED)
         shown = random_message(viewing, code, rng, SECONDS)
         return contrast_over_threshold(shown, viewing, where).high
 

@@ -1,8 +1,13 @@
-"""Write a loop as one HTML file that plays it in any browser, refresh by refresh."""
+"""Write a loop as one HTML file that plays it in any browser, refresh by refresh.
+
+The page holds each picture once, and for each frame pair no more than the bits of its blocks, or
+the change of its pixels where blocks have soft edges. It computes the states itself, by the rule of
+`export.send.compact`, exact to the gray level.
+"""
 
 import base64
 import json
-from collections.abc import Iterable
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
@@ -10,74 +15,87 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.send.compact import Compact
 from link.errors import InputError
-from link.frames import Displayed
 from link.images import write_bytes
+from link.loop import Loop
 
 TEMPLATE = Path(__file__).with_name("player.html")
 """Page of the player, with `__LOOP__` where the loop goes as JSON."""
 MAX_DECODED_BYTES = 2**30
-"""Largest memory for all images as a browser holds them, at 4 bytes a pixel."""
+"""Largest memory for pictures and changes as a browser holds them: 4 bytes for each pixel of a
+picture, and 1 byte for each cell of a frame pair's changes."""
 
 
-def write_player(path: Path, pairs: Iterable[Displayed], hold: int, scale: int = 0) -> None:
+class _Texts:
+    """Arrays as texts, each of which a page holds once, however often it is shown."""
+
+    def __init__(self, write: Callable[[NDArray[np.uint8]], str]) -> None:
+        self.texts: list[str] = []
+        self._write = write
+        self._numbers: dict[bytes, int] = {}
+
+    def number(self, array: NDArray[np.uint8]) -> int:
+        """Find the number of an array's text, which is written where the array is new."""
+        key = sha256(array.tobytes()).digest()
+        if key not in self._numbers:
+            self._numbers[key] = len(self.texts)
+            self.texts.append(self._write(array))
+        return self._numbers[key]
+
+
+def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> None:
     """Write the player, one HTML file that needs no other.
-
-    It holds each original frame once, and for each frame pair an image of the levels that the
-    embedded frame adds to it, and one of the levels that it takes away, if any; the browser adds
-    and takes them. Images are PNG without colour chunks.
 
     Args:
         path: the .html file.
-        pairs: at least one, (height, width, 3) or (height, width), all of one size.
-        hold: refreshes for which each state stays, at least 1.
+        loop: what to show; all its frame pairs are taken.
+        state_hz: states a second. The page holds each state for as many whole refreshes of the
+            display that it meets as come closest, at least one, and says so if the rate is another.
         scale: display pixels for each picture pixel and axis; 0 for the largest that fits.
 
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
     """
-    images: dict[bytes, int] = {}
-    pngs: list[bytes] = []
-    order, shape = [], (0, 0)
-    for pair in pairs:
-        change = pair.embedded.astype(np.int16) - pair.original
-        shown = [pair.original, _gray_where_alike(np.maximum(change, 0))]
-        if (change < 0).any():
-            shown.append(_gray_where_alike(np.maximum(-change, 0)))
-        numbers = []
-        for image in shown:
-            key = sha256(image.tobytes()).digest()
-            if key not in images:
-                images[key] = len(pngs)
-                pngs.append(_png(image))
-            numbers.append(images[key])
-        order.append(numbers)
-        shape = pair.layout.height, pair.layout.width
-        if 4 * len(pngs) * shape[0] * shape[1] > MAX_DECODED_BYTES:
+    rule = Compact(loop.layout, loop.kappa, loop.pyramid_level)
+    pictures, changes = _Texts(_png), _Texts(_png if rule.soft else _bits)
+    order = []
+    for pair in loop.pairs():
+        picture, cells = rule.picture(pair), rule.cells(pair)
+        order.append([pictures.number(picture), changes.number(cells)])
+        pixels = loop.layout.width * loop.layout.height
+        if 4 * len(pictures.texts) * pixels + len(changes.texts) * cells.size > MAX_DECODED_BYTES:
             raise InputError(
                 f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
                 "write a video, or use fewer pictures or a smaller width and height"
             )
-    loop = {
-        "width": shape[1],
-        "height": shape[0],
-        "hold": hold,
+    page = {
+        "width": loop.layout.width,
+        "height": loop.layout.height,
+        "rows": loop.layout.rows,
+        "cols": loop.layout.cols,
+        "stateHz": state_hz,
         "scale": scale,
+        "soft": rule.soft,
+        "offsets": rule.offsets.reshape(2, -1, 3).tolist(),
+        "patches": _png(rule.patches) if loop.layout.ratex else None,
         "pairs": order,
-        "images": [f"data:image/png;base64,{base64.b64encode(png).decode()}" for png in pngs],
+        "changes": changes.texts,
+        "pictures": pictures.texts,
     }
-    page = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(loop), 1)
-    write_bytes(path, page.encode())
+    text = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(page, separators=(",", ":")))
+    write_bytes(path, text.encode())
 
 
-def _gray_where_alike(levels: NDArray[np.int16]) -> NDArray[np.uint8]:
-    """Levels of [0, 255] as an image, (H, W) where all channels are alike, which is smaller."""
-    image = levels.astype(np.uint8)
-    alike = image.ndim == 3 and bool((image == image[:, :, :1]).all())
-    return np.ascontiguousarray(image[:, :, 0]) if alike else image
+def _bits(cells: NDArray[np.uint8]) -> str:
+    """Pack cells that are 0 or 1, row-major, the first one in the highest bit, as base64."""
+    return base64.b64encode(np.packbits(cells).tobytes()).decode()
 
 
-def _png(image: NDArray[np.uint8]) -> bytes:
+def _png(image: NDArray[np.uint8]) -> str:
+    """Write an image as PNG of one channel, or of three where they differ, as base64."""
+    if image.ndim == 3 and (image == image[:, :, :1]).all():
+        image = image[:, :, 0]
     bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return bytes(data)
+    return base64.b64encode(bytes(data)).decode()

@@ -88,9 +88,8 @@ def write_loop(
     message_bytes: int,
     state_hz: float,
     *,
-    hold: int,
     scale: int,
-    more: Mapping[str, float],
+    more: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write a loop to a file or folder.
 
@@ -98,11 +97,11 @@ def write_loop(
         loop: what to show.
         out: its ending is one of `KINDS`.
         message_bytes: length of the message.
-        state_hz: states shown in a second; a video has this rate.
-        hold: refreshes of the display for which the player shows each state, at least 1.
+        state_hz: states shown in a second, by a video, or by the player where the display's
+            refreshes allow it.
         scale: display pixels for each picture pixel and axis in the player; 0 for the largest that
             fits.
-        more: numbers that are reported beside the loop's own.
+        more: values of JSON's types that are reported beside the loop's own.
 
     Returns:
         `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM; and ``more``.
@@ -116,7 +115,7 @@ def write_loop(
         if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
         if kind == ".html":
-            write_player(out, loop.pairs(), hold, scale)
+            write_player(out, loop, state_hz, scale)
         elif kind:
             write_video(out, loop.states(), state_hz)
         else:

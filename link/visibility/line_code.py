@@ -126,3 +126,6 @@ LINE_CODES = {
     "balanced": LineCode(2, _balanced),
 }
 """Line codes by name."""
+CODE_OF_MODULATION = {"on_off": "on_off", "antipodal": "toggle"}
+"""By the name of a modulation, a key of `link.layout.MODULATIONS`, the line code with which the
+sender shows each bit once."""

@@ -16,10 +16,11 @@ from joblib import Parallel, delayed
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.errors import at_least, read_flags, run_cli
 from link.layout import COLOURS, make_layout
+from link.presets import Preset
 from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS
 from models import make_decoder
 from reports.render.tables import Table, write_blocks
-from reports.visibility.presets import Preset, check_seconds
+from reports.visibility.presets import check_seconds, seen_of
 
 GRIDS = {(8, 8): 4, (24, 32): 1}
 """Grids, as rows and columns, and for each by which factor more frame pairs are decoded; coarse
@@ -86,20 +87,21 @@ def all_settings() -> Iterator[ColourSetting]:
 
 def colour_row(setting: ColourSetting, config: ColoursConfig, parallel: Parallel) -> list[str]:
     """Work out a row of the table: visibility at 60 states a second, and right bits."""
-    preset = Preset(setting.grid, "toggle", setting.kappa, 60, colour=COLOURS[setting.colour])
+    layout = setting.source(config.seed).layout
+    preset = Preset(layout, setting.kappa, 60, "toggle")
     worst = [
-        max(preset.seen(config.seed, config.seconds, level=level).mean for level in levels)
+        max(seen_of(preset, config.seed, config.seconds, level=level).mean for level in levels)
         for levels in (PICTURE_LEVELS, COLOUR_LEVELS)
     ]
     frames = range(config.frames * GRIDS[setting.grid])
-    bits = len(frames) * setting.source(config.seed).layout.n_bits
+    bits = len(frames) * layout.n_bits
     shares = []
     for seat in SEATS:
         count = partial(setting.right_bits, config.seed, seat)
         right = parallel(delayed(count)(index) for index in frames)
         shares += [f"{100 * sum(each) / bits:.2f}" for each in zip(*right, strict=True)]
     rows, cols = setting.grid
-    middle = preset.seen(config.seed, config.seconds).mean
+    middle = seen_of(preset, config.seed, config.seconds).mean
     name = [f"{rows} × {cols}", setting.colour, str(setting.kappa)]
     return [*name, *(f"{seen:.2f}" for seen in (middle, *worst)), *shares, f"{bits:,}"]
 

@@ -1,7 +1,7 @@
 """Write a page on which a person can see the flicker: python -m reports.visibility.flicker.
 
-Two settings toggle side by side over one picture: today's and a hidden one. Beneath each stands its
-computed contrast over threshold, for the standard display; rates can be switched.
+Two settings toggle side by side over one picture: the presets `paper` and `hidden`. Beneath each
+stands its computed contrast over threshold, for the standard display; rates can be switched.
 """
 
 import base64
@@ -18,13 +18,14 @@ from link.embed import with_head_room
 from link.errors import at_least, read_flags, run_cli
 from link.images import write_bytes
 from link.layout import make_layout
-from reports.visibility.presets import Preset, check_seconds
+from link.presets import PRESETS
+from reports.visibility.presets import check_seconds, seen_of, viewing_of
 
 TEMPLATE = Path(__file__).with_name("flicker.html")
 """Page with `__PAGE__` where the settings and the picture go as JSON."""
 SIDES = {
-    "Today: 8 × 8 blocks, on-off, κ 3": Preset((8, 8), "on_off", 3, 15),
-    "Hidden: 48 × 64 blocks, antipodal, κ 1": Preset((48, 64), "toggle", 1, 60),
+    "The preset paper: 8 × 8 blocks, on-off, κ 3": PRESETS["paper"],
+    "The preset hidden: 48 × 64 blocks, antipodal, κ 1": PRESETS["hidden"],
 }
 """Settings that stand side by side, by what the page calls them."""
 PAGE_RATES = (15, 30, 60, 120)
@@ -56,22 +57,24 @@ def side_by_side(config: FlickerConfig) -> dict[str, Any]:
     for name, preset in SIDES.items():
         seen = {}
         for rate in PAGE_RATES:
-            at_rate = replace(preset, states_hz=rate, refresh_hz=120)
-            block = at_rate.seen(config.seed, config.seconds)
-            screen = at_rate.seen(config.seed, config.seconds, "screen")
+            at_rate = replace(preset, state_hz=rate)
+            block, screen = (
+                seen_of(at_rate, config.seed, config.seconds, where, refresh_hz=120)
+                for where in ("block", "screen")
+            )
             seen[rate] = {"block": block.mean, "high": block.high, "screen": screen.mean}
         settings.append(
             {
                 "name": name,
-                "rows": preset.grid[0],
-                "cols": preset.grid[1],
+                "rows": preset.layout.rows,
+                "cols": preset.layout.cols,
                 "kappa": preset.kappa,
                 "antipodal": preset.line_code != "on_off",
-                "states_hz": preset.states_hz,
+                "states_hz": preset.state_hz,
                 "seen": seen,
             }
         )
-    viewing = next(iter(SIDES.values())).viewing()
+    viewing = viewing_of(next(iter(SIDES.values())))
     return {
         "width": config.width,
         "height": config.height,
@@ -102,7 +105,7 @@ def main() -> None:
     at_least(0, seed=config.seed)
     check_seconds(config.seconds)
     for preset in SIDES.values():
-        make_layout(*preset.grid, config.width, config.height, 0)
+        make_layout(preset.layout.rows, preset.layout.cols, config.width, config.height, 0)
     write_flicker_page(config)
     print(f"written: {config.out}")
 

@@ -20,18 +20,18 @@ from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
 from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
 from link.layout import Layout, make_layout
+from link.presets import Preset
+from link.visibility.line_code import CODE_OF_MODULATION
 from models import shipped_checkpoint
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, predict_all
 from reports.render.charts import marker_of, new_panels, save_png, set_ticks
 from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.accuracy import pool, score
-from reports.visibility.presets import Preset
+from reports.visibility.presets import seen_of
 
 VIEWS = (0.0, 45.0)
 """Angles of observation, in degrees from the display's normal."""
-LINE_CODE = {"on_off": "on_off", "antipodal": "toggle"}
-"""Line code, of `link.visibility.line_code`, with which a modulation shows each bit once."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,9 @@ class FrontierSetting:
 
     def seen(self, states_hz: int, seed: int) -> float:
         """Contrast over threshold of one block, at 60 refreshes a second, over random messages."""
-        grid = (self.rows, self.cols)
-        return Preset(grid, LINE_CODE[self.modulation], self.kappa, states_hz).seen(seed, 20.0).mean
+        line_code = CODE_OF_MODULATION[self.modulation]
+        preset = Preset(self.layout, self.kappa, states_hz, line_code)
+        return seen_of(preset, seed, 20.0).mean
 
 
 PAPER = FrontierSetting(8, 8, "on_off", 3, ratex=True)

@@ -1,12 +1,13 @@
-"""Contrast over threshold of settings that people use, as tables."""
+"""Contrast over threshold of the presets and of other settings, as tables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from link.errors import ParameterError
-from link.layout import COLOURS
+from link.layout import make_layout
+from link.presets import PRESETS, Preset
 from link.visibility.flicker import (
     Visibility,
     contrast_over_threshold,
@@ -17,83 +18,101 @@ from link.visibility.line_code import LINE_CODES
 from link.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 from reports.render.tables import Table
 
-RED_GREEN = COLOURS["chroma"]
-"""Gray levels of red, green and blue that change colour at nearly constant luminance."""
+
+def setting(
+    grid: tuple[int, int], line_code: str, kappa: int, state_hz: float, colour: str = "gray"
+) -> Preset:
+    """Make a preset of what visibility depends on; its blocks all carry bits.
+
+    Args:
+        grid: number of rows and of columns.
+        line_code: key of `link.visibility.line_code.LINE_CODES`.
+        kappa: gray levels between the states of a toggle.
+        state_hz: states a second.
+        colour: key of `link.layout.COLOURS`.
+    """
+    modulation = "on_off" if line_code == "on_off" else "antipodal"
+    layout = make_layout(*grid, ratex=0, modulation=modulation, colour=colour)
+    return Preset(layout, kappa, state_hz, line_code)
 
 
-@dataclass(frozen=True)
-class Preset:
-    """A setting of the sender."""
+def viewing_of(
+    preset: Preset,
+    level: float | tuple[float, float, float] = 128.0,
+    refresh_hz: float | None = None,
+) -> Viewing:
+    """Make the viewing of a preset that fills the standard display.
 
-    grid: tuple[int, int]
-    """Number of rows and of columns."""
-    line_code: str
-    """Key of `link.visibility.line_code.LINE_CODES`."""
-    kappa: int
-    """Number of gray levels between the states of a toggle."""
-    states_hz: int
-    """Number of states a second."""
-    refresh_hz: int = 60
-    """Number of refreshes of the display a second."""
-    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Gray levels of red, green and blue for each of kappa."""
-
-    def viewing(self, picture_level: float | tuple[float, float, float] = 128.0) -> Viewing:
-        """Make the viewing of the preset on the standard display, over a gray or coloured area."""
-        return Viewing(
-            *self.grid,
-            kappa=self.kappa,
-            states_hz=self.states_hz,
-            refresh_hz=self.refresh_hz,
-            picture_level=picture_level,
-            colour=self.colour,
-            whole_levels=self.colour != RED_GREEN,  # the sender dithers what is no whole level
-        )
-
-    def seen(
-        self,
-        seed: int,
-        seconds: float,
-        where: Where = "block",
-        level: float | tuple[float, float, float] = 128.0,
-    ) -> Visibility:
-        """Work out the visibility of a random message of the preset."""
-        rng = np.random.default_rng(seed)
-        return message_visibility(self.viewing(level), self.line_code, rng, seconds, where)
-
-    @property
-    def name(self) -> str:
-        """What tables call the preset."""
-        rows, cols = self.grid
-        colour = "" if len(set(self.colour)) == 1 else ", red-green"
-        return f"{rows} × {cols}, {self.line_code}, κ {self.kappa}{colour}"
-
-    @property
-    def bits_hz(self) -> float:
-        """Number of bits that all blocks carry a second, before coding."""
-        rows, cols = self.grid
-        return rows * cols * self.states_hz / 2 / LINE_CODES[self.line_code].toggles
+    Args:
+        preset: grid, kappa, rate and colour of the message.
+        level: gray level of the picture, or its red, green and blue.
+        refresh_hz: refreshes a second; by default 60, or one a state where states are faster.
+    """
+    return Viewing(
+        preset.layout.rows,
+        preset.layout.cols,
+        kappa=preset.kappa,
+        states_hz=preset.state_hz,
+        refresh_hz=max(60, preset.state_hz) if refresh_hz is None else refresh_hz,
+        picture_level=level,
+        colour=preset.layout.direction,
+        whole_levels=preset.layout.colour == "gray",  # the sender dithers what is no whole level
+    )
 
 
-PRESETS = (
-    Preset((8, 8), "on_off", 5, 15),
-    Preset((8, 8), "on_off", 3, 15),
-    Preset((8, 8), "toggle", 3, 15),
-    Preset((8, 8), "on_off", 3, 60),
-    Preset((8, 8), "toggle", 1, 60),
-    Preset((24, 32), "toggle", 1, 60),
-    Preset((48, 64), "toggle", 3, 60),
-    Preset((48, 64), "toggle", 1, 60),
-    Preset((48, 64), "hold2", 1, 60),
-    Preset((48, 64), "soft2", 3, 60),
-    Preset((48, 64), "soft4", 4, 60),
-    Preset((96, 128), "toggle", 1, 60),
-    Preset((48, 64), "toggle", 3, 120, 120),
-    Preset((48, 64), "soft2", 6, 120, 120),
-    Preset((8, 8), "on_off", 3, 15, colour=RED_GREEN),
-    Preset((48, 64), "toggle", 3, 60, colour=RED_GREEN),
+def seen_of(
+    preset: Preset,
+    seed: int,
+    seconds: float,
+    where: Where = "block",
+    level: float | tuple[float, float, float] = 128.0,
+    refresh_hz: float | None = None,
+) -> Visibility:
+    """Work out the visibility of a random message of a preset on the standard display.
+
+    Args:
+        preset: the message's grid, line code, kappa, rate and colour.
+        seed: seed of the random message.
+        seconds: length of the random message.
+        where: "block" for one block, "screen" for all blocks in phase.
+        level: as `viewing_of` takes it.
+        refresh_hz: as `viewing_of` takes it.
+    """
+    viewing = viewing_of(preset, level, refresh_hz)
+    rng = np.random.default_rng(seed)
+    return message_visibility(viewing, preset.line_code, rng, seconds, where)
+
+
+def setting_name(preset: Preset) -> str:
+    """Say what tables call a preset: its grid, line code, kappa and colour."""
+    layout = preset.layout
+    colour = "" if layout.colour == "gray" else ", red-green"
+    return f"{layout.rows} × {layout.cols}, {preset.line_code}, κ {preset.kappa}{colour}"
+
+
+def raw_bits_hz(preset: Preset) -> float:
+    """Count the bits that all blocks of a preset carry a second, before coding."""
+    blocks = preset.layout.rows * preset.layout.cols
+    return blocks * preset.state_hz / 2 / LINE_CODES[preset.line_code].toggles
+
+
+OTHERS = (
+    setting((8, 8), "on_off", 5, 15),
+    setting((8, 8), "toggle", 3, 15),
+    setting((8, 8), "on_off", 3, 60),
+    setting((8, 8), "toggle", 1, 60),
+    setting((24, 32), "toggle", 1, 60),
+    setting((48, 64), "toggle", 3, 60),
+    setting((48, 64), "hold2", 1, 60),
+    setting((48, 64), "soft2", 3, 60),
+    setting((48, 64), "soft4", 4, 60),
+    setting((96, 128), "toggle", 1, 60),
+    setting((48, 64), "toggle", 3, 120),
+    setting((48, 64), "soft2", 6, 120),
+    setting((8, 8), "on_off", 3, 15, "chroma"),
+    setting((48, 64), "toggle", 3, 60, "chroma"),
 )
-"""Settings that the table lists: the paper's first, then what it takes to hide a message."""
+"""Settings that the table lists beside the presets."""
 
 
 def check_seconds(seconds: float) -> None:
@@ -106,27 +125,29 @@ def check_seconds(seconds: float) -> None:
         raise ParameterError("seconds", f"need 1 to 3600 s, got {seconds:g}")
 
 
-def preset_table(seed: int, seconds: float, presets: Sequence[Preset] = PRESETS) -> Table:
-    """Tabulate how visible random messages of presets are."""
+def preset_table(seed: int, seconds: float, others: Sequence[Preset] = OTHERS) -> Table:
+    """Tabulate how visible random messages of the presets, and of other settings, are."""
     rows = []
-    for preset in presets:
-        middle = preset.seen(seed, seconds)
-        others = [preset.seen(seed, seconds, level=level).mean for level in PICTURE_LEVELS]
-        screen = preset.seen(seed, seconds, "screen")
+    for name, preset in [*PRESETS.items(), *(("", other) for other in others)]:
+        middle = seen_of(preset, seed, seconds)
+        grays = [seen_of(preset, seed, seconds, level=level) for level in PICTURE_LEVELS]
+        screen = seen_of(preset, seed, seconds, "screen")
         rows.append(
             [
-                preset.name,
-                f"{preset.states_hz} of {preset.refresh_hz}",
-                f"{preset.bits_hz:,.0f}",
+                name,
+                setting_name(preset),
+                f"{preset.state_hz:g} of {viewing_of(preset).refresh_hz:g}",
+                f"{raw_bits_hz(preset):,.0f}",
                 f"{middle.mean:.2f}",
                 f"{middle.high:.2f}",
-                f"{max(others):.2f}",
+                f"{max(gray.mean for gray in grays):.2f}",
+                f"{max(gray.high for gray in grays):.2f}",
                 f"{screen.mean:.2f}",
             ]
         )
-    heads = ["setting", "states/s of refreshes/s", "raw bits/s", "one block", "its high end",
-             "worst gray", "whole screen"]  # fmt: skip
-    return Table(heads, rows)
+    heads = ["preset", "setting", "states/s of refreshes/s", "raw bits/s", "one block",
+             "its high end", "worst gray", "its high end", "whole screen"]  # fmt: skip
+    return Table(heads, rows, left=2)
 
 
 GRIDS = ((8, 8), (24, 32), (48, 64), (96, 128))

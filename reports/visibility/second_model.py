@@ -27,9 +27,10 @@ from numpy.typing import NDArray
 from data_gen.pictures.library import load_pictures
 from link.embed import with_head_room
 from link.errors import InputError, at_least, read_flags, run_cli
+from link.presets import PRESETS, Preset
 from link.visibility.line_code import LINE_CODES
 from reports.render.tables import Table, write_blocks
-from reports.visibility.presets import PRESETS, Preset
+from reports.visibility.presets import seen_of, setting, setting_name, viewing_of
 
 DISPLAY = "standard_fhd"
 """Name of ColorVideoVDP's display, which is also that of `link.visibility.viewing.Viewing`."""
@@ -37,8 +38,16 @@ SIZE = (1920, 1080)
 """Width and height of this display, in pixels."""
 WORKER = Path(__file__).with_name("cvvdp_worker.py")
 """Script that runs in the other environment."""
-RATED = (1, 3, 4, 6, 7, 9, 14)
-"""Numbers of the presets that are rated, which takes up to two minutes each."""
+RATED = (
+    PRESETS["paper"],
+    setting((8, 8), "on_off", 3, 60),
+    setting((8, 8), "toggle", 1, 60),
+    setting((48, 64), "toggle", 3, 60),
+    PRESETS["hidden"],
+    setting((48, 64), "soft2", 3, 60),
+    setting((8, 8), "on_off", 3, 15, "chroma"),
+)
+"""Settings that are rated, which takes up to two minutes each."""
 WORKER_S = 600.0
 """Longest time that the other environment may take for one setting, in seconds."""
 
@@ -77,8 +86,8 @@ def draw_clip(
     left, top = (SIZE[0] - width) // 2, (SIZE[1] - height) // 2
     full = with_head_room(load_pictures("test", *SIZE)[0].rgb, 2 * preset.kappa)
     picture = full[top : top + height, left : left + width].astype(np.float64)
-    rows, cols = preset.grid
-    code, view = LINE_CODES[preset.line_code], preset.viewing()
+    rows, cols = preset.layout.rows, preset.layout.cols
+    code, view = LINE_CODES[preset.line_code], viewing_of(preset)
     count = round(seconds * view.refresh_hz)
     bits = rng.integers(0, 2, (rows * cols, count // (2 * code.toggles * view.refreshes) + 1))
     shown = np.array([code.amplitudes(row, view.refreshes)[:count] for row in bits])
@@ -86,7 +95,9 @@ def draw_clip(
     col = np.arange(left, left + width) * cols // SIZE[0]
     blocks = shown.reshape(rows, cols, count)[row, col]
     frames = [
-        np.floor(picture + preset.kappa * blocks[:, :, i, None] * np.array(preset.colour) + 0.5)
+        np.floor(
+            picture + preset.kappa * blocks[:, :, i, None] * np.array(preset.layout.direction) + 0.5
+        )
         for i in range(count)
     ]
     return np.asarray(np.stack(frames).clip(0, 255) / 255, np.float32)
@@ -133,10 +144,11 @@ def both_models(config: SecondModelConfig, presets: Sequence[Preset]) -> Table:
     for preset in presets:
         rng = np.random.default_rng(config.seed)
         clip = draw_clip(preset, config.window, config.seconds, rng)
-        (jod,) = rate_clips(config.python, [clip], preset.refresh_hz)
-        seen = preset.seen(config.seed, 40.0).mean
-        rates = f"{preset.states_hz} of {preset.refresh_hz}"
-        rows.append([preset.name, rates, f"{seen:.2f}", f"{jod:.2f}"])
+        refresh_hz = viewing_of(preset).refresh_hz
+        (jod,) = rate_clips(config.python, [clip], refresh_hz)
+        seen = seen_of(preset, config.seed, 40.0).mean
+        rates = f"{preset.state_hz:g} of {refresh_hz:g}"
+        rows.append([setting_name(preset), rates, f"{seen:.2f}", f"{jod:.2f}"])
         print(*rows[-1], sep=", ", flush=True)
     heads = ["setting", "states/s of refreshes/s", "contrast over threshold", "JOD"]
     return Table(heads, rows, left=2)
@@ -150,8 +162,7 @@ def main() -> None:
         raise InputError(f"--seconds: need 0.1 to 5 s, got {config.seconds}")
     if not all(16 <= side <= full for side, full in zip(config.window, SIZE, strict=True)):
         raise InputError(f"--window: need 16 pixels up to {SIZE[0]} {SIZE[1]}")
-    rated = [PRESETS[number] for number in RATED]
-    write_blocks(config.page, {"visibility_jod": both_models(config, rated).markdown()})
+    write_blocks(config.page, {"visibility_jod": both_models(config, RATED).markdown()})
     print(f"written: {config.page}")
 
 

@@ -1,0 +1,96 @@
+"""Presets: the settings of a display that people choose from, by name.
+
+Sender, receiver and reports take them from here, so that a name means the same to all of them.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from link.layout import Layout, make_layout
+from link.visibility.viewing import Viewing
+
+
+@dataclass(frozen=True)
+class Preset:
+    """What a display shows: where bits lie, by how much blocks change, and how fast.
+
+    >>> PRESETS["paper"].layout == make_layout()
+    True
+    """
+
+    layout: Layout
+    """Grid, modulation, pilots or ratex patches, and colour direction."""
+    kappa: int
+    """Number of gray levels by which blocks change."""
+    state_hz: float
+    """Number of states, which are original or embedded frames, that are shown in a second."""
+    line_code: str
+    """How a block shows a row of bits over time; a key of `link.visibility.line_code.LINE_CODES`.
+    The sender shows the code of the layout's modulation."""
+    purpose: str = ""
+    """One sentence that says what the preset is good for."""
+    distance_m: float = Viewing.distance_m
+    """Distance of the eye, in metres, for which the sender says how visible the message is."""
+
+    def changed(self, **given: Any) -> Layout:
+        """Make the layout of the preset with some of its numbers or names changed.
+
+        What is known to the receiver follows: ratex patches take the place of pilots, and pilots
+        that of patches. A preset with pilots takes `link.layout.count_pilots`'s usual number of
+        them for the changed grid.
+
+        Args:
+            given: arguments of `link.layout.make_layout` by name.
+
+        Raises:
+            InputError: the changed layout is impossible.
+
+        >>> PRESETS["hidden"].changed(rows=8, cols=8).pilots
+        16
+        >>> len(PRESETS["hidden"].changed(ratex=2).ratex)
+        2
+        """
+        layout = self.layout
+        usual: dict[str, Any] = {
+            name: getattr(layout, name)
+            for name in ("rows", "cols", "width", "height", "modulation", "colour")
+        }
+        if layout.pilots and not given.get("ratex"):
+            usual["pilots"] = "auto"
+        return make_layout(**{**usual, **given})
+
+
+PRESETS = {
+    "paper": Preset(
+        make_layout(),
+        kappa=3,
+        state_hz=15,
+        line_code="on_off",
+        purpose="The paper's blocks and patches, to compare with its numbers; they are seen.",
+    ),
+    "hidden": Preset(
+        make_layout(48, 64, modulation="antipodal", pilots="auto"),
+        kappa=1,
+        state_hz=60,
+        line_code="toggle",
+        purpose="Below the threshold of sight 1 m from a 24-inch display of 200 cd/m².",
+        distance_m=1.0,
+    ),
+    "fast": Preset(
+        make_layout(96, 128, modulation="antipodal", pilots="auto"),
+        kappa=3,
+        state_hz=30,
+        line_code="toggle",
+        purpose="Most bits a second for a camera of 60 frames a second; it flickers.",
+    ),
+    "robust": Preset(
+        make_layout(24, 32, modulation="antipodal", pilots="auto"),
+        kappa=3,
+        state_hz=15,
+        line_code="toggle",
+        purpose="For far or slanted displays, compressed films and slow cameras; it is seen.",
+    ),
+}
+"""Presets by name; docs/hidden.md says why they have these numbers."""
+DEFAULT_PRESET = "paper"
+"""Name of the preset that is taken where no other is asked for."""
