@@ -72,7 +72,7 @@ class TrainConfig:
     so is one that another process is writing."""
     layouts: LayoutKind = "ratex"
     """Layouts that the decoder learns to read: "ratex" is the usual grid with patches, "hidden" are
-    grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations."""
+    grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations, gray and chroma."""
     decoder: DecoderConfig = FULL
     start: Start = "shipped"
     """Initial parameters: "shipped" goes on from the shipped decoder, which all pairs' training
@@ -164,7 +164,11 @@ def names_of(layouts: Sequence[Layout]) -> list[str]:
     """Name the conditions of the final evaluation; a single layout needs no name."""
     if len(layouts) == 1:
         return [""]
-    return [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]
+    names = [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]
+    return [
+        name if each.colour == "gray" else f"{name} {each.colour}"
+        for name, each in zip(names, layouts, strict=True)
+    ]
 
 
 def check_training(config: TrainConfig) -> None:

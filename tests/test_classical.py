@@ -176,7 +176,9 @@ def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None
 
 
 @both_modulations
-@pytest.mark.parametrize("name", ["naive", "oorc", "hidden_ratex", "blind"])
+@pytest.mark.parametrize(
+    "name", ["naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn"]
+)
 def test_methods_read_chroma_pairs_whose_luma_hardly_changes(name: str, modulation: str) -> None:
     hidden = DECODERS[name].hidden
     layout = make_layout(modulation=modulation, pilots=16, colour="chroma")
@@ -197,14 +199,10 @@ def test_hidden_ratex_finds_the_threshold_of_chroma_bits(
     assert errors("hidden_ratex", pair, bits, **options) == 0
 
 
-@pytest.mark.parametrize("name", ["phi", "learned", "cnn"])
-def test_methods_that_were_made_for_gray_bits_refuse_others(name: str) -> None:
+def test_a_checkpoint_for_patches_refuses_chroma_pairs() -> None:
     pair, _ = make_pair(colour=True, layout=make_layout(pilots=16, colour="chroma"))
-    options = {"checkpoint": PRETRAINED} if name == "learned" else {}
-    # a checkpoint that was trained on patches refuses pilots first
-    refusal = "layouts with ratex patches" if name == "learned" else "made for gray bits"
-    with pytest.raises(UnsuitedError, match=refusal):
-        make_decoder(name, **options).decode(pair)
+    with pytest.raises(UnsuitedError, match="layouts with ratex patches"):
+        make_decoder("learned", checkpoint=PRETRAINED).decode(pair)
 
 
 def test_the_intensity_of_chroma_bits_lies_along_their_direction() -> None:

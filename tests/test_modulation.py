@@ -189,11 +189,14 @@ def test_chroma_is_simulated_and_decoded_by_what_can(tmp_path: Path, command: Co
     assert done.status == 0, done.stderr
     (entry,) = read_manifest(tmp_path / "out")
     assert load_capture(tmp_path / "out", entry).layout == replace(FINE_LAYOUT, colour="chroma")
-    methods = [Method(name) for name in ("naive", "oorc", "blind", "hidden_ratex", "phi", "cnn")]
+    names = ["naive", "oorc", "blind", "hidden_ratex", "phi", "learned", "cnn"]
+    methods = [Method(name) for name in names]
     suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma"))
-    assert [method.name for method in suited] == ["naive", "oorc", "blind", "hidden_ratex"]
-    for name, note in zip(("phi", "cnn"), notes, strict=True):
-        assert note == f"{name}: left out, it was made for gray bits and the layout's are chroma"
+    assert ([method.name for method in suited], notes) == (names, [])
+    suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma", pilots=0))
+    assert [method.name for method in suited] == ["blind", "hidden_ratex", "cnn"]
+    for name, note in zip(("naive", "oorc", "phi", "learned"), notes, strict=True):
+        assert note.startswith(f"{name}: left out, it trains on ratex patches or pilots")
     done = command(evaluate.main, *TINY, *chroma, "--methods", "oorc", "--no-html",
                    "--out", tmp_path / "run")  # fmt: skip
     assert done.status == 0, done.stderr

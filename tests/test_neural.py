@@ -28,13 +28,12 @@ from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.errors import InputError
 from link.frames import Captured, Rectified
-from link.images import as_batch
+from link.images import as_batch, intensity
 from link.layout import Layout, make_layout
 from models import PRETRAINED, make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
 from models.neural.decoder import (
-    CHANNELS,
     FULL,
     DecoderConfig,
     PhiDecoder,
@@ -42,10 +41,10 @@ from models.neural.decoder import (
 )
 from models.neural.methods import Phi, decode_with
 from models.neural.phi import MAX_DEGREE, PhiPolynomial
-from models.neural.reduce import Reduce, exported_sum
+from models.neural.reduce import CHANNELS, Reduce, exported_sum
 from models.neural.refine import MOMENTS
 from models.neural.register import derivatives, register
-from models.neural.solver import fit_head, objective, solve_spd
+from models.neural.solver import fit_head, solve_spd
 
 EVERY_CONFIG = [
     DecoderConfig(),
@@ -242,9 +241,9 @@ def test_ridge_and_prior_enter_the_minimum() -> None:
     y = torch.from_numpy(np.where(rng.normal(0, 1, 60) > 0, 1.0, -1.0))
     C, ridge = torch.tensor(0.7).double(), torch.tensor([1.0, 20, 0.5, 0.1, 3]).double()
     prior = torch.tensor([0.3, -1, 0, 2, 5]).double()
-    w = fit_head(X, y, C, ridge, prior).unsqueeze(1).requires_grad_()
-    margins = w @ (y.unsqueeze(-1) * X).mT
-    J = 2 * C * objective(w, margins, ridge / (2 * C), prior)
+    w = fit_head(X, y, C, ridge, prior).requires_grad_()
+    slack = (1 - y * (X @ w.unsqueeze(-1)).squeeze(-1)).relu()
+    J = (ridge * (w - prior) ** 2).sum(-1) / 2 + C * (slack**2).sum(-1)
     (gradient,) = torch.autograd.grad(J.sum(), w)
     assert gradient.abs().max() < 1e-6  # of an objective of about 60
 
@@ -485,34 +484,57 @@ def test_bin_mean_leaves_the_margins_out(margin: float, expected: list[float]) -
     np.testing.assert_allclose(matrix.numpy(), [[0] * 6 + expected], rtol=0, atol=FLOAT64)
 
 
-@pytest.mark.parametrize("channels", CHANNELS)
+every_intensity = pytest.mark.parametrize(
+    ("colour", "channels"), [(colour, name) for colour in CHANNELS for name in CHANNELS[colour]]
+)
+
+
+def intensities(frames: NDArray[np.float64], colour: str, channels: str) -> NDArray[np.float64]:
+    """Weigh the channels of (B, 3, H, W) frames in [0, 1] as `Reduce` should."""
+    weights = np.array(CHANNELS[colour][channels])
+    offset = -np.minimum(weights, 0).sum(axis=1)
+    return np.einsum("kc,bchw->bkhw", weights, frames) + offset[:, None, None]
+
+
+@every_intensity
 @pytest.mark.parametrize("k", [1, 2])
-def test_intensities_are_weighted_means_of_pixels(channels: str, k: int) -> None:
+def test_intensities_are_weighted_means_of_pixels(colour: str, channels: str, k: int) -> None:
     frame = np.random.default_rng(7).integers(0, 256, (2, 3, 6, 8), dtype=np.uint8)
     means = frame.reshape(2, 3, 6 // k, k, 8 // k, k).mean(axis=(3, 5)) / 255
-    expected = np.einsum("kc,bchw->bkhw", CHANNELS[channels], means)
-    reduce = Reduce(CHANNELS[channels], k)
+    expected = intensities(means, colour, channels)
+    reduce = Reduce(CHANNELS[colour][channels], k)
     np.testing.assert_allclose(reduce(torch.from_numpy(frame)), expected, rtol=0, atol=FLOAT32)
     assert reduce.whole == (channels != "luma")
-    exported = exported_sum(torch.from_numpy(frame), reduce.weights.to(torch.uint8), k)
-    if reduce.whole:
+    assert reduce.weights.min() >= 0  # uint8 in the exported graph
+    if colour == "gray" and reduce.whole:
+        exported = exported_sum(torch.from_numpy(frame), reduce.weights.to(torch.uint8), k)
         np.testing.assert_array_equal(exported, (100 * 255 * k * k * expected).round())
 
 
-@pytest.mark.parametrize("channels", CHANNELS)
-def test_the_refiner_sees_the_change_of_intensity_and_its_moments(channels: str) -> None:
-    layout = make_layout(4, 5, 160, 96, 2)
+@pytest.mark.parametrize("name", ["luma", "quiet"])
+def test_chroma_bits_change_one_intensity_as_they_change_the_papers(name: str) -> None:
+    frame = np.random.default_rng(7).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    found = Reduce(CHANNELS["chroma"][name], 1)(torch.from_numpy(as_batch(frame)))[0, 0]
+    np.testing.assert_allclose(found, intensity(frame, "chroma"), rtol=0, atol=0.002)
+
+
+@every_intensity
+def test_the_refiner_sees_the_change_of_intensity_and_its_moments(
+    colour: str, channels: str
+) -> None:
+    chroma = make_layout(4, 5, 160, 96, pilots=4, colour="chroma")
+    layout = make_layout(4, 5, 160, 96, 2) if colour == "gray" else chroma
     config = replace(FULL, channels=channels, register=False, texture=0.0, coarsen=1)
     module = PhiDecoder(layout, config)
     rng = np.random.default_rng(8)
     frames = rng.integers(0, 256, (2, 1, 3, 96, 160), dtype=np.uint8)
     _, blocks = module.summarise(*torch.from_numpy(frames))
-    i_o, i_e = np.einsum("kc,bchw->bkhw", CHANNELS[channels], frames[:, 0] / 255)
+    i_o, i_e = intensities(frames[:, 0] / 255, colour, channels)
     x = 2 * i_o - 1
     maps = [i_e - i_o, *(legval(x, np.eye(MOMENTS + 1)[k]) for k in range(1, MOMENTS + 1))]
     cells = np.stack(maps).mean(axis=1).reshape(-1, 4, 24, 5, 32).mean(axis=(2, 4))
     expected = cells.reshape(MOMENTS + 1, -1).T[layout.message_mask.reshape(-1)]
-    found = module.statistics(blocks)[0].numpy()
+    found = module.statistics(blocks)[0, :, : MOMENTS + 1].numpy()
     np.testing.assert_allclose(found, expected, rtol=0, atol=FLOAT32)
 
 

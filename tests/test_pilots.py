@@ -17,7 +17,7 @@ from export.to_onnx import to_onnx
 from link.embed import embed
 from link.errors import UnsuitedError
 from link.frames import Rectified
-from link.layout import MODULATIONS, Layout, count_pilots, make_layout
+from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout
 from models import PRETRAINED, PRETRAINED_PILOTS, make_decoder, shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
@@ -29,8 +29,9 @@ both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
 on_grids = pytest.mark.parametrize("grid", GRIDS, ids=str)
 
 
-def layout_of(grid: tuple[int, int], modulation: str) -> Layout:
-    return make_layout(*grid, modulation=modulation, pilots=count_pilots("auto", *grid))
+def layout_of(grid: tuple[int, int], modulation: str, colour: str = "gray") -> Layout:
+    pilots = count_pilots("auto", *grid)
+    return make_layout(*grid, modulation=modulation, pilots=pilots, colour=colour)
 
 
 def shown_pair(layout: Layout, kappa: int = 5) -> tuple[Rectified, NDArray[np.intp]]:
@@ -58,19 +59,23 @@ def statistics_of(layout: Layout, batch: int = 2) -> tuple[Tensor, Tensor]:
     return drawn[:, : layout.pilots], drawn[:, layout.pilots :]
 
 
+@pytest.mark.parametrize("colour", COLOURS)
 @both_modulations
 @on_grids
-def test_it_reads_a_pair_without_noise_untrained(grid: tuple[int, int], modulation: str) -> None:
-    pair, bits = shown_pair(layout_of(grid, modulation))
+def test_it_reads_a_pair_without_noise_untrained(
+    grid: tuple[int, int], modulation: str, colour: str
+) -> None:
+    pair, bits = shown_pair(layout_of(grid, modulation, colour))
     with torch.no_grad():
         scores, head = PhiDecoder(pair.layout, FULL)(*tensors(pair))
     assert ((scores[0] > 0).numpy() == bits).all()
     assert head.shape == (1, FULL.degree + FULL.drift_degree + 1)
 
 
+@pytest.mark.parametrize("colour", COLOURS)
 @both_modulations
-def test_without_refinement_it_is_oorc_on_pilots(modulation: str) -> None:
-    pair, _ = shown_pair(layout_of((8, 8), modulation))
+def test_without_refinement_it_is_oorc_on_pilots(modulation: str, colour: str) -> None:
+    pair, _ = shown_pair(layout_of((8, 8), modulation, colour))
     decided = [make_decoder(name).decode(pair).bits for name in ("phi", "oorc")]
     np.testing.assert_array_equal(*decided)
 
@@ -168,20 +173,25 @@ def test_a_checkpoint_is_for_patches_or_for_pilots() -> None:
         load_checkpoint(PRETRAINED_PILOTS, layouts[PRETRAINED])
 
 
-@both_modulations
-def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str) -> None:
-    source = Source(layout_of((24, 32), modulation))
+@pytest.mark.parametrize(
+    ("modulation", "colour"), [*((each, "gray") for each in MODULATIONS), ("antipodal", "chroma")]
+)
+def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colour: str) -> None:
+    source = Source(layout_of((24, 32), modulation, colour))
     pair = FramePair(source, Cell("nikon-samsung", 45.0, 5), 0)
     wrong = make_decoder("learned").decode(pair.rectified).bits != pair.displayed.bits
     assert wrong.mean() < 0.02
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("grid", "modulation"), [((24, 32), "antipodal")])
+@pytest.mark.parametrize(
+    ("grid", "modulation", "colour"),
+    [((24, 32), "antipodal", "gray"), ((24, 32), "antipodal", "chroma")],
+)
 def test_the_exported_graph_decides_as_torch_does(
-    grid: tuple[int, int], modulation: str, tmp_path: Path
+    grid: tuple[int, int], modulation: str, colour: str, tmp_path: Path
 ) -> None:
-    decoder = load_checkpoint(PRETRAINED_PILOTS, layout_of(grid, modulation))
+    decoder = load_checkpoint(PRETRAINED_PILOTS, layout_of(grid, modulation, colour))
     model = tmp_path / "decoder.onnx"
     model.write_bytes(to_onnx(decoder, "pilots"))
     parity = compare_with_torch(decoder, Decoder(model), frames=6, seed=3)

@@ -9,13 +9,15 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, silu
 
-from link.errors import InputError, ParameterError, UnsuitedError
+from link.errors import InputError, ParameterError
 from link.frames import Rectified, SoftBits
-from link.images import as_batch
+from link.images import as_batch, intensity
 from models import PRETRAINED_CNN
 from models.neural.checkpoint import load_weights, read_config
 
@@ -185,6 +187,23 @@ def load_cnn(folder: Path) -> BlockNet:
     return module.eval()
 
 
+def as_shown_in_training(frame: NDArray[np.uint8], colour: str) -> Tensor:
+    """Arrange a frame as the network was trained on: bits make all three channels brighter.
+
+    Where bits have another colour, the intensity that they change stands in all three channels.
+
+    Args:
+        frame: (H, W) or (H, W, 3) uint8, encoded.
+        colour: colour direction of the layout's bits, a key of `link.layout.COLOURS`.
+
+    Returns:
+        (1, 3, H, W) uint8, or float32 in [0, 255] where the colour is not "gray".
+    """
+    if colour == "gray":
+        return torch.from_numpy(as_batch(frame))
+    return 255 * torch.from_numpy(intensity(frame, colour)).expand(1, 3, -1, -1)
+
+
 @lru_cache(maxsize=4)
 def _trained(folder: Path) -> BlockNet:
     return load_cnn(folder)
@@ -198,15 +217,9 @@ class Cnn:
     """Folder with decoder.pt and config.json, written by ``python -m reports.lab.cnn_baseline``."""
 
     def decode(self, pair: Rectified) -> SoftBits:
-        """Score every message block of a frame pair, in natural log-likelihood ratios.
-
-        Raises:
-            UnsuitedError: the layout's bits are not gray.
-        """
-        if pair.layout.colour != "gray":
-            colour = pair.layout.colour
-            raise UnsuitedError(f"it was made for gray bits and the layout's are {colour}")
-        frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
+        """Score every message block of a frame pair, in natural log-likelihood ratios."""
+        colour = pair.layout.colour
+        frames = (as_shown_in_training(frame, colour) for frame in (pair.original, pair.embedded))
         with torch.inference_mode():
             logits = _trained(self.checkpoint)(*frames, pair.layout.rows, pair.layout.cols)
         return SoftBits(logits[0].double().numpy()[pair.layout.message_mask])

@@ -9,26 +9,16 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from link.errors import ParameterError, UnsuitedError, choose
-from link.images import LUMA
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
 from models.neural.phi import PhiPolynomial, check_degrees, legendre_maps
-from models.neural.reduce import Reduce
+from models.neural.reduce import CHANNELS, Reduce
 from models.neural.refine import MOMENTS, Refiner
 from models.neural.refine_pilots import TEXTURES, PilotRefiner
 from models.neural.register import channel_mean, derivatives, register
 from models.neural.solver import fit_head
 
-CHANNELS = {
-    "luma": (LUMA,),
-    "quiet": ((0.27, 0.5, 0.23),),
-    "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-}
-"""Weights of R, G and B in each intensity, by name; they sum to 1. "luma" weighs as the eye does.
-"quiet" weighs so that a camera's noise is least: its colour matrix subtracts what crosstalk added,
-and neighbouring channels then err against each other. "rgb" makes Phi of each colour channel, with
-one head that they share."""
 MARGIN = 1 / 6
 """Share of a tile's side that ``train_on="area"`` leaves out at each end, where neighbouring tiles
 blur into it."""
@@ -55,7 +45,8 @@ class DecoderConfig:
     """Degree of the polynomial of i_o that stands beside Phi and explains drift; 0 leaves it
     out."""
     channels: str = "luma"
-    """Which intensities are made of a frame's colours: "luma", "quiet" or "rgb"."""
+    """Which intensities are made of a frame's colours: "luma", "quiet" or "rgb", as
+    `models.neural.reduce.CHANNELS` says for each colour direction of a layout."""
     register: bool = False
     """Whether the motion between the frames is removed first."""
     train_on: str = "tile"
@@ -76,7 +67,7 @@ class DecoderConfig:
     """Whether the calibration varies smoothly over the display; needs refinement."""
 
     def __post_init__(self) -> None:
-        choose(CHANNELS, self.channels, "channels")
+        choose(CHANNELS["gray"], self.channels, "channels")
         choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "train_on")
         for field, value in asdict(self).items():
             kind = type(getattr(DecoderConfig, field))
@@ -151,8 +142,6 @@ class PhiDecoder(nn.Module):
         super().__init__()
         if not layout.ratex and not layout.pilots:
             raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
-        if layout.colour != "gray":
-            raise UnsuitedError(f"it was made for gray bits and the layout's are {layout.colour}")
         self.layout, self.config = layout, config
         self.phi = PhiPolynomial(config.degree, config.drift_degree)
         n_weights = self.phi.n_features + 1
@@ -167,7 +156,11 @@ class PhiDecoder(nn.Module):
             self.refiner = PilotRefiner(layout, pixels, config.refine, config.rows, config.space)
         else:
             self.log_temperature = nn.Parameter(torch.zeros(()))
-        self.reduce = Reduce(CHANNELS[config.channels], config.coarsen)
+        self.reduce = Reduce(CHANNELS[layout.colour][config.channels], config.coarsen)
+        # motion is looked for where pictures have most contrast, whatever colour carries the bits
+        self.guide: Reduce | None = None
+        if config.register and layout.colour != "gray":
+            self.guide = Reduce(CHANNELS["gray"][config.channels], config.coarsen)
         grid = sample_grid(layout)
         rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
         cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
@@ -203,6 +196,27 @@ class PhiDecoder(nn.Module):
         """
         return self.solve_and_score(*self.summarise(original, embedded))
 
+    def scores_together(self, original: Tensor, embedded: Tensor) -> Tensor:
+        """Decode several captures of one displayed frame pair in one fit.
+
+        Each capture has its own motion, calibration and noise. They share the bits: in each round
+        of refinement the probabilities that a capture is fitted with are those by all captures. A
+        decoder without refinement adds up the scores of captures that are fitted alone.
+
+        Args:
+            original: (R, 3, H, W) captures of the original frame, uint8, or float in [0, 255];
+                encoded RGB.
+            embedded: (R, 3, H, W) captures of the embedded frame, uint8, or float in [0, 255];
+                encoded RGB.
+
+        Returns:
+            (n_bits,) float32 scores, positive for bit 1, row-major over the message cells. With one
+            capture they are those of `forward`.
+        """
+        known, blocks = self.summarise(original, embedded)
+        scores, _ = self.solve_and_score(known, blocks, together=True)
+        return scores.sum(0)
+
     def summarise(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
         """Compute all that comes before the first learned parameter.
 
@@ -224,7 +238,8 @@ class PhiDecoder(nn.Module):
         if self.config.register or self.config.texture or on_pilots:
             dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
-            i_e = register(i_o, i_e, xx, yy)
+            guide = (self.guide(original), self.guide(embedded)) if self.guide else None
+            i_e = register(i_o, i_e, xx, yy, guide)
         maps = self.phi(i_o, i_e)
         if self.refiner is not None:
             maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
@@ -243,15 +258,18 @@ class PhiDecoder(nn.Module):
         )
         return self.ratex_samples(stacked) if self.layout.ratex else pilots, blocks
 
-    def solve_and_score(self, known: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
+    def solve_and_score(
+        self, known: Tensor, blocks: Tensor, together: bool = False
+    ) -> tuple[Tensor, Tensor]:
         """Fit each pair's head to its training samples and score its blocks.
 
         Args:
             known: (B, N, F) float64 features of the training samples, from `summarise`.
             blocks: (B, n_bits, F) float64 features of the message blocks, from `summarise`.
+            together: whether the batch holds captures of one frame pair, whose bits are the same.
 
         Returns:
-            scores: (B, n_bits) float32, positive for bit 1.
+            scores: (B, n_bits) float32, positive for bit 1, by what each capture says.
             head: (B, n_features + 1) float32, weights of the features, then the bias.
         """
         n = self.phi.n_features
@@ -266,13 +284,14 @@ class PhiDecoder(nn.Module):
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
         elif isinstance(self.refiner, PilotRefiner):
-            scores = self.refiner(self.statistics(known), self.statistics(blocks))
+            scores = self.refiner(self.statistics(known), self.statistics(blocks), together)
         else:
             tiles = known
             if self.config.train_on == "pixel":
                 B, _, F = tiles.shape
                 tiles = tiles.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # (B, tiles, F)
-            scores = self.refiner(self.statistics(tiles), self.statistics(blocks), scores)
+            given = (self.statistics(tiles), self.statistics(blocks), scores)
+            scores = self.refiner(*given, together)
         return scores.float(), head.float()
 
     def statistics(self, features: Tensor) -> Tensor:

@@ -1,12 +1,34 @@
 """Reduction of frames to intensities: colours weighted, pixels averaged, all in whole numbers."""
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
+from link.images import INTENSITIES, LUMA
+
 PARTS = 100
 """Number of equal parts in which colour weights are counted. Weights of whole hundredths let
 onnxruntime add uint8 pixels as they are, without a float copy of the frame."""
+CHANNELS = {
+    "gray": {
+        "luma": (LUMA,),
+        "quiet": ((0.27, 0.5, 0.23),),
+        "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    },
+    "chroma": {
+        "luma": (INTENSITIES["chroma"],),
+        "quiet": ((0.77, -0.23, 0.0),),
+        "rgb": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
+    },
+}
+"""Weights of R, G and B in each intensity, by the colour direction of the layout's bits and by
+name; their absolute values sum to 1. "luma" is what the paper's methods look at
+(`link.images.INTENSITIES`). "quiet" weighs gray so that a camera's noise is least: its colour
+matrix subtracts what crosstalk added, and neighbouring channels then err against each other. For
+chroma it is the bits' own direction in whole hundredths. "rgb" makes Phi of each colour channel
+that bits change, with one head that they share."""
 
 
 @torch.library.custom_op("camera_display::sum_pixels", mutates_args=())
@@ -23,20 +45,28 @@ def _(frame: Tensor, weights: Tensor, stride: int) -> Tensor:
 class Reduce(nn.Module):
     """Weighted sums of R, G and B, averaged over squares of ``k`` x ``k`` pixels.
 
+    Negative weights are made up for by an offset, so that no intensity falls below 0.
+
     Args:
-        weights: weights of R, G and B for each of C intensities; the three sum to 1.
+        weights: weights of R, G and B for each of C intensities; their absolute values sum to 1.
         k: side of the square over which pixels are averaged, in pixels.
     """
 
     weights: Tensor
+    offset: Tensor
 
-    def __init__(self, weights: tuple[tuple[float, float, float], ...], k: int) -> None:
+    def __init__(self, weights: Sequence[Sequence[float]], k: int) -> None:
         super().__init__()
-        self.k = k
+        self.k, self.n_intensities = k, len(weights)
         parts = (PARTS * torch.tensor(weights, dtype=torch.float64)).float()
+        self.signed = bool((parts < 0).any())
+        if self.signed:  # onnxruntime adds up signed weights with saturation on some processors
+            parts = torch.cat([parts.clamp_min(0), (-parts).clamp_min(0)])
         kernel = parts.reshape(-1, 3, 1, 1).expand(-1, 3, k, k).contiguous()
         self.whole = bool(torch.equal(kernel, kernel.round()))
         self.register_buffer("weights", kernel, persistent=False)
+        offset = parts[self.n_intensities :].sum(1) / PARTS
+        self.register_buffer("offset", offset.reshape(-1, 1, 1), persistent=False)
 
     def forward(self, frame: Tensor) -> Tensor:
         """Reduce a batch of frames.
@@ -51,4 +81,7 @@ class Reduce(nn.Module):
             total: Tensor = exported_sum(frame, self.weights.to(torch.uint8), self.k)
         else:
             total = conv2d(frame.float(), self.weights, stride=self.k)
-        return total / (255 * PARTS * self.k**2)
+        if self.signed:
+            total = total[:, : self.n_intensities] - total[:, self.n_intensities :]
+        intensity = total / (255 * PARTS * self.k**2)
+        return intensity + self.offset if self.signed else intensity
