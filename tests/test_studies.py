@@ -35,13 +35,21 @@ def test_captures_that_cannot_be_combined_are_refused(lengths: tuple[int, ...]) 
 @pytest.mark.slow
 def test_repeats_counts_the_errors_of_added_captures(command: Command, tmp_path: Path) -> None:
     flags = ["--frames", 1, "--captures", 1, 2, "--conditions", "kappa1", "--jobs", 1]
+    flags += ["--layouts", "ratex", "--page", tmp_path / "page.md"]
     done = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
     assert done.status == 0, done.stderr
-    bits, once, twice = json.loads((tmp_path / "repeats.json").read_text())["errors"]["kappa1"]
-    assert bits == 9 * 59
+    (row,) = json.loads((tmp_path / "repeats.json").read_text())["rows"]
+    bits = row["bits"]
+    assert (row["layout"], row["condition"], bits) == ("ratex", "kappa1", 9 * 59)
+    once, twice = row["wrong"]["scores added"]
     assert 0 <= twice <= bits
     assert 0 < once < bits / 2
-    assert "| kappa1 | 531 |" in done.stdout
+    fitted_once, fitted_twice = row["wrong"]["one fit"]
+    assert fitted_once == once
+    assert 0 <= fitted_twice <= bits
+    for way in row["wrong"]:
+        assert f"| ratex | kappa1 | 531 | {way} |" in done.stdout
+    assert done.stdout.strip() in (tmp_path / "page.md").read_text()
     (decoded,) = (tmp_path / "decoded").iterdir()
     stored = decoded.read_bytes()
     again = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
