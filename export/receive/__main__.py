@@ -6,6 +6,7 @@ Prints JSON lines: display, clock, pair, message, refused, end.
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.find import locate
+from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox, say
 from export.receive.receiver import DecodedPair, Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
@@ -204,27 +206,7 @@ def print_end(receiver: Receiver, inbox: Inbox, last: CameraFrame | None) -> Non
     )
     if inbox.last is not None:
         return
-    if inbox.refused > 0:
-        reason = (
-            f"every message was refused ({inbox.refused}); "
-            "the lines above say why; is it the sender's key?"
-        )
-    elif receiver.found == 0:
-        reason = (
-            f"no display with this layout's ratex patches in any of {receiver.frames} frames; "
-            "check the model's layout, focus, exposure, and that the whole display is in view"
-        )
-    elif receiver.decoded == 0:
-        reason = (
-            f"the display is in view in {receiver.found} of {receiver.frames} frames, but its "
-            "ratex patches do not change; is the sender playing, and is --fps right?"
-        )
-    else:
-        reason = (
-            f"no message after {receiver.decoded} frame pairs, {receiver.progress:.0%} of the "
-            "information received; film longer, closer, or with a larger --kappa"
-        )
-    raise InputError(reason)
+    raise InputError(explain_silence(replace(receiver.observations, refused=inbox.refused)))
 
 
 if __name__ == "__main__":

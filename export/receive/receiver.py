@@ -10,6 +10,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from export.receive.diagnosis import CLIPPED, CUT, Observations
 from export.receive.occlusion import Occlusion
 from export.receive.repeats import Repeats
 from export.receive.states import (
@@ -18,6 +19,7 @@ from export.receive.states import (
     RectifiedFrame,
     block_purity,
     compose_state,
+    points_in_view,
 )
 from export.receive.synchronise import Synchroniser
 from export.receive.toggles import patch_toggles
@@ -84,6 +86,52 @@ class StageTimes:
         self.count[stage] = self.count.get(stage, 0) + 1
 
 
+@dataclass
+class Sight:
+    """Sums of what the frames show, for the reason why no message came."""
+
+    found: bool = False
+    """Whether the display was found; until then whole frames are measured, and then it alone."""
+    measured: int = 0
+    """Number of frames measured."""
+    level: float = 0.0
+    """Sum of the mean gray levels of what was measured."""
+    clipped: float = 0.0
+    """Sum of the shares of pixels at the camera's limit."""
+    cut: int = 0
+    """Number of frames with a part of the display outside the image."""
+    first: float = 0.0
+    """Time of the first frame with the display, seconds."""
+    last: float = 0.0
+    """Time of the last frame with the display, seconds."""
+    mixed: float = 0.0
+    """Sum over frame pairs of the share of the blocks' trust that mixed exposures cost."""
+    state_hz: float | None = None
+    """Number of states a second by the clock that was known last, or None where none was."""
+
+    def miss(self, frame: NDArray[np.uint8]) -> None:
+        """Take a frame in which the display was not found."""
+        if not self.found:
+            self._measure(frame)
+
+    def see(
+        self, rectified: NDArray[np.uint8], time: float, in_view: NDArray[np.bool_] | None
+    ) -> None:
+        """Take a frame in which the display was found."""
+        if not self.found:
+            self.found, self.first = True, time
+            self.measured, self.level, self.clipped = 0, 0.0, 0.0
+        self.last = time
+        self.cut += in_view is not None and float(in_view.mean()) < CUT
+        self._measure(rectified)
+
+    def _measure(self, image: NDArray[np.uint8]) -> None:
+        sample = image[::8, ::8]
+        self.measured += 1
+        self.level += float(sample.mean())
+        self.clipped += float((sample >= CLIPPED).mean())
+
+
 class Receiver:
     """Reads a message from the frames of a camera that films the display.
 
@@ -122,7 +170,7 @@ class Receiver:
         self._occlusion = Occlusion(self.layout)
         self._buffer: deque[tuple[RectifiedFrame, float]] = deque(maxlen=BUFFER)
         self._next: int | None = None
-        self._size = self.layout.width, self.layout.height
+        self._sight = Sight()
 
     def _fresh_clock(self) -> Synchroniser:
         cells = np.array(self.layout.ratex)[:, ::-1] + 0.5  # (row, col) -> (x, y)
@@ -153,6 +201,26 @@ class Receiver:
         """Number of states that the display shows in a second, or None while it is unknown."""
         return None if self._sync.clock is None else 1 / self._sync.clock.period
 
+    @property
+    def observations(self) -> Observations:
+        """What was seen so far, from which `explain_silence` tells why no message came."""
+        sight = self._sight
+        measured = max(sight.measured, 1)
+        return Observations(
+            fps=self._fps,
+            frames=self.frames,
+            found=self.found,
+            seconds=sight.last - sight.first if self.found else 0.0,
+            level=sight.level / measured if sight.measured else None,
+            clipped=sight.clipped / measured,
+            cut=sight.cut,
+            toggling=self._sync.best,
+            state_hz=sight.state_hz,
+            decoded=self.decoded,
+            mixed=sight.mixed / max(self.decoded, 1),
+            progress=self.progress,
+        )
+
     def push(self, image: NDArray[np.generic], time: float) -> ReceiverStep:
         """Take the next camera frame.
 
@@ -172,13 +240,17 @@ class Receiver:
         tracked = self._tracked = self._tracker.follow(frame)
         self.timing.add("track", start)
         if tracked is None:
+            self._sight.miss(frame)
             return ReceiverStep(None, [], None)
         self.found += 1
+        in_view = points_in_view(tracked.corners, frame.shape)
+        self._sight.see(tracked.rectified, time, in_view)
         start = perf_counter()
         toggles = patch_toggles(tracked.rectified, self.layout)
         self._sync.add(time, toggles)
         level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
-        self._buffer.append((RectifiedFrame(time, tracked.rectified), float(level)))
+        self._buffer.append((RectifiedFrame(time, tracked.rectified, in_view), float(level)))
+        self._sight.state_hz = self.state_hz or self._sight.state_hz
         if self._sync.slips != self._slips:
             self._slips, self._next = self._sync.slips, None
             self._collector.start_run()
@@ -261,6 +333,7 @@ class Receiver:
         soft = self.decoder.decode(original.image, embedded.image)
         pure = block_purity(np.minimum(original.purity, embedded.purity), self.layout)
         trust = np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
+        self._sight.mixed += 1 - float(trust.mean())
         trust = trust * ~self._occlusion.covered(original.image)
         soft = SoftBits(soft.scores * trust, soft.head)
         self.decoded += 1

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.receive.clock import DisplayClock
+from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
 
 PURE = 0.97
@@ -27,6 +28,28 @@ class RectifiedFrame:
     """Seconds of the camera's clock."""
     rectified: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded."""
+    in_view: NDArray[np.bool_] | None = None
+    """(MESH, MESH) whether each point of the display lies within the camera frame; None where the
+    whole display does."""
+
+
+def points_in_view(
+    corners: NDArray[np.float64], shape: tuple[int, ...]
+) -> NDArray[np.bool_] | None:
+    """Tell which points of the display lie within a camera frame.
+
+    Args:
+        corners: (4, 2) pixels of the camera frame, in corner order.
+        shape: of the camera frame, height and width first.
+
+    Returns:
+        (MESH, MESH), or None where the whole display lies within the frame.
+    """
+    if in_image(corners, shape).all():
+        return None
+    H_captured_from_display = homography_from_corners(corners, MESH, MESH)
+    points = transform(H_captured_from_display, MESH * PLACES - 0.5)
+    return np.asarray(in_image(points, shape).reshape(MESH, MESH))
 
 
 @dataclass(frozen=True)
@@ -47,7 +70,7 @@ def compose_state(
     """Average what camera frames hold of one state.
 
     Each point of the display takes the frames whose exposure there is pure; where none is, it takes
-    the purest.
+    the purest. A frame holds nothing of a point outside it.
 
     Args:
         frames: in any order.
@@ -58,8 +81,10 @@ def compose_state(
         the state, or None where no frame holds any of it.
     """
     shares = [
-        clock.shares(frame.time, PLACES, number).reshape(MESH, MESH) for frame in frames
-    ]  # (MESH MESH,) -> (MESH, MESH)
+        clock.shares(frame.time, PLACES, number).reshape(MESH, MESH)  # (MESH MESH,) -> (MESH, MESH)
+        * (1 if frame.in_view is None else frame.in_view)
+        for frame in frames
+    ]
     used = [(frame, share) for frame, share in zip(frames, shares, strict=True) if share.max() > 0]
     if not used:
         return None

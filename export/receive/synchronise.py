@@ -65,6 +65,8 @@ class Toggling:
     """Toggle between original and embedded frames by that clock, displayed gray levels."""
     state_hz: float
     """Number of states a second by that clock."""
+    deviation: float
+    """Standard deviation of the toggles of the place where it is largest, displayed gray levels."""
 
 
 class Synchroniser:
@@ -131,6 +133,7 @@ class Synchroniser:
             return
         if window.deviation.max() < MIN_TOGGLE:
             self.clock, self.r2 = None, 0.0
+            self._note(Toggling(0.0, 0.0, 0.0, float(window.deviation.max())))
             return
         needed = needed_evidence(len(times), window.places_seen, times[-1] - times[0], self.fps)
         followed = None
@@ -143,7 +146,9 @@ class Synchroniser:
                 return
         found = window.search()
         self._searched_at = time
-        self._note(found, needed)
+        strength = max(found.evidence, 0.0) / needed
+        deviation = float(window.deviation.max())
+        self._note(Toggling(strength, found.amplitude, 1 / found.clock.period, deviation))
         if followed is not None and followed.evidence >= CONFIRMED:
             lead = found.evidence - followed.evidence
             if lead < max(CLEARLY, SHARE * followed.evidence) or found.evidence < needed:
@@ -152,10 +157,9 @@ class Synchroniser:
         if found.evidence >= needed and found.amplitude >= MIN_TOGGLE:
             self._adopt(found, window, time)
 
-    def _note(self, found: ClockFit, needed: float) -> None:
-        strength = max(found.evidence, 0.0) / needed
-        if self.best is None or strength > self.best.strength:
-            self.best = Toggling(strength, found.amplitude, 1 / found.clock.period)
+    def _note(self, toggling: Toggling) -> None:
+        if self.best is None or toggling.strength > self.best.strength:
+            self.best = toggling
 
     def _follow(self, window: ToggleWindow, time: float) -> ClockFit:
         """Fit the held clock to the window, from where it has run to."""
