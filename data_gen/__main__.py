@@ -15,7 +15,7 @@ from link.captures import MANIFEST, save_captures
 from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.files.lock import locked
 from link.frames import Captured
-from link.quality import psnr, ssim
+from link.visibility.quality import psnr, ssim
 
 
 @dataclass(frozen=True, kw_only=True)

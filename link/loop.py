@@ -13,7 +13,7 @@ from link.errors import InputError
 from link.frames import Displayed
 from link.images import fit_picture
 from link.layout import Layout
-from link.quality import psnr, ssim
+from link.visibility.quality import psnr, ssim
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""

@@ -25,7 +25,7 @@ from link.embed import (
 from link.errors import InputError
 from link.frames import Displayed
 from link.layout import MODULATIONS, Layout, block_index, block_mean, make_layout
-from link.quality import psnr, ssim
+from link.visibility.quality import psnr, ssim
 from link.visibility.viewing import LUMINANCE_FROM_RGB
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3

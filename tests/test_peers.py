@@ -19,7 +19,7 @@ from data_gen.pictures.library import load_pictures
 from link.embed import with_head_room
 from link.frames import Rectified
 from link.layout import make_layout
-from link.quality import psnr
+from link.visibility.quality import psnr
 from reports.engine.methods import Method
 from reports.studies.peers import adapters
 from reports.studies.peers.__main__ import main

@@ -116,8 +116,8 @@ class Compact:
         Returns:
             uint8 of the shape of the pair's frames.
         """
-        offsets = self._pixel_offsets(self.cells(pair), pair.original.ndim)
-        return (pair.original - offsets[0]).astype(np.uint8)
+        offsets = self._pixel_offsets(0, self.cells(pair), pair.original.ndim)
+        return np.asarray(pair.original - offsets, np.uint8)
 
     def states(
         self, picture: NDArray[np.uint8], cells: NDArray[np.uint8]
@@ -128,11 +128,16 @@ class Compact:
             picture: (height, width) or (height, width, 3), as `picture` returns it.
             cells: numbers of changes, as `cells` returns them.
         """
-        original, embedded = self._pixel_offsets(cells, picture.ndim)
-        return (picture + original).astype(np.uint8), (picture + embedded).astype(np.uint8)
+        original, embedded = (
+            np.asarray(picture + self._pixel_offsets(frame, cells, picture.ndim), np.uint8)
+            for frame in (0, 1)
+        )
+        return original, embedded
 
-    def _pixel_offsets(self, cells: NDArray[np.uint8], dimensions: int) -> NDArray[np.intp]:
-        """Array (2, height, width) or (2, height, width, 3) of levels for both frames."""
+    def _pixel_offsets(
+        self, frame: int, cells: NDArray[np.uint8], dimensions: int
+    ) -> NDArray[np.intp]:
+        """Array (height, width) or (height, width, 3) of the levels that a frame adds."""
         rows, cols = np.arange(self.layout.height), np.arange(self.layout.width)
         numbers = cells
         if not self.soft:
@@ -141,5 +146,5 @@ class Compact:
                 block_index(self.layout.width, self.layout.cols),
             ]
         numbers = np.where(self.patches > 0, self.patches, numbers)
-        found = self.offsets[:, numbers, rows[:, None] % TILE, cols % TILE]
-        return found if dimensions == 3 else found[..., 0]
+        offsets = self.offsets[frame] if dimensions == 3 else self.offsets[frame, ..., 0]
+        return np.asarray(offsets[numbers, rows[:, None] % TILE, cols % TILE])
