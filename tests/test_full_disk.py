@@ -49,11 +49,12 @@ FILM = ("--message", "hi", "--seconds", 0.2, "--size", 320, 240)
         (send_cli.main, ("PICTURE", "--message", "hi", "--out", "OUT/x.avi"), "x.avi"),
         (send_cli.main, ("PICTURE", "--message", "hi", "--out", "OUT/x"), "x/state_00000.png"),
         (film_cli.main, (*FILM, "--out", "OUT/film.mkv"), "film.mkv"),
+        (film_cli.main, (*FILM, "--out", "OUT/film.mp4", "--codec.kbits", 9000), "film.mp4"),
         (film_cli.main, (*FILM, "--out", "OUT/film"), "film/000000.png"),
         (data_gen_cli.main, ("--frames", 2, "--out", "OUT/gen"), "gen/00000_original.png"),
         (locate_cli.main, ("PICTURE", "--show", "OUT/seen"), "seen/picture.png"),
     ],
-    ids=["player", "mkv", "avi", "states", "film.mkv", "film", "captures", "outlines"],
+    ids=["player", "mkv", "avi", "states", "film.mkv", "film.mp4", "film", "captures", "outlines"],
 )
 def test_a_full_disk_is_named_and_nothing_half_is_left(
     main: object,

@@ -357,7 +357,7 @@ def test_a_video_file_holds_the_same_frames(tmp_path: Path, command: Command) ->
 @pytest.mark.parametrize(
     ("flags", "says"),
     [
-        (("--out", "x.mp4"), "--out: need a folder, or a file .mkv or .avi, got x.mp4"),
+        (("--out", "x.txt"), "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov that"),
         (("--out", "x", "--seconds", "0"), "--seconds: need more than 0"),
         (("--out", "x", "--pair", "canon"), "unknown pair"),
         (("--out", "x", "--coverage", "2"), "--coverage: need a share"),

@@ -46,6 +46,8 @@ BT709 = 1
 """Number that ITU-T H.273 gives to the primaries, transfer function and matrix of BT.709."""
 LIMITED, FULL = 1, 2
 """Numbers of FFmpeg for levels that run from 16 to 235, and from 0 to 255."""
+BICUBIC_ROUNDED = 0x4 | 0x40000
+"""Flags of FFmpeg's scaler: bicubic subsampling, with levels that are rounded and not cut off."""
 NO_PIXELS = np.empty((0, 0, 3), np.uint8)
 """Pixels of a frame that waits in the codec."""
 ODD = "{}: need an even width and height, got {}x{}; change --size"
@@ -152,8 +154,13 @@ class CodecChannel:
         self._decoder = _context(settings.name, "r")
         self._decoder.thread_count = 1
         self._waiting: dict[int, VideoFrame] = {}
-        self.encoded_bytes = 0
-        """Size, in bytes, of the compressed frames so far."""
+        self._bytes = self._packets = 0
+        self._start_s = 0.0
+
+    @property
+    def kbits(self) -> float:
+        """Mean rate of the compressed frames so far, in thousands of bits a second."""
+        return self._bytes * 8 / 1000 * self._fps / max(1, self._packets)
 
     def push(self, frame: VideoFrame) -> list[VideoFrame]:
         """Compress a frame, and return those that are decoded by now, in order of time.
@@ -170,7 +177,10 @@ class CodecChannel:
         """
         if not self._encoder.width:
             _set_up(self._encoder, self._settings, self._fps, frame)
-        coded = _coded_frame(frame, self._settings)
+            self._encoder.open()
+            self._decoder.extradata = self._encoder.extradata
+            self._start_s = frame.time_s
+        coded = _coded_frame(frame, self._settings, self._start_s)
         self._waiting[_ticks_of(coded)] = replace(frame, rgb=NO_PIXELS)
         return self._decode(self._encoder.encode(coded))
 
@@ -182,7 +192,8 @@ class CodecChannel:
         return last + self._decoded(self._decoder.decode(None))
 
     def _decode(self, packets: "list[av.Packet[av.VideoStream]]") -> list[VideoFrame]:
-        self.encoded_bytes += sum(packet.size for packet in packets)
+        self._bytes += sum(packet.size for packet in packets)
+        self._packets += len(packets)
         return [
             frame for packet in packets for frame in self._decoded(self._decoder.decode(packet))
         ]
@@ -226,6 +237,7 @@ def write_film(
 ) -> None:
     """Write a film as a compressed video file with the times at which its frames were taken.
 
+    The file's time 0 is that of the first frame, as in the files of phones.
     The file has its name only once it is whole; nothing else is left where that fails.
 
     Args:
@@ -244,13 +256,14 @@ def write_film(
     make_folder(path.parent)
     try:
         with av.open(str(temporary), "w") as container:
-            stream = None
+            stream, start_s = None, 0.0
             for frame in frames:
                 if stream is None:
+                    start_s = frame.time_s
                     added = container.add_stream(encoder, rate=_rate(fps))
                     stream = cast("av.VideoStream", added)
                     _set_up(stream.codec_context, settings, fps, frame)
-                container.mux(stream.encode(_coded_frame(frame, settings)))
+                container.mux(stream.encode(_coded_frame(frame, settings, start_s)))
             if stream is not None:
                 container.mux(stream.encode(None))
         temporary.replace(path)
@@ -285,6 +298,8 @@ def _set_up(
     context.color_range = FULL if settings.full_range else LIMITED
     context.colorspace = context.color_primaries = context.color_trc = BT709
     context.thread_count = 1
+    # as in files: headers stand apart, and do not count towards the rate
+    context.flags |= av.codec.context.Flags.global_header
     options = {"preset": settings.preset}
     options["profile"] = settings.profile or PROFILES[settings.name][0]
     if settings.name == "hevc":
@@ -294,16 +309,17 @@ def _set_up(
     context.options = options
 
 
-def _coded_frame(frame: VideoFrame, settings: CodecSettings) -> "av.VideoFrame":
-    """Convert a frame's pixels to 4:2:0, and give them their presentation time."""
+def _coded_frame(frame: VideoFrame, settings: CodecSettings, start_s: float) -> "av.VideoFrame":
+    """Convert a frame's pixels to 4:2:0, and give them the time since ``start_s``, in seconds."""
     coded = av.VideoFrame.from_ndarray(frame.rgb, format="rgb24")
     coded = coded.reformat(
         format="yuv420p",
         dst_colorspace="ITU709",
+        interpolation=BICUBIC_ROUNDED,
         src_color_range=FULL,
         dst_color_range=FULL if settings.full_range else LIMITED,
     )
-    coded.pts, coded.time_base = round(frame.time_s * TICKS_HZ), Fraction(1, TICKS_HZ)
+    coded.pts, coded.time_base = round((frame.time_s - start_s) * TICKS_HZ), Fraction(1, TICKS_HZ)
     return coded
 
 

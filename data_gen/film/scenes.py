@@ -38,6 +38,8 @@ FIELD_DEG = (45.0, 70.0)
 """Angle of view along the image's longer side: phones' main cameras, webcams (assumed)."""
 MIN_DISTANCE, MAX_DISTANCE = 0.7, 30.0
 """Smallest and largest distance of the camera, in longer sides of the picture."""
+MAX_OUTSIDE = 0.3
+"""Largest share of the picture's width by which a corner may lie outside the image."""
 MIN_IMAGE_SIDE = 64
 """Fewest pixels that the image may have along an axis."""
 
@@ -64,6 +66,9 @@ class SceneSettings:
     """Photographs of the split's own, for posters, windows and the second display."""
     free: float = 0.01
     """Share of the image, 0 to 0.2, that stays free at each side of the picture."""
+    outside: float = 0.0
+    """Share of the picture's width, 0 to 0.3, by which a corner lies beyond a side of the image
+    that is drawn at random; with 0 the whole picture is in view."""
     margin_px: int = 48
     """Number of pixels drawn beyond each side of the image, for a camera that moves."""
 
@@ -88,6 +93,10 @@ class SceneSettings:
             raise ParameterError("turn", f"need degrees within ±360, got {self.turn:g}")
         if not 0 <= self.free <= 0.2:
             raise ParameterError("free", f"need a share from 0 to 0.2, got {self.free:g}")
+        if not 0 <= self.outside <= MAX_OUTSIDE:
+            raise ParameterError(
+                "outside", f"need a share from 0 to {MAX_OUTSIDE:g}, got {self.outside:g}"
+            )
         if self.room is not None:
             choose(ROOMS, self.room, "room")
         at_least(0, margin_px=self.margin_px)
@@ -164,7 +173,9 @@ def draw_scene(
     rng: np.random.Generator,
     settings: SceneSettings | None = None,
 ) -> Scene:
-    """Draw a room, a display in it, and where the camera stands; the whole picture is in view.
+    """Draw a room, a display in it, and where the camera stands.
+
+    The whole picture is in view unless ``settings.outside`` says otherwise.
 
     Args:
         layout: layout of the picture.
@@ -207,7 +218,7 @@ def draw_scene(
 def aim_camera(
     layout: Layout, view_deg: float, rng: np.random.Generator, settings: SceneSettings
 ) -> tuple[Pose, NDArray[np.float64]]:
-    """Draw a camera that sees the whole picture and as much of it as is asked for.
+    """Draw a camera that sees the whole picture, or all but ``outside``, as large as is asked for.
 
     Args:
         layout: layout of the picture.
@@ -263,7 +274,18 @@ def aim_camera(
             near = distance
         else:
             far = distance
-    return aimed(far)[:2]
+    pose, camera, _ = aimed(far)
+    if settings.outside > 0:
+        points = corners(camera)
+        axis, far_side = int(rng.integers(2)), bool(rng.integers(2))
+        beyond = settings.outside * float(np.linalg.norm(points[1] - points[0]))
+        shift = np.zeros(2)
+        if far_side:
+            shift[axis] = size[axis] - 0.5 + beyond - points[:, axis].max()
+        else:
+            shift[axis] = -0.5 - beyond - points[:, axis].min()
+        camera = np.array([[1, 0, shift[0]], [0, 1, shift[1]], [0, 0, 1.0]]) @ camera
+    return pose, camera
 
 
 def _area(points: NDArray[np.float64]) -> float:

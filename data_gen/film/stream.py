@@ -192,7 +192,7 @@ class _Stream:
         for number in count():
             if settings.seconds is not None and number / settings.fps >= settings.seconds:
                 return
-            late = self._late()
+            late = self._late() if number else 0.0
             time_s, step_s = number / settings.fps + late, 1 / settings.fps + (late - late_before)
             lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
             motion = self._look_away(time_s) @ self.hand.step(step_s)

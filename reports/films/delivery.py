@@ -317,18 +317,22 @@ def receiver_model(config: DeliveryConfig) -> Path:
     return path
 
 
-def stored_runs(config: DeliveryConfig, model: Path) -> Path:
-    """File of the runs, named after all that decides them apart from pair, view and number."""
+def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
+    """List all that decides a run apart from pair, view and number: settings, code, packages."""
     settings = (config.kappa, config.grid, config.state_hz, config.fps, config.n_bytes)
     camera = (config.hand, config.drop, config.jitter_s, config.phone, config.codec)
-    parts = [
+    return [
         repr((STORED_VERSION, *settings, config.loops, config.coverage, *camera, config.seed)),
         code_digest(*DECIDING),
         file_digest([model]),
         *package_versions(),
         version("av") if config.codec.on else "",
     ]
-    mark = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def stored_runs(config: DeliveryConfig, model: Path) -> Path:
+    """File of the runs, named after all that decides them apart from pair, view and number."""
+    mark = hashlib.sha256("\n".join(deciding_parts(config, model)).encode()).hexdigest()[:16]
     return config.out / config.name / f"runs_{mark}.jsonl"
 
 

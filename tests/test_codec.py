@@ -1,0 +1,286 @@
+"""Films through video codecs: in memory and in files, with the times of their frames."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+from conftest import Command
+from numpy.typing import NDArray
+
+from data_gen.film import codec
+from data_gen.film.codec import CodecChannel, CodecSettings, through_codec, write_film
+from data_gen.film.frame import VideoFrame
+from data_gen.video import main
+from link.errors import InputError
+from link.images import read_image
+from link.video import read_video
+
+FPS = 30.0
+SIZE = (160, 96)
+FINE = CodecSettings("h264", kbits=5000)
+"""Far more than this small film needs."""
+
+
+def drifting(count: int = 12, noise: float = 0.0, lost: tuple[int, ...] = ()) -> list[VideoFrame]:
+    """A smooth picture that drifts by a pixel a frame; some numbers may be lost."""
+    rng = np.random.default_rng(0)
+    coarse = rng.uniform(20, 235, (6, 12, 3)).astype(np.float32)
+    picture = cv2.resize(coarse, (SIZE[0] + count, SIZE[1]), interpolation=cv2.INTER_CUBIC)
+    frames = []
+    for number in range(count):
+        view = picture[:, number : number + SIZE[0]]
+        view = view + noise * rng.standard_normal(view.shape, np.float32)
+        rgb = np.clip(view + 0.5, 0, 255).astype(np.uint8)
+        truth = (number, number / FPS, 0.1 * number, np.eye(3), {number: 1.0}, True, False)
+        frames.append(VideoFrame(rgb, *truth))
+    return [frame for frame in frames if frame.number not in lost]
+
+
+def psnr(frames: list[VideoFrame], seen: list[VideoFrame]) -> float:
+    """Of luma, in dB; colours lose more, to 4:2:0."""
+    errors = [
+        cv2.cvtColor(a.rgb, cv2.COLOR_RGB2GRAY).astype(float)
+        - cv2.cvtColor(b.rgb, cv2.COLOR_RGB2GRAY)
+        for a, b in zip(frames, seen, strict=True)
+    ]
+    return float(10 * np.log10(255**2 / np.mean(np.square(errors))))
+
+
+def decoded(path: Path) -> list[av.VideoFrame]:
+    with av.open(str(path)) as container:
+        return list(container.decode(video=0))
+
+
+@pytest.mark.parametrize("name", ["h264", "hevc"])
+@pytest.mark.parametrize("full_range", [False, True])
+@pytest.mark.parametrize("b_frames", [0, 2])
+def test_frames_come_back_with_their_truth(name: str, full_range: bool, b_frames: int) -> None:
+    frames = drifting(lost=(3, 4, 8))
+    settings = replace(FINE, name=name, full_range=full_range, b_frames=b_frames)
+    seen = list(through_codec(frames, settings, FPS))
+    assert psnr(frames, seen) > 38
+    for one, other in zip(frames, seen, strict=True):
+        assert other.rgb.shape == one.rgb.shape and other.rgb.dtype == np.uint8
+        assert other.truth("x") == one.truth("x")
+
+
+def test_no_codec_passes_frames_on_as_they_are() -> None:
+    frames = drifting()
+    assert list(through_codec(frames, CodecSettings(), FPS)) == frames
+
+
+def test_a_film_is_taken_frame_by_frame() -> None:
+    """A study may break off, and an endless film does not fill the memory."""
+    taken = []
+
+    def frames() -> Iterator[VideoFrame]:
+        for frame in drifting(120):
+            taken.append(frame.number)
+            yield frame
+
+    first = next(through_codec(frames(), FINE, FPS))
+    assert first.number == 0
+    assert len(taken) < 60
+
+
+@pytest.mark.parametrize("full_range", [False, True])
+def test_black_and_white_stay_and_the_range_is_tagged(full_range: bool, tmp_path: Path) -> None:
+    rgb = np.zeros((96, 160, 3), np.uint8)
+    rgb[:, 80:] = 255
+    frames = [replace(frame, rgb=rgb) for frame in drifting(4)]
+    settings = replace(FINE, full_range=full_range)
+    (*_, last) = through_codec(frames, settings, FPS)
+    assert np.abs(last.rgb[:, :72].astype(int)).max() <= 3
+    assert np.abs(last.rgb[:, 88:].astype(int) - 255).max() <= 3
+    write_film(tmp_path / "film.mp4", frames, settings, FPS)
+    first = decoded(tmp_path / "film.mp4")[0]
+    luma = np.frombuffer(first.planes[0], np.uint8)
+    low, high = (0, 255) if full_range else (16, 235)
+    assert (first.color_range, first.colorspace) == (2 if full_range else 1, 1)
+    assert abs(int(luma.max()) - high) <= 3
+    assert abs(int(luma[: SIZE[0] // 2].min()) - low) <= 3
+
+
+def test_colours_keep_their_hue() -> None:
+    """A matrix that is not the one in the tags would turn saturated colours by many levels."""
+    rgb = np.zeros((96, 160, 3), np.uint8)
+    for number, colour in enumerate([(200, 40, 40), (40, 200, 40), (40, 40, 200), (200, 200, 40)]):
+        rgb[:, 40 * number : 40 * number + 40] = colour
+    (*_, last) = through_codec([replace(f, rgb=rgb) for f in drifting(4)], FINE, FPS)
+    for number in range(4):
+        middle = np.s_[20:76, 40 * number + 12 : 40 * number + 28]
+        assert np.abs(last.rgb[middle].astype(int) - rgb[middle]).max() <= 5
+
+
+@pytest.mark.parametrize(
+    ("suffix", "name", "b_frames"), [(".mp4", "h264", 2), (".mov", "h264", 0), (".mkv", "hevc", 0)]
+)
+def test_a_file_holds_what_memory_gives_and_the_times(
+    suffix: str, name: str, b_frames: int, tmp_path: Path
+) -> None:
+    frames = drifting(lost=(0, 3, 7))
+    late = np.random.default_rng(1).uniform(-0.01, 0.01, len(frames))
+    frames = [replace(f, time_s=f.time_s + s) for f, s in zip(frames, late, strict=True)]
+    settings = replace(FINE, kbits=500, name=name, b_frames=b_frames, full_range=b_frames > 0)
+    file = tmp_path / f"film{suffix}"
+    write_film(file, frames, settings, FPS)
+    assert [path.name for path in tmp_path.iterdir()] == [file.name]
+    seen = list(through_codec(frames, settings, FPS))
+    for image, frame in zip(read_video(file), seen, strict=True):
+        assert np.array_equal(image, frame.rgb)
+    times = [float(one.time) for one in decoded(file)]
+    expected = [frame.time_s - frames[0].time_s for frame in frames]
+    ticks = 1e-3 if suffix == ".mkv" else 1 / codec.TICKS_HZ
+    np.testing.assert_allclose(np.array(times) - times[0], expected, rtol=0, atol=1.1 * ticks)
+
+
+def test_b_frames_are_used_and_come_in_order(tmp_path: Path) -> None:
+    frames, settings = drifting(30), replace(FINE, kbits=1000, b_frames=3)
+    write_film(tmp_path / "film.mp4", frames, settings, FPS)
+    kinds = [one.pict_type for one in decoded(tmp_path / "film.mp4")]
+    assert kinds.count(av.video.frame.PictureType.B) > 5
+    seen = list(through_codec(frames, settings, FPS))
+    for number, frame in enumerate(seen):  # which looks most like the one that went in
+        errors = [np.square(frame.rgb - one.rgb.astype(float)).mean() for one in frames]
+        assert int(np.argmin(errors)) == number
+
+
+def test_key_frames_come_every_gop(tmp_path: Path) -> None:
+    write_film(tmp_path / "film.mp4", drifting(30), replace(FINE, gop_s=0.3), FPS)
+    keys = [number for number, one in enumerate(decoded(tmp_path / "film.mp4")) if one.key_frame]
+    assert keys == [0, 9, 18, 27]
+
+
+def test_the_rate_is_kept_and_costs_quality() -> None:
+    frames = drifting(60, noise=6.0)
+    found = []
+    for kbits in (400, 1600):
+        channel = CodecChannel(replace(FINE, kbits=kbits, preset="ultrafast"), FPS)
+        seen = [out for frame in frames for out in channel.push(frame)] + channel.finish()
+        assert channel.kbits == pytest.approx(kbits, rel=0.25)
+        found.append(psnr(frames, seen))
+    assert found[0] < found[1] - 1
+
+
+def test_the_same_film_gives_the_same_bits() -> None:
+    settings = replace(FINE, name="hevc", kbits=300)
+    one, other = (list(through_codec(drifting(noise=3.0), settings, FPS)) for _ in range(2))
+    assert [frame.rgb.tobytes() for frame in one] == [frame.rgb.tobytes() for frame in other]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"name": "vp9"}, "codec.name: need none, h264, hevc, got 'vp9'"),
+        ({"kbits": 0.0}, "codec.kbits: need 50 to 500000 kbit/s, got 0"),
+        ({"kbits": float("nan")}, "codec.kbits"),
+        ({"gop_s": 0.0}, "codec.gop_s: need 0.03 to 60 seconds"),
+        ({"b_frames": 17}, "codec.b_frames: need 0 to 16 frames"),
+        ({"preset": "hasty"}, "codec.preset: need one of ultrafast, "),
+        ({"profile": "extended"}, "codec.profile: need high, main, baseline for h264"),
+        ({"name": "hevc", "profile": "high"}, "codec.profile: need main for hevc"),
+        ({"name": "none", "profile": "high"}, "codec.profile: need a codec's name"),
+        ({"profile": "baseline", "b_frames": 1}, "codec.b_frames: need 0 in profile baseline"),
+    ],
+)
+def test_wrong_settings_of_a_codec_are_refused(wrong: dict[str, object], says: str) -> None:
+    settings = replace(FINE, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError) as error:
+        list(through_codec(drifting(), settings, FPS))
+    assert str(error.value).startswith(says)
+
+
+def test_what_a_codec_cannot_hold_is_refused(tmp_path: Path) -> None:
+    odd = [replace(frame, rgb=frame.rgb[:95]) for frame in drifting()]
+    with pytest.raises(InputError, match="need an even width and height, got 160x95"):
+        list(through_codec(odd, FINE, FPS))
+    with pytest.raises(InputError, match="need an even width and height"):
+        write_film(tmp_path / "film.mp4", odd, FINE, FPS)
+    with pytest.raises(InputError, match="unknown codec 'none'"):
+        write_film(tmp_path / "film.mp4", drifting(), CodecSettings(), FPS)
+    (tmp_path / "film.mp4").mkdir()
+    with pytest.raises(InputError, match=r"film.mp4: cannot be written \(Is a directory\)"):
+        write_film(tmp_path / "film.mp4", drifting(), FINE, FPS)
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_a_film_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
+    def frames() -> Iterator[VideoFrame]:
+        yield from drifting()
+        raise InputError("the camera is unplugged")
+
+    with pytest.raises(InputError, match="unplugged"):
+        write_film(tmp_path / "film.mp4", frames(), FINE, FPS)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_pyav_one_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(codec, "av", None)
+    CodecSettings().check()
+    with pytest.raises(InputError, match=r"pip install -e '\.\[codec\]'"):
+        next(through_codec(drifting(), FINE, FPS))
+    done = command(main, "--message", "hi", "--out", tmp_path / "x.mp4")
+    assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert done.stderr == "error: codec h264: PyAV is missing; pip install -e '.[codec]'\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_labels_tell_settings_apart() -> None:
+    assert CodecSettings().label == ""
+    assert FINE.label == "h264_5000k"
+    other = CodecSettings("hevc", 800, "main", 0.5, 2, "fast", True)
+    assert other.label == "hevc_800k_gop0.5_b2_fast_full"
+    assert replace(FINE, profile="main").label == "h264_5000k_main"
+
+
+SHORT = ("--message", "hi", "--seconds", "0.3", "--size", "160", "96", "--width", "128")
+SHORT += ("--height", "96", "--rows", "4", "--cols", "6", "--ratex", "2", "--drop", "0.3")
+SHORT += ("--jitter-s", "0.004", "--codec.kbits", "900")
+
+
+def test_the_command_writes_a_film_with_times(tmp_path: Path, command: Command) -> None:
+    assert command(main, *SHORT, "--out", tmp_path / "a.mp4").status == 0
+    done = command(main, *SHORT, "--codec.name", "h264", "--out", tmp_path / "a")
+    assert done.status == 0, done.stderr
+    lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
+    assert len(lines) == json.loads(done.stdout)["camera_frames"] < 9
+    times = np.array([float(one.time) for one in decoded(tmp_path / "a.mp4")])
+    truth = np.array([line["time_s"] for line in lines])
+    np.testing.assert_allclose(times - times[0], truth - truth[0], rtol=0, atol=1e-4)
+    assert np.ptp(truth * FPS - [line["number"] for line in lines]) > 0.01
+    images: list[NDArray[np.uint8]] = [
+        read_image(f) for f in sorted((tmp_path / "a").glob("*.png"))
+    ]
+    for image, frame in zip(images, read_video(tmp_path / "a.mp4"), strict=True):
+        assert np.array_equal(image, frame)
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (("--out", "x.webm"), "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov"),
+        (("--out", "x.avi", "--codec.name", "h264"), "--out: need a folder, or a file of"),
+        (("--out", "x.mp4", "--codec.kbits", "1"), "--codec.kbits: need 50 to 500000 kbit/s"),
+        (("--out", "x.mp4", "--codec.profile", "best"), "--codec.profile: need high, main"),
+        (("--out", "x.mp4", "--size", "161", "96"), "h264: need an even width and height, got 161"),
+    ],
+)
+def test_the_command_refuses_a_codec_that_cannot_be(
+    flags: tuple[str, ...],
+    says: str,
+    command: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(main, "--message", "hi", "--seconds", "0.1", *flags)
+    assert done.status == 2
+    assert done.stderr.splitlines()[-1].startswith(f"error: {says}"), done.stderr
+    assert not list(tmp_path.iterdir())
