@@ -35,6 +35,7 @@ def align_corners(
     corners: NDArray[np.float64],
     layout: Layout,
     spread: float = CORNER_SPREAD,
+    used: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.float64]:
     """Move corners, to sub-pixels, so that the image shows the patches as they are drawn.
 
@@ -48,12 +49,14 @@ def align_corners(
         corners: (4, 2) pixels of the image, within half a tile.
         layout: with patches.
         spread: expected error of the corners, as a share of the display's side.
+        used: (patches,) which patches are looked at, where they are in view; None for all.
 
     Returns:
         (4, 2) pixels of the image.
     """
+    used = np.ones(len(layout.ratex), bool) if used is None else used
     for fine, steps, free in PHASES:
-        corners = _align_phase(pyramid, corners, layout, spread, fine, steps, free)
+        corners = _align_phase(pyramid, corners, layout, spread, used, fine, steps, free)
     return corners
 
 
@@ -62,6 +65,7 @@ def _align_phase(
     corners: NDArray[np.float64],
     layout: Layout,
     spread: float,
+    used: NDArray[np.bool_],
     fine: int,
     steps: int,
     free: bool,
@@ -82,7 +86,8 @@ def _align_phase(
     start = c.copy()
     points, basis = _grid(layout, fine, free)
     first = transform(four_point_homography(frame_corners(width, height), c), points)
-    if not (seen := in_image(first, image.shape)).all():
+    seen = in_image(first, image.shape) & np.repeat(used, len(points) // len(used))
+    if not seen.all():
         points, basis = points[seen], basis[seen]
     if not len(points):
         return corners

@@ -21,6 +21,7 @@ from export.locate.quads import (
     nested,
     upright,
 )
+from export.locate.steps import Steps, run_to_end
 from link.images import as_rgb
 
 WORK_PX = 640
@@ -31,6 +32,8 @@ LINE_QUADS = 70
 """Largest number of quadrilaterals that are taken from straight lines."""
 CANDIDATES = 20
 """Largest number of candidates that are looked at more closely."""
+LINES_WORK, SIDES_WORK = 45, 25
+"""Units of work (`export.locate.steps`) of the quadrilaterals from lines, and of their sides."""
 NEAR = 3.0
 """Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
 for the display."""
@@ -63,7 +66,20 @@ def display_candidates(image: NDArray[np.uint8], limit: int = CANDIDATES) -> lis
     Returns:
         corners to about 2 px of an image of 640, with scores without regard to patches.
     """
-    quads, features, scale = gather_quadrilaterals(image)
+    return run_to_end(candidate_steps(image, limit))
+
+
+def candidate_steps(image: NDArray[np.uint8], limit: int = CANDIDATES) -> Steps[list[Located]]:
+    """List quadrilaterals that may bound a lit display, step by step.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        limit: largest number returned.
+
+    Returns:
+        what `display_candidates` returns.
+    """
+    quads, features, scale = yield from gathering_steps(image)
     if not len(quads):
         return []
     odds = features @ WEIGHTS + BIAS
@@ -90,9 +106,18 @@ def gather_quadrilaterals(
         `export.locate.edges.side_features` gives them, and (2,) pixels of the image in one of the
         copy.
     """
+    return run_to_end(gathering_steps(image))
+
+
+def gathering_steps(
+    image: NDArray[np.uint8],
+) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    """Collect quadrilaterals step by step; the result is that of `gather_quadrilaterals`."""
     small, scale = small_copy(image)
-    gray = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
-    quads = np.concatenate([from_lines(gray, LINE_QUADS), from_contours(gray)])
+    gray = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+    lines = from_lines(gray, LINE_QUADS)
+    yield LINES_WORK
+    quads = np.concatenate([lines, from_contours(gray)])
     if len(quads):
         smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
         quads = np.concatenate([snap_to_edges(smooth, quads, SNAP_PX), quads])
@@ -100,6 +125,7 @@ def gather_quadrilaterals(
     if len(quads):  # many snap to the same edges
         quads = quads[np.unique(np.rint(quads / 1.5).reshape(-1, 8), axis=0, return_index=True)[1]]
     features = side_features(small, quads) if len(quads) else np.empty((0, len(FEATURES)))
+    yield SIDES_WORK
     return quads, features, scale
 
 

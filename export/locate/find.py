@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from export.locate.candidates import (
     WORK_PX,
     Located,
-    display_candidates,
+    candidate_steps,
     on_full_image,
     small_copy,
 )
 from export.locate.patches import Pyramid, image_pyramid, search_patches
-from export.locate.quads import upright
+from export.locate.quads import is_sound, upright
 from export.locate.refine import (
     as_gray,
     clipped_to_image,
@@ -26,7 +26,14 @@ from export.locate.refine import (
     corners_on_patches,
     needed_visibility,
 )
-from export.locate.spots import from_spots
+from export.locate.spots import (
+    MAX_OUTSIDE,
+    corner_cells,
+    partial_quads,
+    spot_steps,
+    whole_quads,
+)
+from export.locate.steps import Steps, run_to_end
 from link.layout import Layout
 
 SMALL_ERROR_PX = 2.0
@@ -35,8 +42,9 @@ stronger."""
 LIKELY = 6
 """Number of candidates whose patches are sought before quadrilaterals are made from patches alone
 (`export.locate.spots`)."""
-SPOT_QUADS = 30
-"""Largest number of quadrilaterals that are made from patches alone."""
+SPOT_QUADS, PARTIAL_QUADS = 30, 8
+"""Largest numbers of quadrilaterals that are made from patches alone: of a display that is in view,
+and of one that is partly so."""
 ALL_TURNS = (0, 1, 2, 3)
 """Quarter turns by which a quadrilateral's corner order may differ from the displayed picture's."""
 SURE_VISIBILITY = 0.93
@@ -44,6 +52,10 @@ SURE_VISIBILITY = 0.93
 PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
+PROMISING_PARTLY = 0.65
+"""Mean correlation of the patches in view that is worth aligning where some are out of view."""
+REFINE_WORK, COMBINE_WORK = 20, 15
+"""Units of work (`export.locate.steps`) of an alignment, and of combining patches."""
 MAX_ASPECT = 40
 """Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
 the small copy has fewer than 16 rows or columns."""
@@ -71,21 +83,44 @@ def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | 
     >>> locate(np.full((240, 320, 3), 100, np.uint8)) is None
     True
     """
+    return run_to_end(search_steps(image, layout))
+
+
+def search_steps(
+    image: NDArray[np.uint8], layout: Layout | None = None, partly: bool = True
+) -> Steps[Located | None]:
+    """Find the lit display in an image step by step.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB; it must stay as it is until the end.
+        layout: of what is displayed; its ratex patches tell the orientation.
+        partly: whether a display that is partly in view, or whose patches are partly covered, is
+            sought, too.
+
+    Returns:
+        what `locate` returns.
+    """
     if max(image.shape[:2]) > MAX_ASPECT * min(image.shape[:2]):
         return None
-    candidates = display_candidates(image)
+    candidates = yield from candidate_steps(image)
     if layout is None or not layout.ratex:
         return _likeliest(image, candidates)
     pyramid = image_pyramid(as_gray(image))
     corners = [candidate.corners for candidate in candidates]
-    found = _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS)
-    if found is None:
+    found = yield from _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS)
+    if found is None and corner_cells(layout):
         small, scale = small_copy(image)
-        spots = from_spots(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), layout, SPOT_QUADS)
-        quads = [on_full_image(quad, scale) for quad in spots]
-        found = _best_on_patches(image, pyramid, layout, quads, ALL_TURNS[:1])
+        gray = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+        spots = yield from spot_steps(gray, layout)
+        quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
+        yield COMBINE_WORK
+        found = yield from _best_on_patches(image, pyramid, layout, list(quads), ALL_TURNS[:1])
+        if found is None and partly:
+            bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
+            yield COMBINE_WORK
+            found = yield from _best_partial(image, pyramid, layout, bent)
     if found is None:
-        found = _best_on_patches(image, pyramid, layout, corners[LIKELY:], ALL_TURNS)
+        found = yield from _best_on_patches(image, pyramid, layout, corners[LIKELY:], ALL_TURNS)
     return found
 
 
@@ -106,18 +141,50 @@ def _best_on_patches(
     layout: Layout,
     quads: Sequence[NDArray[np.float64]],
     turns: tuple[int, ...],
-) -> Located | None:
+) -> Steps[Located | None]:
     """Where the patches are seen best, or the first place where they surely are, or None."""
     best: Located | None = None
     for quad in quads:
         turned = [np.roll(quad, -turn, axis=0) for turn in turns]
         promise = [search_patches(pyramid, corners, layout)[0] for corners in turned]
+        work = len(turns)
         for turn in np.argsort(promise)[::-1][:2]:
             if promise[turn] < PROMISING:
                 continue
             corners, seen = corners_on_patches(image, pyramid, turned[turn], layout)
+            work += REFINE_WORK
             if seen >= needed_visibility(layout) and (best is None or seen > best.score):
                 best = Located(corners, min(1.0, seen))
+        yield work
         if best is not None and best.score >= SURE_VISIBILITY:
+            break
+    return best
+
+
+def _best_partial(
+    image: NDArray[np.uint8], pyramid: Pyramid, layout: Layout, bent: NDArray[np.float64]
+) -> Steps[Located | None]:
+    """Where the patches of a display that is partly in view are seen best, or None.
+
+    Args:
+        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        pyramid: `export.locate.patches.image_pyramid` of its gray levels.
+        layout: with patches.
+        bent: (N, M, 4, 2) pixels, M guesses of the perspective of each of N quadrilaterals.
+    """
+    best: Located | None = None
+    for guesses in bent:
+        sound = guesses[np.isfinite(guesses).all(axis=(1, 2))]
+        sound = sound[is_sound(sound, image.shape[1], image.shape[0], MAX_OUTSIDE)]
+        promise = [search_patches(pyramid, corners, layout)[0] for corners in sound]
+        work = len(promise)
+        if promise and max(promise) >= PROMISING_PARTLY:
+            chosen = sound[int(np.argmax(promise))]
+            corners, seen = corners_on_patches(image, pyramid, chosen, layout)
+            work += REFINE_WORK
+            if seen >= needed_visibility(layout) and (best is None or seen > best.score):
+                best = Located(corners, min(1.0, seen))
+        yield work
+        if best is not None:
             break
     return best

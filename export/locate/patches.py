@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from export.locate.corner_motion import four_point_homography, points_by_corners
 from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
-from link.ratex import TILES, match_patches, tile_levels
+from link.ratex import TILES, tile_levels
 from link.robust import reweighted, ridge_solution
 
 TILE_PX = 4
@@ -99,22 +99,18 @@ def patches_in_view(
     return np.asarray(in_image(there, image_shape).all(axis=1))
 
 
-def seen_visibility(
-    rectified: NDArray[np.uint8], layout: Layout, in_view: NDArray[np.bool_]
-) -> float:
+def seen_visibility(match: NDArray[np.float64], in_view: NDArray[np.bool_]) -> float:
     """Tell how well a rectified frame shows the patches, some of which may be hidden.
 
     Args:
-        rectified: (H, W) or (H, W, 3) uint8, encoded.
-        layout: with at least one patch.
+        match: (patches,) correlations of the patches, from `link.ratex.match_patches`.
         in_view: (patches,) which patches the image holds, as `patches_in_view` tells.
 
     Returns:
-        `link.ratex.visibility`; or, where that is more, the mean correlation of the patches that
-        are seen best, less `COVERED_LOSS`. At most `MISSED_PATCHES` are left out, and
+        mean correlation of all patches; or, where that is more, that of the patches that are seen
+        best, less `COVERED_LOSS`. At most `MISSED_PATCHES` are left out, and
         `LEAST_PATCHES` must be in view, or the value is -1.
     """
-    match = match_patches(rectified, layout).correlation
     needed = min(len(match), max(LEAST_PATCHES, len(match) - MISSED_PATCHES))
     if in_view.sum() < needed:
         return -1.0
@@ -170,10 +166,12 @@ def search_patches(
     around = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     ends = (found[:, None, :2] + around) * [width, height] - 0.5  # (patches, 4, 2)
     there = transform(H, ends.reshape(-1, 2)).reshape(ends.shape)
-    seen = in_image(there, pyramid[level].shape).all(axis=1)
+    seen = np.asarray(in_image(there, pyramid[level].shape).all(axis=1))
     cells = np.array(layout.ratex, np.float64)[:, ::-1] + 0.5
-    found[~seen] = np.column_stack([cells / [layout.cols, layout.rows], np.zeros(len(seen))])[~seen]
-    if seen.sum() < min(LEAST_PATCHES, len(seen)):
+    found[~seen] = np.column_stack([cells / [layout.cols, layout.rows], np.zeros(len(found))])[
+        ~seen
+    ]
+    if seen.sum() < min(LEAST_PATCHES, len(found)):
         return -1.0, found
     return float(found[seen, 2].mean()), found
 

@@ -17,6 +17,7 @@ from export.locate.patches import (
 from export.locate.quads import SLACK, is_sound
 from link.geometry import as_corners, homography_from_corners, rectify
 from link.layout import Layout
+from link.ratex import match_patches
 
 EDGE_REACH = 0.015
 """Distance that a side may move onto an edge, as a share of the display's side."""
@@ -28,6 +29,11 @@ MIN_VISIBILITY = {1: 0.88, 2: 0.85}
 OUTSIDE = 0.25
 """Distance by which a corner of a display that is partly in view may lie outside the image, as a
 share of the image's longer side."""
+CLEAR = 0.8
+"""Smallest correlation of a patch that is neither cut off nor covered."""
+PARTLY_SPREADS = (0.1, 0.1)
+"""Expected errors of the corners, as shares of the display's side, in the further alignments of a
+display that is partly in view: what lies beyond the patches is known less well."""
 USUAL_VISIBILITY = 0.8
 """Smallest `link.ratex.visibility` of a display that shows three patches or more. It lies between
 what aligned displays have and what wrong turns reach by chance, most of all with few patches:
@@ -86,16 +92,30 @@ def corners_on_patches(
         found = search_patches(pyramid, corners, layout, reach)[1]
         corners = corners_from_patches(corners, found, layout)
     corners = align_corners(pyramid, corners, layout)
+    corners, match, seen = _judged(image, corners, layout)
+    clear = match >= CLEAR
+    if seen >= needed_visibility(layout) and not clear.all():
+        # a patch that is cut off or covered must not hold the corners
+        for spread in PARTLY_SPREADS:
+            corners = align_corners(pyramid, corners, layout, spread, clear)
+        corners, match, seen = _judged(image, corners, layout)
+    return corners, seen
+
+
+def _judged(
+    image: NDArray[np.uint8], corners: NDArray[np.float64], layout: Layout
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Clip corners that lie a little outside; they, what each patch and what all are seen by."""
     height, width = image.shape[:2]
     clipped = clipped_to_image(corners, image.shape)
     if np.abs(clipped - corners).max() <= SLACK * max(width, height):
         corners = clipped
     if not is_sound(corners[None], width, height, OUTSIDE)[0]:
-        return corners, -1.0
+        return corners, np.zeros(len(layout.ratex)), -1.0
     H = homography_from_corners(corners, layout.width, layout.height)
-    rectified = rectify(image, H, layout.width, layout.height)
+    match = match_patches(rectify(image, H, layout.width, layout.height), layout).correlation
     in_view = patches_in_view(corners, layout, image.shape)
-    return corners, seen_visibility(rectified, layout, in_view)
+    return corners, match, seen_visibility(match, in_view)
 
 
 def corners_on_edges(

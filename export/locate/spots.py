@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.quads import distinct, is_sound
+from export.locate.steps import Steps
+from link.geometry import in_image
 from link.layout import Layout
 from link.ratex import TILES, tile_levels
 
@@ -46,10 +48,20 @@ MAX_TURN_DEG, MAX_RATIO = 35.0, 1.8
 quadrilateral has there."""
 MISSING = 0.35
 """Correlation that stands for a patch that is not seen and is put where the three others say."""
+MAX_OUTSIDE = 0.35
+"""Distance by which a corner of a display that is partly in view may be put outside the image, as a
+share of its longer side; `export.locate.refine.OUTSIDE` and the error of three patches."""
+SUPPORT = 0.15
+"""Distance, in sides of the display, within which a further patch supports what three others say;
+perspective moves it that far."""
+BEND, BENT = 0.2, 9
+"""Step of the guessed depths of patches, as a logarithm, and number of guesses."""
+SIZE_WORK = 18
+"""Units of work (`export.locate.steps`) of the search for patches of one size."""
 
 
 @dataclass(frozen=True)
-class _Matches:
+class Matches:
     """Where one patch may be; arrays of one length."""
 
     at: NDArray[np.float64]
@@ -62,28 +74,54 @@ class _Matches:
     """(N,) correlation with the drawn patch, in [-1, 1]."""
 
 
-def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[np.float64]:
-    """Make quadrilaterals of ratex patches alone.
+def spot_steps(gray: NDArray[np.uint8], layout: Layout) -> Steps[list[Matches]]:
+    """Find where each patch of a layout may be.
 
     Args:
         gray: (h, w) uint8.
+        layout: with patches.
+
+    Returns:
+        the matches of each patch, one size after the other.
+    """
+    bank, turns = _bank(layout)
+    rows: list[list[NDArray[np.float64]]] = [[] for _ in layout.ratex]
+    for size in PATCH_PX:
+        for listed, more in zip(rows, _matches_of_size(gray, size, bank, turns), strict=False):
+            listed.append(more)
+        yield SIZE_WORK
+    return [_best(np.concatenate([np.empty((0, 5)), *listed])) for listed in rows]
+
+
+def corner_cells(layout: Layout) -> list[int]:
+    """List which patches lie in the four corners, in corner order; empty where one has none."""
+    last = (layout.rows - 1, layout.cols - 1)
+    cells = [(0, 0), (0, last[1]), last, (last[0], 0)]
+    return [layout.ratex.index(cell) for cell in cells] if set(cells) <= set(layout.ratex) else []
+
+
+def whole_quads(
+    found: list[Matches], layout: Layout, size: tuple[int, int], limit: int
+) -> NDArray[np.float64]:
+    """Make quadrilaterals that lie in the image of the patches in the four corners, or of three.
+
+    Args:
+        found: matches of each patch, from `spot_steps`.
         layout: with patches in the four corners; else nothing is found.
+        size: height and width of the image, pixels.
         limit: largest number returned.
 
     Returns:
         (N, 4, 2) pixels, top-left of the displayed picture first; the likeliest one first.
     """
-    last = (layout.rows - 1, layout.cols - 1)
-    cells = [(0, 0), (0, last[1]), last, (last[0], 0)]
     nothing = np.empty((0, 4, 2))
-    if not set(cells) <= set(layout.ratex):
+    if not (corners := corner_cells(layout)):
         return nothing
-    patches = tuple(layout.ratex.index(cell) for cell in cells)
-    found = _matches(gray, layout, patches)
+    found = [found[patch] for patch in corners]
     quads, ranks = [], []
     for missing in (None, 0, 1, 2, 3):
-        lists = [range(len(m.match)) if i != missing else range(1) for i, m in enumerate(found)]
-        picked = np.array(list(product(*lists)), np.intp).reshape(-1, 4)
+        counts = [len(m.match) if i != missing else 1 for i, m in enumerate(found)]
+        picked = np.indices(counts).reshape(4, -1).T  # every match with every other
         there = [i for i in range(4) if i != missing]
         if not len(picked):
             continue
@@ -93,17 +131,15 @@ def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[n
         if missing is not None:
             around = [(missing + k) % 4 for k in (1, 2, 3)]
             points[:, missing] = points[:, around[0]] - points[:, around[1]] + points[:, around[2]]
-        sound = is_sound(points, gray.shape[1], gray.shape[0])
+        sound = is_sound(points, size[1], size[0])
         points, picked = points[sound], picked[sound]
         if not len(points):
             continue
-        size, turn = _expected(points, layout)
+        side, turn = _expected(points, layout)
         rank, fits = np.zeros(len(points)), np.ones(len(points), bool)
         for i in there:
             chosen = picked[:, i]
-            off = np.angle(np.exp(1j * (found[i].turn[chosen] - turn[:, i])))
-            ratio = np.abs(np.log(found[i].size[chosen] / size[:, i]))
-            fits &= (np.abs(off) < np.radians(MAX_TURN_DEG)) & (ratio < np.log(MAX_RATIO))
+            fits &= _alike(found[i], chosen, side[:, i], turn[:, i])
             rank += found[i].match[chosen]
         quads.append(points[fits])
         ranks.append(rank[fits] + (MISSING if missing is not None else 0))
@@ -111,16 +147,101 @@ def from_spots(gray: NDArray[np.uint8], layout: Layout, limit: int) -> NDArray[n
         return nothing
     points, rank = np.concatenate(quads), np.concatenate(ranks)
     points = points[distinct(points, rank, limit, 4.0)]
-    centres = [[(col + 0.5) / layout.cols, (row + 0.5) / layout.rows] for row, col in cells]
+    centres = patch_centres(layout)[corners]
     unit = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]], np.float32)
     grown = [
         cv2.perspectiveTransform(
-            unit,
-            cv2.getPerspectiveTransform(np.array(centres, np.float32), quad.astype(np.float32)),
+            unit, cv2.getPerspectiveTransform(centres.astype(np.float32), quad.astype(np.float32))
         )[0]
         for quad in points
     ]
     return np.array(grown, np.float64).reshape(-1, 4, 2)
+
+
+def partial_quads(
+    found: list[Matches], layout: Layout, size: tuple[int, int], limit: int
+) -> NDArray[np.float64]:
+    """Make quadrilaterals of three patches, for a display that is partly in view or covered.
+
+    Three corners, or two neighbouring ones and a patch between, tell an affine map of the display;
+    what the other patches show where it puts them ranks it. Perspective is then guessed from the
+    sizes of the three, in `BENT` ways: the homography of three points, and of their depths.
+
+    Args:
+        found: matches of each patch, from `spot_steps`.
+        layout: with patches in the four corners; else nothing is found.
+        size: height and width of the image, pixels.
+        limit: largest number returned.
+
+    Returns:
+        (N, `BENT`, 4, 2) pixels, top-left of the displayed picture first; the likeliest one first.
+    """
+    corners = corner_cells(layout)
+    centres = patch_centres(layout)
+    inner = [patch for patch in range(len(centres)) if patch not in corners]
+    neighbours = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    triples = [tuple(corners[:i] + corners[i + 1 :]) for i in range(len(corners))]
+    triples += [(*pair, patch) for pair in neighbours for patch in inner[:1]]
+    square = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0, 1.0, 1.0]])
+    quads, bent, ranks = [np.empty((0, 4, 2))], [np.empty((0, BENT, 4, 2))], [np.empty(0)]
+    for triple in triples:
+        picked = np.indices([len(found[patch].match) for patch in triple]).reshape(3, -1).T
+        if not len(picked):
+            continue
+        shown = np.column_stack([centres[list(triple)], np.ones(3)])  # (3, 3)
+        points = np.stack([found[p].at[picked[:, k]] for k, p in enumerate(triple)], axis=1)
+        maps = np.linalg.inv(shown) @ points  # (N, 3, 2): x, y and 1 of the display to pixels
+        area = maps[:, 0, 0] * maps[:, 1, 1] - maps[:, 0, 1] * maps[:, 1, 0]
+        side = np.sqrt(np.maximum(area, 1e-9) / (layout.rows * layout.cols))
+        turn = np.arctan2(maps[:, 0, 1], maps[:, 0, 0])
+        quad = square @ maps
+        fits = (area > 0) & is_sound(quad, size[1], size[0], MAX_OUTSIDE)
+        for k, patch in enumerate(triple):
+            fits &= _alike(found[patch], picked[:, k], side, turn)
+        if not fits.any():
+            continue
+        picked, points, maps = picked[fits], points[fits], maps[fits]
+        quad, side = quad[fits], side[fits]
+        rank = np.zeros(len(picked))
+        for k, patch in enumerate(triple):
+            rank += found[patch].match[picked[:, k]]
+        for patch in set(range(len(centres))) - set(triple):
+            there = np.append(centres[patch], 1.0) @ maps  # (N, 2)
+            apart = np.linalg.norm(found[patch].at[None] - there[:, None], axis=2)
+            reach = SUPPORT * np.sqrt(layout.rows * layout.cols) * side[:, None]
+            support = np.where(apart < reach, found[patch].match, 0).max(axis=1, initial=0)
+            rank = rank + np.where(in_image(there, size), support, MISSING)
+        depth = np.stack([found[p].size[picked[:, k]] for k, p in enumerate(triple)], axis=1) ** (
+            -2 / 3
+        )
+        variants = []
+        for one in (-BEND, 0.0, BEND):
+            for two in (-BEND, 0.0, BEND):
+                w = depth * np.exp([0.0, one, two])
+                weighted = np.concatenate([points, np.ones((len(points), 3, 1))], axis=2)
+                H = np.linalg.inv(shown) @ (weighted * w[..., None])  # (N, 3, 3), for rows
+                at = square @ H
+                variants.append(at[..., :2] / np.where(at[..., 2:] > 0.05, at[..., 2:], np.nan))
+        quads.append(quad)
+        bent.append(np.stack(variants, axis=1))
+        ranks.append(rank)
+    every = np.concatenate(quads)
+    return np.concatenate(bent)[distinct(every, np.concatenate(ranks), limit, 6.0)]
+
+
+def patch_centres(layout: Layout) -> NDArray[np.float64]:
+    """Give the centres (x, y) of the patches on the display, (patches, 2) in [0, 1]."""
+    cells = np.array(layout.ratex, np.float64).reshape(-1, 2)[:, ::-1] + 0.5
+    return np.asarray(cells / [layout.cols, layout.rows])
+
+
+def _alike(
+    matches: Matches, chosen: NDArray[np.intp], side: NDArray[np.float64], turn: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Tell which (N,) matches have about the (N,) sides and turns that are expected of them."""
+    off = np.angle(np.exp(1j * (matches.turn[chosen] - turn)))
+    ratio = np.abs(np.log(matches.size[chosen] / side))
+    return np.asarray((np.abs(off) < np.radians(MAX_TURN_DEG)) & (ratio < np.log(MAX_RATIO)))
 
 
 def _expected(
@@ -153,39 +274,37 @@ def _expected(
     return size, np.stack(turns, axis=1)
 
 
-def _matches(gray: NDArray[np.uint8], layout: Layout, patches: tuple[int, ...]) -> list[_Matches]:
-    """Find the best matches of each patch, over all sizes."""
-    bank, turns = _bank(layout, patches)
-    rows: list[list[tuple[float, ...]]] = [[] for _ in patches]
-    for size in PATCH_PX:
-        factor = SEEN_PX / size
-        how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
-        image = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=how).astype(np.float32)
-        if min(image.shape) < 3 * WINDOW_PX:
-            continue
-        spots = _steepest(image)
-        if not len(spots):
-            continue
-        shifts = np.array(list(product(SHIFTS, SHIFTS)))  # (T, 2): y, x
-        corner = spots[:, None] + shifts - WINDOW_PX // 2  # (N, T, 2)
-        corner = np.clip(corner, 0, np.array(image.shape) - WINDOW_PX)
-        windows = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
-        seen = windows[corner[..., 0], corner[..., 1]].reshape(-1, WINDOW_PX * WINDOW_PX)
-        seen = seen - seen.mean(axis=1, keepdims=True)
-        seen /= np.linalg.norm(seen, axis=1, keepdims=True) + 5
-        match = (seen @ bank.T).reshape(len(spots), len(shifts), len(patches), -1)
-        for i in range(len(patches)):
-            flat = match[:, :, i].reshape(len(spots), -1)
-            best = flat.argmax(axis=1)
-            shift, shape = np.divmod(best, match.shape[3])
-            at = corner[np.arange(len(spots)), shift] + WINDOW_PX // 2
-            for k in range(len(spots)):
-                x, y = (at[k, 1] + 0.5) / factor - 0.5, (at[k, 0] + 0.5) / factor - 0.5
-                rows[i].append((x, y, turns[shape[k]], size, flat[k, best[k]]))
-    return [_best(np.array(listed, np.float64).reshape(-1, 5)) for listed in rows]
+def _matches_of_size(
+    gray: NDArray[np.uint8], size: float, bank: NDArray[np.float32], turns: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """Compare an image with all templates at one size: (N, 5) x, y, turn, size, match a patch."""
+    factor = SEEN_PX / size
+    how = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    image = cv2.resize(gray, None, fx=factor, fy=factor, interpolation=how).astype(np.float32)
+    if min(image.shape) < 3 * WINDOW_PX:
+        return []
+    spots = _steepest(image)
+    if not len(spots):
+        return []
+    shifts = np.array(list(product(SHIFTS, SHIFTS)))  # (T, 2): y, x
+    corner = spots[:, None] + shifts - WINDOW_PX // 2  # (N, T, 2)
+    corner = np.clip(corner, 0, np.array(image.shape) - WINDOW_PX)
+    windows = np.lib.stride_tricks.sliding_window_view(image, (WINDOW_PX, WINDOW_PX))
+    seen = windows[corner[..., 0], corner[..., 1]].reshape(-1, WINDOW_PX * WINDOW_PX)
+    seen = seen - seen.mean(axis=1, keepdims=True)
+    seen /= np.linalg.norm(seen, axis=1, keepdims=True) + 5
+    match = (seen @ bank.T).reshape(len(spots), len(shifts), -1, len(turns))
+    which, rows = np.arange(len(spots)), []
+    for i in range(match.shape[2]):
+        flat = match[:, :, i].reshape(len(spots), -1)
+        best = flat.argmax(axis=1)
+        shift, shape = np.divmod(best, len(turns))
+        y, x = (corner[which, shift] + WINDOW_PX // 2 + 0.5).T / factor - 0.5
+        rows.append(np.column_stack([x, y, turns[shape], np.full(len(x), size), flat[which, best]]))
+    return rows
 
 
-def _best(rows: NDArray[np.float64]) -> _Matches:
+def _best(rows: NDArray[np.float64]) -> Matches:
     """Keep the `KEPT` best of (N, 5) rows x, y, turn, size, match that are not at one place."""
     rows = rows[rows[:, 4] >= MIN_MATCH]
     rows = rows[np.argsort(-rows[:, 4])]
@@ -194,7 +313,7 @@ def _best(rows: NDArray[np.float64]) -> _Matches:
         kept.append(rows[0])
         rows = rows[np.linalg.norm(rows[:, :2] - rows[0, :2], axis=1) > 0.4 * rows[0, 3]]
     table = np.array(kept).reshape(-1, 5)
-    return _Matches(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
+    return Matches(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
 
 
 def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
@@ -207,15 +326,13 @@ def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
 
 
 @lru_cache(maxsize=8)
-def _bank(
-    layout: Layout, patches: tuple[int, ...]
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def _bank(layout: Layout) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Draw templates (patches * shapes, WINDOW_PX**2) of mean 0 and norm 1; (shapes,) turns."""
     half = WINDOW_PX // 2
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)
     levels = tile_levels(layout, 3).astype(np.float64)
     templates, turns = [], []
-    for i in patches:
+    for i in range(len(levels)):
         fine = cv2.resize(levels[i], (8 * TILES,) * 2, interpolation=cv2.INTER_NEAREST)
         fine = cv2.GaussianBlur(fine, (0, 0), 1.6, borderType=cv2.BORDER_REPLICATE)
         fine -= fine.mean()
@@ -229,6 +346,6 @@ def _bank(
                 drawn = cv2.remap(fine, at[0], at[1], cv2.INTER_LINEAR, borderValue=0)
                 drawn = drawn - drawn.mean()
                 templates.append(drawn.ravel() / np.linalg.norm(drawn))
-                if i == patches[0]:
+                if i == 0:
                     turns.append(turn)
     return np.array(templates, np.float32), np.array(turns)
