@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished
+from conftest import Command, Finished, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -32,8 +32,10 @@ from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
 from link.layout import COLOURS, MODULATIONS, Layout, make_layout
 from link.loop import Loop
+from link.presets import DEFAULT_PRESET, PRESETS
 from link.video import read_video, write_video
 from link.visibility.flicker import contrast_over_threshold, random_message
+from link.visibility.line_code import CODE_OF_MODULATION
 from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
 ROOT = Path(__file__).parents[1]
@@ -262,6 +264,53 @@ def test_a_player_holds_each_picture_once(inputs: Path, tmp_path: Path, command:
     assert len(loop["changes"]) == len({tuple(bits) for bits in SENT.tolist()})
     assert [picture for picture, _ in loop["pairs"]] == [0] * len(SENT)
     assert "http" not in re.sub(r"http-equiv", "", out.read_text())
+
+
+# Presets
+
+
+@pytest.mark.parametrize(
+    "name", ["hidden", slow("paper"), slow("fast"), slow("robust"), slow(None)]
+)
+def test_a_preset_says_all_and_no_flag_is_needed(
+    name: str | None, inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, "--out", tmp_path / "sent.html")
+    said = report(command(send_cli.main, *words, *(("--preset", name) if name else ())))
+    preset = PRESETS[name or DEFAULT_PRESET]
+    assert said["preset"] == (name or DEFAULT_PRESET)
+    assert said["layout"] == preset.layout.to_dict()
+    assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
+    assert read_player(tmp_path / "sent.html")["stateHz"] == preset.state_hz
+    assert (said["visibility_block"] <= 1) == (preset is PRESETS["hidden"])
+    assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]
+
+
+def test_flags_change_a_preset(inputs: Path, tmp_path: Path, command: Command) -> None:
+    size = ("--width", 256, "--height", 192)
+    words = (inputs / "picture.png", "--message", MESSAGE, "--preset", "hidden", *size, "--out")
+    more = ("--rows", 24, "--cols", 32, "--kappa", 2, "--hold", 2, "--distance", 0.6)
+    said = report(command(send_cli.main, *words, tmp_path / "a", *more))
+    layout = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
+    assert said["layout"] == layout.to_dict()
+    assert (said["kappa"], said["state_hz"]) == (2, 30)
+    seen = Hiding(layout, 30, Onlooker(distance=0.6)).seen(2)
+    assert said["visibility_block"] == round(seen, 3)
+    patches = ("--ratex", 2, "--modulation", "on_off", "--refresh", 50)
+    said = report(command(send_cli.main, *words, tmp_path / "b.html", *patches))
+    assert said["layout"] == make_layout(48, 64, 256, 192, ratex=2).to_dict()
+    assert said["state_hz"] == 50  # one refresh a state comes closest to 60
+    given = (*words[:5], "--layout", inputs / "layout.json", "--out", tmp_path / "c.mkv")
+    said = report(command(send_cli.main, *given))
+    assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets_show_the_line_code_of_their_modulation(name: str) -> None:
+    preset = PRESETS[name]
+    assert preset.line_code == CODE_OF_MODULATION[preset.layout.modulation]
+    assert preset.changed() == preset.layout
+    assert preset.purpose.endswith(".")
 
 
 shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
