@@ -1,0 +1,203 @@
+"""Move the corners of a display so that its blocks lie where the grid says they lie.
+
+What toggles in the rectified image is compared with what should toggle: pilots whose signs are
+known, or all blocks once they have been decoded. Where corners may be off by blocks, parts of the
+display are shifted by themselves, and a transform is fitted to their shifts (`coarse_shift`). Where
+they are off by less than a block, the whole display is fitted at once (`fine_shift`, by
+`cv2.findTransformECC`; Evangelidis & Psarakis 2008).
+
+All transforms are homographies ``H_old_from_new`` in layout pixels: where a point of the display,
+as it should have been rectified, lies in the image as it was.
+"""
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from link.geometry import frame_corners, homography_from_corners, transform
+from link.layout import Layout
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+
+MAP_PX = 4.0
+"""Smallest side of a block, in pixels, in the maps that are compared."""
+REGIONS = (4, 6)
+"""Number of parts, from top to bottom and from left to right, that are shifted by themselves."""
+COARSE_SIZE = (256, 192)
+"""Width and height of the maps in which parts are shifted."""
+REACH_BLOCKS, REACH_SHARE = 3.0, 0.05
+"""Largest shift of a part that is looked for, in blocks, or as a share of the display's width, if
+that is more."""
+CLEAR = 20.0
+"""Height of a part's best match, as a multiple of the mean of its other matches, from which on it
+is believed; chance exceeds it once in some hundred thousand parts."""
+HALF_REAL = 0.2275
+"""Half the median of a squared normal variable: of squared real matches, a median more is so many
+times rarer, as a power of e."""
+FEW, MANY = 4, 10
+"""Number of clear parts from which on an affine transform is fitted, and a homography."""
+SAME_BLOCKS = 0.6
+"""Distance, in blocks, within which parts' shifts agree with a transform."""
+ROUNDS, STEP = 30, 1e-4
+"""Number of steps of the fine fit, and the rise of the correlation below which it stops."""
+LEAST_CORRELATION = 0.1
+"""Correlation of what toggles with what should, below which the fine fit is not believed."""
+
+
+def map_size(layout: Layout) -> tuple[int, int]:
+    """Width and height of the maps of what toggles, for a layout.
+
+    >>> from link.layout import make_layout
+    >>> map_size(make_layout(48, 64, pilots=8)), map_size(make_layout())
+    ((256, 192), (128, 96))
+    """
+    side = min(layout.width / layout.cols, layout.height / layout.rows)
+    factor = min(4, max(1, int(side / MAP_PX)))
+    return layout.width // factor, layout.height // factor
+
+
+def moved_corners(corners: Array, H_old_from_new: Array, layout: Layout) -> Array:
+    """Corners, in the image, of a display that lies elsewhere in its own rectified image.
+
+    Args:
+        corners: (4, 2) pixels of the image, by which the display was rectified.
+        H_old_from_new: (3, 3), in layout pixels.
+        layout: of the display.
+    """
+    H_captured_from_old = homography_from_corners(corners, layout.width, layout.height)
+    return transform(
+        H_captured_from_old @ H_old_from_new, frame_corners(layout.width, layout.height)
+    )
+
+
+def coarse_shift(
+    change: NDArray[np.complex64], blocks: NDArray[np.floating], layout: Layout
+) -> tuple[Array, int] | None:
+    """Find where the parts of a display lie that toggle as they should.
+
+    Args:
+        change: (h, w), such as `COARSE_SIZE`: amplitude at one frequency of the rectified display,
+            each pixel divided by its usual deviation; of any phase.
+        blocks: (rows, cols) expected change of each block, 0 where it is not known.
+        layout: of the display.
+
+    Returns:
+        H_old_from_new, and the number of parts that clearly match and agree with it; None where
+        there are none.
+    """
+    height, width = change.shape
+    block = np.array([width / layout.cols, height / layout.rows])
+    scale = np.array([layout.width / width, layout.height / height])
+    expected = _drawn(blocks, (width, height))
+    least = REACH_SHARE * width
+    reach_x, reach_y = (int(np.ceil(max(REACH_BLOCKS * side, least))) for side in block)
+    around = [
+        cv2.copyMakeBorder(
+            _without_slope(part, block), reach_y, reach_y, reach_x, reach_x, cv2.BORDER_CONSTANT
+        )
+        for part in (change.real, change.imag)
+    ]
+    # of the matches that chance makes, so many medians are one e-th as frequent as the median
+    unit = np.log(2) if np.iscomplexobj(change) and change.imag.any() else HALF_REAL
+    ys = np.linspace(0, height, REGIONS[0] + 1).astype(int)
+    xs = np.linspace(0, width, REGIONS[1] + 1).astype(int)
+    places, seen, heights = [], [], []
+    for top, bottom in pairwise(ys):
+        for left, right in pairwise(xs):
+            match = np.zeros(1, np.float32)
+            for part in around:
+                window = part[top : bottom + 2 * reach_y, left : right + 2 * reach_x]
+                found = cv2.matchTemplate(window, expected[top:bottom, left:right], cv2.TM_CCORR)
+                match = match + found**2
+            y, x = np.unravel_index(int(match.argmax()), match.shape)
+            heights.append(unit * float(match[y, x]) / (float(np.median(match)) + 1e-12))
+            place = np.array([(left + right - 1) / 2, (top + bottom - 1) / 2])
+            shift = [
+                x - reach_x + _peak(match[y], int(x)),
+                y - reach_y + _peak(match[:, x], int(y)),
+            ]
+            places.append((place + 0.5) * scale - 0.5)
+            seen.append((place + shift + 0.5) * scale - 0.5)
+    clear = np.array(heights) > CLEAR
+    old, new = np.array(seen)[clear], np.array(places)[clear]
+    count, same = len(old), SAME_BLOCKS * float((block * scale).min())
+    if count == 0:
+        return None
+    if count < FEW:
+        best = int(np.argmax(np.array(heights)[clear]))
+        H = np.eye(3)
+        H[:2, 2] = old[best] - new[best]
+        return H, count
+    if count < MANY:
+        affine, agree = cv2.estimateAffine2D(new, old, ransacReprojThreshold=same)
+        found = None if affine is None else np.vstack([affine, [0, 0, 1]])
+    else:
+        found, agree = cv2.findHomography(new, old, cv2.RANSAC, same)
+    if found is None or agree.sum() < FEW:
+        return None
+    return np.asarray(found), int(agree.sum())
+
+
+def fine_shift(change: Map, blocks: NDArray[np.floating], layout: Layout) -> Array | None:
+    """Fit, to parts of a pixel, where a display lies that toggles as it should.
+
+    Args:
+        change: (h, w) of `map_size`: how the rectified display changed, with the sign of
+            ``blocks``; noisy pixels weigh less.
+        blocks: (rows, cols) expected change of each block, 0 where it is not known.
+        layout: of the display.
+
+    Returns:
+        H_old_from_new, or None where the fit fails.
+    """
+    height, width = change.shape
+    size = width, height
+    block = np.array([width / layout.cols, height / layout.rows])
+    smooth = cv2.GaussianBlur(_drawn(blocks, size), (0, 0), 0.25 * float(block.min()))
+    known = cv2.dilate(np.abs(np.asarray(blocks, np.float32)), np.ones((3, 3), np.uint8)) > 0
+    mask = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ROUNDS, STEP)
+    try:
+        correlation, H = cv2.findTransformECC(
+            smooth,
+            _without_slope(change, block),
+            np.eye(3, dtype=np.float32),
+            cv2.MOTION_HOMOGRAPHY,
+            stop,
+            mask,
+            3,
+        )
+    except cv2.error:  # it does not converge
+        return None
+    if not correlation >= LEAST_CORRELATION:
+        return None
+    scale = np.array([layout.width / width, layout.height / height])
+    to_layout = np.array(
+        [[scale[0], 0, (scale[0] - 1) / 2], [0, scale[1], (scale[1] - 1) / 2], [0, 0, 1]]
+    )
+    return np.asarray(to_layout @ H.astype(np.float64) @ np.linalg.inv(to_layout))
+
+
+def _drawn(blocks: NDArray[np.floating], size: tuple[int, int]) -> Map:
+    """Draw the (rows, cols) expected changes of the blocks as an image of (width, height)."""
+    drawn = cv2.resize(np.asarray(blocks, np.float32), size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(drawn, np.float32)
+
+
+def _without_slope(change: NDArray[np.floating], block: Array) -> Map:
+    """Take off the mean around each pixel, over three blocks."""
+    span = [int(3 * side) | 1 for side in block]
+    change = np.ascontiguousarray(change, np.float32)
+    return np.asarray(change - cv2.blur(change, span), np.float32)
+
+
+def _peak(values: NDArray[np.floating], at: int) -> float:
+    """Offset, within half a step, of the top of a parabola through a maximum and its neighbours."""
+    if not 0 < at < len(values) - 1:
+        return 0.0
+    before, here, after = (float(values[at + k]) for k in (-1, 0, 1))
+    bend = before - 2 * here + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0

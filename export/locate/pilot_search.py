@@ -1,0 +1,327 @@
+"""Find a display by its pilots, over some frames of a film: nothing visible marks it.
+
+The frames of half a second are held still by the camera's motion (`export.locate.stabilise`). Two
+sources propose where the display may be: the edges of the first frame, and what toggles
+(`export.locate.toggle_map`). Corners then move to where the pilots fit the grid
+(`export.locate.pilot_corners`), and the display is believed if its blocks toggle with the pilots'
+signs beyond doubt (`export.locate.pilots`). That also tells which way up it is and which of several
+grids it shows.
+
+The work is cut into steps, one for each frame, so that no frame takes long.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.candidates import display_candidates
+from export.locate.pilot_corners import (
+    COARSE_SIZE,
+    MANY,
+    coarse_shift,
+    fine_shift,
+    map_size,
+    moved_corners,
+)
+from export.locate.pilots import LEAST_DEVIATION, pilot_evidence, pilot_signs, standing_out
+from export.locate.refine import as_gray
+from export.locate.stabilise import Stabiliser
+from export.locate.toggle_map import ToggleMap
+from link.errors import InputError
+from link.geometry import homography_from_corners, rectify, transform
+from link.layout import Layout
+
+Array = NDArray[np.float64]
+Gray = NDArray[np.uint8]
+
+CANDIDATES = 6
+"""Number of quadrilaterals made of edges that are watched at once."""
+WINDOW = 24
+"""Number of frames that are watched before what toggles is outlined."""
+FIRST_CHECK, CHECK_EVERY = 12, 6
+"""Number of frames after which evidence is first weighed, and from one weighing to the next."""
+SURE = 16.0
+"""Smallest evidence, after paying for everything that was tried, at which a display is found: the
+natural logarithm of one false alarm in some ten million searches."""
+TRIALS = 500
+"""Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
+pays."""
+STATES_HZ = (15.0, 30.0, 60.0, 120.0)
+"""Numbers of states a second at which what toggles is outlined; where edges bound the display, it
+is found at any rate."""
+PROMISING = 9.0
+"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once."""
+COARSE_ROUNDS, FINE_ROUNDS = 5, 2
+"""Largest number of times that corners are moved by parts of the display, and by all of it."""
+SETTLED_PX = 3.0
+"""Distance, in layout pixels, below which a coarse move is the last one."""
+FAR_OUTSIDE = 0.5
+"""Share of the image's size by which a corner may lie outside of it."""
+LEAST_AREA = 0.005
+"""Smallest share of the image that a display covers."""
+
+
+@dataclass(frozen=True)
+class PilotDisplay:
+    """A display that its pilots have given away."""
+
+    layout: Layout
+    """The one, of those that were looked for, that it shows."""
+    corners: Array
+    """(4, 2) pixels of the newest frame, from the top left of the displayed picture on."""
+    evidence: float
+    """Natural logarithm of the odds against chance, after paying for everything that was tried."""
+
+
+@dataclass(frozen=True)
+class _Proposal:
+    """Where a display may be."""
+
+    corners: Array
+    """(4, 2) pixels of the reference frame; the displayed picture's top left comes first."""
+    layout: Layout
+    """What it may show."""
+    frequency: float
+    """At which it may toggle, periods for each frame."""
+
+
+_Sure = tuple[_Proposal, float]
+"""What is found in the end: corners in the reference frame, and the evidence."""
+
+
+class PilotSearch:
+    """Looks for a display that shows one of several layouts with pilots.
+
+    Args:
+        layouts: those that are looked for, at least one, each with pilots.
+        fps: frames of the camera in a second.
+
+    Raises:
+        InputError: a layout has no pilots.
+    """
+
+    def __init__(self, layouts: Sequence[Layout], fps: float = 30.0) -> None:
+        if not layouts or any(layout.pilots == 0 for layout in layouts):
+            raise InputError("layouts: need at least one, each with pilots")
+        self.layouts = tuple(layouts)
+        self.strongest = 0.0
+        """Evidence of the likeliest display so far, as in `PilotDisplay.evidence`."""
+        periods = (np.array(STATES_HZ) / 2 / fps) % 1
+        self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
+        self._stabiliser = Stabiliser()
+        self._frames: list[tuple[Gray, Array]] = []
+        self._watched: list[Array] = []
+        self._values: list[list[NDArray[np.float32]]] = []
+        self._proposed: list[_Proposal] = []
+        self._work: Iterator[_Sure | None] | None = None
+
+    def push(self, image: NDArray[np.uint8]) -> PilotDisplay | None:
+        """Take the next frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+        Returns:
+            the display once it is sure, else None.
+        """
+        gray = as_gray(image)
+        H = self._stabiliser.follow(gray)
+        if H is None:
+            self._begin(image, gray)
+            return None
+        if len(self._frames) < WINDOW:
+            self._watch(gray, H)
+        if self._work is None:
+            return None
+        try:
+            found = next(self._work)
+        except StopIteration:
+            self._stabiliser.forget()
+            return None
+        if found is None:
+            return None
+        proposal, evidence = found
+        self._stabiliser.forget()
+        return PilotDisplay(proposal.layout, transform(H, proposal.corners), evidence)
+
+    def _begin(self, image: NDArray[np.uint8], gray: Gray) -> None:
+        """Start anew with this frame as the reference."""
+        self._stabiliser.begin(gray)
+        self._frames, self._proposed, self._work = [], [], None
+        self._map = ToggleMap(self._stabiliser.shape, WINDOW)
+        self._watched = [
+            np.roll(candidate.corners, -turn, axis=0)
+            for candidate in display_candidates(image, CANDIDATES)
+            for turn in (0, 1)
+        ]
+        self._values = [[] for _ in self._watched]
+        self._watch(gray, np.eye(3))
+
+    def _watch(self, gray: Gray, H: Array) -> None:
+        """Record what this frame shows, and propose what looks promising after some frames."""
+        self._frames.append((gray, H))
+        self._map.add(self._stabiliser.still(gray, H))
+        largest = max(self.layouts, key=lambda layout: layout.width * layout.height)
+        finest = max(self.layouts, key=lambda layout: layout.rows * layout.cols)
+        for corners, values in zip(self._watched, self._values, strict=True):
+            view = _rectified(gray, transform(H, corners), largest)
+            size = 2 * finest.cols, 2 * finest.rows
+            small = np.zeros(size[::-1], np.uint8) if view is None else view
+            values.append(cv2.resize(small, size, interpolation=cv2.INTER_AREA).astype(np.float32))
+        count = len(self._frames)
+        if self._work is None and count >= FIRST_CHECK and count % CHECK_EVERY == 0:
+            self._propose_watched()
+        if self._work is None and (self._proposed or count == WINDOW):
+            self._work = self._settle_all()
+
+    def _propose_watched(self) -> None:
+        """Propose the quadrilateral of edges that toggles most surely, where any is promising."""
+        best: tuple[float, _Proposal] | None = None
+        for corners, values in zip(self._watched, self._values, strict=True):
+            for layout in self.layouts:
+                signs = pilot_signs(layout)
+                blocks = [standing_out(value, layout) for value in values]
+                for turn in (0, 2):
+                    views = [block[::-1, ::-1] if turn else block for block in blocks]
+                    picked = [view.reshape(-1)[layout.pilot_blocks] for view in views]
+                    evidence, frequency = pilot_evidence(picked, signs)
+                    if best is None or evidence > best[0]:
+                        turned = np.roll(corners, -turn, axis=0)
+                        best = evidence, _Proposal(turned, layout, frequency)
+        if best is not None:
+            self.strongest = max(self.strongest, best[0] - float(np.log(TRIALS)))
+            if best[0] > PROMISING:
+                self._proposed.append(best[1])
+
+    def _settle_all(self) -> Iterator[_Sure | None]:
+        """Settle one proposal after another; None after each step, and what is sure in the end."""
+        while self._proposed:
+            yield from self._settle(self._proposed.pop(0))
+        while len(self._frames) < WINDOW:
+            yield None
+        quads = []
+        for frequency in self._frequencies:
+            outline = self._map.outline(frequency)
+            yield None
+            if outline is not None:
+                quads.append(self._stabiliser.on_image(outline))
+        quads += self._watched[::2]
+        for turn in (0, 1):
+            for quad in quads:
+                proposal = self._first_fit(np.roll(quad, -turn, axis=0))
+                yield None
+                if proposal is not None:
+                    yield from self._settle(proposal)
+
+    def _first_fit(self, quad: Array) -> _Proposal | None:
+        """Fit every layout, upright and upside down, to a quadrilateral; the best, if any fits."""
+        largest = max(self.layouts, key=lambda layout: layout.width * layout.height)
+        views = _views(quad, largest, self._frames, COARSE_SIZE)
+        best: tuple[int, _Proposal] | None = None
+        if views is None:
+            return None
+        for frequency in self._frequencies:
+            line = _line(views, frequency)
+            for layout in self.layouts:
+                blocks = _expected(layout)
+                for turn in (0, 2):
+                    fit = coarse_shift(line, blocks[::-1, ::-1] if turn else blocks, layout)
+                    if fit is not None and (best is None or fit[1] > best[0]):
+                        corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
+                        best = fit[1], _Proposal(corners, layout, frequency)
+        return None if best is None else best[1]
+
+    def _settle(self, proposal: _Proposal) -> Iterator[_Sure | None]:
+        """Move corners to where the pilots fit the grid; None after each step, and what is sure."""
+        layout, corners, frames = proposal.layout, proposal.corners, list(self._frames)
+        blocks, signs = _expected(layout), pilot_signs(layout)
+        for _ in range(COARSE_ROUNDS):
+            views = _views(corners, layout, frames, COARSE_SIZE)
+            fit = None
+            if views is not None:
+                fit = coarse_shift(_line(views, proposal.frequency), blocks, layout)
+            yield None
+            if fit is None:
+                return
+            moved = moved_corners(corners, fit[0], layout)
+            far = float(np.linalg.norm(moved - corners, axis=1).max())
+            corners = moved
+            if fit[1] >= MANY and far < SETTLED_PX:
+                break
+        for _ in range(FINE_ROUNDS):
+            views = _views(corners, layout, frames, map_size(layout))
+            if views is None:
+                return
+            line = _line(views, proposal.frequency)
+            size = layout.cols, layout.rows
+            real, imaginary = (
+                cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(-1)
+                for part in (line.real.copy(), line.imag.copy())
+            )  # (rows, cols) -> (blocks,)
+            picked = (real + 1j * imaginary)[layout.pilot_blocks]
+            change = np.asarray((line * np.exp(-1j * np.angle(picked @ signs))).real, np.float32)
+            shift = fine_shift(change, blocks, layout)
+            yield None
+            if shift is None:
+                break
+            corners = moved_corners(corners, shift, layout)
+        settled = _Proposal(corners, layout, proposal.frequency)
+        evidence = _evidence(settled, frames) - float(np.log(TRIALS))
+        self.strongest = max(self.strongest, evidence)
+        yield (settled, evidence) if evidence >= SURE else None
+
+
+def _expected(layout: Layout) -> Array:
+    """Expected changes of the blocks, (rows, cols): the pilots' signs, 0 elsewhere."""
+    blocks = np.zeros(layout.rows * layout.cols)
+    blocks[layout.pilot_blocks] = pilot_signs(layout)
+    return blocks.reshape(layout.rows, layout.cols)  # (blocks,) -> (rows, cols)
+
+
+def _views(
+    corners: Array, layout: Layout, frames: Sequence[tuple[Gray, Array]], size: tuple[int, int]
+) -> NDArray[np.float32] | None:
+    """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""
+    views = []
+    for gray, H in frames:
+        view = _rectified(gray, transform(H, corners), layout)
+        if view is None:
+            return None
+        views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
+    return np.array(views, np.float32)
+
+
+def _line(views: NDArray[np.float32], frequency: float) -> NDArray[np.complex64]:
+    """Amplitude (h, w) of (T, h, w) maps at a frequency, over each place's deviation."""
+    stack = views - views.mean(axis=0)
+    turns = np.exp(-2j * np.pi * frequency * np.arange(len(stack))).astype(np.complex64)
+    line = np.tensordot(turns, stack, axes=1) / (stack.std(axis=0) + LEAST_DEVIATION)
+    return np.asarray(line, np.complex64)
+
+
+def _evidence(proposal: _Proposal, frames: Sequence[tuple[Gray, Array]]) -> float:
+    """Evidence of a proposal, before it pays for what was tried."""
+    values = []
+    for gray, H in frames:
+        view = _rectified(gray, transform(H, proposal.corners), proposal.layout)
+        if view is None:
+            return 0.0
+        blocks = standing_out(view, proposal.layout)
+        values.append(blocks.reshape(-1)[proposal.layout.pilot_blocks])
+    return pilot_evidence(values, pilot_signs(proposal.layout))[0]
+
+
+def _rectified(gray: Gray, corners: Array, layout: Layout) -> Gray | None:
+    """Rectify an image, or return None where the corners make no sound quadrilateral near it."""
+    size = np.array(gray.shape[::-1])
+    quad = np.asarray(corners, np.float32)
+    inside = (corners > -FAR_OUTSIDE * size).all() and (corners < (1 + FAR_OUTSIDE) * size).all()
+    if not inside or not cv2.isContourConvex(quad):
+        return None
+    if cv2.contourArea(quad) < LEAST_AREA * gray.size:
+        return None
+    H = homography_from_corners(corners, layout.width, layout.height)
+    return rectify(gray, H, layout.width, layout.height)

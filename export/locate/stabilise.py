@@ -1,0 +1,104 @@
+"""Hold the frames of a film still: where each point of a reference frame lies in a later one."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Gray = NDArray[np.uint8]
+
+WIDTH = 640
+"""Largest width, in pixels, of the copies on which motion is followed."""
+POINTS, MIN_POINTS = 400, 12
+"""Largest and smallest number of points that are followed."""
+SAME_PX = 0.7
+"""Largest distance, in pixels of the copies, of a point from where the common motion puts it."""
+
+
+class Stabiliser:
+    """Follows the camera's motion since a reference frame, by optical flow and one homography."""
+
+    def __init__(self) -> None:
+        self._reference: Gray | None = None
+        self._points = self._guess = np.zeros((0, 1, 2), np.float32)
+        self._H_image_from_copy = np.eye(3)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Height and width of the copies, pixels; (0, 0) without a reference."""
+        if self._reference is None:
+            return 0, 0
+        height, width = self._reference.shape
+        return height, width
+
+    def forget(self) -> None:
+        """Give up the reference."""
+        self._reference = None
+
+    def begin(self, gray: Gray) -> None:
+        """Take an (H, W) uint8 frame as the reference."""
+        height, width = gray.shape
+        self._reference = _small(gray)
+        x, y = width / self._reference.shape[1], height / self._reference.shape[0]
+        self._H_image_from_copy = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
+        points = cv2.goodFeaturesToTrack(self._reference, POINTS, 0.005, 8)
+        self._points = np.zeros((0, 1, 2), np.float32) if points is None else points
+        self._guess = self._points.copy()
+
+    def follow(self, gray: Gray) -> Array | None:
+        """Find the (3, 3) homography from pixels of the reference to pixels of a later frame.
+
+        Args:
+            gray: (H, W) uint8.
+
+        Returns:
+            None where there is no reference, or its points are lost.
+        """
+        if self._reference is None or len(self._points) < MIN_POINTS:
+            return None
+        small = _small(gray)
+        if small.shape != self._reference.shape:
+            return None
+        moved, status, _ = cv2.calcOpticalFlowPyrLK(
+            self._reference,
+            small,
+            self._points,
+            self._guess.copy(),
+            winSize=(15, 15),
+            maxLevel=2,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        good = status[:, 0] == 1
+        if good.sum() < MIN_POINTS:
+            return None
+        H, inliers = cv2.findHomography(self._points[good], moved[good], cv2.RANSAC, SAME_PX)
+        if H is None or inliers.sum() < MIN_POINTS:
+            return None
+        self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
+        return np.asarray(self._H_image_from_copy @ H @ np.linalg.inv(self._H_image_from_copy))
+
+    def still(self, gray: Gray, H_image_from_reference: Array) -> Gray:
+        """Shrink a frame and move it onto the reference's copy."""
+        small, grow = _small(gray), self._H_image_from_copy
+        H = np.linalg.inv(grow) @ H_image_from_reference @ grow
+        return np.asarray(
+            cv2.warpPerspective(
+                small,
+                H,
+                small.shape[::-1],
+                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+                borderMode=cv2.BORDER_REPLICATE,
+            ),
+            np.uint8,
+        )
+
+    def on_image(self, points: Array) -> Array:
+        """Move (N, 2) points from the copy to the image."""
+        return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
+
+
+def _small(gray: Gray) -> Gray:
+    height, width = gray.shape
+    factor = max(1.0, width / WIDTH)
+    size = round(width / factor), round(height / factor)
+    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
