@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.receive.diagnosis import CLIPPED, CUT, Observations
+from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
 from export.receive.repeats import Repeats
 from export.receive.states import (
@@ -330,8 +331,11 @@ class Receiver:
     ) -> tuple[DecodedPair, Message | None]:
         """Decode a pair, erase what is covered or impure, and hand the scores to the collector."""
         start = perf_counter()
-        soft = self.decoder.decode(original.image, embedded.image)
-        pure = block_purity(np.minimum(original.purity, embedded.purity), self.layout)
+        purity = np.minimum(original.purity, embedded.purity)
+        images = [original.image, embedded.image]
+        hidden = hidden_blocks(images[0], images[1], purity, self.layout)
+        soft = self.decoder.decode(*fill_hidden(images, hidden, self.layout))
+        pure = block_purity(purity, self.layout)
         trust = np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
         self._sight.mixed += 1 - float(trust.mean())
         trust = trust * ~self._occlusion.covered(original.image)

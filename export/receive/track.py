@@ -1,4 +1,9 @@
-"""Follow the display from frame to frame; find it again when it was lost."""
+"""Follow the display from frame to frame; find it again when it was lost.
+
+A part of the display may lie outside the image. A search for a lost display takes the time of many
+frames, so it goes in steps (`export.locate.steps`), of which each frame takes some. What it finds
+in the frame with which it began is then looked for once more in the frame at hand.
+"""
 
 from dataclasses import dataclass
 
@@ -6,17 +11,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.find import locate
+from export.locate.candidates import Located
+from export.locate.find import search_steps
+from export.locate.patches import image_pyramid, patches_in_view, seen_visibility
+from export.locate.refine import OUTSIDE, as_gray, corners_on_patches, needed_visibility
+from export.locate.steps import Steps
 from link.errors import InputError
 from link.geometry import (
     check_corners,
     frame_corners,
     homography_from_corners,
+    in_image,
     rectify,
     transform,
 )
 from link.layout import Layout
-from link.ratex import visibility
+from link.ratex import match_patches
 
 FEATURES = 160
 """Number of points that are followed, half of them on the ratex patches. At half the resolution, or
@@ -26,10 +36,20 @@ MIN_INLIERS = 12
 INLIER_PX = 1.0
 """Largest distance, in pixels of the layout, of a point from where the common motion puts it."""
 MIN_VISIBILITY = 0.7
-"""Smallest `link.ratex.visibility` of a followed display; some patches may be covered."""
-SEARCH_EVERY = 4
-"""Number of frames from one search for a lost display to the next; a search takes the time of many
-frames."""
+"""Smallest `export.locate.patches.seen_visibility` of a followed display."""
+FIRST_WORK, WORK, SLOW_WORK = 100, 55, 8
+"""Units of work (`export.locate.steps`) after which a frame takes no further step of a search: in
+the frames of the first search for a display, of the next ones, and of those after `PATIENCE`
+searches in vain, while the image stays as it is."""
+PATIENCE = 3
+"""Number of searches in vain after which the image must change for the search to be quick."""
+THUMBNAIL_PX = 32
+"""Width and height, in pixels, of the thumbnails that tell whether the image has changed."""
+CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
+"""Gray levels by which a thumbnail's pixel differs where something has changed, and share of such
+pixels at which the image counts as changed: the smallest display that is found covers as much."""
+EDGE_PX = 9
+"""Distance, in pixels of the layout, of a followed point from where the image ends."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +61,8 @@ class Tracked:
     rectified: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded, of the layout's size."""
     visibility: float
-    """Mean correlation of the ratex patches with those displayed, in [-1, 1]."""
+    """How well the ratex patches are seen, in [-1, 1]; patches that are out of view or covered are
+    left out as `export.locate.patches.seen_visibility` says."""
 
 
 class Tracker:
@@ -69,7 +90,9 @@ class Tracker:
         self._motion = np.zeros((4, 2))
         self._reference: NDArray[np.uint8] | None = None
         self._points = np.zeros((0, 1, 2), np.float32)
-        self._missed = 0
+        self._search: Steps[Located | None] | None = None
+        self._vain = 0
+        self._thumbnail: NDArray[np.float32] | None = None
 
     def follow(self, image: NDArray[np.uint8]) -> Tracked | None:
         """Find the display in the next frame.
@@ -84,29 +107,69 @@ class Tracker:
             found = self._track(image)
             if found is not None:
                 return found
-            self.corners, self._missed = None, 0
-        self._missed += 1
-        if self._missed % SEARCH_EVERY != 1:
-            return None
-        whole = frame_corners(image.shape[1], image.shape[0])  # a screenshot, or a rectified frame
-        found = self._accept(image, whole, moved=False, fresh=True)
-        if found is not None:
-            return found
-        located = locate(image, self.layout)
-        if located is None:
-            return None
-        return self._accept(image, located.corners, moved=False, fresh=True)
+            self.corners, self._search, self._vain = None, None, 0
+        return self._look(image)
+
+    def _look(self, image: NDArray[np.uint8]) -> Tracked | None:
+        """Take some steps of a search, and begin one where none is under way."""
+        fresh = self._search is None
+        if self._search is None:
+            whole = frame_corners(image.shape[1], image.shape[0])  # a screenshot, or rectified
+            found = self._accept(image, whole, moved=False, fresh=True)
+            if found is not None:
+                return found
+            self._search = search_steps(image.copy(), self.layout)
+        limit, work = self._work_limit(image), 0
+        try:
+            while work < limit:
+                work += next(self._search)
+        except StopIteration as end:
+            located: Located | None = end.value
+            self._search = None
+            self._vain += 1
+            if located is None:
+                return None
+            corners = located.corners
+            if not fresh:  # the camera has moved since
+                pyramid = image_pyramid(as_gray(image))
+                corners, seen = corners_on_patches(image, pyramid, corners, self.layout)
+                if seen < needed_visibility(self.layout):
+                    return None
+            return self._accept(image, corners, moved=False, fresh=True)
+        return None
+
+    def _work_limit(self, image: NDArray[np.uint8]) -> int:
+        """Say after how many units of work this frame takes no further step of the search."""
+        if self._vain == 0:
+            return FIRST_WORK
+        if self._vain <= PATIENCE:
+            self._thumbnail = None
+            return WORK
+        gray = as_gray(image[::4, ::4])
+        small = cv2.resize(gray, (THUMBNAIL_PX, THUMBNAIL_PX), interpolation=cv2.INTER_AREA)
+        thumbnail = np.asarray(small, np.float32)
+        before, self._thumbnail = self._thumbnail, thumbnail
+        if before is None:
+            return SLOW_WORK
+        changed = float((np.abs(thumbnail - before) > CHANGED_LEVELS).mean())
+        if changed < CHANGED_SHARE:
+            self._thumbnail = before
+            return SLOW_WORK
+        # what was looked at is no longer what is seen
+        self._search, self._vain = search_steps(image.copy(), self.layout), 1
+        return WORK
 
     def _accept(
         self, image: NDArray[np.uint8], corners: NDArray[np.float64], *, moved: bool, fresh: bool
     ) -> Tracked | None:
         try:
-            check_corners(corners, image.shape)
+            check_corners(corners, image.shape, OUTSIDE)
         except InputError:
             return None
         H = homography_from_corners(corners, self.layout.width, self.layout.height)
         rectified = rectify(image, H, self.layout.width, self.layout.height)
-        seen = visibility(rectified, self.layout)
+        in_view = patches_in_view(corners, self.layout, image.shape)
+        seen = seen_visibility(match_patches(rectified, self.layout).correlation, in_view)
         if seen < MIN_VISIBILITY:
             return None
         if self.corners is not None and moved:
@@ -115,18 +178,39 @@ class Tracker:
             self._motion = np.zeros((4, 2))
         self.corners = corners
         if fresh:
-            self._take_reference(_equalised(rectified))
+            self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))
         return Tracked(corners, rectified, seen)
 
-    def _take_reference(self, reference: NDArray[np.uint8]) -> None:
+    def _view_mask(
+        self, H_captured_from_display: NDArray[np.float64], shape: tuple[int, ...]
+    ) -> NDArray[np.uint8]:
+        """Mark, by 255, the pixels of the layout that lie in the image, and not at its border."""
+        width, height = self.layout.width, self.layout.height
+        whole = np.full((height, width), 255, np.uint8)
+        corners = transform(H_captured_from_display, frame_corners(width, height))
+        if in_image(corners, shape).all():
+            return whole
+        seen = cv2.warpPerspective(
+            np.full(shape[:2], 255, np.uint8),
+            H_captured_from_display,
+            (width, height),
+            flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+        )
+        near = np.ones((2 * EDGE_PX + 1,) * 2, np.uint8)
+        eroded = cv2.erode(seen, near, borderType=cv2.BORDER_CONSTANT, borderValue=255)
+        return np.asarray(eroded, np.uint8)
+
+    def _take_reference(self, reference: NDArray[np.uint8], seen: NDArray[np.uint8]) -> None:
+        """Choose the points that are followed, all of them where ``seen`` is 255."""
         self._reference = reference
         height, width = reference.shape
         mask = np.zeros_like(reference)
         for row, col in self.layout.ratex:
             top, bottom, left, right = self.layout.cell_box(row, col)
             mask[top:bottom, left:right] = 255
-        on_ratex = cv2.goodFeaturesToTrack(reference, FEATURES // 2, 0.05, 4, mask=mask)
-        elsewhere = cv2.goodFeaturesToTrack(reference, FEATURES // 2, 0.02, 8, mask=255 - mask)
+        patches, rest = mask & seen, (255 - mask) & seen
+        on_ratex = cv2.goodFeaturesToTrack(reference, FEATURES // 2, 0.05, 4, mask=patches)
+        elsewhere = cv2.goodFeaturesToTrack(reference, FEATURES // 2, 0.02, 8, mask=rest)
         found = [points for points in (on_ratex, elsewhere) if points is not None]
         points = np.concatenate(found) if found else np.zeros((0, 1, 2))
         inside = (
@@ -146,6 +230,8 @@ class Tracker:
             self._reference, view, self._points, self._points.copy(), winSize=(13, 13), maxLevel=2
         )
         good = status[:, 0] == 1
+        if not in_image(guess, image.shape).all():
+            good &= in_image(transform(H_captured_from_guess, moved[:, 0]), image.shape)
         if good.sum() < MIN_INLIERS:
             return None
         H_guess_from_reference, inliers = cv2.findHomography(
