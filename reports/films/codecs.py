@@ -42,8 +42,8 @@ from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.films.delivery import (
     DeliveryConfig,
+    FilmReading,
     MessageFilm,
-    Reading,
     Take,
     check_delivery,
     deciding_parts,
@@ -154,7 +154,7 @@ class Lane:
         self, variant: Variant, filmed: MessageFilm, decoder: Decoder, layout: Layout
     ) -> None:
         fps, rng = filmed.take.config.fps, np.random.default_rng(filmed.take.run)
-        self.reading = Reading(filmed, decoder)
+        self.reading = FilmReading(filmed, decoder)
         """What the receiver has read so far."""
         self._phone = PhoneProcessor(variant.phone, (layout.width, layout.height), rng)
         self._codec = CodecChannel(variant.codec, fps) if variant.codec.on else None

@@ -225,7 +225,7 @@ def film_message(take: Take) -> MessageFilm:
     return MessageFilm(take, picture.name, message, bits, frames)
 
 
-class Reading:
+class FilmReading:
     """What a receiver reads of a film, frame by frame.
 
     Args:
@@ -286,7 +286,7 @@ def deliver(take: Take) -> dict[str, Any]:
     """
     one_thread()
     filmed = film_message(take)
-    reading = Reading(filmed, Decoder(take.model, threads=1))
+    reading = FilmReading(filmed, Decoder(take.model, threads=1))
     for frame in through_codec(filmed.frames, take.config.codec, take.config.fps):
         reading.push(frame)
         if reading.ended:
