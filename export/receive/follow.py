@@ -1,0 +1,165 @@
+"""Follow a display from frame to frame by optical flow, once its corners are known."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.refine import OUTSIDE
+from link.errors import InputError
+from link.geometry import (
+    check_corners,
+    frame_corners,
+    homography_from_corners,
+    in_image,
+    rectify,
+    transform,
+)
+from link.layout import Layout
+
+FEATURES = 160
+"""Number of points that are followed, half of them on ratex patches where there are any. At half
+the resolution, or with half as many, errors are three times as large."""
+MIN_INLIERS = 12
+"""Smallest number of points that must move as one for the display to count as followed."""
+INLIER_PX = 1.0
+"""Largest distance, in pixels of the layout, of a point from where the common motion puts it."""
+EDGE_PX = 9
+"""Distance, in pixels of the layout, of a followed point from where the image ends."""
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+class Follower:
+    """Follows the display by optical flow to a rectified reference, so that errors do not add up.
+
+    The reference is the frame in which the display was found, and is taken anew where the picture
+    has changed (a video): points on ratex patches then hold the geometry.
+
+    Args:
+        layout: of the display.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.corners: Array | None = None
+        """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
+        self._motion = np.zeros((4, 2))
+        self._reference: Image | None = None
+        self._points = np.zeros((0, 1, 2), np.float32)
+
+    def rectified(self, image: Image, corners: Array) -> Image | None:
+        """Rectify the display in an image, or return None where the corners are not sound.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            corners: (4, 2) pixels of the image, in corner order.
+        """
+        try:
+            check_corners(corners, image.shape, OUTSIDE)
+        except InputError:
+            return None
+        H = homography_from_corners(corners, self.layout.width, self.layout.height)
+        return rectify(image, H, self.layout.width, self.layout.height)
+
+    def begin(self, image: Image, corners: Array, rectified: Image) -> None:
+        """Take a frame, and the display rectified by its corners, as the reference."""
+        if self.corners is None:
+            self._motion = np.zeros((4, 2))
+        self.corners = corners
+        H = homography_from_corners(corners, self.layout.width, self.layout.height)
+        self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))
+
+    def advance(self, corners: Array) -> None:
+        """Take the corners in the next frame, which `step` found."""
+        if self.corners is not None:
+            self._motion = 0.5 * (corners - self.corners)
+        self.corners = corners
+
+    def forget(self) -> None:
+        """Follow nothing any more."""
+        self.corners = None
+
+    def step(self, image: Image) -> tuple[Array, bool] | None:
+        """Find the display in the next frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+        Returns:
+            (4, 2) pixels of the image, and whether the picture has changed so much that the
+            reference should be taken anew; None where the display is lost.
+        """
+        if self.corners is None or self._reference is None or len(self._points) < MIN_INLIERS:
+            return None
+        width, height = self.layout.width, self.layout.height
+        guess = self.corners + self._motion
+        H_captured_from_guess = homography_from_corners(guess, width, height)
+        view = _equalised(rectify(image, H_captured_from_guess, width, height))
+        moved, status, _ = cv2.calcOpticalFlowPyrLK(
+            self._reference, view, self._points, self._points.copy(), winSize=(13, 13), maxLevel=2
+        )
+        good = status[:, 0] == 1
+        if not in_image(guess, image.shape).all():
+            good &= in_image(transform(H_captured_from_guess, moved[:, 0]), image.shape)
+        if good.sum() < MIN_INLIERS:
+            return None
+        H_guess_from_reference, inliers = cv2.findHomography(
+            self._points[good], moved[good], cv2.RANSAC, INLIER_PX
+        )
+        if H_guess_from_reference is None or inliers.sum() < MIN_INLIERS:
+            return None
+        corners = transform(
+            H_captured_from_guess @ H_guess_from_reference, frame_corners(width, height)
+        )
+        return corners, bool(inliers.mean() < 0.5)
+
+    def _view_mask(self, H_captured_from_display: Array, shape: tuple[int, ...]) -> Image:
+        """Mark, by 255, the pixels of the layout that lie in the image, and not at its border."""
+        width, height = self.layout.width, self.layout.height
+        whole = np.full((height, width), 255, np.uint8)
+        corners = transform(H_captured_from_display, frame_corners(width, height))
+        if in_image(corners, shape).all():
+            return whole
+        seen = cv2.warpPerspective(
+            np.full(shape[:2], 255, np.uint8),
+            H_captured_from_display,
+            (width, height),
+            flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP,
+        )
+        near = np.ones((2 * EDGE_PX + 1,) * 2, np.uint8)
+        eroded = cv2.erode(seen, near, borderType=cv2.BORDER_CONSTANT, borderValue=255)
+        return np.asarray(eroded, np.uint8)
+
+    def _take_reference(self, reference: Image, seen: Image) -> None:
+        """Choose the points that are followed, all of them where ``seen`` is 255."""
+        self._reference = reference
+        height, width = reference.shape
+        mask = np.zeros_like(reference)
+        for row, col in self.layout.ratex:
+            top, bottom, left, right = self.layout.cell_box(row, col)
+            mask[top:bottom, left:right] = 255
+        patches, rest = mask & seen, (255 - mask) & seen
+        if self.layout.ratex:
+            parts = [(patches, FEATURES // 2, 0.05, 4), (rest, FEATURES // 2, 0.02, 8)]
+        else:
+            parts = [(rest, FEATURES, 0.02, 8)]
+        found = [
+            cv2.goodFeaturesToTrack(reference, count, quality, apart, mask=part)
+            for part, count, quality, apart in parts
+        ]
+        kept = [points for points in found if points is not None]
+        points = np.concatenate(kept) if kept else np.zeros((0, 1, 2))
+        inside = (
+            np.abs(points[:, 0] - [width / 2, height / 2]) < [width / 2 - 3, height / 2 - 3]
+        ).all(1)
+        self._points = np.asarray(points[inside], np.float32)
+
+
+def _equalised(rectified: Image) -> Image:
+    """Give gray levels a mean of 128 and a deviation of 50: a change of exposure is no motion."""
+    gray = rectified if rectified.ndim == 2 else cv2.cvtColor(rectified, cv2.COLOR_RGB2GRAY)
+    mean, deviation = cv2.meanStdDev(gray)
+    gain = 50 / max(float(deviation[0, 0]), 1.0)
+    stretched = cv2.convertScaleAbs(gray, alpha=gain, beta=128 - gain * float(mean[0, 0]))
+    return np.asarray(stretched, np.uint8)
