@@ -5,15 +5,23 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from conftest import slow
 from numpy.typing import ArrayLike, NDArray
 
 from export.receive.clock import DisplayClock, embedded_share
 from export.receive.fit import ToggleWindow
 from export.receive.states import RectifiedFrame, compose_state
-from export.receive.synchronise import Synchroniser
+from export.receive.synchronise import (
+    HOLD_S,
+    MIN_TOGGLE,
+    WINDOW_S,
+    Synchroniser,
+    needed_evidence,
+)
 from export.receive.toggles import patch_toggles
 from link.embed import embed
 from link.layout import make_layout
+from reports.lab.clock import ClockConfig, false_strengths
 
 PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
 
@@ -138,6 +146,152 @@ def test_a_perfect_wave_is_explained_wholly_and_its_opposite_not_at_all() -> Non
         else:
             shift = (fit.clock.start + window.middle - clock.start) / clock.period
             assert fit.amplitude == 0 or abs((shift + 1) % 2 - 1) > 0.5
+
+
+TRUE = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
+CODEC = np.array([0.65, 0.65, 0.0, 0.0, 0.3])
+
+
+def listen(
+    sync: Synchroniser, times: NDArray[np.float64], toggles: NDArray[np.float64]
+) -> list[DisplayClock | None]:
+    """Give the toggles frame by frame; the clock after each."""
+    clocks = []
+    for time, values in zip(times, toggles, strict=True):
+        sync.add(time, values)
+        clocks.append(sync.clock)
+    return clocks
+
+
+def offset(clock: DisplayClock | None, time: float) -> float:
+    """States by which a clock is ahead of the true one, as the display's centre is seen."""
+    assert clock is not None
+    seen = clock.number(time + clock.centre)
+    return seen - TRUE.number(time + TRUE.centre)
+
+
+@pytest.mark.parametrize("state_hz", [2.1, 14.93, slow(1.1), slow(10.07), slow(24.1)])
+def test_a_weak_clock_is_found_beside_drift_and_unequal_noise_that_lasts(state_hz: float) -> None:
+    """A clock that explains a tenth to a third of the variance, as on compressed films."""
+    rng = np.random.default_rng(8)
+    true = replace(TRUE, period=1 / state_hz)
+    times = np.arange(121) / 30
+    deviation = np.array([1.4, 1.1, 0.5, 0.7, 0.4])
+    toggles = toggles_of(true, times, rng, 1.0, deviation, CODEC)
+    toggles += np.outer(np.sin(2 * np.pi * 0.15 * times), [2, -1, 1, 0, 3])
+    fit = ToggleWindow(times, toggles, PLACES, 30).search()
+    assert fit.evidence > needed_evidence(4.0, 30)
+    assert fit.clock.period == pytest.approx(true.period, rel=0.01)
+    assert fit.amplitude == pytest.approx(1, abs=0.25)
+    assert fit.noise.deviation[0] > 2 * fit.noise.deviation[4]
+    assert fit.noise.correlation[:2].min() > 0.4 > fit.noise.correlation[2:4].max()
+
+
+def test_a_wave_that_one_place_alone_shows_is_no_clock() -> None:
+    rng = np.random.default_rng(9)
+    times = np.arange(121) / 30
+    toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
+    toggles[:, 1:] = rng.normal(0, 0.4, toggles[:, 1:].shape)
+    fit = ToggleWindow(times, toggles, PLACES, 30).search()
+    assert fit.evidence < needed_evidence(4.0, 30)
+
+
+@pytest.mark.parametrize("kind", ["noise", "codec", "slow", "shuffled"])
+def test_no_clock_is_found_where_there_is_none(kind: str) -> None:
+    """Five windows of each kind; `python -m reports.lab.clock` looks at thousands."""
+    shares = false_strengths((kind, 0, 5), ClockConfig(), [])
+    assert max(shares) < 0.8
+
+
+def test_more_evidence_is_needed_the_more_clocks_are_tried() -> None:
+    needed = [needed_evidence(*at) for at in ((1.0, 30.0), (4.0, 30.0), (4.0, 60.0), (4.0, 240.0))]
+    assert needed == sorted(needed)
+    assert 40 < needed[0] < needed[-1] < 55
+
+
+def test_a_known_clock_runs_on_through_a_weak_spell_and_states_keep_their_numbers() -> None:
+    rng = np.random.default_rng(10)
+    times = np.arange(10 * 30) / 30
+    toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
+    weak = (times > 3) & (times < 7.5)
+    toggles[weak] = rng.normal(0, 1.5, toggles[weak].shape)
+    sync = Synchroniser(30, PLACES)
+    clocks = listen(sync, times, toggles)
+    locked = next(k for k, clock in enumerate(clocks) if clock is not None)
+    assert times[locked] < 1.1
+    assert all(clock is not None for clock in clocks[locked:])
+    assert sync.slips == 1
+    offsets = [offset(clocks[k], times[k]) for k in range(locked + 30, len(times))]
+    assert np.ptp(offsets) < 0.6
+    assert abs((np.median(offsets) + 1) % 2 - 1) < 0.1
+
+
+def test_a_display_out_of_view_for_a_while_keeps_its_clock() -> None:
+    rng = np.random.default_rng(11)
+    times = np.arange(14 * 30) / 30
+    toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
+    seen = (times < 5) | (times > 8)
+    sync = Synchroniser(30, PLACES)
+    clocks = listen(sync, times[seen], toggles[seen])
+    assert sync.slips == 1
+    assert abs((offset(clocks[-1], times[-1]) + 1) % 2 - 1) < 0.1
+    before, after = offset(clocks[140], times[140]), offset(clocks[-1], times[-1])
+    assert before == pytest.approx(after, abs=0.3)
+
+
+@pytest.mark.slow
+def test_a_clock_that_nothing_confirms_ends_and_the_next_is_a_new_run() -> None:
+    rng = np.random.default_rng(12)
+    times = np.arange(22 * 30) / 30
+    toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
+    weak = (times > 5) & (times < 5 + HOLD_S + WINDOW_S + 2)
+    toggles[weak] = rng.normal(0, 1.5, toggles[weak].shape)
+    sync = Synchroniser(30, PLACES)
+    clocks = listen(sync, times, toggles)
+    without = [
+        time for time, clock in zip(times, clocks, strict=True) if clock is None and time > 5
+    ]
+    assert without
+    assert 5 + HOLD_S <= min(without) <= 5 + HOLD_S + WINDOW_S
+    assert sync.clock is not None
+    assert sync.slips == 2
+
+
+@pytest.mark.slow
+def test_a_display_that_starts_anew_is_a_new_run() -> None:
+    """Its clock jumps by 1.1 states, which no weak spell explains."""
+    rng = np.random.default_rng(13)
+    times = np.arange(14 * 30) / 30
+    late = replace(TRUE, start=TRUE.start + 1.1 * TRUE.period)
+    before, after = (toggles_of(clock, times, rng, 3.0, 0.4) for clock in (TRUE, late))
+    sync = Synchroniser(30, PLACES)
+    clocks = listen(sync, times, np.where(times[:, None] < 7, before, after))
+    assert 2 <= sync.slips <= 3  # windows that hold some of both may fit a clock between them
+    assert abs((offset(clocks[-1], times[-1]) + 1.1 + 1) % 2 - 1) < 0.1
+
+
+def test_the_strongest_toggling_is_kept_where_no_clock_is_found() -> None:
+    rng = np.random.default_rng(14)
+    times = np.arange(60) / 30
+    noisy, still = Synchroniser(30, PLACES), Synchroniser(30, PLACES)
+    listen(noisy, times, rng.normal(0, 1, (60, 5)))
+    listen(still, times, rng.normal(3, 0.02, (60, 5)))
+    assert noisy.best is not None
+    assert 0.1 < noisy.best.strength < 0.75
+    assert still.best is not None
+    assert (still.best.strength, still.best.deviation < MIN_TOGGLE) == (0, True)
+
+
+@pytest.mark.slow
+def test_sixty_four_places_are_fitted_as_well() -> None:
+    rng = np.random.default_rng(15)
+    places = rng.random((64, 2))
+    times = np.arange(61) / 30
+    wave = embedded_share(np.array([astuple(TRUE)]), times, places)[0].T
+    deviation = np.exp(rng.normal(0.7, 0.5, 64))
+    fit = ToggleWindow(times, wave + deviation * rng.normal(size=wave.shape), places, 30).search()
+    assert fit.evidence > needed_evidence(2.0, 30)
+    assert fit.clock.period == pytest.approx(TRUE.period, rel=0.005)
 
 
 def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:

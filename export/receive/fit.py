@@ -8,11 +8,14 @@ multiple of the standard deviation that is left. Drift is regressed with the wav
 """
 
 from dataclasses import astuple, dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from export.receive.clock import Array, DisplayClock, embedded_share
+
+ComplexArray = NDArray[np.complex128]
 
 MIN_STATE_HZ = 1.0
 """Smallest number of states a second that is looked for."""
@@ -71,7 +74,7 @@ class ClockFit:
         """Standard error, in states, of the state at a time from the middle of the window."""
         number = self.clock.number(time)
         slope = np.array([-number, -1.0, 0.5, 0.5, 0.5]) / self.clock.period
-        return float(np.sqrt(max(0.0, slope @ self.covariance @ slope)))
+        return float(max(0.0, float(slope @ self.covariance @ slope)) ** 0.5)
 
 
 class ToggleWindow:
@@ -228,7 +231,7 @@ class ToggleWindow:
 
     def _centre(self, wave: Array) -> Array:
         mean = (wave * self._seen).sum(axis=1) / np.maximum(self._count, 1)
-        return (wave - mean[:, None]) * self._seen
+        return np.asarray((wave - mean[:, None]) * self._seen)
 
     # Fits
 
@@ -310,21 +313,34 @@ class ToggleWindow:
         units = self._units(best)[0]
         return np.asarray(scaled * units[:, None] * units)
 
-    def _start_clocks(self) -> Array:
-        """Find (C, 5) clocks to start from: strongest frequencies, each with its best delays."""
+    @cached_property
+    def _candidates(self) -> tuple[Array, ComplexArray, Array, ComplexArray]:
+        """Numbers of states a second (F,) with their waves (F, n), and delays (D, 2) with turns.
+
+        A wave is the fundamental of a display at that rate. The turns (F, P, D) are the phases by
+        which a delay turns it at each place.
+        """
         fastest = MAX_STATES / self._frame
         state_hz = np.arange(max(MIN_STATE_HZ, 3 / self._span), fastest, 0.25 / self._span)
+        waves = np.exp(-1j * np.pi * state_hz[:, None] * self._times)
+        grid = np.linspace(-0.9, 0.9, 7) * self._frame
+        along = -1j * np.pi * state_hz[:, None, None] * grid
+        across, down = (np.exp(along * self._places[:, axis, None]) for axis in (0, 1))
+        turns = (across[:, :, None, :] * down[:, :, :, None]).reshape(*across.shape[:2], -1)
+        delays = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)  # (7, 7, 2) -> (49, 2)
+        return state_hz, waves, delays, turns
+
+    def _start_clocks(self) -> Array:
+        """Find (C, 5) clocks to start from: strongest frequencies, each with its best delays."""
+        state_hz, waves, delays, turns = self._candidates
         adjoint = self._x * self._now
         adjoint[:, :-1] -= self._x[:, 1:] * self._back[:, 1:]
-        lines = np.exp(-1j * np.pi * state_hz[:, None] * self._times) @ adjoint.T  # (F, P)
+        lines = waves @ adjoint.T  # (F, P)
         correlation = self._back.max(axis=1) * np.sqrt(self._scale2)
         turn = np.cos(np.pi * state_hz[:, None] * self._frame)
         passed = 1 + correlation**2 - 2 * correlation * turn
         norm = passed @ (self._count / self._scale2)
-        grid = np.linspace(-0.9, 0.9, 7) * self._frame
-        delays = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)  # (7, 7, 2) -> (49, 2)
-        turns = np.exp(-1j * np.pi * state_hz[:, None, None] * (delays @ self._places.T))
-        line = np.matmul(turns, lines[:, :, None])[:, :, 0]
+        line = np.matmul(lines[:, None], turns)[:, 0]
         power = np.abs(line)
         best = power.argmax(axis=1)
         strongest = power.max(axis=1) / np.sqrt(np.maximum(norm, 1e-12))
