@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from export.locate.find import locate
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox, say
-from export.receive.receiver import DecodedPair, Receiver, ReceiverStep
+from export.receive.reading import DecodedPair
+from export.receive.receiver import Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.track import Tracked

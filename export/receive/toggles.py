@@ -1,13 +1,32 @@
-"""How much the tiles of label 1 of the ratex patches are brighter than their twins of label 0."""
+"""How much what is known to toggle differs from what is known not to, or to toggle the other way.
 
+Of ratex patches these are tiles of label 1 and their twins of label 0; of layouts without patches
+these are pilots of bit 1 and of bit 0.
+"""
+
+from typing import Protocol
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.locate.pilots import pilot_signs, standing_out
 from link.layout import Layout
 from link.ratex import match_patches
 
+Array = NDArray[np.float64]
+
 MIN_CORRELATION = 0.8
 """Smallest correlation of shown and captured tiles of a patch that nothing covers."""
+
+
+PARTS = (4, 4)
+"""Number of parts of the display, from top to bottom and from left to right, over each of which the
+toggles of pilots are averaged."""
+MEMORY = 0.1
+"""Share by which the newest frame enters the running mean and variance of a pilot."""
+LEAST_VARIANCE = 0.3
+"""Squared gray levels added to a pilot's variance before its weight is the inverse."""
 
 
 def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.float64]:
@@ -28,3 +47,74 @@ def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.float6
     gain = (match.captured * match.shown).sum(axis=1) / (match.shown**2).sum(axis=1)
     contrast = np.where(match.correlation > MIN_CORRELATION, gain, np.nan)
     return np.asarray(2 * (match.captured * (2 * match.label - 1)).mean(axis=1) / contrast)
+
+
+class Toggles(Protocol):
+    """Measures the toggling at some places of the display, from which its clock is found."""
+
+    places: Array
+    """(P, 2) x and y on the display, in [0, 1]."""
+
+    def measure(self, rectified: NDArray[np.uint8]) -> Array:
+        """Measure the (P,) toggles in a rectified frame; NaN where a place is hidden."""
+        ...
+
+
+class PatchToggles:
+    """Toggles of the ratex patches.
+
+    Args:
+        layout: with at least one patch.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        cells = np.array(layout.ratex)[:, ::-1] + 0.5  # (row, col) -> (x, y)
+        self.places = cells / [layout.cols, layout.rows]
+
+    def measure(self, rectified: NDArray[np.uint8]) -> Array:
+        """Measure the (patches,) toggles in a rectified frame."""
+        return patch_toggles(rectified, self.layout)
+
+
+class PilotToggles:
+    """Toggles of pilots, averaged over the parts of the display.
+
+    Pilots whose blocks vary much from frame to frame, because the picture is steep there, weigh
+    less. What they show of the picture itself does not change from frame to frame, and the clock
+    takes it off.
+
+    Args:
+        layout: with pilots.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        row, col = np.divmod(layout.pilot_blocks, layout.cols)
+        rows, cols = min(PARTS[0], layout.rows), min(PARTS[1], layout.cols)
+        part = (row * rows // layout.rows) * cols + col * cols // layout.cols
+        taken, self._part = np.unique(part, return_inverse=True)
+        at_row, at_col = np.divmod(taken, cols)
+        self.places = np.stack([(at_col + 0.5) / cols, (at_row + 0.5) / rows], axis=1)
+        self._signs = pilot_signs(layout)
+        self._mean: Array | None = None
+        self._variance = np.ones(layout.pilots)
+
+    def measure(self, rectified: NDArray[np.uint8]) -> Array:
+        """Measure the (P,) toggles in a rectified frame, in captured gray levels."""
+        gray = rectified if rectified.ndim == 2 else cv2.cvtColor(rectified, cv2.COLOR_RGB2GRAY)
+        blocks = standing_out(gray, self.layout).reshape(-1)  # (rows, cols) -> (blocks,)
+        values = blocks[self.layout.pilot_blocks].astype(np.float64)
+        if self._mean is None:
+            self._mean = values.copy()
+        apart = values - self._mean
+        self._mean += MEMORY * apart
+        self._variance += MEMORY * (apart**2 - self._variance)
+        weights = 1 / (self._variance + LEAST_VARIANCE)
+        sums = np.bincount(self._part, self._signs * values * weights)
+        return np.asarray(2 * sums / np.bincount(self._part, weights))
+
+
+def make_toggles(layout: Layout) -> Toggles:
+    """Make what measures the toggling of a layout with patches or pilots."""
+    return PilotToggles(layout) if layout.pilots else PatchToggles(layout)

@@ -1,0 +1,284 @@
+"""Read a display whose layout is known: clock, states, bits, message.
+
+A `Reading` takes the rectified display of one camera frame after another. `export.receive.receiver`
+finds the display and hands its frames to the reading of its layout.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from time import perf_counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.receive.corners import CornerShift
+from export.receive.diagnosis import CLIPPED, CUT
+from export.receive.hidden import fill_hidden, hidden_blocks
+from export.receive.occlusion import Occlusion
+from export.receive.states import (
+    MESH,
+    DisplayState,
+    RectifiedFrame,
+    block_purity,
+    compose_state,
+    points_in_view,
+)
+from export.receive.synchronise import Synchroniser
+from export.receive.toggles import make_toggles
+from export.receive.track import Tracked
+from export.runtime import Decoder
+from link.code.collect import Collector, Message
+from link.frames import SoftBits
+
+BUFFER = 256
+"""Largest number of rectified frames that are kept while the clock is unknown."""
+PURE_FROM, PURE_TO = 0.6, 0.95
+"""Purities of a block's exposure at which its score begins to count, and counts in full."""
+APART = 4.0
+"""Smallest distance of the toggles' two levels, in standard deviations, at which images without a
+clock are told apart by their toggles."""
+
+
+@dataclass(frozen=True)
+class DecodedPair:
+    """A frame pair that the receiver has decoded."""
+
+    number: int
+    """Number of the frame pair on the display, counted from an arbitrary start."""
+    time: float
+    """Seconds of the camera's clock at which the pair was decoded."""
+    soft: SoftBits
+    """Scores as they went to the collector: 0 for an erased block."""
+    original: DisplayState
+    """The pair's original frame, put together from camera frames."""
+    embedded: DisplayState
+    """The pair's embedded frame, put together from camera frames."""
+    progress: float
+    """Information received for the message so far, as a share of what is needed."""
+
+
+@dataclass
+class StageTimes:
+    """Time that the receiver has spent in each of its stages."""
+
+    spent: dict[str, float] = field(default_factory=dict)
+    """Seconds spent in each stage, by its name."""
+    count: dict[str, int] = field(default_factory=dict)
+    """Number of times that each stage ran, by its name."""
+
+    def add(self, stage: str, since: float) -> None:
+        """Add the time since ``since`` (of `perf_counter`) to a stage."""
+        self.spent[stage] = self.spent.get(stage, 0.0) + perf_counter() - since
+        self.count[stage] = self.count.get(stage, 0) + 1
+
+
+@dataclass
+class Sight:
+    """Sums of what the frames show, for the reason why no message came."""
+
+    found: bool = False
+    """Whether the display was found; until then whole frames are measured, and then it alone."""
+    measured: int = 0
+    """Number of frames measured."""
+    level: float = 0.0
+    """Sum of the mean gray levels of what was measured."""
+    clipped: float = 0.0
+    """Sum of the shares of pixels at the camera's limit."""
+    cut: int = 0
+    """Number of frames with a part of the display outside the image."""
+    first: float = 0.0
+    """Time of the first frame with the display, seconds."""
+    last: float = 0.0
+    """Time of the last frame with the display, seconds."""
+    mixed: float = 0.0
+    """Sum over frame pairs of the share of the blocks' trust that mixed exposures cost."""
+    state_hz: float | None = None
+    """Number of states a second by the clock that was known last, or None where none was."""
+
+    def miss(self, frame: NDArray[np.uint8]) -> None:
+        """Take a frame in which the display was not found."""
+        if not self.found:
+            self._measure(frame)
+
+    def see(
+        self, rectified: NDArray[np.uint8], time: float, in_view: NDArray[np.bool_] | None
+    ) -> None:
+        """Take a frame in which the display was found."""
+        if not self.found:
+            self.found, self.first = True, time
+            self.measured, self.level, self.clipped = 0, 0.0, 0.0
+        self.last = time
+        self.cut += in_view is not None and float(in_view.mean()) < CUT
+        self._measure(rectified)
+
+    def _measure(self, image: NDArray[np.uint8]) -> None:
+        sample = image[::8, ::8]
+        self.measured += 1
+        self.level += float(sample.mean())
+        self.clipped += float((sample >= CLIPPED).mean())
+
+
+class Reading:
+    """Reads the message of a display that shows one layout.
+
+    Args:
+        decoder: of the layout.
+        fps: nominal number of frames of the camera in a second.
+        timing: takes the time spent in each stage.
+        sight: takes what the frames show.
+
+    Raises:
+        InputError: the layout has too few message blocks for a message.
+    """
+
+    def __init__(self, decoder: Decoder, fps: float, timing: StageTimes, sight: Sight) -> None:
+        self.decoder = decoder
+        self.layout = decoder.layout
+        self.timing = timing
+        self.decoded = 0
+        """Number of frame pairs decoded."""
+        self.collector = Collector(self.layout.n_bits)
+        """Turns the scores of frame pairs into messages."""
+        self._fps = fps
+        self._sight = sight
+        self._occlusion = Occlusion(self.layout)
+        self._buffer: deque[tuple[RectifiedFrame, float]] = deque(maxlen=BUFFER)
+        self._next: int | None = None
+        self._corners = CornerShift(self.layout)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the clock and the frames that wait for it; the collector keeps what it has."""
+        self._toggles = make_toggles(self.layout)
+        self.sync = Synchroniser(self._fps, self._toggles.places)
+        """Finds and holds the display's clock."""
+        self._slips, self._next = 0, None
+        self._buffer.clear()
+        self.collector.start_run()
+
+    def take(
+        self, tracked: Tracked, time: float, shape: tuple[int, ...]
+    ) -> tuple[list[DecodedPair], Message | None]:
+        """Take the display in the next camera frame.
+
+        Args:
+            tracked: the display.
+            time: of the frame, seconds; rising from frame to frame.
+            shape: of the camera frame.
+
+        Returns:
+            frame pairs that could be decoded with it, in order, and the message where it became
+            whole.
+        """
+        in_view = points_in_view(tracked.corners, shape)
+        self._sight.see(tracked.rectified, time, in_view)
+        start = perf_counter()
+        toggles = self._toggles.measure(tracked.rectified)
+        self.sync.add(time, toggles)
+        level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
+        self._buffer.append((RectifiedFrame(time, tracked.rectified, in_view), float(level)))
+        if self.sync.clock is not None:
+            self._sight.state_hz = 1 / self.sync.clock.period
+        if self.sync.slips != self._slips:
+            self._slips, self._next = self.sync.slips, None
+            self.collector.start_run()
+        self.timing.add("synchronise", start)
+        return self._decode_ready(time)
+
+    def shift(self) -> NDArray[np.float64] | None:
+        """Say where the display lies in its rectified image, as its decoded blocks tell.
+
+        Returns:
+            (3, 3) ``H_old_from_new`` in layout pixels, once; None where nothing new is known.
+        """
+        return self._corners.shift()
+
+    def finish(self) -> tuple[list[DecodedPair], Message | None]:
+        """Decode what is left when the frames have ended; images without a clock by their order."""
+        if self.sync.clock is not None:
+            return self._decode_ready(np.inf)
+        return self._decode_unclocked()
+
+    def _decode_ready(self, now: float) -> tuple[list[DecodedPair], Message | None]:
+        """Decode all frame pairs whose time on the display is over."""
+        clock = self.sync.clock
+        pairs: list[DecodedPair] = []
+        if clock is None or not self._buffer:
+            return pairs, None
+        if self._next is None:
+            self._next = int(np.ceil(clock.number(self._buffer[0][0].time) / 2))
+        last = self._buffer[-1][0].time
+        over = last + clock.latest if np.isinf(now) else now + clock.earliest
+        end = clock.number(over)
+        while end >= 2 * self._next + 2:
+            number, self._next = self._next, self._next + 1
+            start = perf_counter()
+            frames = [shown for shown, _ in self._buffer]
+            states = [compose_state(frames, clock, 2 * number + which) for which in (0, 1)]
+            while self._buffer and clock.number(self._buffer[0][0].time + clock.latest) < 2 * (
+                number + 1
+            ):
+                self._buffer.popleft()
+            self.timing.add("compose", start)
+            if states[0] is None or states[1] is None:
+                continue
+            pair, message = self._decode(number, last, states[0], states[1])
+            pairs.append(pair)
+            if message is not None:
+                return pairs, message
+        return pairs, None
+
+    def _decode(
+        self, number: int, time: float, original: DisplayState, embedded: DisplayState
+    ) -> tuple[DecodedPair, Message | None]:
+        """Decode a pair, erase what is covered or impure, and hand the scores to the collector."""
+        start = perf_counter()
+        purity = np.minimum(original.purity, embedded.purity)
+        images = [original.image, embedded.image]
+        hidden = hidden_blocks(images[0], images[1], purity, self.layout)
+        soft = self.decoder.decode(*fill_hidden(images, hidden, self.layout))
+        pure = block_purity(purity, self.layout)
+        trust = np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
+        self._sight.mixed += 1 - float(trust.mean())
+        trust = trust * ~self._occlusion.covered(original.image)
+        soft = SoftBits(soft.scores * trust, soft.head)
+        self._corners.take(original.image, embedded.image, soft.scores)
+        self.decoded += 1
+        self.timing.add("decode", start)
+        start = perf_counter()
+        message = self.collector.add(soft.scores, number)
+        self.timing.add("collect", start)
+        return DecodedPair(number, time, soft, original, embedded, self.collector.progress), message
+
+    def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
+        """Decode frames in order, each of one state, which ends where the toggles change level."""
+        pairs: list[DecodedPair] = []
+        seen = [(shown, level) for shown, level in self._buffer if np.isfinite(level)]
+        levels = np.array([level for _, level in seen])
+        if levels.size < 2:
+            return pairs, None
+        high = levels > (levels.max() + levels.min()) / 2
+        spread = max(levels[high].std(), levels[~high].std(), 1e-6) if (~high).any() else np.inf
+        if levels[high].mean() - levels[~high].mean() < APART * spread:
+            return pairs, None
+        states: list[tuple[bool, list[RectifiedFrame]]] = []
+        for (shown, _), up in zip(seen, high, strict=True):
+            if not states or states[-1][0] != up:
+                states.append((bool(up), []))
+            states[-1][1].append(shown)
+        for at in range(len(states) - 1):
+            if not states[at][0]:
+                original, embedded = (_average(states[at + which][1]) for which in (0, 1))
+                time = states[at][1][0].time
+                pair, message = self._decode(at // 2, time, original, embedded)
+                pairs.append(pair)
+                if message is not None:
+                    return pairs, message
+        return pairs, None
+
+
+def _average(frames: list[RectifiedFrame]) -> DisplayState:
+    """Average frames of one state, all of them pure."""
+    images = np.stack([frame.rectified for frame in frames])
+    mean = np.asarray(images.mean(axis=0) + 0.5, np.uint8)
+    return DisplayState(mean, np.ones((MESH, MESH)), len(frames))

@@ -1,0 +1,119 @@
+"""Find a display by its pilots, follow it, and notice when it is no longer the display."""
+
+from collections import deque
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.pilot_corners import moved_corners
+from export.locate.pilot_search import PilotSearch
+from export.locate.pilots import pilot_evidence, pilot_signs, standing_out
+from export.receive.follow import Follower
+from export.receive.track import Tracked
+from link.layout import Layout
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+WATCHED = 48
+"""Number of frames over which the pilots of a followed display are watched."""
+CHECK_EVERY = 24
+"""Number of frames from one look at the pilots to the next."""
+LEAST_EVIDENCE = 4.0
+"""Smallest evidence of the pilots, as `export.locate.pilots.pilot_evidence` tells it, at which they
+are still seen."""
+PATIENCE = 3
+"""Number of looks in a row without evidence after which the display counts as lost."""
+
+
+class PilotTracker:
+    """Finds a display that shows one of several layouts with pilots, and follows it.
+
+    Args:
+        layouts: those that are looked for, at least one, each with pilots.
+        fps: nominal number of frames of the camera in a second.
+
+    Raises:
+        InputError: a layout has no pilots.
+    """
+
+    def __init__(self, layouts: Sequence[Layout], fps: float) -> None:
+        self._search = PilotSearch(layouts, fps)
+        self._follower = Follower(layouts[0])
+        self._H_followed_from_shown = np.eye(3)
+        self._values: deque[NDArray[np.float32]] = deque(maxlen=WATCHED)
+        self._count = self._missed = 0
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of the display that was found last."""
+        return self._follower.layout
+
+    def correct(self, H_old_from_new: Array) -> None:
+        """Move the display within its rectified image, from the next frame on.
+
+        Args:
+            H_old_from_new: (3, 3) in layout pixels; says where points of the display lie in the
+                image rectified so far.
+        """
+        H = self._H_followed_from_shown @ H_old_from_new
+        self._H_followed_from_shown = H / H[2, 2]
+
+    def follow(self, image: Image) -> Tracked | None:
+        """Find the display in the next frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+
+        Returns:
+            the display, or None where it is not in view.
+        """
+        if self._follower.corners is None:
+            return self._look(image)
+        step = self._follower.step(image)
+        tracked = None if step is None else self._accept(image, step[0], fresh=step[1])
+        if tracked is None or not self._still_there(tracked):
+            self._follower.forget()
+            return None
+        return tracked
+
+    def _look(self, image: Image) -> Tracked | None:
+        found = self._search.push(image)
+        if found is None:
+            return None
+        self._follower = Follower(found.layout)
+        self._H_followed_from_shown = np.eye(3)
+        self._values.clear()
+        self._count = self._missed = 0
+        return self._accept(image, found.corners, fresh=True)
+
+    def _accept(self, image: Image, corners: Array, *, fresh: bool) -> Tracked | None:
+        """Rectify the display where the motion of its points puts it."""
+        follower = self._follower
+        shown = moved_corners(corners, self._H_followed_from_shown, follower.layout)
+        rectified = follower.rectified(image, shown)
+        if rectified is None:
+            return None
+        if follower.corners is not None:
+            follower.advance(corners)
+        if fresh:
+            reference = follower.rectified(image, corners)
+            if reference is None:
+                return None
+            follower.begin(image, corners, reference)
+        return Tracked(shown, rectified, 1.0)
+
+    def _still_there(self, tracked: Tracked) -> bool:
+        """Look at the pilots from time to time, and tell whether they are still seen."""
+        layout, view = self.layout, tracked.rectified
+        gray = view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2GRAY)
+        blocks = standing_out(gray, layout).reshape(-1)  # (rows, cols) -> (blocks,)
+        self._values.append(blocks[layout.pilot_blocks])
+        self._count += 1
+        if self._count % CHECK_EVERY or len(self._values) < WATCHED:
+            return True
+        evidence, _ = pilot_evidence(self._values, pilot_signs(layout))
+        self._missed = 0 if evidence >= LEAST_EVIDENCE else self._missed + 1
+        return self._missed < PATIENCE
