@@ -493,7 +493,7 @@ def intensities(frames: NDArray[np.float64], colour: str, channels: str) -> NDAr
     """Weigh the channels of (B, 3, H, W) frames in [0, 1] as `Reduce` should."""
     weights = np.array(CHANNELS[colour][channels])
     offset = -np.minimum(weights, 0).sum(axis=1)
-    return np.einsum("kc,bchw->bkhw", weights, frames) + offset[:, None, None]
+    return np.asarray(np.einsum("kc,bchw->bkhw", weights, frames) + offset[:, None, None])
 
 
 @every_intensity

@@ -10,9 +10,9 @@ noise.
 
 import torch
 from torch import Tensor
-from torch.nn.functional import conv2d, grid_sample, pad
+from torch.nn.functional import conv2d, pad
 
-from models.neural.solver import solve_spd
+from models.neural.solver import inverse
 
 RIDGE = 1e-6
 """Ridge of the least squares, in squared intensity per pixel; it keeps flat pictures in place."""
@@ -37,9 +37,12 @@ def derivatives(image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     pairs = ((smooth, slope), (slope, smooth), (here, bend), (bend, here))
     kernels = torch.stack([torch.outer(*pair) for pair in pairs]).unsqueeze(1)  # (4, 1, 3, 3)
     B, C, height, width = image.shape
-    padded = pad(image, (1, 1, 1, 1), mode="replicate").reshape(B * C, 1, height + 2, width + 2)
-    maps = conv2d(padded, kernels).reshape(B, C, 4, height, width)
-    dx, dy, xx, yy = maps.unbind(2)
+    padded = pad(image, (1, 1, 1, 1), mode="replicate")
+    if C == 1:
+        maps = conv2d(padded, kernels)
+        return maps[:, 0:1], maps[:, 1:2], maps[:, 2:3], maps[:, 3:4]
+    maps = conv2d(padded.reshape(B * C, 1, height + 2, width + 2), kernels)
+    dx, dy, xx, yy = maps.reshape(B, C, 4, height, width).unbind(2)
     return dx, dy, xx, yy
 
 
@@ -63,17 +66,18 @@ def register(
     Returns:
         i_e as it would be without the motion, (B, C, H, W).
     """
-    height, width = i_o.shape[-2:]
-    s_x, s_y = motion(*(guide or (i_o, i_e)))
-    x, y = axes(height, width, i_o)
-    s_x, s_y = (m[:, 0] + m[:, 1] * x + m[:, 2] * y for m in (s_x, s_y))
+    s = motion(*(guide or (i_o, i_e)))
+    column, row, x, y = axes(i_o)
+    moved, f_x, f_y = sample(
+        i_e,
+        (column + s[:, 0:1] + s[:, 1:2] * x) + s[:, 2:3] * y,
+        (row + s[:, 3:4] + s[:, 5:6] * y) + s[:, 4:5] * x,
+    )
     # bilinear interpolation blurs: at fraction f of a pixel it adds f (1 - f) / 2 of the curvature
-    f_x, f_y = s_x - s_x.floor(), s_y - s_y.floor()
-    blur_x, blur_y = f_x * (1 - f_x) / 2, f_y * (1 - f_y) / 2
-    return warp(i_e, s_x, s_y) - blur_x.unsqueeze(1) * xx - blur_y.unsqueeze(1) * yy
+    return moved - (f_x * (1 - f_x) * xx + f_y * (1 - f_y) * yy) / 2
 
 
-def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
+def motion(i_o: Tensor, i_e: Tensor) -> Tensor:
     """Find the motion of the embedded frame against the original, affine in the position.
 
     Args:
@@ -81,55 +85,54 @@ def motion(i_o: Tensor, i_e: Tensor) -> tuple[Tensor, Tensor]:
         i_e: (B, C, H, W) intensities of the embedded frame in [0, 1], encoded.
 
     Returns:
-        s_x and s_y, (B, 3, 1, 1) each: coefficients of 1, x and y, in pixels, where x and y run
-        from -1 to 1 over the frame.
+        (B, 6, 1, 1): for the motion along x and then for that along y the coefficients of 1, x and
+        y, in pixels, where x and y run from -1 to 1 over the frame.
     """
-    # float64 and averages: torch and onnxruntime sum in different orders
     o, e = (shrink(channel_mean(i), FINE) for i in (i_o, i_e))
-    coarse = translation(o, e).float()
-    moved = warp(e, coarse[:, :1, None], coarse[:, 1:, None])
-    gx, gy = (g.double() for g in derivatives((o + moved) / 2)[:2])
-    x, y = (axis.double() for axis in axes(o.shape[2], o.shape[3], o))
-    terms = [gx, gx * x, gx * y, gy, gy * x, gy * y]
-    m = least_squares(terms, o.double(), (moved - o).double()).float()
-    s_x = torch.cat([m[:, :1] + coarse[:, :1], m[:, 1:3]], dim=1)
-    s_y = torch.cat([m[:, 3:4] + coarse[:, 1:], m[:, 4:6]], dim=1)
-    return FINE * s_x.reshape(-1, 3, 1, 1), FINE * s_y.reshape(-1, 3, 1, 1)
+    column, row, x, y = axes(o)
+    coarse = translation(o, e)[:, :, None]  # (B, 2, 1, 1)
+    moved, _, _ = sample(e, column + coarse[:, 0:1], row + coarse[:, 1:2])
+    gx, gy = derivatives((o + moved) / 2)[:2]
+    fine = least_squares([gx, gx * x, gx * y, gy, gy * x, gy * y], o, o - moved)
+    shift = coarse.new_tensor([[1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 0, 0]])
+    return FINE * (fine + (shift.T @ coarse[..., 0])).unsqueeze(-1)
 
 
-def axes(height: int, width: int, like: Tensor) -> tuple[Tensor, Tensor]:
-    """Give the positions of pixel centres, on axes that run from -1 to 1 over the frame.
+def axes(image: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Give the positions of an image's pixel centres, in pixels and relative to its size.
 
     Args:
-        height: height of the frame, pixels.
-        width: width of the frame, pixels.
-        like: tensor whose device is used.
+        image: (B, C, H, W), whose size and type the axes have.
 
     Returns:
-        x (1, width) and y (height, 1).
+        columns (W,) from 0 to W - 1, rows (H, 1) from 0 to H - 1, x (W,) and y (H, 1), which run
+        from -1 to 1 over the frame.
     """
-    x = (2 * torch.arange(width, device=like.device) + 1) / width - 1
-    y = (2 * torch.arange(height, device=like.device) + 1) / height - 1
-    return x.unsqueeze(0), y.unsqueeze(1)
+    height, width = image.shape[-2:]
+    column = torch.arange(width, device=image.device).to(image.dtype)
+    row = torch.arange(height, device=image.device).to(image.dtype).unsqueeze(1)
+    return column, row, (2 * column + 1) / width - 1, (2 * row + 1) / height - 1
 
 
 def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
     """Solve for the motion that explains a change of intensity, beside a photometric change.
 
     Args:
-        motion: gradient terms, each (B, 1, H, W) float64, one for each unknown of the motion.
-        i_o: (B, 1, H, W) float64 intensities of the original.
-        change: (B, 1, H, W) float64, embedded minus original.
+        motion: gradient terms, each (B, 1, H, W), one for each unknown of the motion.
+        i_o: (B, 1, H, W) intensities of the original.
+        change: (B, 1, H, W), original minus embedded.
 
     Returns:
-        (B, len(motion)) unknowns of the motion, in the pixels of these images.
+        (B, len(motion), 1) unknowns of the motion, in the pixels of these images.
     """
-    columns = [*motion, torch.ones_like(i_o), i_o, i_o * i_o]
-    A = torch.cat(columns, dim=1).flatten(2)  # (B, terms, H W)
-    normal = A @ A.transpose(1, 2)
-    right = (A @ change.flatten(1).unsqueeze(-1)).squeeze(-1)
-    ridge = RIDGE * A.shape[-1] * torch.eye(A.shape[1], dtype=A.dtype, device=A.device)
-    return -solve_spd(normal + ridge, right)[:, : len(motion)]
+    columns = torch.cat([*motion, torch.ones_like(i_o), i_o, i_o * i_o, change], dim=1)
+    # float64: torch and onnxruntime sum in different orders
+    A = columns.flatten(2).double()  # (B, terms + 1, H W)
+    n = A.shape[1] - 1
+    products = A @ A.transpose(1, 2)
+    ridge = A.shape[-1] * (RIDGE * torch.eye(n, dtype=A.dtype, device=A.device))
+    solution = inverse(products[:, :n, :n] + ridge) @ products[:, :n, n:]
+    return solution[:, : len(motion)].to(i_o.dtype)
 
 
 def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
@@ -140,32 +143,42 @@ def translation(i_o: Tensor, i_e: Tensor) -> Tensor:
         i_e: (B, 1, H, W) intensities of the embedded frame in [0, 1].
 
     Returns:
-        (B, 2) float64 translation along x and y, in pixels of the images given.
+        (B, 2, 1) translation along x and y, in pixels of the images given.
     """
-    o, e = (shrink(channel_mean(i), COARSE) for i in (i_o, i_e))
-    dx, dy = (g.double() for g in derivatives(o)[:2])
-    return COARSE * least_squares([dx, dy], o.double(), (e - o).double())
+    o, e = (shrink(i, COARSE) for i in (i_o, i_e))
+    dx, dy, _, _ = derivatives(o)
+    return COARSE * least_squares([dx, dy], o, o - e)
 
 
-def warp(image: Tensor, s_x: Tensor, s_y: Tensor) -> Tensor:
-    """Sample images bilinearly at moved positions; beyond the edges the outermost pixels repeat.
+def sample(image: Tensor, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Sample images bilinearly at any positions; beyond the edges the outermost pixels repeat.
+
+    It gathers the four neighbours of each position, in which onnxruntime is several times as quick
+    as in its GridSample.
 
     Args:
         image: (B, C, H, W) intensities.
-        s_x: motion along x, in pixels, (B, H, W) or (B, 1, 1).
-        s_y: motion along y, in pixels, (B, H, W) or (B, 1, 1).
+        x: columns, in pixels, that broadcast with ``y`` to (B, 1, H, W).
+        y: rows, in pixels.
 
     Returns:
-        (B, C, H, W) with image(x + s_x, y + s_y) at (x, y).
+        values: (B, C, H, W) image(x, y).
+        f_x: how far each column lies beyond the one to its left, in [0, 1), in the shape of ``x``.
+        f_y: how far each row lies below the one above it, in [0, 1), in the shape of ``y``.
     """
     height, width = image.shape[-2:]
-    x, y = axes(height, width, image)
-    x, y = x + 2 / width * s_x, y + 2 / height * s_y
-    # clamped to the outermost centres: onnxruntime is quickest with zeros beyond the edges
-    x, y = x.clamp(1 / width - 1, 1 - 1 / width), y.clamp(1 / height - 1, 1 - 1 / height)
-    both = torch.broadcast_tensors(x, y)  # type: ignore[no-untyped-call]
-    grid = torch.stack(both, dim=-1)  # (B, H, W, 2)
-    return grid_sample(image, grid, padding_mode="zeros", align_corners=False)
+    left, top = x.floor(), y.floor()
+    f_x, f_y = x - left, y - top
+    # in the padded image the first column is -1; a position beyond lies between two equal pixels
+    column, row = (left.clamp(-1, width - 1) + 1).int(), (top.clamp(-1, height - 1) + 1).int()
+    flat = pad(image, (1, 1, 1, 1), mode="replicate").flatten(2)
+    first = (row * (width + 2) + column).long().flatten(2)
+    if image.shape[1] > 1:
+        first = first.expand(-1, image.shape[1], -1)
+    corners = (flat[..., k:].gather(2, first) for k in (0, 1, width + 2, width + 3))
+    a, b, c, d = (corner.reshape(-1, *image.shape[1:]) for corner in corners)
+    upper, lower = a + f_x * (b - a), c + f_x * (d - c)
+    return upper + f_y * (lower - upper), f_x, f_y
 
 
 def shrink(image: Tensor, k: int) -> Tensor:

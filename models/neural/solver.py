@@ -51,25 +51,6 @@ def solve_spd(A: Tensor, y: Tensor) -> Tensor:
     return (inverse(A) @ y.unsqueeze(-1)).squeeze(-1)
 
 
-def objective(w: Tensor, margins: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
-    """Evaluate what `fit_head` minimises, divided by 2 C.
-
-    J(w) / 2 C = 1/2 sum_j ridge_j (w_j - prior_j)^2 + 1/2 sum_n max(0, 1 - w.z_n)^2, where z_n are
-    the features of sample n times its label.
-
-    Args:
-        w: (B, S, D) heads, S candidates for each frame pair.
-        margins: (B, S, N) products w.z_n.
-        ridge: (D,) weight of each squared deviation from the prior, divided by 2 C.
-        prior: (D,) mean of the head.
-
-    Returns:
-        (B, S) values of J / 2 C.
-    """
-    slack, away = (1 - margins).relu(), w - prior  # (B, S, N), (B, S, D)
-    return ((slack * slack).sum(-1) + (ridge * away * away).sum(-1)) / 2
-
-
 def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
     """Fit the linear head of each frame pair by minimising a convex objective J.
 
@@ -98,39 +79,51 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     >>> fit_head(X, y, C=one, ridge=torch.ones(2), prior=torch.zeros(2)).tolist()
     [[0.800000011920929, 0.0]]
     """
+    N, D = X.shape[1:]
+    root, none = (ridge / (2 * C)).sqrt(), X.new_zeros(N)
+    # J / C is the sum of squares of what is left of the samples' slack, where it is positive, and
+    # of weighted deviations from the prior, whatever their sign: rows aims - w.columns
+    least = torch.cat([none, X.new_full((D,), -torch.inf)])
+    aims = torch.cat([none + 1, root * prior])
+    deviations = torch.diag(root).expand(X.shape[0], -1, -1)
+    rows = torch.cat([y.unsqueeze(-1) * X, deviations], dim=1)  # (B, N + D, D)
+    aimed = torch.cat([rows.transpose(1, 2), aims.expand(X.shape[0], 1, -1)], dim=1)
 
-    def newton(w: Tensor, Z: Tensor, Zt: Tensor, ridge: Tensor, prior: Tensor) -> Tensor:
-        violators = Zt * (w.unsqueeze(1) @ Zt < 1).to(Zt.dtype)  # (B, D, N)
-        # Zt comes transposed: onnxruntime 1.31 gets the transpose of a product wrong inside a Loop
-        return solve_spd(torch.diag(ridge) + violators @ Z, ridge * prior + violators.sum(-1))
+    def newton(counts: Tensor, rows: Tensor, aimed: Tensor) -> Tensor:
+        both = (aimed * counts.to(rows.dtype)) @ rows  # (B, D + 1, D)
+        return both[:, D:] @ inverse(both[:, :D])  # (B, 1, D)
 
-    Z, ridge = y.unsqueeze(-1) * X, ridge / (2 * C)  # (B, N, D): margins are Z w
-    given = (Z, Z.transpose(1, 2).contiguous(), ridge, prior)
-    fixed = [t.detach() for t in given]
+    fixed = rows.detach(), aimed.detach()
+    columns = fixed[1][:, :D].contiguous()
     sizes = torch.tensor(STEP_SIZES, dtype=X.dtype, device=X.device).unsqueeze(-1)  # (S, 1)
+    most = torch.tensor(MAX_STEPS, device=X.device)
 
-    def unsettled(step: Tensor, w: Tensor, moving: Tensor) -> Tensor:
-        return (step < MAX_STEPS) & moving.any()
+    def unsettled(step: Tensor, w: Tensor, left: Tensor, moving: Tensor) -> Tensor:
+        return (step < most) & moving.any()
 
-    def descend(step: Tensor, w: Tensor, moving: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        direction = newton(w, *fixed) - w
-        trials = w.unsqueeze(1) + sizes * direction.unsqueeze(1)  # (B, S, D)
-        margins = trials @ fixed[1]  # (B, S, N)
-        best = objective(trials, margins, *fixed[2:]).argmin(1)
-        violated = margins[:, :2] < 1  # by staying, and by the whole step
-        moving = (violated[:, 0] != violated[:, 1]).any(-1)
-        return step + 1, w + sizes[best] * direction, moving
+    def descend(
+        step: Tensor, w: Tensor, left: Tensor, moving: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        counts = left > least
+        direction = newton(counts, *fixed) - w
+        change = direction @ columns
+        trials = left - sizes * change  # (B, S, N + D)
+        cost = torch.linalg.vector_norm(trials.maximum(least), dim=-1)
+        size = sizes[cost.argmin(1)].unsqueeze(-1)  # (B, 1, 1)
+        moving = (counts ^ (trials[:, 1:2] > least)).any(-1)  # by the whole step
+        return step + 1, w + size * direction, left - size * change, moving
 
-    w = fixed[3].expand(X.shape[0], X.shape[2]).clone()
-    moving = torch.ones_like(w[:, 0], dtype=torch.bool)
-    state = (torch.zeros((), dtype=torch.int64), w, moving)
+    w = prior.detach().expand(X.shape[0], 1, -1).clone()
+    left = (aims.detach() - w @ columns).contiguous()
+    moving = torch.ones_like(w[..., 0], dtype=torch.bool)
+    state = (torch.zeros((), dtype=torch.int64), w, left, moving)
     with torch.no_grad():
         if torch.compiler.is_exporting():
             state = torch.while_loop(unsettled, descend, state)  # type: ignore[no-untyped-call]
         else:
             while unsettled(*state):
                 state = descend(*state)
-    _, w, moving = state
+    _, w, left, moving = state
     if torch.compiler.is_exporting():
-        return w
-    return torch.where(moving.unsqueeze(-1), w, newton(w, *given))
+        return w.squeeze(1)
+    return torch.where(moving.unsqueeze(-1), w, newton(left > least, rows, aimed)).squeeze(1)
