@@ -1,5 +1,6 @@
 """The decoder on pilots, and the refinement that starts from them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -184,16 +185,25 @@ def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colou
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("grid", "modulation", "colour"),
-    [((24, 32), "antipodal", "gray"), ((24, 32), "antipodal", "chroma")],
-)
+@pytest.mark.parametrize(("grid", "modulation"), [((24, 32), "antipodal")])
 def test_the_exported_graph_decides_as_torch_does(
-    grid: tuple[int, int], modulation: str, colour: str, tmp_path: Path
+    grid: tuple[int, int], modulation: str, tmp_path: Path
 ) -> None:
-    decoder = load_checkpoint(PRETRAINED_PILOTS, layout_of(grid, modulation, colour))
+    decoder = load_checkpoint(PRETRAINED_PILOTS, layout_of(grid, modulation))
     model = tmp_path / "decoder.onnx"
     model.write_bytes(to_onnx(decoder, "pilots"))
+    parity = compare_with_torch(decoder, Decoder(model), frames=6, seed=3)
+    assert parity.different_bits == 0
+    assert parity.max_difference < ONNX_SCORE
+
+
+@pytest.mark.slow
+def test_the_exported_graph_takes_chroma_as_torch_does(tmp_path: Path) -> None:
+    """Refinement is left out: it does not know of colour, and takes long to export."""
+    layout = layout_of((8, 8), "antipodal", "chroma")
+    decoder = PhiDecoder(layout, replace(FULL, refine=0, rows=False, space=False))
+    model = tmp_path / "decoder.onnx"
+    model.write_bytes(to_onnx(decoder, "chroma"))
     parity = compare_with_torch(decoder, Decoder(model), frames=6, seed=3)
     assert parity.different_bits == 0
     assert parity.max_difference < ONNX_SCORE

@@ -11,7 +11,7 @@ from link.images import INTENSITIES, LUMA
 PARTS = 100
 """Number of equal parts in which colour weights are counted. Weights of whole hundredths let
 onnxruntime add uint8 pixels as they are, without a float copy of the frame."""
-CHANNELS = {
+CHANNELS: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
     "gray": {
         "luma": (LUMA,),
         "quiet": ((0.27, 0.5, 0.23),),
