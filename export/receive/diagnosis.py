@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from export.receive.synchronise import MIN_TOGGLE, MIN_WINDOW_S, Toggling
+from export.receive.synchronise import MIN_FRAMES, MIN_TOGGLE, Toggling
 
 DARK, BRIGHT = 25.0, 0.3
 """Mean gray level of the display below which there is too little light, and share of its pixels at
@@ -110,7 +110,7 @@ def _explain_signal(seen: Observations) -> str:
         )
     if toggling is None:
         return (
-            f"for {seen.seconds:.1f} s; to find the display's clock takes {MIN_WINDOW_S:g} s or "
+            f"for {seen.seconds:.1f} s; to find the display's clock takes {MIN_FRAMES} frames or "
             "more; film longer"
         )
     if toggling.deviation < MIN_TOGGLE:

@@ -30,7 +30,7 @@ OUTLIER = 4.0
 """Distance from a place's middle, in half distances between its 16 % and 84 % quantiles, at which a
 toggle counts as hidden."""
 NEIGHBOURS = np.array([0.0, -0.3, 0.3])
-"""States that a known clock may be ahead at the end of a window, as starts of its fit: where no
+"""Starts of a fit beside a clock: relative changes of its period, in states over a window. Where no
 exposure mixes two states, a fit does not move by itself."""
 MIN_SEEN = 8
 """Smallest number of toggles of a place that counts."""
@@ -132,16 +132,21 @@ class ToggleWindow:
         wave = embedded_share(start, self._times, self._places)[0]
         self._set_noise(self._without)
         self._set_noise(self._noise_of(self._values - self._amplitude(start) * self._centre(wave)))
-        starts = np.repeat(start, len(NEIGHBOURS), axis=0)
-        starts[:, 0] += NEIGHBOURS * self._units(start)[0, 0]
-        return self._settle(self._climb(starts, ROUNDS // 2))
+        return self._settle(self._climb(self._neighbours(start), ROUNDS // 2))
+
+    def _neighbours(self, clock: Array) -> Array:
+        """A clock (1, 5), and clocks a little faster and slower."""
+        clocks = np.repeat(clock, len(NEIGHBOURS), axis=0)
+        clocks[:, 0] += NEIGHBOURS * self._units(clock)[0, 0]
+        return clocks
 
     def _settle(self, clocks: Array) -> ClockFit:
         """Estimate the noise beside the best clock, fit it once more, and weigh the evidence."""
         wave = embedded_share(clocks[:1], self._times, self._places)[0]
         left = self._values - self._amplitude(clocks[:1]) * self._centre(wave)
         noise = self._set_noise(self._noise_of(left))
-        best = self._climb(clocks[:3], ROUNDS // 2)[:1]
+        starts = np.concatenate([self._neighbours(clocks[:1]), clocks[1:3]])
+        best = self._climb(starts, ROUNDS // 2)[:1]
         gram, product = self._products(self._moved(best))
         amplitude = max(0.0, float(product[0, 0] / gram[0, 0, 0]))
         v = self._whiten(embedded_share(best, self._times, self._places)[0])

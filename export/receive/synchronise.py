@@ -8,14 +8,14 @@ import numpy as np
 from export.receive.clock import Array, DisplayClock
 from export.receive.fit import ClockFit, ToggleWindow
 
-MIN_WINDOW_S, WINDOW_S = 1.0, 4.0
+MIN_WINDOW_S, WINDOW_S = 0.5, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""
 MAX_SAMPLES = 4096
 """Largest number of frames that a fit looks back, whatever their times say."""
-MIN_FRAMES = 12
-"""Number of frames that the first fit needs."""
-REFIT_S = 0.5
-"""Seconds from one fit to the next."""
+MIN_FRAMES = 30
+"""Number of frames that the first fit needs: some clock fits nearly every order of fewer."""
+REFIT_S, SEEK_S = 0.5, 0.25
+"""Seconds from one fit to the next while the clock is known, and while it is not."""
 CONFIRMED = 30.0
 """Smallest evidence, in units of twice the log-likelihood, that confirms a clock known before."""
 GOOD_R2 = 0.85
@@ -125,17 +125,19 @@ class Synchroniser:
             time: of the frame, seconds; later than before.
             toggles: (P,) displayed gray levels; NaN where a place is hidden.
         """
-        self._samples.append((time, toggles))
-        while self._samples[0][0] < time - WINDOW_S:
+        if np.isfinite(toggles).any():
+            self._samples.append((time, toggles))
+        while self._samples and self._samples[0][0] < time - WINDOW_S:
             self._samples.popleft()
-        enough = time - self._samples[0][0] >= MIN_WINDOW_S and len(self._samples) >= MIN_FRAMES
-        if enough and time >= self._fitted_at + REFIT_S:
+        unconfirmed = time - self._confirmed_at
+        unsure = unconfirmed > 2 * REFIT_S and self.phase_error(time) > MAX_PHASE_ERROR
+        if unsure or unconfirmed > HOLD_S:
+            self.clock = None
+        enough = len(self._samples) >= MIN_FRAMES and time - self._samples[0][0] >= MIN_WINDOW_S
+        pause = SEEK_S if self.clock is None else REFIT_S
+        if enough and time >= self._fitted_at + pause:
             self._fitted_at = time
             self._update(time)
-        if self.held:
-            unsure = self.phase_error(time) > MAX_PHASE_ERROR
-            if unsure or time - self._confirmed_at > HOLD_S:
-                self.clock = None
 
     def _update(self, time: float) -> None:
         """Fit the clock to the last seconds, and look for another one where that is in doubt."""
