@@ -96,11 +96,14 @@ def check_corners(
 def in_image(points: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Tell which points, (..., 2) pixels (x, y), lie in an image of a shape (H, W, ...).
 
+    A hundredth of a pixel counts for nothing: a homography of float32 is no more exact.
+
     >>> in_image([[-0.5, 3.0], [-0.6, 3.0]], (4, 8)).tolist()
     [True, False]
     """
     at, (height, width) = np.asarray(points, np.float64), image_shape[:2]
-    return np.asarray(((at >= -0.5) & (at <= np.array([width, height]) - 0.5)).all(axis=-1))
+    inside = (at >= -0.51) & (at <= np.array([width, height]) - 0.49)
+    return np.asarray(inside.all(axis=-1))
 
 
 def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDArray[np.float64]:
