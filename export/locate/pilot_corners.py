@@ -28,7 +28,7 @@ REGIONS = (4, 6)
 """Number of parts, from top to bottom and from left to right, that are shifted by themselves."""
 COARSE_SIZE = (256, 192)
 """Width and height of the maps in which parts are shifted."""
-REACH_BLOCKS, REACH_SHARE = 3.0, 0.05
+REACH_BLOCKS, REACH_SHARE = 3.0, 0.1
 """Largest shift of a part that is looked for, in blocks, or as a share of the display's width, if
 that is more."""
 CLEAR = 20.0

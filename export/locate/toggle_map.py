@@ -33,6 +33,14 @@ LEAST_EXCESS = 0.25
 needed as well."""
 CLOSED_PX, OPENED_PX = 45, 31
 """Size, in pixels of the maps, of holes that are closed, and of specks that are dropped."""
+FIT_PX = 4
+"""Number of pixels of the map, along each axis, in one of the copy to which outlines are fitted."""
+FIT_STEPS = (24.0, 12.0, 6.0, 3.0)
+"""Distances, in pixels of the map, by which corners are tried to be moved."""
+MOVES = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], float)
+"""Directions in which corners are tried to be moved."""
+FAINT = 0.12
+"""Averaged logarithm above the usual one at which a place speaks for lying within the outline."""
 LEAST_SHARE = 0.01
 """Smallest share of the image that a toggling display covers."""
 
@@ -78,7 +86,14 @@ class ToggleMap:
         )
         over = np.clip(self._power(at) - usual, 0, CEILING)
         excess = cv2.GaussianBlur(over, (0, 0), EVEN_PX)
-        return _outline(excess > max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98))))
+        usual_excess = float(np.median(excess))
+        clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98)))
+        gain = np.clip(excess - usual_excess - FAINT, -FAINT, 2 * FAINT)
+        fits = [_fitted(start, gain) for start in _outlines(excess > clear)]
+        if not fits:
+            return None
+        best, _ = max(fits, key=lambda fit: fit[1])
+        return np.asarray(upright(best[None])[0])
 
     def _power(self, number: int) -> Map:
         """Logarithm of the smoothed power at one of the frequencies."""
@@ -89,8 +104,13 @@ class ToggleMap:
         return self._logs[number]
 
 
-def _outline(mask: NDArray[np.bool_]) -> Array | None:
-    """Smallest quadrilateral around the largest part of a mask, specks dropped, holes closed."""
+def _outlines(mask: NDArray[np.bool_]) -> list[Array]:
+    """Bound the largest part of a mask, specks dropped and holes closed.
+
+    Returns:
+        the smallest quadrilateral and the smallest rectangle around it, (4, 2) pixels each; none
+        where no part is large enough.
+    """
     margin = CLOSED_PX
     around = cv2.copyMakeBorder(
         mask.astype(np.uint8), margin, margin, margin, margin, cv2.BORDER_CONSTANT
@@ -104,10 +124,46 @@ def _outline(mask: NDArray[np.bool_]) -> Array | None:
     )
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not contours:
-        return None
+        return []
     largest = max(contours, key=cv2.contourArea)
     if cv2.contourArea(largest) < LEAST_SHARE * mask.size:
-        return None
+        return []
     quad = cv2.approxPolyN(cv2.convexHull(largest), 4, ensure_convex=True)
-    corners = np.asarray(quad, np.float64).reshape(4, 2) - margin  # (1, 4, 2) -> (4, 2)
-    return np.asarray(upright(corners[None])[0])
+    box = cv2.boxPoints(cv2.minAreaRect(largest))
+    return [np.asarray(points, np.float64).reshape(4, 2) - margin for points in (quad, box)]
+
+
+def _fitted(quad: Array, gain: Map) -> tuple[Array, float]:
+    """Move the corners of a quadrilateral, one by one, while that adds to the sum within it.
+
+    Args:
+        quad: (4, 2) pixels of the map.
+        gain: what each pixel adds.
+
+    Returns:
+        the corners, and the sum.
+    """
+    small = cv2.resize(gain, None, fx=1 / FIT_PX, fy=1 / FIT_PX, interpolation=cv2.INTER_AREA)
+    mask = np.zeros(small.shape, np.uint8)
+
+    def worth(corners: Array) -> float:
+        if not cv2.isContourConvex(np.asarray(corners, np.float32)):
+            return -np.inf
+        mask[:] = 0
+        fine = np.rint((corners / FIT_PX) * 16).astype(np.int32)
+        cv2.fillConvexPoly(mask, fine, 1, shift=4)
+        return float(small[mask > 0].sum())
+
+    best, corners = worth(quad), quad.copy()
+    for step in FIT_STEPS:
+        improved = True
+        while improved:
+            improved = False
+            for corner in range(4):
+                for move in MOVES:
+                    tried = corners.copy()
+                    tried[corner] += step * move
+                    now = worth(tried)
+                    if now > best + 1e-6:
+                        best, corners, improved = now, tried, True
+    return corners, best
