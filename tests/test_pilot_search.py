@@ -1,0 +1,163 @@
+"""A display without patches is found by its pilots, and nothing else is."""
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from export.locate.pilot_corners import COARSE_SIZE, coarse_shift, fine_shift, map_size
+from export.locate.pilot_search import PilotSearch
+from export.locate.pilots import pilot_evidence, pilot_signs
+from export.locate.stabilise import Stabiliser
+from export.locate.toggle_map import ToggleMap
+from link.errors import InputError
+from link.geometry import frame_corners, homography_from_corners, transform
+from link.layout import Layout, make_layout
+
+FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
+OTHER = make_layout(16, 16, modulation="antipodal", pilots="auto")
+CLOSE_PX = 4.0
+"""A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
+CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
+
+
+def texture(shape: tuple[int, int], seed: int, sigma: float = 4.0) -> NDArray[np.float32]:
+    noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), sigma)
+    return np.asarray(smooth / smooth.std(), np.float32)
+
+
+def filmed(
+    layout: Layout, frames: int, seed: int, hold: int = 2, kappa: float = 8.0, dark: bool = False
+) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
+    """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
+
+    The display's edges cannot be seen where it is ``dark`` around.
+    """
+    rng = np.random.default_rng(seed)
+    wall = 60 + 8 * texture((480, 640), seed)
+    picture = 150 + 20 * texture((layout.height, layout.width), seed + 1)
+    if dark:
+        wall[:] = float(picture.mean())
+    H = homography_from_corners(CORNERS, layout.width, layout.height)
+    images, corners = [], np.zeros((0, 4, 2))
+    for number in range(frames):
+        state = number // hold
+        bits = np.random.default_rng([seed, state // 2]).choice(
+            [-1.0, 1.0], layout.rows * layout.cols
+        )
+        bits[layout.pilot_blocks] = pilot_signs(layout)
+        sign = 0.5 if state % 2 else -0.5
+        change = cv2.resize(
+            bits.reshape(layout.rows, layout.cols), (layout.width, layout.height), interpolation=0
+        )
+        shown = picture + sign * kappa * change
+        motion = np.eye(3)
+        motion[:2, 2] = 3 * np.sin([number / 7, number / 9])
+        view = cv2.warpPerspective(shown, motion @ H, (640, 480))
+        mask = cv2.warpPerspective(np.ones_like(shown), motion @ H, (640, 480))
+        room = cv2.warpPerspective(wall, motion, (640, 480), borderMode=cv2.BORDER_REPLICATE)
+        image = mask * view + (1 - mask) * room + rng.normal(0, 1, (480, 640))
+        images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
+        corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
+    return images, corners
+
+
+def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 60.0):
+    finder = PilotSearch(layouts, fps)
+    for number, image in enumerate(images):
+        found = finder.push(np.repeat(image[:, :, None], 3, axis=2))
+        if found is not None:
+            return number, found
+    return None
+
+
+def test_finds_the_display_its_layout_and_its_corners() -> None:
+    images, corners = filmed(FINE, 30, seed=0)
+    found = search(images, [OTHER, FINE])
+    assert found is not None
+    number, display = found
+    assert display.layout == FINE
+    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
+def test_tells_which_way_up() -> None:
+    images, corners = filmed(FINE, 30, seed=1)
+    found = search([np.ascontiguousarray(image[::-1, ::-1]) for image in images], [FINE])
+    assert found is not None
+    number, display = found
+    turned = [639, 479] - corners[number]
+    assert np.abs(display.corners - turned).max() < CLOSE_PX
+
+
+@pytest.mark.parametrize("kind", ["still", "other layout", "no message"])
+def test_does_not_find_what_is_not_there(kind: str) -> None:
+    if kind == "still":
+        images, _ = filmed(FINE, 30, seed=2, hold=10**6)
+    elif kind == "other layout":
+        images, _ = filmed(OTHER, 30, seed=3)
+    else:
+        rng = np.random.default_rng(4)
+        images = [rng.integers(0, 256, (480, 640), dtype=np.uint8) for _ in range(26)]
+    assert search(images, [FINE]) is None
+
+
+def test_evidence_is_no_surer_than_chance() -> None:
+    """Whatever toggles, signs that it does not keep to are rarely believed."""
+    rng, signs = np.random.default_rng(5), pilot_signs(FINE)
+    wave = np.cos(np.pi * np.arange(24) / 2)
+    strong = [
+        pilot_evidence(list(wave[:, None] * rng.standard_normal(len(signs)) * 9), signs)[0]
+        for _ in range(200)
+    ]
+    assert np.quantile(strong, 0.95) < 6.0
+    assert max(strong) < 12.0
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (17.0, -12.0)])
+def test_corner_shifts_are_recovered(shift: tuple[float, float]) -> None:
+    rng = np.random.default_rng(6)
+    blocks = np.zeros(FINE.rows * FINE.cols)
+    blocks[FINE.pilot_blocks] = pilot_signs(FINE)
+    blocks = blocks.reshape(FINE.rows, FINE.cols)
+    full = cv2.resize(blocks.astype(np.float32), (FINE.width, FINE.height), interpolation=0)
+    moved = cv2.warpAffine(
+        full, np.array([[1, 0, shift[0]], [0, 1, shift[1]]], float), full.shape[::-1]
+    )
+    seen = cv2.resize(moved, COARSE_SIZE, interpolation=cv2.INTER_AREA)
+    seen = seen + rng.normal(0, 0.3, seen.shape)
+    fit = coarse_shift((seen * np.exp(0.7j)).astype(np.complex64), blocks, FINE)
+    assert fit is not None
+    found = transform(fit[0], frame_corners(FINE.width, FINE.height))
+    expected = frame_corners(FINE.width, FINE.height) + shift
+    assert np.abs(found - expected).max() < 4.0
+    small = cv2.warpAffine(full, np.array([[1, 0, 1.3], [0, 1, -0.8]]), full.shape[::-1])
+    small = cv2.resize(small, map_size(FINE), interpolation=cv2.INTER_AREA)
+    noisy = (small + rng.normal(0, 0.3, small.shape)).astype(np.float32)
+    fine = fine_shift(noisy, blocks, FINE)
+    assert fine is not None
+    found = transform(fine, frame_corners(FINE.width, FINE.height))
+    expected = frame_corners(FINE.width, FINE.height) + np.array([1.3, -0.8])
+    assert np.abs(found - expected).max() < 0.6
+
+
+def test_what_toggles_is_outlined() -> None:
+    images, corners = filmed(FINE, 24, seed=7, dark=True)
+    stabiliser = Stabiliser()
+    stabiliser.begin(images[0])
+    toggling = ToggleMap(stabiliser.shape, 24)
+    for image in images:
+        H = stabiliser.follow(image)
+        assert H is not None
+        toggling.add(stabiliser.still(image, H))
+    outline = toggling.outline(0.25)
+    assert outline is not None
+    found = stabiliser.on_image(outline)
+    errors = [np.abs(np.roll(found, -turn, axis=0) - corners[0]).max() for turn in range(4)]
+    assert min(errors) < 40
+    assert toggling.outline(0.0) is None
+
+
+def test_layouts_need_pilots() -> None:
+    with pytest.raises(InputError, match="pilots"):
+        PilotSearch([make_layout()])
