@@ -83,6 +83,11 @@ def shipped_checkpoint(layout: Layout) -> Path:
     return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
 
 
+def shipped_graphs() -> list[Path]:
+    """List the exported decoders that ship with the project: for patches, and for presets."""
+    return [PRETRAINED / "decoder.onnx", *sorted(PRETRAINED_PILOTS.glob("*.onnx"))]
+
+
 class BlockDecoder(Protocol):
     """The one interface of all decoders: calibrate on a frame pair alone and score its blocks."""
 

@@ -6,6 +6,7 @@ Prints JSON lines: display, clock, pair, message, refused, end.
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,10 +26,12 @@ from export.runtime import Decoder
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit, make_folder, read_image, write_image
-from models import PRETRAINED
+from link.layout import Layout
+from link.presets import PRESETS
+from models import shipped_graphs
 
-MODEL = PRETRAINED / "decoder.onnx"
-"""Decoder that is used where --model is absent."""
+MAX_PRINTED_BITS = 256
+"""Largest number of bits of a frame pair that are printed without --scores."""
 KEPT_PICTURES = 50
 """Number of annotated pictures that are kept; later ones replace the oldest, so that an endless
 stream fits a disk."""
@@ -38,7 +41,13 @@ def main() -> None:
     """Print JSON lines until the message is whole or the frames end."""
     parser = argparse.ArgumentParser(prog="python -m export.receive", description=__doc__)
     parser.add_argument("input", nargs="+", metavar="INPUT")
-    parser.add_argument("--model", type=Path, default=MODEL, help="an .onnx file")
+    parser.add_argument(
+        "--model",
+        type=Path,
+        action="append",
+        help="an .onnx file, which says what display to look for; may be given several times; "
+        "by default those that ship, one for each preset of export.send",
+    )
     parser.add_argument("--fps", type=float, help=FPS_HELP)
     parser.add_argument("--show", type=Path, help="folder for annotated pictures")
     parser.add_argument("--out", type=Path, help="file for the message's bytes")
@@ -55,15 +64,15 @@ def main() -> None:
     if "" in args.input:
         raise InputError("INPUT: a name is empty; give a folder, a video, images or a camera")
     inbox = Inbox(args.out, make_verifier(args.key, args.max_age))
-    decoder = Decoder(args.model, args.threads)
+    decoders = [Decoder(model, args.threads) for model in args.model or shipped_graphs()]
     if args.show is not None:
         make_folder(args.show)
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")
     if len(args.input) == 2:
-        read_two_images(decoder, args.input[0], args.input[1], args.max_megapixels)
+        read_two_images(decoders[0], args.input[0], args.input[1], args.max_megapixels)
     else:
-        read_stream(decoder, args, inbox)
+        read_stream(decoders, args, inbox)
 
 
 def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
@@ -105,21 +114,22 @@ def pair_values(pair: DecodedPair, scores: bool) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "pair": pair.number,
         "time": round(pair.time, 4),
-        "bits": "".join(map(str, pair.soft.bits)),
         "erased": int((pair.soft.scores == 0).sum()),
         "confidence": round(float(np.mean(1 / (1 + np.exp(-np.abs(pair.soft.scores))))), 4),
         "frames": [pair.original.frames, pair.embedded.frames],
         "progress": round(pair.progress, 4),
     }
+    if scores or pair.soft.scores.size <= MAX_PRINTED_BITS:
+        entry["bits"] = "".join(map(str, pair.soft.bits))
     if scores:
         entry["scores"] = [round(float(score), 3) for score in pair.soft.scores]
     return entry
 
 
-def read_stream(decoder: Decoder, args: argparse.Namespace, inbox: Inbox) -> None:
+def read_stream(decoders: Sequence[Decoder], args: argparse.Namespace, inbox: Inbox) -> None:
     """Receive from a folder, a video or a camera until the message is whole or frames end."""
     source = open_source(args.input[0], args.fps, args.max_megapixels)
-    receiver = Receiver(decoder, source.fps)
+    receiver = Receiver(decoders, source.fps)
     in_view = clocked = False
     last: CameraFrame | None = None
     view: Tracked | None = None
@@ -131,23 +141,29 @@ def read_stream(decoder: Decoder, args: argparse.Namespace, inbox: Inbox) -> Non
             if (step.tracked is not None) != in_view:
                 in_view = step.tracked is not None
                 place = step.tracked.corners.round(2).tolist() if step.tracked else None
-                say("display", time=round(frame.time, 4), frame=frame.name, corners=place)
+                what = {"preset": preset_name(receiver.layout)} if in_view else {}
+                say("display", time=round(frame.time, 4), frame=frame.name, corners=place, **what)
             if receiver.synchronised != clocked:
                 clocked = receiver.synchronised
                 rate = receiver.state_hz
                 say("clock", time=round(frame.time, 4), state_hz=rate and round(rate, 3))
             view = step.tracked or view
-            shown = write_pictures(args.show, shown, step, frame.image, view, decoder)
+            shown = write_pictures(args.show, shown, step, frame.image, view, receiver.layout)
             if print_step(step, args.scores, inbox) and not args.keep_on:
                 break
         else:
             step = receiver.finish()
             if last is not None:
-                write_pictures(args.show, shown, step, last.image, view, decoder)
+                write_pictures(args.show, shown, step, last.image, view, receiver.layout)
             print_step(step, args.scores, inbox)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
     print_end(receiver, inbox, last)
+
+
+def preset_name(layout: Layout) -> str | None:
+    """Name of the preset that shows a layout, or None where none does."""
+    return next((name for name, preset in PRESETS.items() if preset.layout == layout), None)
 
 
 def write_pictures(
@@ -156,7 +172,7 @@ def write_pictures(
     step: ReceiverStep,
     image: NDArray[np.uint8],
     view: Tracked | None,
-    decoder: Decoder,
+    layout: Layout,
 ) -> int:
     """Write an annotated picture of each pair that a camera frame brought.
 
@@ -166,7 +182,7 @@ def write_pictures(
         step: what the camera frame brought.
         image: the camera frame.
         view: the display where it was last seen, or None.
-        decoder: its layout is that of the display.
+        layout: of the display.
 
     Returns:
         the number of the next picture.
@@ -174,7 +190,7 @@ def write_pictures(
     if folder is None or view is None:
         return number
     for pair in step.pairs:
-        picture = draw_decoded_pair(image, view, pair, decoder.layout)
+        picture = draw_decoded_pair(image, view, pair, layout)
         write_image(folder / f"pair_{number % KEPT_PICTURES:03d}.png", picture)
         number += 1
     return number
