@@ -38,6 +38,8 @@ PRESETS = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow",
 )  # fmt: skip
 """Presets of x264 and x265, from little effort of the encoder to much."""
+MAX_B_FRAMES = 4
+"""Largest number of B frames in a row; the fastest preset of x265 looks five frames ahead."""
 COMPRESSED_SUFFIXES = (".mp4", ".mov", ".mkv")
 """Endings of the files that `write_film` writes."""
 TICKS_HZ = 90_000
@@ -106,7 +108,7 @@ class CodecSettings:
         for name, low, high, unit in (
             ("kbits", 50, 500_000, " kbit/s"),
             ("gop_s", 0.03, 60, " seconds"),
-            ("b_frames", 0, 16, " frames"),
+            ("b_frames", 0, MAX_B_FRAMES, " frames"),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
@@ -176,8 +178,7 @@ class CodecChannel:
             InputError: odd width or height.
         """
         if not self._encoder.width:
-            _set_up(self._encoder, self._settings, self._fps, frame)
-            self._encoder.open()
+            _open(self._encoder, self._settings, self._fps, frame)
             self._decoder.extradata = self._encoder.extradata
             self._start_s = frame.time_s
         coded = _coded_frame(frame, self._settings, self._start_s)
@@ -262,10 +263,11 @@ def write_film(
                     start_s = frame.time_s
                     added = container.add_stream(encoder, rate=_rate(fps))
                     stream = cast("av.VideoStream", added)
-                    _set_up(stream.codec_context, settings, fps, frame)
+                    _open(stream.codec_context, settings, fps, frame)
                 container.mux(stream.encode(_coded_frame(frame, settings, start_s)))
-            if stream is not None:
-                container.mux(stream.encode(None))
+            if stream is None:
+                raise InputError(f"{path}: no frame was filmed; film longer, or lose fewer")
+            container.mux(stream.encode(None))
         temporary.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror})") from None
@@ -283,10 +285,10 @@ def _context(name: str, mode: Literal["r", "w"]) -> "av.VideoCodecContext":
     return cast("av.VideoCodecContext", av.CodecContext.create(name, mode))
 
 
-def _set_up(
+def _open(
     context: "av.VideoCodecContext", settings: CodecSettings, fps: float, first: VideoFrame
 ) -> None:
-    """Set an encoder's context, in memory or of a file, for frames like the first one."""
+    """Open an encoder's context, in memory or of a file, for frames like the first one."""
     height, width = first.rgb.shape[:2]
     if width % 2 or height % 2:
         raise InputError(ODD.format(settings.name, width, height))
@@ -307,6 +309,11 @@ def _set_up(
     else:
         options["sc_threshold"] = "0"
     context.options = options
+    try:
+        context.open()
+    except av.error.FFmpegError as error:
+        problem = f"the encoder takes no such settings ({error.strerror}); change them"
+        raise InputError(f"codec {settings.name}: {problem}") from None
 
 
 def _coded_frame(frame: VideoFrame, settings: CodecSettings, start_s: float) -> "av.VideoFrame":
