@@ -6,6 +6,7 @@ or FILE.mp4 for a film as phones store it)
 
 import json
 import zlib
+from argparse import ArgumentParser
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,11 +27,12 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
 from link.code.framing import encode
-from link.errors import ParameterError, at_least, read_flags, run_cli
+from link.errors import ParameterError, at_least, choose, read_flags, run_cli
 from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.loop import Loop
+from link.presets import DEFAULT_PRESET, PRESETS
 from link.video import write_video
 
 TRUTH = "truth.jsonl"
@@ -52,6 +54,9 @@ class FilmConfig(CellFlags):
     times."""
     message: str
     """Text that the display sends."""
+    preset: str = DEFAULT_PRESET
+    """What the display shows, and at which rate: paper, hidden, fast or robust. The other flags
+    change single numbers of it; --fps is two frames a state where it is absent."""
     kappa: int = 3
     """Gray levels of [0, 255] added where a bit is 1."""
     shown: int = 1
@@ -64,6 +69,30 @@ class FilmConfig(CellFlags):
     """Rates, camera, room, and what disturbs the stream; None is drawn at random."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec of a compressed file, h264 if none is named; a folder gets what it leaves."""
+
+    @classmethod
+    def of_preset(cls, name: str) -> "FilmConfig":
+        """Return what the flags are where they are absent, beside those that must be there.
+
+        Raises:
+            InputError: there is no preset of this name; the message lists them.
+        """
+        preset = choose(PRESETS, name, "preset")
+        layout, state_hz = preset.layout, preset.state_hz
+        return cls(
+            out=tyro.MISSING,
+            message=tyro.MISSING,
+            preset=name,
+            rows=layout.rows,
+            cols=layout.cols,
+            width=layout.width,
+            height=layout.height,
+            modulation=layout.modulation,
+            pilots="auto" if layout.pilots else "0",
+            colour=layout.colour,
+            kappa=preset.kappa,
+            stream=VideoSettings(seconds=10.0, fps=2 * state_hz, state_hz=state_hz),
+        )
 
     def file_codec(self) -> CodecSettings:
         """Return the codec, which a .mp4 or .mov has even where none is named.
@@ -91,7 +120,10 @@ def image_name(frame: VideoFrame) -> str:
 
 def main() -> None:
     """Film, and write frames and truth."""
-    config = read_flags(lambda: tyro.cli(FilmConfig))
+    first = ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--preset", default=DEFAULT_PRESET)
+    usual = FilmConfig.of_preset(read_flags(lambda: first.parse_known_args()[0]).preset)
+    config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
     at_least(0, first=config.first)
     at_least(1, shown=config.shown)
     settings, cell, source = config.stream, config.cell(), config.source()
@@ -147,6 +179,7 @@ def main() -> None:
         "truth": str(truth),
         "camera_frames": len(lines),
         "simulated": True,
+        "preset": config.preset,
         **loop.report(len(message), settings.state_hz),
     }
     print(json.dumps(report))

@@ -64,14 +64,14 @@ PRESETS = {
     "paper": Preset(
         make_layout(),
         kappa=3,
-        state_hz=15,
+        state_hz=15.0,
         line_code="on_off",
         purpose="The paper's blocks and patches, to compare with its numbers; they are seen.",
     ),
     "hidden": Preset(
         make_layout(48, 64, modulation="antipodal", pilots="auto"),
         kappa=1,
-        state_hz=60,
+        state_hz=60.0,
         line_code="toggle",
         purpose="Below the threshold of sight 1 m from a 24-inch display of 200 cd/m².",
         distance_m=1.0,
@@ -79,14 +79,14 @@ PRESETS = {
     "fast": Preset(
         make_layout(96, 128, modulation="antipodal", pilots="auto"),
         kappa=3,
-        state_hz=30,
+        state_hz=30.0,
         line_code="toggle",
         purpose="Most bits a second for a camera of 60 frames a second; it flickers.",
     ),
     "robust": Preset(
         make_layout(24, 32, modulation="antipodal", pilots="auto"),
         kappa=3,
-        state_hz=15,
+        state_hz=15.0,
         line_code="toggle",
         purpose="For far or slanted displays, compressed films and slow cameras; it is seen.",
     ),

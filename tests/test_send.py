@@ -35,7 +35,6 @@ from link.loop import Loop
 from link.presets import DEFAULT_PRESET, PRESETS
 from link.video import read_video, write_video
 from link.visibility.flicker import contrast_over_threshold, random_message
-from link.visibility.line_code import CODE_OF_MODULATION
 from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
 ROOT = Path(__file__).parents[1]
@@ -303,14 +302,6 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, command: Command) -
     given = (*words[:5], "--layout", inputs / "layout.json", "--out", tmp_path / "c.mkv")
     said = report(command(send_cli.main, *given))
     assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_presets_show_the_line_code_of_their_modulation(name: str) -> None:
-    preset = PRESETS[name]
-    assert preset.line_code == CODE_OF_MODULATION[preset.layout.modulation]
-    assert preset.changed() == preset.layout
-    assert preset.purpose.endswith(".")
 
 
 shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
