@@ -74,7 +74,11 @@ def moved_corners(corners: Array, H_old_from_new: Array, layout: Layout) -> Arra
 
 
 def coarse_shift(
-    change: NDArray[np.complex64], blocks: NDArray[np.floating], layout: Layout
+    change: NDArray[np.complex64],
+    blocks: NDArray[np.floating],
+    layout: Layout,
+    *,
+    far: bool = False,
 ) -> tuple[Array, int] | None:
     """Find where the parts of a display lie that toggle as they should.
 
@@ -83,6 +87,7 @@ def coarse_shift(
             each pixel divided by its usual deviation; of any phase.
         blocks: (rows, cols) expected change of each block, 0 where it is not known.
         layout: of the display.
+        far: whether to look farther than `REACH_BLOCKS`.
 
     Returns:
         H_old_from_new, and the number of parts that clearly match and agree with it; None where
@@ -92,7 +97,7 @@ def coarse_shift(
     block = np.array([width / layout.cols, height / layout.rows])
     scale = np.array([layout.width / width, layout.height / height])
     expected = _drawn(blocks, (width, height))
-    least = REACH_SHARE * width
+    least = REACH_SHARE * width if far else 0.0
     reach_x, reach_y = (int(np.ceil(max(REACH_BLOCKS * side, least))) for side in block)
     around = [
         cv2.copyMakeBorder(

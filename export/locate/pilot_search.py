@@ -49,6 +49,10 @@ natural logarithm of one false alarm in some ten million searches."""
 TRIALS = 500
 """Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
 pays."""
+CERTAIN = 60.0
+"""Evidence from which on a display is believed at once; with less, later frames must agree."""
+CONFIRMING, CONFIRMED = 16, 9.0
+"""Number of later frames, and the evidence, before it pays for anything, that they must bring."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
@@ -113,6 +117,7 @@ class PilotSearch:
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._stabiliser = Stabiliser()
         self._frames: list[tuple[Gray, Array]] = []
+        self._newest: tuple[Gray, Array]
         self._watched: list[Array] = []
         self._values: list[list[NDArray[np.float32]]] = []
         self._proposed: list[_Proposal] = []
@@ -132,6 +137,7 @@ class PilotSearch:
         if H is None:
             self._begin(image, gray)
             return None
+        self._newest = gray, H
         if len(self._frames) < WINDOW:
             self._watch(gray, H)
         if self._work is None:
@@ -150,6 +156,7 @@ class PilotSearch:
     def _begin(self, image: NDArray[np.uint8], gray: Gray) -> None:
         """Start anew with this frame as the reference."""
         self._stabiliser.begin(gray)
+        self._newest = gray, np.eye(3)
         self._frames, self._proposed, self._work = [], [], None
         self._map = ToggleMap(self._stabiliser.shape, WINDOW)
         self._watched = [
@@ -228,7 +235,8 @@ class PilotSearch:
             for layout in self.layouts:
                 blocks = _expected(layout)
                 for turn in (0, 2):
-                    fit = coarse_shift(line, blocks[::-1, ::-1] if turn else blocks, layout)
+                    shown = blocks[::-1, ::-1] if turn else blocks
+                    fit = coarse_shift(line, shown, layout, far=True)
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], _Proposal(corners, layout, frequency)
@@ -244,8 +252,8 @@ class PilotSearch:
             if views is not None:
                 fit = coarse_shift(_line(views, proposal.frequency), blocks, layout)
             yield None
-            if fit is None:
-                return
+            if fit is None:  # too few parts are clear, but the whole may be
+                break
             moved = moved_corners(corners, fit[0], layout)
             far = float(np.linalg.norm(moved - corners, axis=1).max())
             corners = moved
@@ -271,7 +279,17 @@ class PilotSearch:
         settled = _Proposal(corners, layout, proposal.frequency)
         evidence = _evidence(settled, frames) - float(np.log(TRIALS))
         self.strongest = max(self.strongest, evidence)
-        yield (settled, evidence) if evidence >= SURE else None
+        if evidence < SURE:
+            yield None
+            return
+        if evidence < CERTAIN:  # corners were fitted to these frames; later ones must agree
+            later: list[tuple[Gray, Array]] = []
+            while len(later) < CONFIRMING:
+                yield None
+                later.append(self._newest)
+            if _evidence(settled, later) < CONFIRMED:
+                return
+        yield settled, evidence
 
 
 def _expected(layout: Layout) -> Array:

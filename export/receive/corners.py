@@ -22,8 +22,8 @@ pairs from one move to the next after that."""
 STRENGTH = 0.4
 """Share of the way that later moves go, so that the noise of one frame pair does not shake the
 corners."""
-FAR_PX = 4.0
-"""Largest move, in layout pixels, that is believed."""
+FAR_BLOCKS = 0.6
+"""Largest move, in blocks, that is believed."""
 STEEP = 4.0
 """Gradient of the picture, in gray levels a pixel of the maps, at which a pixel counts half."""
 LEAST_SURE = 0.5
@@ -81,7 +81,8 @@ class CornerShift:
             [[0, 0], [layout.width, 0], [layout.width, layout.height], [0, layout.height]], float
         )
         moved = cv2.perspectiveTransform(corners[:, None], shift)[:, 0]
-        if np.linalg.norm(moved - corners, axis=1).max() > FAR_PX:
+        far = FAR_BLOCKS * min(layout.width / layout.cols, layout.height / layout.rows)
+        if np.linalg.norm(moved - corners, axis=1).max() > far:
             return
         share = 1.0 if number < FIRST else STRENGTH
         self._shift = np.eye(3) + share * (shift / shift[2, 2] - np.eye(3))
