@@ -1,5 +1,8 @@
 """Framing turns a message into the protected bits of a loop of frames, and back.
 
+Frames of `FINE_BITS` message blocks or more are those of a fine grid, which `link.code.fine`
+describes. What follows is the framing of coarse grids:
+
     information   length (2 bytes) | message | zeros | CRC-32 of all before
     codeword      information + parity, rate 1/2 (`link.code.ldpc`): N P bits for N frames
     frame k       SIGNATURE bits that say (N, k) | P bits of the codeword
@@ -14,9 +17,19 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from link.code.fine import MAX_FRAMES as FINE_MAX_FRAMES
+from link.code.fine import (
+    MIN_REDUNDANCY,
+    decode_fine,
+    encode_fine,
+    fine_capacity,
+    fine_frames,
+)
 from link.code.ldpc import Code, make_code, scrambled
 from link.errors import InputError, ParameterError
 
+FINE_BITS = 512
+"""Smallest number of message blocks of a frame at which the framing is that of fine grids."""
 SIGNATURE = 8
 """Number of bits that each frame spends on saying which frame of the loop it is."""
 MAX_FRAMES = 1024
@@ -25,6 +38,11 @@ LENGTH_BYTES, CRC_BYTES = 2, 4
 """Number of bytes that hold the length of the message, and its CRC-32."""
 MIN_BITS = 2 * SIGNATURE
 """Smallest number of message blocks that a frame may have."""
+
+
+def is_fine(n_bits: int) -> bool:
+    """Whether frames with a number of message blocks have the framing of fine grids."""
+    return n_bits >= FINE_BITS
 
 
 def check_bits(n_bits: int) -> None:
@@ -49,31 +67,62 @@ def information_bytes(frames: int, n_bits: int) -> int:
 def capacity(frames: int, n_bits: int) -> int:
     """Count the bytes of the longest message that fits into a loop.
 
+    On a fine grid that is the longest one with the usual redundancy.
+
     Args:
         frames: number of frames in the loop.
         n_bits: message blocks of a frame.
 
-    >>> capacity(frames=10, n_bits=59)
-    25
+    >>> capacity(frames=10, n_bits=59), capacity(frames=10, n_bits=2918)
+    (25, 1698)
     """
+    if is_fine(n_bits):
+        return fine_capacity(frames, n_bits)
     return max(0, information_bytes(frames, n_bits) - LENGTH_BYTES - CRC_BYTES)
 
 
-def frames_needed(n_bytes: int, n_bits: int, name: str = "message") -> int:
-    """Count the frames of the shortest loop that carries a message.
+def longest_message(n_bits: int) -> int:
+    """Count the bytes of the longest message that frames of a layout carry.
+
+    Args:
+        n_bits: message blocks of a frame.
+
+    >>> [longest_message(n_bits) for n_bits in (59, 730, 2918, 11674)]
+    [3258, 270369, 1048576, 1048576]
+    """
+    if is_fine(n_bits):
+        return fine_capacity(FINE_MAX_FRAMES, n_bits, MIN_REDUNDANCY)
+    return min((1 << 8 * LENGTH_BYTES) - 1, capacity(MAX_FRAMES, n_bits))
+
+
+def frames_needed(
+    n_bytes: int, n_bits: int, name: str = "message", redundancy: float | None = None
+) -> int:
+    """Count the frames of the loop that carries a message, which is the shortest on coarse grids.
 
     Args:
         n_bytes: length of the message.
         n_bits: message blocks of a frame.
         name: the parameter that the error names, or the flag of a command.
+        redundancy: coded bits for each bit of information, on fine grids alone; None for what is
+            usual.
 
     Raises:
-        InputError: the message is empty or too long, or the layout has too few message blocks.
+        InputError: the message is empty or too long, the layout has too few message blocks, or the
+            redundancy is out of range, or given on a coarse grid.
     """
+    if is_fine(n_bits):
+        return fine_frames(n_bytes, n_bits, redundancy, name)
     check_bits(n_bits)
+    if redundancy is not None:
+        raise ParameterError(
+            "redundancy",
+            f"a frame of {n_bits} message blocks has a code of fixed rate; leave it out, or use a "
+            f"grid of {FINE_BITS} message blocks or more",
+        )
     if n_bytes < 1:
         raise ParameterError(name, "empty; give at least one byte")
-    longest = min(capacity(MAX_FRAMES, n_bits), 256**LENGTH_BYTES - 1)
+    longest = longest_message(n_bits)
     if n_bytes > longest:
         raise ParameterError(
             name,
@@ -134,24 +183,29 @@ def parity_mask(frames: int, n_bits: int) -> NDArray[np.bool_]:
     return np.concatenate([np.zeros((frames, SIGNATURE), bool), parity], axis=1)
 
 
-def encode(message: bytes, n_bits: int) -> NDArray[np.uint8]:
+def encode(message: bytes, n_bits: int, redundancy: float | None = None) -> NDArray[np.uint8]:
     """Turn a message into the bits of the loop that carries it.
 
     Args:
-        message: at least 1 byte, and at most the `capacity` of a loop of `MAX_FRAMES` frames.
+        message: at least 1 byte, and at most as many as `longest_message` says.
         n_bits: message blocks of a frame.
+        redundancy: coded bits for each bit of information, on fine grids alone; None for what is
+            usual.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
 
     Raises:
-        InputError: the message is empty or too long, or the layout has too few message blocks.
+        InputError: the message is empty or too long, the layout has too few message blocks, or the
+            redundancy is out of range, or given on a coarse grid.
 
     >>> bits = encode(b"Hello", n_bits=59)
     >>> bits.shape
     (4, 59)
     """
-    frames = frames_needed(len(message), n_bits)
+    if is_fine(n_bits):
+        return encode_fine(message, n_bits, redundancy)
+    frames = frames_needed(len(message), n_bits, redundancy=redundancy)
     room = information_bytes(frames, n_bits) - CRC_BYTES
     data = (len(message).to_bytes(LENGTH_BYTES, "big") + message).ljust(room, b"\0")
     data += zlib.crc32(data).to_bytes(CRC_BYTES, "big")
@@ -183,6 +237,8 @@ def decode(scores: NDArray[np.float64]) -> bytes | None:
     frames, n_bits = scores.shape
     if capacity(frames, n_bits) < 1 or not scores.any():
         return None
+    if is_fine(n_bits):
+        return decode_fine(scores)
     body = scores[:, SIGNATURE:].reshape(-1)
     order, white = _order(body.size)
     llr = np.empty_like(body)

@@ -1,0 +1,238 @@
+"""The collector of fine grids turns scores of frames, as they come, into their loop's message.
+
+Each frame tells its number and a part of the loop's terms by words (`link.code.fine`). The numbers
+of the frames are followed from frame to frame by Bayes' rule: a number usually moves on as the
+display's count does, and sometimes jumps, because count was lost or the loop began again. A frame
+whose number is not sure yet waits; so does one that comes before the terms are known. The terms
+are summed up over frames. Frames that contradict them are not used, and several in a row mean that
+the message has changed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.code.fine import (
+    PIECES,
+    ReadFrame,
+    Shape,
+    Terms,
+    coded_bits,
+    decode_coded,
+    number_likelihoods,
+    read_terms,
+)
+from link.code.message import MAX_SCORE, Message
+from link.code.words import NUMBERS
+
+UNSURE = 1e-4
+"""Largest posterior probability of all other numbers together at which a frame's number counts."""
+JUMP = 0.02
+"""Probability that a frame's number is not the one that the display's count says."""
+MAX_WAITING = 64
+"""Number of frames that may wait until their number or the terms are known; the oldest are
+dropped."""
+TERMS_MEMORY = 0.8
+"""Factor by which the evidence for a word of the terms fades when that word is seen again."""
+CONTRADICTIONS = 3
+"""Number of frames in a row that contradict the terms, after which the terms are learnt afresh."""
+SCORES_MEMORY = 15 / 16
+"""Factor by which the scores of a frame fade when that frame is seen again, so that what was
+collected amiss loses its weight."""
+FIRST_TRY, NEXT_TRY = 1.08, 1.03
+"""Information received over information sent at which decoding is first tried, and the factor by
+which it has to grow until decoding is tried again."""
+
+Floats = NDArray[np.float32]
+"""Scores."""
+
+
+def information_of(llr: Floats) -> float:
+    """Add up the information that log-likelihood ratios hold, in bits.
+
+    Args:
+        llr: log-likelihood ratios of bits, natural logarithm, of any shape.
+    """
+    size = np.abs(llr)
+    entropy = np.log1p(np.exp(-size)) + size / (1 + np.exp(size))
+    return float(llr.size - entropy.sum(dtype=np.float64) / np.log(2))
+
+
+class CodedScores:
+    """Scores of a loop's coded bits, summed over all times that each frame was seen.
+
+    Args:
+        terms: terms of the loop.
+        n_bits: message blocks of a frame.
+    """
+
+    def __init__(self, terms: Terms, n_bits: int) -> None:
+        self.terms = terms
+        self.sums = np.zeros((terms.frames, Shape.of(n_bits).body), np.float32)
+        """(frames, body) log-likelihood ratios."""
+        self.seen = 0
+        """Number of received frames that were added."""
+        self.tried = 0.0
+        """Value of `progress` when decoding was last tried."""
+        self._information = np.zeros(terms.frames)
+
+    def add(self, number: int, coded: Floats) -> None:
+        """Add the (body,) scores of a frame's coded bits; what it brought before fades a little."""
+        self.sums[number] *= SCORES_MEMORY
+        self.sums[number] += coded
+        self._information[number] = information_of(self.sums[number])
+        self.seen += 1
+
+    @property
+    def progress(self) -> float:
+        """Information received, as a share of what was sent: about 1.1 when it can be decoded."""
+        return float(self._information.sum()) / self.terms.information
+
+    def worth_decoding(self) -> bool:
+        """Whether there is enough that is new since decoding was last tried."""
+        enough = self.progress >= max(FIRST_TRY, NEXT_TRY * self.tried)
+        turn = max(2, self.terms.frames // 4)
+        return enough or (2 * self.seen >= self.terms.frames and self.seen % turn == 0)
+
+
+@dataclass
+class WaitingFrame:
+    """A frame that cannot be used yet."""
+
+    scores: Floats
+    """(n_bits,) log-likelihood ratios."""
+    count: int
+    """Number of the frame on the display, from any start."""
+    number: int | None
+    """Number of the frame in the loop, or None while it is not sure."""
+
+
+class FineCollector:
+    """Collects frames of fine grids; arguments and methods are those of `Collector`."""
+
+    def __init__(self, n_bits: int) -> None:
+        self.n_bits = n_bits
+        self.progress = 0.0
+        self.attempts = 0
+        self._terms: Terms | None = None
+        self._loop: CodedScores | None = None
+        self._delivered: Terms | None = None
+        self._forget_terms()
+        self.start_run()
+
+    @property
+    def collecting(self) -> bool:
+        """Whether scores are kept that may be those of a message not returned yet."""
+        return self._loop is not None
+
+    def start_run(self) -> None:
+        """Say that the next frame's distance to the earlier ones is not known."""
+        self._belief: NDArray[np.float64] | None = None
+        self._count = 0
+        self._waiting: list[WaitingFrame] = []
+
+    def add(self, scores: NDArray[np.floating], count: int) -> Message | None:
+        """Add one frame, and try to decode; `Collector.add` says the rest."""
+        frame = WaitingFrame(
+            np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE).astype(np.float32), count, None
+        )
+        self._waiting = [*self._waiting, frame][-MAX_WAITING:]
+        frame.number = self._follow(number_likelihoods(frame.scores), count)
+        if frame.number is None:
+            return None
+        self._number_waiting(frame)
+        self._learn_terms(ReadFrame(frame.scores, frame.number))
+        if self._terms is None:
+            return None
+        new = False
+        for waiting in self._waiting:
+            new = self._put(waiting, self._terms) or new
+        self._waiting = []
+        return self._try() if new and self._loop is not None else None
+
+    def _follow(self, likelihoods: Floats, count: int) -> int | None:
+        """Weigh the numbers that the next frame may have; returns it once it is sure."""
+        belief = likelihoods.astype(np.float64)
+        if self._belief is not None:
+            moved = np.full(NUMBERS, -np.inf)
+            frames = NUMBERS if self._terms is None else self._terms.frames
+            if self._terms is None:
+                step = min(max(count - self._count, 0), NUMBERS)
+                moved[step:] = self._belief[: NUMBERS - step]
+            else:
+                moved[:frames] = np.roll(self._belief[:frames], (count - self._count) % frames)
+            belief += np.logaddexp(moved + np.log(1 - JUMP), np.log(JUMP / NUMBERS))
+        self._count = count
+        belief -= belief.max()
+        self._belief = belief - np.log(np.exp(belief).sum())
+        best = int(self._belief.argmax())
+        return best if np.exp(self._belief).sum() - np.exp(self._belief[best]) < UNSURE else None
+
+    def _number_waiting(self, sure: WaitingFrame) -> None:
+        """Number the frames that waited for it back from one that is sure; drop what misfits."""
+        assert sure.number is not None
+        kept = []
+        for frame in self._waiting:
+            if frame.number is None:
+                number = sure.number - (sure.count - frame.count)
+                if self._terms is not None:
+                    number %= self._terms.frames
+                if number < 0 or number_likelihoods(frame.scores)[number] < 0:
+                    continue
+                frame.number = number
+            kept.append(frame)
+        self._waiting = kept
+
+    def _forget_terms(self) -> None:
+        """Learn the terms from the next frames."""
+        self._terms = None
+        self._evidence = np.zeros((PIECES, NUMBERS), np.float32)
+        self._heard = np.zeros(PIECES, bool)
+        self._contradicted = 0
+
+    def _learn_terms(self, frame: ReadFrame) -> None:
+        """Add what a frame says about the terms."""
+        if self._terms is not None:
+            contradicts = frame.supports(self._terms) < 0
+            self._contradicted = self._contradicted + 1 if contradicts else 0
+            if self._contradicted == CONTRADICTIONS:
+                self._forget_terms()
+        self._evidence[frame.pieces] *= TERMS_MEMORY
+        self._evidence[frame.pieces] += frame.likelihoods
+        self._heard[frame.pieces] = True
+        if self._terms is None and self._heard.all():
+            self._terms = read_terms(self._evidence.argmax(axis=1), self.n_bits)
+
+    def _put(self, waiting: WaitingFrame, terms: Terms) -> bool:
+        """Add a frame to the loop; false where it brings nothing new that may be decoded."""
+        assert waiting.number is not None
+        if waiting.number >= terms.frames:
+            return False
+        frame = ReadFrame(waiting.scores, waiting.number)
+        if frame.supports(terms) < 0:
+            return False
+        if terms == self._delivered:
+            self._loop, self.progress = None, 1.0
+            return False
+        if self._loop is None or self._loop.terms != terms:
+            self._loop = CodedScores(terms, self.n_bits)
+        self._loop.add(waiting.number, frame.coded)
+        self.progress = self._loop.progress
+        return self._loop.worth_decoding()
+
+    def _try(self) -> Message | None:
+        """Decode what was collected; a message ends the collection."""
+        loop = self._loop
+        assert loop is not None
+        self.attempts += 1
+        loop.tried = loop.progress
+        data = decode_coded(loop.sums, loop.terms)
+        if data is None:
+            return None
+        sent = coded_bits(data, loop.terms, self.n_bits)
+        weight = np.abs(loop.sums)
+        agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
+        changed = self._delivered is not None
+        self._loop, self._delivered, self.progress = None, loop.terms, 1.0
+        return Message(data, loop.terms.frames, loop.seen, agree, changed)

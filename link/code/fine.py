@@ -1,0 +1,340 @@
+"""Framing for fine grids: a message becomes frames of thousands of bits, any of which help.
+
+    information   message | CRC-32 of length and message | zeros, cut into equal blocks
+    coded bits    as many as the loop has room for, by turns from each block (`link.code.rateless`)
+    frame k       a word that says k | words that say the loop's terms | coded bits k P to k P + P
+
+The *terms* are what a receiver must know before it can decode: the length of the message, the
+number of frames in the loop and a mark of the message. They make six words, of which each frame
+shows one or more by turns. So a receiver learns them within a few frames, and notices by them when
+the message changes.
+"""
+
+import hashlib
+import math
+import zlib
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from link.code.ldpc import scrambled
+from link.code.rateless import MAX_INFORMATION, MIN_INFORMATION, RatelessCode, make_rateless
+from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
+from link.errors import ParameterError
+
+MAX_MESSAGE = 2**20
+"""Largest number of bytes in a message."""
+MIN_FRAMES, MAX_FRAMES = 8, NUMBERS
+"""Smallest and largest number of frames in a loop. A short message has more coded bits instead of a
+shorter loop."""
+MAX_CODED = 2**25
+"""Largest number of coded bits in a loop, which bounds the receiver's memory."""
+MIN_REDUNDANCY, USUAL_REDUNDANCY, MAX_REDUNDANCY = 1.2, 2.0, 16.0
+"""Smallest, usual and largest number of coded bits in a loop for each bit of information."""
+PIECES = 6
+"""Number of words that tell the terms."""
+HEADER_SHARE = 1 / 12
+"""Share of a frame's bits that words may take, if more than one word of the terms is shown."""
+CRC_BYTES, MARK_BYTES = 4, 3
+"""Number of bytes of the CRC-32 in the information, and of the message's mark in the terms."""
+
+Floats = NDArray[np.float32]
+"""Scores."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a receiver must know of a loop before it can decode it."""
+
+    n_bytes: int
+    """Length of the message in bytes."""
+    frames: int
+    """Number of frames in the loop."""
+    mark: int
+    """First three bytes of the message's SHA-256, as a whole number."""
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks into which the information is cut."""
+        return -(-8 * (self.n_bytes + CRC_BYTES) // MAX_INFORMATION)
+
+    @property
+    def block_bytes(self) -> int:
+        """Number of bytes of information in a block."""
+        return max(MIN_INFORMATION // 8, -(-(self.n_bytes + CRC_BYTES) // self.blocks))
+
+    @property
+    def information(self) -> int:
+        """Number of bits of information in all blocks."""
+        return 8 * self.blocks * self.block_bytes
+
+    @property
+    def code(self) -> RatelessCode:
+        """The code of each block."""
+        return make_rateless(8 * self.block_bytes)
+
+    def pieces(self) -> NDArray[np.int64]:
+        """Tell the terms in (PIECES,) numbers below 4096; the last 16 bits check the others.
+
+        The mark also scrambles what follows it, so that all numbers change with the message.
+        """
+        told = (self.mark << 20 | self.n_bytes - 1) << NUMBER_BITS | self.frames - 1
+        value = told << 16 | _check(told)
+        numbers = [value >> NUMBER_BITS * turn & NUMBERS - 1 for turn in reversed(range(PIECES))]
+        return np.array(numbers) ^ _mask(self.mark)
+
+
+def _check(told: int) -> int:
+    return zlib.crc32(told.to_bytes(7, "big")) & 0xFFFF
+
+
+def _mask(mark: int) -> NDArray[np.int64]:
+    mask = (scrambled(np.arange(PIECES), mark) % np.uint64(NUMBERS)).astype(np.int64)
+    mask[:2] = 0  # the mark itself
+    return mask
+
+
+def read_terms(pieces: NDArray[np.integer], n_bits: int) -> Terms | None:
+    """Read the terms from numbers that may be wrong.
+
+    Args:
+        pieces: (PIECES,) numbers below 4096.
+        n_bits: message blocks of a frame.
+
+    Returns:
+        the terms, or None where their check fails or where no sender would make such a loop.
+    """
+    mark = int(pieces[0]) << NUMBER_BITS | int(pieces[1])
+    value = 0
+    for piece in pieces ^ _mask(mark):
+        value = value << NUMBER_BITS | int(piece)
+    told = value >> 16
+    if _check(told) != value & 0xFFFF:
+        return None
+    n_bytes, frames = (told >> NUMBER_BITS & MAX_MESSAGE - 1) + 1, (told & MAX_FRAMES - 1) + 1
+    terms = Terms(n_bytes, frames, mark)
+    coded = frames * Shape.of(n_bits).body
+    possible = frames >= MIN_FRAMES and terms.information <= coded <= MAX_CODED
+    return terms if possible else None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """How the bits of a frame are shared out."""
+
+    n_bits: int
+    """Number of message blocks of a frame."""
+    shown: int
+    """Number of the terms' words that each frame shows: 1, 2, 3 or 6."""
+    head: NDArray[np.intp]
+    """((1 + shown) * WORD,) places of the words' bits, all over the frame: first those of the word
+    that tells the frame's number."""
+    rest: NDArray[np.intp]
+    """(body,) places of the coded bits, in rising order."""
+
+    @property
+    def body(self) -> int:
+        """Number of coded bits in a frame."""
+        return self.rest.size
+
+    @staticmethod
+    @lru_cache(maxsize=16)
+    def of(n_bits: int) -> "Shape":
+        """Share out the bits of frames with a number of message blocks."""
+        fitting = [m for m in (2, 3, 6) if (1 + m) * WORD <= HEADER_SHARE * n_bits]
+        shown = max([1, *fitting])
+        order = np.argsort(scrambled(np.arange(n_bits), n_bits), kind="stable")
+        head = (1 + shown) * WORD
+        return Shape(n_bits, shown, order[:head], np.sort(order[head:]))
+
+    def pieces_shown(self, number: int) -> NDArray[np.int64]:
+        """List which words of the terms a frame shows: (shown,) numbers below `PIECES`."""
+        return (number * self.shown + np.arange(self.shown)) % PIECES
+
+    def whitening(self, number: int) -> NDArray[np.uint8]:
+        """Make the (n_bits,) pseudo-random bits that are added to all of a frame's bits.
+
+        The bits of the word that tells the number are whitened alike in all frames.
+        """
+        white = scrambled(np.arange(self.n_bits) + number * self.n_bits, 2) & np.uint64(1)
+        white[self.head[:WORD]] = scrambled(np.arange(WORD), 3) & np.uint64(1)
+        return np.asarray(white, np.uint8)
+
+
+def encode_fine(message: bytes, n_bits: int, redundancy: float | None = None) -> NDArray[np.uint8]:
+    """Turn a message into the bits of the loop that carries it.
+
+    Args:
+        message: 1 to `MAX_MESSAGE` bytes.
+        n_bits: message blocks of a frame.
+        redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
+            where that would make too long a loop.
+
+    Returns:
+        (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
+
+    Raises:
+        InputError: the message is empty or too long, or the redundancy is out of range.
+    """
+    frames = fine_frames(len(message), n_bits, redundancy)
+    terms = Terms(len(message), frames, mark_of(message))
+    shape, pieces = Shape.of(n_bits), all_words()[terms.pieces()]
+    coded = coded_bits(message, terms, n_bits)
+    bits = np.empty((frames, n_bits), np.uint8)
+    for number, row in enumerate(bits):
+        words = [all_words()[[number]], pieces[shape.pieces_shown(number)]]
+        row[shape.head] = np.concatenate(words).reshape(-1)
+        row[shape.rest] = coded[number]
+        row ^= shape.whitening(number)
+    return bits
+
+
+def decode_fine(scores: NDArray[np.floating]) -> bytes | None:
+    """Read the message of a loop from the scores of all its frames, in order.
+
+    Args:
+        scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
+
+    Returns:
+        the message, or None where the scores do not suffice. It is never a wrong message, short of
+        a CRC-32 and three bytes of a SHA-256 that fit by chance.
+    """
+    scores = np.asarray(np.nan_to_num(scores), np.float32)
+    frames, n_bits = scores.shape
+    evidence = np.zeros((PIECES, NUMBERS), np.float32)
+    body = np.zeros((frames, Shape.of(n_bits).body), np.float32)
+    for number in range(min(frames, MAX_FRAMES)):
+        frame = ReadFrame(scores[number], number)
+        evidence[frame.pieces] += frame.likelihoods
+        body[number] = frame.coded
+    terms = read_terms(evidence.argmax(axis=1), n_bits)
+    if terms is None or terms.frames != frames:
+        return None
+    return decode_coded(body, terms)
+
+
+class ReadFrame:
+    """What the scores of a frame say, once its number is known.
+
+    Args:
+        scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
+        number: number of the frame in the loop, from 0.
+    """
+
+    def __init__(self, scores: Floats, number: int) -> None:
+        shape = Shape.of(scores.size)
+        clear = np.where(shape.whitening(number) == 1, -scores, scores)
+        self.pieces = shape.pieces_shown(number)
+        """(shown,) which words of the terms the frame shows."""
+        self.likelihoods = weigh_words(clear[shape.head[WORD:]].reshape(-1, WORD))
+        """(shown, 4096) log-likelihood of each number that such a word may tell, over chance."""
+        self.coded = clear[shape.rest]
+        """(body,) log-likelihood ratios of the coded bits."""
+
+    def supports(self, terms: Terms) -> float:
+        """Give the log-likelihood of terms over chance; it is below 0 where others are shown."""
+        told = terms.pieces()[self.pieces]
+        return float(self.likelihoods[np.arange(told.size), told].sum())
+
+
+def number_likelihoods(scores: Floats) -> Floats:
+    """Weigh all numbers that a frame may have: (4096,) log-likelihood over chance.
+
+    Args:
+        scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
+    """
+    shape = Shape.of(scores.size)
+    head = shape.head[:WORD]
+    clear = np.where(shape.whitening(0)[head] == 1, -scores[head], scores[head])
+    return np.asarray(weigh_words(clear[None])[0], np.float32)
+
+
+def fine_frames(
+    n_bytes: int, n_bits: int, redundancy: float | None = None, name: str = "message"
+) -> int:
+    """Count the frames of the loop that carries a message; `encode_fine` says the rest.
+
+    Args:
+        n_bytes: length of the message.
+        n_bits: message blocks of a frame.
+        redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
+            where that would make too long a loop.
+        name: the parameter that errors about the length name, or the flag of a command.
+
+    Raises:
+        InputError: the message is empty or too long, or the redundancy is out of range.
+    """
+    if redundancy is not None and not MIN_REDUNDANCY <= redundancy <= MAX_REDUNDANCY:
+        raise ParameterError(
+            "redundancy", f"need {MIN_REDUNDANCY:g} to {MAX_REDUNDANCY:g}, got {redundancy:g}"
+        )
+    if n_bytes < 1:
+        raise ParameterError(name, "empty; give at least one byte")
+    least = MIN_REDUNDANCY if redundancy is None else redundancy
+    longest = fine_capacity(MAX_FRAMES, n_bits, least)
+    if n_bytes > longest:
+        raise ParameterError(
+            name,
+            f"{n_bytes} bytes, a loop with {n_bits} bits a frame and redundancy {least:g} "
+            f"carries {longest}; shorten it, use a finer grid or less redundancy",
+        )
+    body = Shape.of(n_bits).body
+    most = min(MAX_FRAMES, MAX_CODED // body)
+    wanted = USUAL_REDUNDANCY if redundancy is None else redundancy
+    coded = wanted * Terms(n_bytes, MIN_FRAMES, 0).information
+    return min(max(MIN_FRAMES, math.ceil(coded / body)), most)
+
+
+def fine_capacity(frames: int, n_bits: int, redundancy: float = USUAL_REDUNDANCY) -> int:
+    """Count the bytes of the longest message that fits into a loop with a redundancy."""
+    coded = min(frames * Shape.of(n_bits).body, MAX_CODED)
+    most = int(coded / redundancy) // 8 - CRC_BYTES
+    if most < 1:
+        return 0
+    # blocks are equally long, so information may be a few bytes longer than the message
+    blocks = Terms(min(most, MAX_MESSAGE), MIN_FRAMES, 0).blocks
+    return max(0, min(most - blocks, MAX_MESSAGE))
+
+
+def mark_of(message: bytes) -> int:
+    """Give the mark by which the terms tell a message from others."""
+    return int.from_bytes(hashlib.sha256(message).digest()[:MARK_BYTES], "big")
+
+
+def coded_bits(message: bytes, terms: Terms, n_bits: int) -> NDArray[np.uint8]:
+    """Encode a message: (frames, body) coded bits of its loop, before whitening."""
+    content = (message + _crc(message)).ljust(terms.information // 8, b"\0")
+    information = np.unpackbits(np.frombuffer(content, np.uint8)).reshape(terms.blocks, -1).T
+    size = terms.frames * Shape.of(n_bits).body
+    coded = terms.code.encode(information, -(-size // terms.blocks))  # (count, blocks)
+    return np.asarray(coded.reshape(-1)[:size].reshape(terms.frames, -1), np.uint8)
+
+
+def decode_coded(scores: Floats, terms: Terms) -> bytes | None:
+    """Read a message whose terms are known.
+
+    Args:
+        scores: (frames, body) log-likelihood ratios of the coded bits, positive for 1; 0 where
+            nothing is known.
+        terms: terms of the loop.
+
+    Returns:
+        the message, or None where the scores do not suffice.
+    """
+    count = -(-scores.size // terms.blocks)
+    llr = np.zeros(count * terms.blocks, np.float32)
+    llr[: scores.size] = scores.reshape(-1)
+    information, done = terms.code.decode(llr.reshape(count, terms.blocks))
+    if not done.all():
+        return None
+    content = np.packbits(information.T).tobytes()
+    message, rest = content[: terms.n_bytes], content[terms.n_bytes :]
+    fits = rest[:CRC_BYTES] == _crc(message) and not any(rest[CRC_BYTES:])
+    return message if fits and mark_of(message) == terms.mark else None
+
+
+def _crc(message: bytes) -> bytes:
+    length = len(message).to_bytes(4, "big")
+    return zlib.crc32(message, zlib.crc32(length)).to_bytes(CRC_BYTES, "big")
