@@ -108,23 +108,23 @@ def test_the_solve_is_weighted_ridge_regression(modulation: str) -> None:
     refiner = PilotRefiner(layout, 768.0, rounds=1, rows=True, space=True).double()
     S, N, y, _ = (v.detach() for v in refiner.design(torch.cat(statistics_of(layout), dim=1)))
     rng = np.random.default_rng(2)
-    one, zero = (torch.from_numpy(rng.uniform(0, 2, y.shape)) for _ in range(2))
-    amplitude, flicker = (torch.from_numpy(rng.uniform(0.5, 2, (2, 1))) for _ in range(2))
-    F = torch.cat([N, torch.zeros_like(N[..., :2])], dim=-1)
-    covariance, solution = refiner.solve(S, F, y, [zero, one][::-1], amplitude, flicker)
+    weight = torch.from_numpy(rng.uniform(0, 2, (2, 2, y.shape[2])))
+    amplitude, flicker = (torch.from_numpy(rng.uniform(0.5, 2, (2, 1, 1))) for _ in range(2))
+    spilled = torch.from_numpy(rng.uniform(-1, 1, (2, 2, y.shape[2])))
+    F = torch.cat([N, spilled], dim=1)
+    upright = S.mT, torch.cat([N, y], dim=1).mT, spilled.mT
+    covariance, solution = refiner.solve(S, F, upright, weight, amplitude, flicker)
+    k, n_bands = S.shape[1], len(refiner.frequency)
     low, high = layout.change_of_bits
     for i in range(2):
-        A = np.concatenate([np.hstack([m * S[i], F[i]]) for m in (high, low)])
-        w = np.concatenate([one[i], zero[i]])
-        prior = np.concatenate(
-            [
-                np.full(S.shape[-1], amplitude[i].item() ** -2),
-                np.where(refiner.is_band > 0, 1 / flicker[i].item(), 1.0),
-            ]
-        )
+        A = np.concatenate([np.vstack([m * S[i], F[i]]).T for m in (high, low)])
+        w = weight[i].numpy().reshape(-1)
+        prior = np.ones(len(A.T))
+        prior[:k] = amplitude[i].item() ** -2
+        prior[k : k + n_bands] = 1 / flicker[i].item()
         normal = A.T @ (w[:, None] * A) + np.diag(prior)
-        expected = np.linalg.solve(normal, A.T @ (w * np.tile(y[i].numpy(), 2)))
-        np.testing.assert_allclose(solution[i, :, 0], expected, rtol=0, atol=1e3 * FLOAT64)
+        expected = np.linalg.solve(normal, A.T @ (w * np.tile(y[i, 0].numpy(), 2)))
+        np.testing.assert_allclose(solution[i, 0], expected, rtol=0, atol=1e3 * FLOAT64)
         np.testing.assert_allclose(
             covariance[i].numpy() @ normal, np.eye(len(normal)), atol=1e3 * FLOAT64
         )
@@ -136,7 +136,8 @@ def test_neighbours_are_those_of_the_grid() -> None:
     grid = np.random.default_rng(0).normal(size=(4, 5))
     message = layout.message_mask.reshape(-1).nonzero()[0]
     order = np.concatenate([layout.pilot_blocks, message])
-    found = refiner.neighbours(torch.from_numpy(grid.reshape(1, -1)[:, order]))[0].numpy()
+    shown = torch.from_numpy(grid.reshape(1, 1, -1)[..., order])
+    found = refiner.neighbours(shown)[0].T.numpy()
     for number, block in enumerate(order):
         row, col = divmod(int(block), 5)
         beside = sum(grid[row, c] for c in (col - 1, col + 1) if 0 <= c < 5)

@@ -44,8 +44,9 @@ def test_cavity_is_the_fit_without_the_block() -> None:
     variance = torch.einsum("nk,kl,nl->n", both, covariance, both)
     shared = torch.einsum("nk,kl,nl->n", one, covariance, zero)
     twice = torch.cat([y, y]), torch.cat([var, var])
-    given = (twice[0] - both @ w, twice[1], variance, torch.cat([p1, p0]))
-    llr = cavity_llr(shared[None], *(v[None] for v in given))[0]
+    given = (torch.cat([shared, shared]), twice[0] - both @ w, twice[1], variance)
+    llr = cavity_llr(*given, torch.cat([p1, p0]), lambda v: v.roll(N))
+    torch.testing.assert_close(llr[:N], -llr[N:])
     for n in range(N):
         covariance, w = posterior(torch.tensor([k for k in range(N) if k != n]))
         logs = [
@@ -87,7 +88,7 @@ def scene(
     shown = torch.from_numpy(rng.uniform(0.1, 0.9, LAYOUT.n_bits))
     bits = torch.from_numpy(rng.integers(0, 2, LAYOUT.n_bits)).double()
     parts = []
-    for rho, b in ((refiner.levels, refiner.labels), (shown, bits)):
+    for rho, b in ((refiner.levels, refiner.switched[: len(refiner.levels), 0]), (shown, bits)):
         change = curve((rho + b * kappa / 255) * (1 + drift)) - curve(rho)
         change = change + noise / 255 * torch.from_numpy(rng.standard_normal(len(rho)))
         parts.append(torch.cat([change[:, None], moments_of(curve(rho))], dim=1)[None])
@@ -119,7 +120,7 @@ def test_calibration_finds_the_slope_of_the_response() -> None:
 def test_the_signal_follows_a_response_that_changes_over_the_display() -> None:
     layout = make_layout()
     refiner = Refiner(layout, 1, False, True)
-    gain = 1 / (1.2 + 0.2 * refiner.x - 0.1 * refiner.y)  # g(i) = i / gain
+    gain = 1 / (1.2 + 0.2 * refiner.places[:, 0] - 0.1 * refiner.places[:, 1])  # g(i) = i / gain
     T = len(refiner.levels)
     shown = torch.cat([refiner.levels, torch.full((layout.n_bits,), 0.5).double()])
     i = gain * shown

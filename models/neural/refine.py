@@ -13,6 +13,7 @@ so two or three rounds bring far more than the tiles alone can. Each round also 
 kappa, flicker and noise are in this frame pair; the next round takes that for their spread.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ import torch
 from numpy.polynomial.legendre import legvander
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn.functional import pad
 
 from link.layout import Layout
 from link.ratex import TILES, tile_labels, tile_levels
@@ -41,6 +43,8 @@ LEAST_SIGNAL = 0.4
 """Smallest signal at any place of the display, as a share of h."""
 LEAST_AMPLITUDE = 0.1
 """Gray levels that are added to the estimated amplitude of the signal, so that it is never 0."""
+CERTAIN = 1e3
+"""Log-likelihood ratio at which float64 holds the probability 1."""
 LEAST_NOISE = 0.01
 """Standard deviation, in gray levels, that rounding to 8 bits leaves in the mean of some thousand
 pixels."""
@@ -57,19 +61,24 @@ class Refiner(nn.Module):
     """
 
     levels: Tensor
-    labels: Tensor
-    x: Tensor
-    y: Tensor
     places: Tensor
     waves: Tensor
     frequency: Tensor
     is_tile: Tensor
-    kinds: Tensor
-    is_bend: Tensor
-    is_band: Tensor
-    diagonal: Tensor
     grid: Tensor
     project: Tensor
+    diagonal: Tensor
+    switched: Tensor
+    other: Tensor
+    is_block: Tensor
+    is_one: Tensor
+    is_observed: Tensor
+    is_signal: Tensor
+    scales: Tensor
+    fixed: Tensor
+    kinds: Tensor
+    sums: Tensor
+    counts: Tensor
 
     def __init__(self, layout: Layout, rounds: int, rows: bool, space: bool) -> None:
         super().__init__()
@@ -100,17 +109,11 @@ class Refiner(nn.Module):
         rest = 5 + (7 if space else 0)
         kinds = "s" * 2 + "b" * (BENDS if space else 0) + "d" * rest
         kinds += "r" * (layout.rows if rows else 0)
-        for name, letter in (("is_bend", "b"), ("is_band", "r")):
-            mask = torch.tensor([float(kind == letter) for kind in kinds], dtype=torch.float64)
-            self.register_buffer(name, mask, persistent=False)
-        self.register_buffer("diagonal", torch.diag(torch.ones_like(mask)), persistent=False)
-        for name, value in {**_positions(layout), **_curves()}.items():
+        for name, value in {**_positions(layout), **_curves(), **_rows(layout, kinds)}.items():
             self.register_buffer(name, torch.from_numpy(value), persistent=False)
         # kappa takes at most a few levels off their range, which the receiver need not know
         levels = torch.from_numpy(tile_levels(layout, 0).reshape(-1) / GRAY_LEVELS)
         self.register_buffer("levels", levels, persistent=False)
-        labels = torch.from_numpy(tile_labels(layout).reshape(-1).astype(np.float64))
-        self.register_buffer("labels", labels, persistent=False)
 
     def forward(
         self, tiles: Tensor, blocks: Tensor, scores: Tensor, together: bool = False
@@ -130,47 +133,52 @@ class Refiner(nn.Module):
             (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1. Those of captures
             that are fitted together are still what each capture says by itself, and add.
         """
-        S, N, y, var = self.design(tiles, blocks)
         T, n_bits = tiles.shape[1], blocks.shape[1]
-        # rows: tiles with their labels, then blocks as bit 1, then the same blocks as bit 0
-        S = torch.cat([S[:, :T] * self.labels.unsqueeze(1), S[:, T:], 0 * S[:, T:]], dim=1)
-        F = torch.cat([S, torch.cat([N, N[:, T:]], dim=1)], dim=-1)  # (B, T + 2 n_bits, K)
-        y, var = (torch.cat([v, v[:, T:]], dim=1) for v in (y, var))
-        known, count = torch.ones_like(y[:, :T]), y.new_tensor([T, n_bits])
-        still = torch.zeros_like(known), torch.zeros_like(y[:, T : T + n_bits])
-        noise, scatter = torch.ones_like(y), torch.zeros_like(y)
-        amplitude, flicker = known[:, :1], known[:, :1]
-        free, bands = 1 - self.is_bend - self.is_band, self.is_band.sum()
-        trust, trust_r = self.noise_trust.double().exp(), self.band_trust.double().exp()
-        relative = (2 * self.spread.double()).exp()
-        llr = self.start.exp() * scores
+        S, N, y, var = self.design(tiles, blocks)
+        K = S.shape[-1] + N.shape[-1]
+        # rows: tiles with their labels, blocks as bit 1, the same blocks as bit 0; and the priors
+        # of the coefficients, each of which says that one coefficient is 0
+        S = torch.cat([S * self.switched, 0 * S[:, T:]], dim=1)
+        observed = torch.cat([S, torch.cat([N, N[:, T:]], dim=1)], dim=-1)
+        rows = torch.cat([observed, self.diagonal.expand(S.shape[0], -1, -1)], dim=1)
+        y, var = (torch.cat([v, v[:, T:]], dim=1).unsqueeze(1) for v in (y, var))
+        y, var = pad(y, (0, K)), pad(var, (0, K), value=1.0)  # (B, 1, R)
+        columns = rows.transpose(1, 2)  # (B, K, R)
+        others = columns.index_select(2, self.other) * self.is_block
+        swings = columns * self.is_signal * (self.is_one * self.spread.double().exp())
+        aimed = torch.cat([columns, y], dim=1)
+        ones, floor = torch.ones_like(self.diagonal[:1]), LEAST_NOISE**2 * self.is_observed
+        trust = torch.cat([self.noise_trust, self.band_trust]).double().exp()
+        trusts = torch.cat([trust, trust]) + self.counts
+        least = floor / var
+        scale, total = torch.ones_like(y), var + floor
+        llr = pad(self.start.exp() * scores, (T, n_bits + K)).unsqueeze(1)
+        llr = llr - llr.index_select(2, self.other)
         for _ in range(self.rounds):
-            p = said_of_bits(llr, together).sigmoid()
-            q = torch.cat([known, p, 1 - p], dim=1)
-            variance = noise * var + LEAST_NOISE**2
-            total = variance + scatter
+            # whatever is no block has no other: it counts in full
+            q = (said_of_bits(llr, together) + CERTAIN * (1 - self.is_block)).sigmoid()
             weight = q / total
-            normal, right = _weighted(F, y, weight)
-            prior = free + self.is_bend / amplitude**2 + self.is_band / flicker
-            covariance = inverse(self.diagonal * prior.unsqueeze(1) + normal)
-            solution = covariance @ right.unsqueeze(-1)  # (B, K, 1)
-            coefficients, mean = solution.squeeze(-1), (F @ solution).squeeze(-1)
-            projected = F @ covariance
-            doubt = (projected * F).sum(-1)  # variance that the coefficients leave in the mean
+            normal = (aimed * weight) @ rows  # (B, K + 1, K)
+            covariance = inverse(normal[:, :K])
+            solution = normal[:, K:] @ covariance  # (B, 1, K)
+            residual = y - solution @ columns
+            projected = covariance @ columns
+            doubt = ones @ (projected * columns)  # variance that the coefficients leave in the mean
+            shared = ones @ (projected * others)
             # what this frame pair says of its own: amplitude, flicker, and noise relative to the
             # learned one, degrees of freedom allowed for
-            amplitude = (self.signal[0].exp() * coefficients[:, :1]).abs() + LEAST_AMPLITUDE
-            power = (coefficients**2 + (covariance * self.diagonal).sum(-1)) * self.is_band
-            flicker = (trust_r + power.sum(-1, keepdim=True)) / (trust_r + bands)
-            residual = y - mean
-            excess = trust + (q * variance * residual**2 / (total * var)) @ self.kinds
-            noise = (excess / (trust + count - (weight * doubt) @ self.kinds)) @ self.kinds.T
-            rise = mean[:, T : T + n_bits] - mean[:, T + n_bits :]
-            scatter = torch.cat([still[0], relative * rise**2, still[1]], dim=1)
-            shared = (projected[:, T : T + n_bits] * F[:, T + n_bits :]).sum(-1)
-            total = noise * var + LEAST_NOISE**2 + scatter
-            given = (v[:, T:] for v in (residual, total, doubt, weight))
-            llr = cavity_llr(shared, *given)
+            square = residual * residual
+            says = [weight * (scale + least) * square, weight * doubt, square + doubt]
+            sums = (torch.cat(says, dim=1) @ self.kinds.T).reshape(-1, 1, 9) @ self.sums + trusts
+            amplitude = (self.signal[0].exp() * solution[..., :1]).abs() + LEAST_AMPLITUDE
+            levels = [sums[..., :3] / sums[..., 3:], amplitude * amplitude]
+            scale = torch.cat(levels, dim=-1) @ self.scales + self.fixed
+            scatter = solution @ swings
+            total = scale * var + floor + scatter * scatter
+            llr = cavity_llr(
+                shared, residual, total, doubt, weight, lambda v: v.index_select(2, self.other)
+            )
+        llr = llr[:, 0, T : T + n_bits]
         return with_surprises(self.temperature.exp() * llr, self.surprise)
 
     def calibrate(self, tiles: Tensor) -> tuple[Tensor, Tensor]:
@@ -229,27 +237,28 @@ class Refiner(nn.Module):
         """
         curves, tilt = self.calibrate(tiles)
         statistics = torch.cat([tiles, blocks], dim=1)
-        x, y, one = self.x, self.y, torch.ones_like(statistics[..., 0])
-        P = torch.cat([one.unsqueeze(-1), statistics[..., 1:]], dim=-1)
-        # as one more curve: onnxruntime 1.31 gets a transposed matrix times a vector wrong; and not
-        # len(P), which would pin the exported batch
-        exposure = self.exposure.double().reshape(1, -1, 1).expand(P.shape[0], -1, -1)
-        signal, square, gain = (P @ torch.cat([curves, exposure], dim=-1)).unbind(-1)
-        columns = [torch.cat([P[..., :4], gain.unsqueeze(-1)], dim=-1) * self.nuisance.exp()]
+        P = pad(statistics[..., 1:], (1, 0), value=1.0)
+        x, y = self.places[:, :1], self.places[:, 1:2]
+        # as a matrix of one column: onnxruntime 1.31 gets a transposed matrix times a vector wrong
+        gain = P @ self.exposure.double().unsqueeze(-1)
+        both = P @ curves
+        signal, square = both[..., :1], both[..., 1:]
+        nuisance = self.nuisance.double().exp()
+        columns, gains = [P[..., :4] * nuisance[:4]], [torch.ones_like(x) * nuisance[4]]
         if self.bends is not None and self.space_nuisance is not None:
             # g' grows by tilt . (x, y, x^2 + y^2), so h = 1 / g' falls by h^2 times that
             least = LEAST_SIGNAL * signal
-            signal = least + (signal - (tilt @ self.places.T) * square - least).relu()
-            where = torch.stack([x, y, x * x, x * y, y * y], dim=-1) * gain.unsqueeze(-1)
-            plane = torch.stack([x, y], dim=-1) * one.unsqueeze(-1)
-            columns.append(torch.cat([where, plane], dim=-1) * self.space_nuisance.exp())
-        S = torch.stack([signal, gain], dim=-1) * self.signal.exp()
-        if self.bends is not None:
-            bends = torch.stack([x * one, y * one, P[..., 1], P[..., 2]], dim=-1)
-            S = torch.cat([S, bends * signal.unsqueeze(-1) * self.bends.exp()], dim=-1)
+            signal = least + (signal - (self.places @ tilt.unsqueeze(-1)) * square - least).relu()
+            scale = self.space_nuisance.double().exp()
+            columns.append((self.places[:, :2] * scale[5:]).expand(P.shape[0], -1, -1))
+            gains.append(torch.cat([x, y, x * x, x * y, y * y], dim=-1) * scale[:5])
         if self.bands is not None:
-            scale = (self.bands[0] + self.bands[1] * self.frequency).exp()
-            columns.append(self.waves * gain.unsqueeze(-1) * scale)
+            gains.append(self.waves * (self.bands[0] + self.bands[1] * self.frequency).exp())
+        S = torch.cat([signal, gain], dim=-1) * self.signal.exp()
+        if self.bends is not None:
+            bends = torch.cat([self.places[:, :2].expand(P.shape[0], -1, -1), P[..., 1:3]], dim=-1)
+            S = torch.cat([S, bends * (signal * self.bends.double().exp())], dim=-1)
+        columns.append(gain * torch.cat(gains, dim=-1))
         log_noise = self.is_tile * self.tile_noise + (1 - self.is_tile) * self.block_noise
         variance = (2 * (P[..., :3] * log_noise).sum(-1)).exp()
         return S, torch.cat(columns, dim=-1), GRAY_LEVELS * statistics[..., 0], variance
@@ -273,7 +282,12 @@ def said_of_bits(llr: Tensor, together: bool) -> Tensor:
 
 
 def cavity_llr(
-    shared: Tensor, residual: Tensor, noise: Tensor, variance: Tensor, weight: Tensor
+    shared: Tensor,
+    residual: Tensor,
+    noise: Tensor,
+    variance: Tensor,
+    weight: Tensor,
+    swapped: Callable[[Tensor], Tensor],
 ) -> Tensor:
     """Compute the LLR of each block's bit from a fit to all other blocks, in closed form.
 
@@ -283,29 +297,27 @@ def cavity_llr(
         A' = (I - A P)^-1 A,  r' = (I - A P)^-1 r.
     Without it, a block that sways the fit would confirm its own label.
 
-    Each (B, 2 n_bits) tensor holds the blocks as bit 1, then the same blocks as bit 0.
+    All tensors have the same shape. Each block has two places in them, one for each bit.
 
     Args:
-        shared: (B, n_bits) covariance of the two predictions of each block.
-        residual: (B, 2 n_bits) change less its prediction, gray levels.
-        noise: (B, 2 n_bits) variance of the noise, squared gray levels.
-        variance: (B, 2 n_bits) variance of the prediction, squared gray levels.
-        weight: (B, 2 n_bits) inverse variance with which the row entered the fit.
+        shared: covariance of the two predictions of each block, at both its places.
+        residual: change less its prediction, gray levels.
+        noise: variance of the noise, squared gray levels.
+        variance: variance of the prediction, squared gray levels.
+        weight: inverse variance with which the row entered the fit.
+        swapped: puts what stands at a block's one place at its other place.
 
     Returns:
-        (B, n_bits) natural log-likelihood ratios, positive for bit 1.
+        natural log-likelihood ratios, positive at the place of the bit that is likelier.
     """
-    B, n_bits = shared.shape
-    # each (B, 2, n_bits): bit 1, then bit 0
-    residual, noise, A, P = (v.reshape(B, 2, n_bits) for v in (residual, noise, variance, weight))
-    shared = shared.unsqueeze(1)
-    own, cross = 1 - A * P, shared * P  # of I - A P: its diagonal, and minus the rest by columns
-    other, across = own.flip(1), cross.flip(1)
+    own, cross = 1 - variance * weight, shared * weight  # I - A P: diagonal, and less the rest
+    other, across = swapped(own), swapped(cross)
     determinant = own * other - cross * across
-    moved = (other * residual + across * residual.flip(1)) / determinant
-    spread = noise + (other * A + across * shared) / determinant
-    cost = moved**2 / spread + spread.log()
-    return (cost[:, 1] - cost[:, 0]) / 2
+    moved = other * residual + across * swapped(residual)
+    spread = noise * determinant + other * variance + across * shared
+    # both are too large by the determinant, which is the same for both bits
+    cost = moved * moved / (determinant * spread) + spread.log()
+    return (swapped(cost) - cost) / 2
 
 
 def with_surprises(llr: Tensor, log_surprise: Tensor) -> Tensor:
@@ -363,13 +375,48 @@ def _positions(layout: Layout) -> dict[str, NDArray[Any]]:
     frequency = np.arange(n, dtype=np.float64)  # half periods over the display
     waves = np.sqrt(2 / n) * np.cos(np.pi * np.outer(rows + 0.5, frequency) / n)
     return {
-        "x": x,
-        "y": y,
         "places": np.stack([x, y, x * x + y * y], axis=-1),
         "waves": waves,
         "frequency": frequency,
         "is_tile": is_tile.astype(np.float64)[:, None],
-        "kinds": np.repeat(np.eye(2), [tile_y.size, 2 * len(row)], axis=0),
+    }
+
+
+def _rows(layout: Layout, kinds: str) -> dict[str, NDArray[Any]]:
+    """Describe the rows of the Refiner's least squares, by the names of its buffers.
+
+    The rows are the tiles, the blocks as bit 1, the blocks as bit 0, and the priors of the
+    coefficients.
+
+    Args:
+        layout: grid of blocks and ratex patches.
+        kinds: a letter for each coefficient: "s" the signal, "b" its bends, "r" the bands of rows,
+            "d" all else.
+    """
+    labels = tile_labels(layout).reshape(-1)
+    tiles, n, K = len(labels), layout.n_bits, len(kinds)
+    row = np.array(["t"] * tiles + ["1"] * n + ["0"] * n + list(kinds))
+    other = np.arange(len(row))
+    other[tiles : tiles + 2 * n] = tiles + (np.arange(2 * n) + n) % (2 * n)
+    is_block = np.isin(row, ["0", "1"])
+    # what scales the rows' variance: the noise of tiles and of blocks, flicker, the bends' spread
+    scales = np.stack([row == "t", is_block, row == "r", row == "b"])
+    sums = np.zeros((3, 3, 6))  # from quantity and kind to three sums above and three below a line
+    sums[0, 0, 0] = sums[0, 1, 1] = sums[2, 2, 2] = 1
+    sums[1, 0, 3] = sums[1, 1, 4] = -1
+    return {
+        "diagonal": np.eye(K),
+        "switched": np.append(labels, np.ones(n))[:, None],
+        "other": other,
+        "is_block": is_block.astype(np.float64),
+        "is_one": (row == "1").astype(np.float64),
+        "is_observed": (np.arange(len(row)) < tiles + 2 * n).astype(np.float64),
+        "is_signal": np.isin(list(kinds), ["s", "b"]).astype(np.float64)[:, None],
+        "scales": scales.astype(np.float64),
+        "fixed": np.isin(row, ["s", "d"]).astype(np.float64),
+        "kinds": scales[:3].astype(np.float64),
+        "sums": sums.reshape(9, 6),
+        "counts": np.array([0.0, 0, 0, tiles, n, kinds.count("r")]),
     }
 
 
