@@ -78,7 +78,7 @@ STEPS = {
         {"runs/leave_one_out/leave_one_out.json": "leave_one_out.json"},
     ),
     "repeats": Step(
-        "reports.studies.repeats --frames 6 --out runs/repeats",
+        "reports.studies.repeats --frames 6 --page docs/hidden.md --out runs/repeats",
         {"runs/repeats/repeats.json": "repeats.json"},
     ),
     "peers": Step(

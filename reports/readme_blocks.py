@@ -149,12 +149,13 @@ def _left_out(docs: Path) -> list[str]:
 
 def _repeated(docs: Path) -> list[str]:
     content = _read(docs / "repeats.json")
-    bits, *errors = content["errors"]["kappa1"]
+    row = next(r for r in content["rows"] if (r["layout"], r["condition"]) == ("ratex", "kappa1"))
+    bits = row["bits"]
     parts = [
         f"{percent(wrong / bits, 1)} % ({share_interval(*wilson(wrong, bits), 1)}) after {count}"
-        for count, wrong in zip(content["captures"], errors, strict=True)
+        for count, wrong in zip(content["captures"], row["wrong"]["one fit"], strict=True)
     ]
-    asked = "κ 1, 45°: wrong bits after several captures of one frame pair"
+    asked = "κ 1, 45°: wrong bits after several captures of one frame pair, in one fit"
     return [asked, ", ".join(parts), _command(content), f"{bits:,}"]
 
 
