@@ -218,7 +218,7 @@ def pooled_interval(wrong: ArrayLike, total: ArrayLike) -> tuple[float, float]:
     (0.074, 0.133)
     >>> low, high = pooled_interval([0, 0, 0, 40], [100, 100, 100, 100])
     >>> round(low, 3), round(high, 3)
-    (0.011, 0.533)
+    (0.017, 0.423)
 
     Args:
         wrong: number of wrong bits in each run.
