@@ -262,7 +262,11 @@ def test_a_player_holds_each_picture_once(inputs: Path, tmp_path: Path, command:
     assert len(loop["pictures"]) == 1
     assert len(loop["changes"]) == len({tuple(bits) for bits in SENT.tolist()})
     assert [picture for picture, _ in loop["pairs"]] == [0] * len(SENT)
-    assert "http" not in re.sub(r"http-equiv", "", out.read_text())
+    text = out.read_text()
+    policy = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+    assert f'content="{policy}"' in text
+    assert "http" not in re.sub(r"http-equiv", "", text)
+    assert not re.search(r"(?:src|href)=|@import|url\(|innerHTML", text)
 
 
 # Presets
