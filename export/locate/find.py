@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.candidates import (
+    LINES_WORK,
     WORK_PX,
     Located,
     candidate_steps,
@@ -18,8 +19,9 @@ from export.locate.candidates import (
     small_copy,
 )
 from export.locate.patches import Pyramid, image_pyramid, search_patches
-from export.locate.quads import is_sound, upright
+from export.locate.quads import from_lines, is_sound, upright
 from export.locate.refine import (
+    OUTSIDE,
     as_gray,
     clipped_to_image,
     corners_on_edges,
@@ -52,6 +54,8 @@ SURE_VISIBILITY = 0.93
 PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
+LEAVING_QUADS = 6
+"""Largest number of quadrilaterals of lines that leave the image."""
 PROMISING_PARTLY = 0.65
 """Mean correlation of the patches in view that is worth aligning where some are out of view."""
 REFINE_WORK, COMBINE_WORK = 20, 15
@@ -121,6 +125,12 @@ def search_steps(
             found = yield from _best_partial(image, pyramid, layout, bent)
     if found is None:
         found = yield from _best_on_patches(image, pyramid, layout, corners[LIKELY:], ALL_TURNS)
+    if found is None and partly:
+        small, scale = small_copy(image)
+        gray = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+        leaving = on_full_image(from_lines(gray, LEAVING_QUADS, OUTSIDE), scale)
+        yield LINES_WORK
+        found = yield from _best_on_patches(image, pyramid, layout, list(leaving), ALL_TURNS)
     return found
 
 

@@ -186,8 +186,18 @@ def distinct(
     return np.array(chosen, np.intp)
 
 
-def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
-    """Make at most ``limit`` quadrilaterals, (N, 4, 2), of straight lines, best-covered first."""
+def from_lines(gray: NDArray[np.uint8], limit: int, outside: float = SLACK) -> NDArray[np.float64]:
+    """Make quadrilaterals of straight lines.
+
+    Args:
+        gray: (h, w) uint8.
+        limit: largest number returned.
+        outside: distance by which corners may lie outside the image, as a share of its longer side.
+            Where it is more than `SLACK`, only quadrilaterals with a corner outside are made.
+
+    Returns:
+        (N, 4, 2) pixels, those whose sides the lines cover best first.
+    """
     height, width = gray.shape
     ends = segments(gray)
     if len(ends) < 4:
@@ -202,7 +212,7 @@ def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
     safe = np.where(np.abs(cross) < 1e-6, 1e-6, cross)
     t = (apart[..., 0] * axis[None, :, 1] - apart[..., 1] * axis[None, :, 0]) / safe
     corner = point[:, None] + t[..., None] * axis[:, None]
-    slack = 0.01 * diagonal
+    slack = outside * diagonal
     usable = np.abs(cross) > np.sin(np.radians(MIN_CROSSING_DEG))
     usable &= ((corner >= -slack) & (corner <= np.array([width, height]) + slack)).all(axis=2)
     index = np.clip(np.rint(np.clip(t, -half, half)).astype(int) + half, 0, 2 * half - 1)
@@ -225,7 +235,9 @@ def from_lines(gray: NDArray[np.uint8], limit: int) -> NDArray[np.float64]:
     a, b, c, d, rank = a[keep], b[keep], c[keep], d[keep], (mean + least)[keep]
     quads = np.stack([corner[a, c], corner[a, d], corner[b, d], corner[b, c]], axis=1)
     quads = np.where(signed_areas(quads)[:, None, None] < 0, quads[:, ::-1], quads)
-    sound = is_sound(quads, width, height)
+    sound = is_sound(quads, width, height, outside)
+    if outside > SLACK:
+        sound &= ~is_sound(quads, width, height)
     quads, rank = upright(quads[sound]), rank[sound]
     # longer sides are less likely to be covered by chance
     rank = rank + 0.3 * np.sqrt(signed_areas(quads) / (width * height))
