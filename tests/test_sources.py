@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
-import link.video
 from export.receive.receiver import Receiver
 from export.receive.repeats import Repeats
 from export.receive.sources import open_source
@@ -137,7 +136,7 @@ def test_times_that_cannot_be_are_replaced(
 ) -> None:
     (tmp_path / "film.mp4").touch()
     monkeypatch.setattr(ToldTimes, "times", told)
-    monkeypatch.setattr(link.video.cv2, "VideoCapture", ToldTimes)
+    monkeypatch.setattr(cv2, "VideoCapture", ToldTimes)
     source = open_source(str(tmp_path / "film.mp4"))
     assert [frame.time for frame in source.frames] == pytest.approx(used)
     assert source.fps == pytest.approx(20)
