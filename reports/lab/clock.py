@@ -37,7 +37,7 @@ SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0)
 """Lengths of windows, seconds; the receiver's grow from the first to the last."""
 SLOW = 0.65
 """Correlation from frame to frame of noise from a video codec."""
-STRENGTHS = (0.25, 0.5, 1.0, 2.0)
+STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Toggles between the states, in standard deviations of the noise of a usual place."""
 OLD_R2 = 0.5
 """Share of the unweighted variance that a clock had to explain before evidence took its place."""

@@ -1,0 +1,49 @@
+"""Films as phones make them are read: hands that shake, and a video codec at an angle."""
+
+import numpy as np
+import pytest
+
+from data_gen.film.codec import CodecSettings, through_codec
+from data_gen.film.scenes import SceneSettings
+from data_gen.film.stream import VideoSettings, film
+from data_gen.frame_pair import Source, shuffled_pictures
+from export.receive.receiver import Receiver
+from export.runtime import Decoder
+from link.code.framing import encode
+from link.embed import embed
+from link.layout import make_layout
+from models import PRETRAINED
+
+TEXT = b"phones"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hand", "codec"),
+    [(6.0, CodecSettings()), (1.0, CodecSettings("h264", kbits=8000))],
+    ids=["hand 6", "h264"],
+)
+def test_a_film_at_an_angle_is_read(hand: float, codec: CodecSettings) -> None:
+    layout = make_layout()
+    source = Source(layout, "test", 0)
+    pictures = shuffled_pictures(source)
+    pairs = [embed(pictures[0].rgb, bits, layout, 3) for bits in encode(TEXT, layout.n_bits)]
+    states = [state for pair in pairs for state in (pair.original, pair.embedded)]
+    settings = VideoSettings(
+        scene=SceneSettings(coverage=0.35, pictures=pictures, free=0.03), seconds=3.0, hand=hand
+    )
+    rng = np.random.default_rng(4)
+    frames = film(states, layout, source.pair("canon-lg"), 45.0, settings, rng)
+    receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), settings.fps)
+    locked, received = [], None
+    for frame in through_codec(frames, codec, settings.fps):
+        step = receiver.push(frame.rgb, frame.time_s)
+        locked.append(receiver.synchronised)
+        if step.message is not None:
+            received = step.message.data
+            break
+    assert received == TEXT
+    first = locked.index(True)
+    assert first <= 40
+    assert all(locked[first:])
+    assert receiver.found >= len(locked) - 6
