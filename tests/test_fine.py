@@ -51,7 +51,7 @@ def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Sc
 
 def information_bits(ber: float) -> float:
     """Capacity of a binary symmetric channel, in bits."""
-    return 1 + ber * np.log2(ber) + (1 - ber) * np.log2(1 - ber)
+    return float(1 + ber * np.log2(ber) + (1 - ber) * np.log2(1 - ber))
 
 
 # Words

@@ -216,7 +216,7 @@ def encode(message: bytes, n_bits: int, redundancy: float | None = None) -> NDAr
     return np.concatenate([heads, body], axis=1)
 
 
-def decode(scores: NDArray[np.float64]) -> bytes | None:
+def decode(scores: NDArray[np.floating]) -> bytes | None:
     """Read the message of a loop from its scores.
 
     Args:
