@@ -9,10 +9,12 @@ from conftest import Command
 
 from link.code.collect_fine import information_of
 from reports.studies import information
+from reports.studies.framing import received_llr
 
-SMALL = ("--trials", 2, "--ber", 0.05, 0.2, "--n-bytes", 100, "--jobs", 1)
+SMALL = ("--trials", 1, "--ber", 0.05, 0.2, "--n-bytes", 100, "--jobs", 1)
 
 
+@pytest.mark.slow
 def test_a_message_needs_its_information_and_a_little_more(
     command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -33,6 +35,6 @@ def test_the_information_is_that_of_the_received_scores() -> None:
     """What the study takes for granted is what the collector measures."""
     rng = np.random.default_rng(0)
     for ber in (0.02, 0.1, 0.2):
-        llr = information.received_llr(np.ones(50_000, np.int64), ber, 1, rng)
+        llr = received_llr(np.ones(50_000, np.int64), ber, 1, rng)
         mean = information_of(llr.astype(np.float32)) / llr.size
         assert mean == pytest.approx(information.capacity_of(ber), abs=1e-4)
