@@ -24,7 +24,7 @@ from link.ratex import match_patches
 
 MIN_VISIBILITY = 0.7
 """Smallest `export.locate.patches.seen_visibility` of a followed display."""
-FIRST_WORK, WORK, SLOW_WORK = 100, 55, 8
+FIRST_WORK, WORK, SLOW_WORK = 90, 50, 8
 """Units of work (`export.locate.steps`) after which a frame takes no further step of a search: in
 the frames of the first search for a display, of the next ones, and of those after `PATIENCE`
 searches in vain, while the image stays as it is."""

@@ -21,6 +21,7 @@ from export.send.write import SENT
 from link.captures import MANIFEST
 from link.embed import check_kappa
 from link.errors import InputError, read_flags, run_cli
+from link.geometry import in_image
 from link.images import image_files, intensity, read_image, write_bytes
 from link.layout import Layout, block_mean
 from link.outside import read_json
@@ -124,11 +125,14 @@ def corners_in(photo: Path, layout: Layout) -> list[list[float]]:
         four corners (x, y) in pixels, to two digits.
 
     Raises:
-        InputError: the photograph shows no display.
+        InputError: the photograph shows no display, or not all of one.
     """
-    found = locate(read_image(photo), layout)
+    image = read_image(photo)
+    found = locate(image, layout)
     if found is None:
         raise InputError(f"{photo}: no display found; retake it, or write its corners by hand")
+    if not in_image(found.corners, image.shape).all():
+        raise InputError(f"{photo}: the display is not wholly in the image; retake it")
     return np.round(found.corners, 2).tolist()  # type: ignore[no-any-return]
 
 
