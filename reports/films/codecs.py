@@ -35,7 +35,7 @@ from link.embed import check_kappa
 from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
-from link.layout import Layout, make_layout
+from link.layout import Layout
 from models import PRETRAINED
 from reports.engine.backends import one_thread
 from reports.engine.provenance import provenance
@@ -190,7 +190,7 @@ def read_variants(item: VariantsTake) -> dict[str, dict[str, Any]]:
     """
     one_thread()
     filmed = film_message(item.take)
-    layout = make_layout(item.take.config.grid, item.take.config.grid)
+    layout = item.take.config.layout
     decoder = Decoder(item.take.model, threads=1)
     lanes = {name: Lane(VARIANTS[name], filmed, decoder, layout) for name in item.variants}
     for frame in filmed.frames:

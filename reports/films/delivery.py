@@ -41,9 +41,10 @@ from link.embed import check_kappa, embed
 from link.errors import ParameterError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
-from link.layout import make_layout
+from link.layout import Layout, make_layout
 from link.outside import read_json
-from models import PRETRAINED
+from link.presets import PRESETS
+from models import shipped_checkpoint, shipped_graphs
 from models.neural.checkpoint import load_checkpoint
 from reports.engine.backends import one_thread
 from reports.engine.digest import code_digest, file_digest, package_versions
@@ -74,8 +75,14 @@ class DeliveryConfig:
     """Angles between the camera and the normal of the display, degrees."""
     kappa: int = 3
     """Gray levels added to a block that carries a 1."""
-    grid: int = 8
-    """Number of blocks along each side: 8 or 16."""
+    preset: str = "paper"
+    """Preset whose grid, modulation and pilots or patches the display shows; kappa and rates are
+    those of the other flags."""
+    grid: int | None = None
+    """Number of blocks along each side, 8 or 16, instead of the preset's."""
+    redundancy: float | None = None
+    """Number of coded bits for each bit of the message, on fine grids; the sender's usual one where
+    absent."""
     state_hz: float = 15.0
     """Number of states that the display shows a second; two of them are a frame pair."""
     fps: float = 30.0
@@ -106,10 +113,18 @@ class DeliveryConfig:
     """Folder of the results; runs are stored in a folder of their own in it."""
 
     @property
+    def layout(self) -> Layout:
+        """Layout that the display shows."""
+        preset = choose(PRESETS, self.preset, "preset")
+        return preset.layout if self.grid is None else make_layout(self.grid, self.grid)
+
+    @property
     def name(self) -> str:
         """Name of the setting, for files."""
         rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
-        name = f"grid{self.grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
+        grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
+        grid += "" if self.redundancy is None else f"_redundancy{self.redundancy:g}"
+        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
         return "_".join([name, self.camera] if self.camera else [name])
 
     @property
@@ -207,15 +222,16 @@ class MessageFilm:
 def film_message(take: Take) -> MessageFilm:
     """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
     config = take.config
-    layout = make_layout(config.grid, config.grid)
-    setting = f"{config.kappa} {config.grid} {config.state_hz} {config.fps}"
+    layout = config.layout
+    grid = layout.rows if config.preset == "paper" else config.preset
+    setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([config.seed, zlib.crc32(key.encode())])
     source = Source(layout, "test", config.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
-    bits = encode(message, layout.n_bits)
+    bits = encode(message, layout.n_bits, config.redundancy)
     pairs_shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
     states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
     coverage = float(rng.uniform(*config.coverage))
@@ -308,21 +324,33 @@ def fewest_errors(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> int
 
 
 def receiver_model(config: DeliveryConfig) -> Path:
-    """Path of the shipped decoder, exported for the layout of a setting."""
-    layout = make_layout(config.grid, config.grid)
-    if layout == make_layout():
-        return PRETRAINED / "decoder.onnx"
+    """Path of the shipped decoder for the layout of a setting, exported where none ships."""
+    layout = config.layout
+    for path in shipped_graphs():
+        if Decoder(path, threads=1).layout == layout:
+            return path
     path = config.out / config.name / "decoder.onnx"
-    write_bytes(path, to_onnx(load_checkpoint(PRETRAINED, layout=layout), "pretrained"))
+    folder = shipped_checkpoint(layout)
+    write_bytes(path, to_onnx(load_checkpoint(folder, layout=layout), folder.name))
     return path
 
 
 def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
     """List all that decides a run apart from pair, view and number: settings, code, packages."""
-    settings = (config.kappa, config.grid, config.state_hz, config.fps, config.n_bytes)
+    settings = (config.kappa, config.layout, config.state_hz, config.fps, config.n_bytes)
     camera = (config.hand, config.drop, config.jitter_s, config.phone, config.codec)
     return [
-        repr((STORED_VERSION, *settings, config.loops, config.coverage, *camera, config.seed)),
+        repr(
+            (
+                STORED_VERSION,
+                *settings,
+                config.redundancy,
+                config.loops,
+                config.coverage,
+                *camera,
+                config.seed,
+            )
+        ),
         code_digest(*DECIDING),
         file_digest([model]),
         *package_versions(),
@@ -342,7 +370,7 @@ def bound_seconds(delivery: Delivery, config: DeliveryConfig) -> float:
     It is the capacity of a binary symmetric channel, for a receiver that knows from the start the
     clock of the display and the place in the loop.
     """
-    n_bits = make_layout(config.grid, config.grid).n_bits
+    n_bits = config.layout.n_bits
     p = min(max(delivery.bits_wrong / max(delivery.bits, 1), 1e-9), 0.5)
     entropy = -p * np.log2(p) - (1 - p) * np.log2(1 - p)
     per_pair = max(n_bits * (1 - entropy), 1e-9)
@@ -396,12 +424,12 @@ def delivery_table(folder: Path) -> Table:
     rows = []
     for path in sorted(folder.glob("*.json")):
         stored = read_json(path)
-        if stored.get("camera"):
+        if stored.get("camera") or stored["config"].get("preset", "paper") != "paper":
             continue  # reports.films.codecs compares what phones do
         row, setup = stored["summary"][-1], stored["config"]
         rows.append(
             [
-                f"{setup['grid']} × {setup['grid']}",
+                f"{setup['grid'] or 8} × {setup['grid'] or 8}",
                 f"{setup['state_hz']:g}",
                 f"{setup['fps']:g}",
                 str(len(setup["pairs"])),
@@ -445,9 +473,10 @@ def check_delivery(config: DeliveryConfig) -> None:
     for view in config.views:
         check_view(view, "views")
     check_kappa(config.kappa)
-    if config.grid not in GRIDS:
-        raise ParameterError("grid", f"need 8 or 16, got {config.grid}")
-    frames_needed(config.n_bytes, make_layout(config.grid, config.grid).n_bits, "n_bytes")
+    choose(PRESETS, config.preset, "preset")
+    if config.grid is not None and (config.preset != "paper" or config.grid not in GRIDS):
+        raise ParameterError("grid", f"need 8 or 16, and the preset paper, got {config.grid}")
+    frames_needed(config.n_bytes, config.layout.n_bits, "n_bytes")
     if not 0 < config.loops <= MAX_LOOPS:
         raise ParameterError(
             "loops", f"need more than 0 and at most {MAX_LOOPS:g}, got {config.loops:g}"
