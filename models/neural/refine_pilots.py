@@ -152,6 +152,7 @@ class PilotRefiner(nn.Module):
         noise = flicker = torch.ones_like(amplitude)
         # pilots alone, before anything is known of the other blocks
         weight = self.known[:, :P] / variance[..., :P]
+        upright: tuple[Tensor, Tensor, Tensor | None]
         upright = upright_S[:, :P], upright_N[:, :P], None
         covariance, solution = self.solve(
             S[..., :P], N[..., :P], upright, weight, amplitude, flicker
