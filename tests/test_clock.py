@@ -8,17 +8,17 @@ import pytest
 from conftest import slow
 from numpy.typing import ArrayLike, NDArray
 
-from export.receive.clock import DisplayClock, embedded_share
-from export.receive.fit import ToggleWindow
 from export.receive.states import RectifiedFrame, compose_state
-from export.receive.synchronise import (
+from export.receive.timing.clock import DisplayClock, embedded_share
+from export.receive.timing.fit import ToggleWindow
+from export.receive.timing.synchronise import (
     HOLD_S,
     MIN_TOGGLE,
     WINDOW_S,
     Synchroniser,
     needed_evidence,
 )
-from export.receive.toggles import patch_toggles
+from export.receive.timing.toggles import patch_toggles
 from link.embed import embed
 from link.layout import make_layout
 from reports.lab.clock import ClockConfig, false_strengths

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from streams import Stream, states_of
 from test_locate import HEIGHT, LAYOUT, WIDTH, content, room, scene
 
-import export.receive.track as track
+import export.receive.tracking.patches as track
 from data_gen.pictures.library import load_pictures
 from export.locate.candidates import Located
 from export.locate.find import locate, search_steps
@@ -17,7 +17,7 @@ from export.locate.patches import patches_in_view, seen_visibility
 from export.locate.steps import Steps, run_to_end
 from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.receiver import Receiver
-from export.receive.track import Tracker
+from export.receive.tracking.patches import Tracker
 from export.runtime import Decoder
 from link.embed import embed
 from link.geometry import (

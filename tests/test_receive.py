@@ -16,7 +16,7 @@ from streams import Stream, states_of
 import export.receive.__main__ as receive_cli
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
-from export.receive.synchronise import MAX_SAMPLES, Synchroniser
+from export.receive.timing.synchronise import MAX_SAMPLES, Synchroniser
 from export.runtime import Decoder
 from link.code.authenticate import sign
 from link.errors import InputError

@@ -43,6 +43,9 @@ collected amiss loses its weight."""
 FIRST_TRY, NEXT_TRY = 1.08, 1.03
 """Information received over information sent at which decoding is first tried, and the factor by
 which it has to grow until decoding is tried again."""
+LATE, LATE_TRY = 1.25, 1.12
+"""Information over that of the message from which on decoding is tried less often, and the factor
+by which it then has to grow. Scores that are surer than they should be bring receivers there."""
 
 Floats = NDArray[np.float32]
 """Scores."""
@@ -91,7 +94,8 @@ class CodedScores:
 
     def worth_decoding(self) -> bool:
         """Whether there is enough that is new since decoding was last tried."""
-        enough = self.progress >= max(FIRST_TRY, NEXT_TRY * self.tried)
+        factor = NEXT_TRY if self.tried < LATE else LATE_TRY
+        enough = self.progress >= max(FIRST_TRY, factor * self.tried)
         turn = max(2, self.terms.frames // 4)
         return enough or (2 * self.seen >= self.terms.frames and self.seen % turn == 0)
 

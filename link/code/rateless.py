@@ -27,6 +27,9 @@ PRECODE_COPIES = 3
 """Number of parity checks of the precode in which each information bit stands."""
 ITERATIONS = 60
 """Number of rounds of belief propagation after which the decoder gives up."""
+PATIENCE, LEAST_GROWTH = 8, 1.05
+"""Number of rounds after which the mean certainty of some block must have grown by a factor, as it
+does wherever decoding goes on to succeed; otherwise the decoder gives up early."""
 MAX_COLUMNS = 16
 """Number of blocks that are decoded at once; more would not fit into the processor's caches."""
 MAX_HALF_LLR = np.float32(9)
@@ -158,7 +161,8 @@ class _Graph:
         known[self.rank[-1]] = 2 * MAX_HALF_LLR
         messages = np.zeros((self.edges, columns), np.float32)
         active, total = np.arange(columns), known
-        for _ in range(iterations):
+        certainty = np.zeros(columns)
+        for turn in range(iterations):
             self._pass(messages, channel, total)
             total = self._sum(messages, known)
             word = (total < 0).astype(np.uint8)
@@ -168,6 +172,10 @@ class _Graph:
             done[active[whole]] = True
             if done.all():
                 break
+            if turn % PATIENCE == PATIENCE - 1:
+                before, certainty[active] = certainty[active], np.abs(total[:-1]).mean(axis=0)
+                if not (certainty[active] > LEAST_GROWTH * before).any():
+                    break
             if whole.sum() > active.size // 4:
                 left = np.flatnonzero(~whole)
                 active, known = active[left], known.take(left, axis=1)

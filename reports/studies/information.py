@@ -1,15 +1,16 @@
 """How much must be received until a message is read: python -m reports.studies.information.
 
 A receiver joins the loop at a random bit of its code and reads on, loop after loop, over a
-simulated binary symmetric channel whose share of wrong bits it knows. Decoding is tried at every
-2 % more. What is measured is the information received when the message is read, as a multiple of
-the message's: a receiver of an ideal code, which is the bound, needs 1. The codes are those of
-fine grids (`link.code.rateless`) and of coarse grids (`link.code.ldpc`), with one message.
+simulated binary symmetric channel whose share of wrong bits it knows. What is measured is the
+information received when the message can be read, as a multiple of the message's: a receiver of an
+ideal code, which is the bound, needs 1. The codes are those of fine grids (`link.code.rateless`)
+and of coarse grids (`link.code.ldpc`), with one message.
 
 A second table says how fast messages of 20 kilobytes are decoded on one core. Times depend on the
 machine; the table states them beside a yardstick that was timed in the same run, in turn.
 """
 
+import bisect
 import json
 import os
 import time
@@ -36,7 +37,7 @@ from reports.render.charts import Point, Series, draw_series, new_panels, save_p
 from reports.studies.framing import received_llr
 
 STEP = 0.02
-"""Information by which the received part grows between two tries, as a share of the message's."""
+"""Resolution of the information needed, as a share of the message's."""
 MOST = 3.0
 """Information over the message's at which a message counts as lost."""
 LOOP = {"rateless (fine grids)": 6, "IRA, rate 1/2 (coarse grids)": 2}
@@ -93,35 +94,32 @@ def information_needed(reception: Reception) -> float:
     rng = np.random.default_rng(reception.seed)
     bits = 8 * reception.n_bytes
     size = LOOP[reception.code] * bits
-    order = np.roll(np.arange(size), int(rng.integers(size)))
-    sums = np.zeros(size)
     fine = reception.code.startswith("rateless")
-    if not fine:
-        code = make_code(bits, size - bits)
-        information = rng.integers(0, 2, bits)
-        sent, order = code.encode(information), rng.permutation(size)
-    else:
+    if fine:
         terms = Terms(reception.n_bytes - 4, 8, 0)
         blocks = rng.integers(0, 2, (terms.information // terms.blocks, terms.blocks), np.uint8)
-        count = -(-size // terms.blocks)
-        sent = terms.code.encode(blocks, count).reshape(-1)[:size]
-    received = 0
-    for share in np.arange(1, MOST, STEP):
-        wanted = int(share * bits / capacity_of(reception.ber))
-        new = order[np.arange(received, wanted) % size]
-        np.add.at(sums, new, received_llr(sent[new], reception.ber, 1, rng))
-        received = wanted
-        if not fine:
-            word = code.decode(sums)
-            if word is not None and np.array_equal(word, sent):
-                return float(share)
-            continue
-        llr = np.zeros(count * terms.blocks, np.float32)
-        llr[:size] = sums
-        found, done = terms.code.decode(llr.reshape(count, -1))
-        if done.all() and np.array_equal(found, blocks):
-            return float(share)
-    return float("inf")
+        sent = terms.code.encode(blocks, -(-size // terms.blocks)).reshape(-1)
+        order = np.roll(np.arange(sent.size), int(rng.integers(sent.size)))
+    else:
+        code = make_code(bits, size - bits)
+        sent, order = code.encode(rng.integers(0, 2, bits)), rng.permutation(size)
+    share_of_bit = capacity_of(reception.ber) / bits
+    order = np.resize(order, int(MOST / share_of_bit))
+    llr = received_llr(sent[order], reception.ber, 1, rng)
+
+    def is_read(share: float) -> bool:
+        many = int(share / share_of_bit)
+        sums = np.bincount(order[:many], llr[:many], minlength=sent.size)
+        if fine:
+            found, done = terms.code.decode(sums.reshape(-1, terms.blocks).astype(np.float32))
+            return bool(done.all()) and np.array_equal(found, blocks)
+        word = code.decode(np.asarray(sums, np.float64))
+        return word is not None and np.array_equal(word, sent)
+
+    # what is enough stays enough, so halving the range finds the least that is
+    shares = np.arange(1, MOST, STEP)
+    at = bisect.bisect_left(shares, True, key=is_read)
+    return float(shares[at]) if at < shares.size else float("inf")
 
 
 def curve_rows(config: InformationConfig) -> list[dict[str, Any]]:
