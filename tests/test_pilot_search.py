@@ -3,13 +3,13 @@
 import cv2
 import numpy as np
 import pytest
-from export.locate.pilots.evidence.corners import COARSE_SIZE, coarse_shift, fine_shift, map_size
-from export.locate.pilots.evidence.evidence import pilot_evidence, pilot_signs
-from export.locate.pilots.evidence.search import PilotSearch
-from export.locate.pilots.evidence.stabilise import Stabiliser
-from export.locate.pilots.evidence.toggle_map import ToggleMap
 from numpy.typing import NDArray
 
+from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, fine_shift, map_size
+from export.locate.pilots.evidence import pilot_evidence, pilot_signs
+from export.locate.pilots.search import PilotSearch
+from export.locate.pilots.stabilise import Stabiliser
+from export.locate.pilots.toggle_map import ToggleMap
 from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from export.locate.find import locate
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox, say
-from export.receive.reading import DecodedPair
+from export.receive.reader import DecodedPair
 from export.receive.receiver import Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, CameraFrame, open_source
-from export.receive.track import Tracked
+from export.receive.tracking.patches import Tracked
 from export.runtime import Decoder
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli

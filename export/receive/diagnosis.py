@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from export.receive.synchronise import MIN_FRAMES, MIN_TOGGLE, Toggling
+from export.receive.timing.synchronise import MIN_FRAMES, MIN_TOGGLE, Toggling
 
 DARK, BRIGHT = 25.0, 0.3
 """Mean gray level of the display below which there is too little light, and share of its pixels at

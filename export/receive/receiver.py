@@ -2,7 +2,7 @@
 
 `Receiver.push` takes one camera frame through all stages. What the display shows need not be known
 beforehand: the receiver looks for the layouts of all its decoders, and goes on with the one that it
-finds (`export.receive.reading`).
+finds (`export.receive.reader`).
 """
 
 from collections.abc import Sequence
@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.receive.diagnosis import Observations
-from export.receive.reading import DecodedPair, Reading, Sight, StageTimes
+from export.receive.reader import DecodedPair, DisplayReader, Sight, StageTimes
 from export.receive.repeats import Repeats
 from export.receive.states import MESH, DisplayState
-from export.receive.toggles import patch_toggles
-from export.receive.track import Tracked, Tracker
-from export.receive.track_pilots import PilotTracker
+from export.receive.timing.toggles import patch_toggles
+from export.receive.tracking.patches import Tracked, Tracker
+from export.receive.tracking.pilots import PilotTracker
 from export.runtime import Decoder
 from link.code.collect import Message
 from link.errors import InputError
@@ -77,32 +77,33 @@ class Receiver:
         self._repeats = Repeats()
         self._sight = Sight()
         self._tracked: Tracked | None = None
-        self._readings = {
-            decoder.layout: Reading(decoder, fps, self.timing, self._sight) for decoder in chosen
+        self._readers = {
+            decoder.layout: DisplayReader(decoder, fps, self.timing, self._sight)
+            for decoder in chosen
         }
-        self._reading = self._readings[layouts[0]]
+        self._reader = self._readers[layouts[0]]
         self._trackers = make_trackers(layouts, fps)
         self._following: Tracker | PilotTracker | None = None
 
     @property
     def layout(self) -> Layout:
         """Layout of the display that was found last, or the first one that is looked for."""
-        return self._reading.layout
+        return self._reader.layout
 
     @property
     def decoder(self) -> Decoder:
         """Decoder of the layout."""
-        return self._reading.decoder
+        return self._reader.decoder
 
     @property
     def decoded(self) -> int:
         """Number of frame pairs decoded."""
-        return sum(reading.decoded for reading in self._readings.values())
+        return sum(reader.decoded for reader in self._readers.values())
 
     @property
     def progress(self) -> float:
         """Information received, as a share of what is needed: about 1 when the message is whole."""
-        return self._reading.collector.progress
+        return self._reader.collector.progress
 
     @property
     def repeated(self) -> int:
@@ -112,17 +113,17 @@ class Receiver:
     @property
     def decode_attempts(self) -> int:
         """Number of times that what was collected was decoded, with or without success."""
-        return self._reading.collector.attempts
+        return self._reader.collector.attempts
 
     @property
     def synchronised(self) -> bool:
         """Whether the display's clock is known."""
-        return self._reading.sync.clock is not None
+        return self._reader.sync.clock is not None
 
     @property
     def state_hz(self) -> float | None:
         """Number of states that the display shows in a second, or None while it is unknown."""
-        clock = self._reading.sync.clock
+        clock = self._reader.sync.clock
         return None if clock is None else 1 / clock.period
 
     @property
@@ -138,7 +139,7 @@ class Receiver:
             level=sight.level / measured if sight.measured else None,
             clipped=sight.clipped / measured,
             cut=sight.cut,
-            toggling=self._reading.sync.best,
+            toggling=self._reader.sync.best,
             state_hz=sight.state_hz,
             decoded=self.decoded,
             mixed=sight.mixed / max(self.decoded, 1),
@@ -167,9 +168,9 @@ class Receiver:
             self._sight.miss(frame)
             return ReceiverStep(None, [], None)
         self.found += 1
-        pairs, message = self._reading.take(tracked, time, frame.shape)
+        pairs, message = self._reader.take(tracked, time, frame.shape)
         if isinstance(self._following, PilotTracker):
-            shift = self._reading.shift()
+            shift = self._reader.shift()
             if shift is not None:
                 self._following.correct(shift)
         return ReceiverStep(tracked, pairs, message)
@@ -182,9 +183,9 @@ class Receiver:
             tracked = tracker.follow(frame)
             if tracked is not None:
                 self._following = tracker
-                if tracker.layout != self._reading.layout:
-                    self._reading = self._readings[tracker.layout]
-                    self._reading.restart()
+                if tracker.layout != self._reader.layout:
+                    self._reader = self._readers[tracker.layout]
+                    self._reader.restart()
                 return tracked
         return None
 
@@ -228,7 +229,7 @@ class Receiver:
 
     def finish(self) -> ReceiverStep:
         """Decode what is left when the frames have ended; images without a clock by their order."""
-        return ReceiverStep(None, *self._reading.finish())
+        return ReceiverStep(None, *self._reader.finish())
 
 
 def make_trackers(layouts: Sequence[Layout], fps: float) -> list[Tracker | PilotTracker]:

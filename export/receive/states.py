@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.clock import DisplayClock
+from export.receive.timing.clock import DisplayClock
 from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
 

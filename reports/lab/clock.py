@@ -1,7 +1,7 @@
 """Measure how often a clock is found where there is none: python -m reports.lab.clock.
 
-The receiver believes a clock whose evidence exceeds a bound
-(`export.receive.synchronise.needed_evidence`). Here it looks for a clock in windows of toggles
+The receiver believes a clock whose evidence exceeds a bound, set by
+`export.receive.timing.synchronise.needed_evidence`. Here it looks for a clock in windows of toggles
 without one: noise, noise that lasts over several frames, toggles of a real clock in shuffled order,
 and simulated films of a display that stands still. Then it looks for clocks in noise, to say from
 which strength on they are found.
@@ -19,11 +19,11 @@ from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from export.receive.clock import Array, DisplayClock, embedded_share
-from export.receive.fit import ClockFit, ToggleWindow
-from export.receive.synchronise import needed_evidence
-from export.receive.toggles import patch_toggles
-from export.receive.track import Tracker
+from export.receive.timing.clock import Array, DisplayClock, embedded_share
+from export.receive.timing.fit import ClockFit, ToggleWindow
+from export.receive.timing.synchronise import needed_evidence
+from export.receive.timing.toggles import patch_toggles
+from export.receive.tracking.patches import Tracker
 from link.embed import embed
 from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.layout import make_layout

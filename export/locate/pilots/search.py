@@ -1,11 +1,10 @@
 """Find a display by its pilots, over some frames of a film: nothing visible marks it.
 
-The frames of half a second are held still by the camera's motion (`export.locate.stabilise`). Two
-sources propose where the display may be: the edges of the first frame, and what toggles
-(`export.locate.toggle_map`). Corners then move to where the pilots fit the grid
-(`export.locate.pilot_corners`), and the display is believed if its blocks toggle with the pilots'
-signs beyond doubt (`export.locate.pilots`). That also tells which way up it is and which of several
-grids it shows.
+The frames of half a second are held still against the camera's motion (`stabilise`). Two sources
+propose where the display may be: the edges of the first frame, and what toggles (`toggle_map`).
+Corners then move to where the pilots fit the grid (`corners`), and the display is believed if its
+blocks toggle with the pilots' signs beyond doubt (`evidence`). That also tells which way up it is
+and which of several grids it shows.
 
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.candidates import display_candidates
-from export.locate.pilot_corners import (
+from export.locate.pilots.corners import (
     COARSE_SIZE,
     MANY,
     coarse_shift,
@@ -26,10 +25,10 @@ from export.locate.pilot_corners import (
     map_size,
     moved_corners,
 )
-from export.locate.pilots import LEAST_DEVIATION, pilot_evidence, pilot_signs, standing_out
+from export.locate.pilots.evidence import LEAST_DEVIATION, pilot_evidence, pilot_signs, standing_out
+from export.locate.pilots.stabilise import Stabiliser
+from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.refine import as_gray
-from export.locate.stabilise import Stabiliser
-from export.locate.toggle_map import ToggleMap
 from link.errors import InputError
 from link.geometry import homography_from_corners, rectify, transform
 from link.layout import Layout

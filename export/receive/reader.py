@@ -1,7 +1,7 @@
 """Read a display whose layout is known: clock, states, bits, message.
 
-A `Reading` takes the rectified display of one camera frame after another. `export.receive.receiver`
-finds the display and hands its frames to the reading of its layout.
+A `DisplayReader` takes the rectified display of one camera frame after another. The receiver finds
+the display and hands its frames to the reader of its layout (`export.receive.receiver`).
 """
 
 from collections import deque
@@ -11,7 +11,6 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.corners import CornerShift
 from export.receive.diagnosis import CLIPPED, CUT
 from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
@@ -23,9 +22,10 @@ from export.receive.states import (
     compose_state,
     points_in_view,
 )
-from export.receive.synchronise import Synchroniser
-from export.receive.toggles import make_toggles
-from export.receive.track import Tracked
+from export.receive.timing.synchronise import Synchroniser
+from export.receive.timing.toggles import make_toggles
+from export.receive.tracking.corners import CornerShift
+from export.receive.tracking.patches import Tracked
 from export.runtime import Decoder
 from link.code.collect import Collector, Message
 from link.frames import SoftBits
@@ -118,7 +118,7 @@ class Sight:
         self.clipped += float((sample >= CLIPPED).mean())
 
 
-class Reading:
+class DisplayReader:
     """Reads the message of a display that shows one layout.
 
     Args:

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilot_corners import moved_corners
-from export.locate.pilot_search import PilotSearch
-from export.locate.pilots import pilot_evidence, pilot_signs, standing_out
-from export.receive.follow import Follower
-from export.receive.track import Tracked
+from export.locate.pilots.corners import moved_corners
+from export.locate.pilots.evidence import pilot_evidence, pilot_signs, standing_out
+from export.locate.pilots.search import PilotSearch
+from export.receive.tracking.follow import Follower
+from export.receive.tracking.patches import Tracked
 from link.layout import Layout
 
 Array = NDArray[np.float64]
@@ -22,8 +22,8 @@ WATCHED = 48
 CHECK_EVERY = 24
 """Number of frames from one look at the pilots to the next."""
 LEAST_EVIDENCE = 4.0
-"""Smallest evidence of the pilots, as `export.locate.pilots.pilot_evidence` tells it, at which they
-are still seen."""
+"""Smallest evidence (`export.locate.pilots.evidence.pilot_evidence`) at which the pilots are still
+seen."""
 PATIENCE = 3
 """Number of looks in a row without evidence after which the display counts as lost."""
 

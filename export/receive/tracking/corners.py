@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilot_corners import fine_shift, map_size
-from export.locate.pilots import pilot_signs
+from export.locate.pilots.corners import fine_shift, map_size
+from export.locate.pilots.evidence import pilot_signs
 from link.layout import Layout
 
 Array = NDArray[np.float64]

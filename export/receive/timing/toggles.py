@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots import pilot_signs, standing_out
+from export.locate.pilots.evidence import pilot_signs, standing_out
 from link.layout import Layout
 from link.ratex import match_patches
 

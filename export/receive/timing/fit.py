@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.clock import Array, DisplayClock, embedded_share
+from export.receive.timing.clock import Array, DisplayClock, embedded_share
 
 ComplexArray = NDArray[np.complex128]
 

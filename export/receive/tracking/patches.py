@@ -16,7 +16,7 @@ from export.locate.find import search_steps
 from export.locate.patches import image_pyramid, patches_in_view, seen_visibility
 from export.locate.refine import as_gray, corners_on_patches, needed_visibility
 from export.locate.steps import Steps
-from export.receive.follow import Follower
+from export.receive.tracking.follow import Follower
 from link.errors import InputError
 from link.geometry import frame_corners
 from link.layout import Layout
