@@ -89,6 +89,10 @@ STEPS = {
         "reports.studies.framing --wrong --out runs/framing",
         {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},
     ),
+    "information": Step(
+        "reports.studies.information --out runs/information",
+        {f"runs/information/information.{kind}": f"information.{kind}" for kind in ("json", "png")},
+    ),
     "codecs": Step("reports.films.codecs --out runs/codecs"),
     "delivery": Step(
         "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}

@@ -11,6 +11,7 @@ from link.outside import read_json
 from reports.films.delivery import delivery_block
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores, wilson
+from reports.studies.information import information_table
 from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks
 
@@ -102,6 +103,9 @@ BLOCKS = {
     "harder": Block(RESULTS, harder_table),
     "receiver": Block(Path("docs/receiver.md"), lambda docs: delivery_block(docs / "delivery")),
     "peers": Block(Path("docs/peers.md"), lambda docs: peers_block(docs / "peers.json")),
+    "information": Block(
+        Path("docs/framing.md"), lambda docs: information_table(_read(docs / "information.json"))
+    ),
 }
 """Blocks by the name in their markers."""
 

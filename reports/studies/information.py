@@ -38,7 +38,7 @@ from reports.studies.framing import received_llr
 
 STEP = 0.02
 """Resolution of the information needed, as a share of the message's."""
-MOST = 3.0
+MOST = 2.5
 """Information over the message's at which a message counts as lost."""
 LOOP = {"rateless (fine grids)": 6, "IRA, rate 1/2 (coarse grids)": 2}
 """By the name of a code the number of coded bits in a loop for each bit of the message."""
@@ -54,9 +54,9 @@ class InformationConfig:
 
     out: Path = Path("runs/information")
     """Folder for information.json and information.png."""
-    n_bytes: int = 2000
+    n_bytes: int = 1000
     """Length of the message, bytes."""
-    trials: int = 10
+    trials: int = 6
     """Number of messages for each code and share of wrong bits."""
     ber: tuple[float, ...] = (0.001, 0.02, 0.05, 0.08, 0.11, 0.15, 0.2)
     """Shares of wrong bits, more than 0 and less than 0.5."""
