@@ -206,8 +206,14 @@ def information_figure(rows: list[dict[str, Any]]) -> Figure:
         lines.append(Series(code, points))
     shares = sorted({100 * row["ber"] for row in rows})
     lines.append(Series("bound", [Point(share, 1, 1, 1) for share in shares]))
+    highest = max(point.high for line in lines for point in line.points)
+    panel.set(
+        xlabel="bits wrong, %",
+        ylabel="information needed / message",
+        xlim=(0, 1.05 * shares[-1]),
+        ylim=(0.95, 1.03 * highest),
+    )
     draw_series(panel, lines)
-    panel.set(xlabel="bits wrong, %", ylabel="information needed / message", ylim=(0.95, None))
     return figure
 
 
