@@ -10,6 +10,7 @@ All transforms are homographies ``H_old_from_new`` in layout pixels: where a poi
 as it should have been rectified, lies in the image as it was.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 
 import cv2
@@ -24,8 +25,9 @@ Map = NDArray[np.float32]
 
 MAP_PX = 4.0
 """Smallest side of a block, in pixels, in the maps that are compared."""
-REGIONS = (4, 6)
-"""Number of parts, from top to bottom and from left to right, that are shifted by themselves."""
+PARTS = ((4, 6), (2, 3), (1, 1))
+"""Numbers of parts, from top to bottom and from left to right, that are shifted by themselves.
+Small parts tell more of the shape; large ones stand out of more noise, and are tried next."""
 COARSE_SIZE = (256, 192)
 """Width and height of the maps in which parts are shifted."""
 REACH_BLOCKS, REACH_SHARE = 3.0, 0.1
@@ -95,20 +97,45 @@ def coarse_shift(
     """
     height, width = change.shape
     block = np.array([width / layout.cols, height / layout.rows])
-    scale = np.array([layout.width / width, layout.height / height])
     expected = _drawn(blocks, (width, height))
     least = REACH_SHARE * width if far else 0.0
-    reach_x, reach_y = (int(np.ceil(max(REACH_BLOCKS * side, least))) for side in block)
+    reach = [int(np.ceil(max(REACH_BLOCKS * side, least))) for side in block]
     around = [
         cv2.copyMakeBorder(
-            _without_slope(part, block), reach_y, reach_y, reach_x, reach_x, cv2.BORDER_CONSTANT
+            _without_slope(part, block), reach[1], reach[1], reach[0], reach[0], cv2.BORDER_CONSTANT
         )
         for part in (change.real, change.imag)
     ]
+    for parts in PARTS:
+        fit = _shift_of_parts(around, expected, layout, parts, reach)
+        if fit is not None:
+            return fit
+    return None
+
+
+def _shift_of_parts(
+    around: Sequence[Map], expected: Map, layout: Layout, parts: tuple[int, int], reach: list[int]
+) -> tuple[Array, int] | None:
+    """Shift each of some parts by itself, and fit a transform to the shifts.
+
+    Args:
+        around: real and imaginary amplitude, with a border of ``reach`` on all sides.
+        expected: (h, w) expected changes.
+        layout: of the display.
+        parts: their number from top to bottom, and from left to right.
+        reach: largest shift along x and y, pixels of the maps.
+
+    Returns:
+        as `coarse_shift`.
+    """
+    height, width = expected.shape
+    reach_x, reach_y = reach
+    scale = np.array([layout.width / width, layout.height / height])
+    same = SAME_BLOCKS * min(layout.width / layout.cols, layout.height / layout.rows)
     # of the matches that chance makes, so many medians are one e-th as frequent as the median
-    unit = np.log(2) if np.iscomplexobj(change) and change.imag.any() else HALF_REAL
-    ys = np.linspace(0, height, REGIONS[0] + 1).astype(int)
-    xs = np.linspace(0, width, REGIONS[1] + 1).astype(int)
+    unit = np.log(2) if around[1].any() else HALF_REAL
+    ys = np.linspace(0, height, parts[0] + 1).astype(int)
+    xs = np.linspace(0, width, parts[1] + 1).astype(int)
     places, seen, heights = [], [], []
     for top, bottom in pairwise(ys):
         for left, right in pairwise(xs):
@@ -128,22 +155,25 @@ def coarse_shift(
             seen.append((place + shift + 0.5) * scale - 0.5)
     clear = np.array(heights) > CLEAR
     old, new = np.array(seen)[clear], np.array(places)[clear]
-    count, same = len(old), SAME_BLOCKS * float((block * scale).min())
-    if count == 0:
-        return None
-    if count < FEW:
+    count = len(old)
+    if count and (count < FEW or len(heights) == 1):
         best = int(np.argmax(np.array(heights)[clear]))
+        agree = (np.linalg.norm((old - new) - (old - new)[best], axis=1) < same).sum()
+        if len(heights) > 1 and agree < 2:
+            return None
         H = np.eye(3)
         H[:2, 2] = old[best] - new[best]
-        return H, count
-    if count < MANY:
-        affine, agree = cv2.estimateAffine2D(new, old, ransacReprojThreshold=same)
-        found = None if affine is None else np.vstack([affine, [0, 0, 1]])
-    else:
-        found, agree = cv2.findHomography(new, old, cv2.RANSAC, same)
-    if found is None or agree.sum() < FEW:
+        return H, int(agree)
+    if count == 0:
         return None
-    return np.asarray(found), int(agree.sum())
+    if count < MANY:
+        affine, inliers = cv2.estimateAffine2D(new, old, ransacReprojThreshold=same)
+        fitted = None if affine is None else np.vstack([affine, [0, 0, 1]])
+    else:
+        fitted, inliers = cv2.findHomography(new, old, cv2.RANSAC, same)
+    if fitted is None or inliers.sum() < FEW:
+        return None
+    return np.asarray(fitted), int(inliers.sum())
 
 
 def fine_shift(change: Map, blocks: NDArray[np.floating], layout: Layout) -> Array | None:

@@ -21,6 +21,9 @@ MIN_STATE_HZ = 1.0
 """Smallest number of states a second that is looked for."""
 MAX_STATES = 1.04
 """Largest number of states a camera frame that is looked for."""
+PANEL_S = 1 / 60
+"""Longest time, in seconds, in which a panel writes its rows; the camera reads its own within
+a frame. The delays across the display are at most the longer of the two."""
 DRIFT_HZ = 0.3
 """Highest frequency of a drift that is taken off; the slowest display toggles at 0.5 Hz."""
 STARTS, ROUNDS = 4, 12
@@ -277,9 +280,9 @@ class ToggleWindow:
 
     def _climb(self, clocks: Array, rounds: int) -> Array:
         """Climb from each clock (Levenberg and Marquardt); clocks in order, the best first."""
-        limit = self._frame
-        low = np.array([limit / MAX_STATES, -np.inf, -limit, -limit, 0.02 * limit])
-        high = np.array([1 / MIN_STATE_HZ, np.inf, limit, limit, limit])
+        limit, delay = self._frame, max(self._frame, PANEL_S)
+        low = np.array([limit / MAX_STATES, -np.inf, -delay, -delay, 0.02 * limit])
+        high = np.array([1 / MIN_STATE_HZ, np.inf, delay, delay, limit])
         best, score = clocks, np.full(len(clocks), -np.inf)
         damping = np.full(len(clocks), 0.1)
         normal, right = np.zeros((len(clocks), 6, 6)), np.zeros((len(clocks), 6))
@@ -328,7 +331,7 @@ class ToggleWindow:
         fastest = MAX_STATES / self._frame
         state_hz = np.arange(max(MIN_STATE_HZ, 3 / self._span), fastest, 0.25 / self._span)
         waves = np.exp(-1j * np.pi * state_hz[:, None] * self._times)
-        grid = np.linspace(-0.9, 0.9, 7) * self._frame
+        grid = np.linspace(-0.9, 0.9, 7) * max(self._frame, PANEL_S)
         along = -1j * np.pi * state_hz[:, None, None] * grid
         across, down = (np.exp(along * self._places[:, axis, None]) for axis in (0, 1))
         turns = (across[:, :, None, :] * down[:, :, :, None]).reshape(*across.shape[:2], -1)
