@@ -142,9 +142,9 @@ def main() -> None:
     chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
     message = config.message.encode()
-    loop = Loop(
-        source.layout, cell.kappa, encode(message, source.layout.n_bits), lambda: iter(chosen)
-    )
+    redundancy = PRESETS[config.preset].redundancy_on(source.layout)
+    bits = encode(message, source.layout.n_bits, redundancy)
+    loop = Loop(source.layout, cell.kappa, bits, lambda: iter(chosen))
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
     stream = film(list(loop.states()), source.layout, pair, cell.view_deg, settings, rng)

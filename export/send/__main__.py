@@ -14,7 +14,8 @@ from export.send.hiding import Hiding, Onlooker
 from export.send.pictures import open_pictures
 from export.send.write import output_kind, write_loop
 from link.code.authenticate import MAX_STAMP, read_key, sign
-from link.code.framing import LENGTH_BYTES, encode
+from link.code.fine import MAX_MESSAGE
+from link.code.framing import encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit
@@ -43,7 +44,7 @@ def message_of(text: str | None, file: Path | None) -> bytes:
         return text.encode("utf-8", "surrogateescape")
     assert file is not None
     try:
-        return read_bounded(file, 256**LENGTH_BYTES - 1)
+        return read_bounded(file, MAX_MESSAGE)
     except InputError as error:
         raise ParameterError("file", str(error)) from None
 
@@ -173,6 +174,7 @@ def send_parser() -> argparse.ArgumentParser:
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
+    add("--redundancy", type=float, help="coded bits a message bit, on fine grids (preset's)")
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser
@@ -196,10 +198,11 @@ def main() -> None:
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     hiding = Hiding(layout, state_hz, onlooker)
     kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
+    redundancy = args.redundancy or preset.redundancy_on(layout)
     loop = Loop(
         layout,
         kappa,
-        encode(protected_message(message, args.key, args.counter), layout.n_bits),
+        encode(protected_message(message, args.key, args.counter), layout.n_bits, redundancy),
         open_pictures(args.pictures, state_hz / 2, args.max_megapixels),
         args.pyramid_level,
     )

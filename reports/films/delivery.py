@@ -12,7 +12,7 @@ import json
 import os
 import zlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
@@ -81,8 +81,7 @@ class DeliveryConfig:
     grid: int | None = None
     """Number of blocks along each side, 8 or 16, instead of the preset's."""
     redundancy: float | None = None
-    """Number of coded bits for each bit of the message, on fine grids; the sender's usual one where
-    absent."""
+    """Number of coded bits for each bit of the message, on fine grids, instead of the preset's."""
     state_hz: float = 15.0
     """Number of states that the display shows a second; two of them are a frame pair."""
     fps: float = 30.0
@@ -95,6 +94,8 @@ class DeliveryConfig:
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
     """Least and largest share of the image that the display covers; drawn between them."""
+    outside: float = 0.0
+    """Largest share of the picture's width by which a corner lies outside the image."""
     hand: float = VideoSettings.hand
     """Motion of the hand relative to the usual."""
     drop: float = VideoSettings.drop
@@ -119,6 +120,12 @@ class DeliveryConfig:
         return preset.layout if self.grid is None else make_layout(self.grid, self.grid)
 
     @property
+    def coded(self) -> float | None:
+        """Redundancy of the loop, or None on coarse grids, whose code has a fixed rate."""
+        usual = PRESETS[self.preset].redundancy_on(self.layout)
+        return usual if self.redundancy is None else self.redundancy
+
+    @property
     def name(self) -> str:
         """Name of the setting, for files."""
         rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
@@ -134,7 +141,7 @@ class DeliveryConfig:
             f"{entry.name}{value:g}"
             for part in (self, self.phone)
             for entry in fields(part)
-            if part is self.phone or entry.name in ("hand", "drop", "jitter_s")
+            if part is self.phone or entry.name in ("outside", "hand", "drop", "jitter_s")
             if (value := getattr(part, entry.name)) != entry.default
         ]
         return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
@@ -231,11 +238,12 @@ def film_message(take: Take) -> MessageFilm:
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
-    bits = encode(message, layout.n_bits, config.redundancy)
+    bits = encode(message, layout.n_bits, config.coded)
     pairs_shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
     states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
     coverage = float(rng.uniform(*config.coverage))
-    scene = SceneSettings(coverage=coverage, pictures=pictures, free=0.03)
+    outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
+    scene = SceneSettings(coverage=coverage, pictures=pictures, free=0.03, outside=outside)
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
     frames = film(states, layout, source.pair(take.pair), take.view, settings, rng)
     return MessageFilm(take, picture.name, message, bits, frames)
@@ -344,8 +352,9 @@ def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
             (
                 STORED_VERSION,
                 *settings,
-                config.redundancy,
+                config.coded,
                 config.loops,
+                config.outside,
                 config.coverage,
                 *camera,
                 config.seed,
@@ -485,7 +494,7 @@ def check_delivery(config: DeliveryConfig) -> None:
     for share in config.coverage:
         scene = SceneSettings(coverage=share)
         config.video(scene).check()
-        scene.check()
+        replace(scene, outside=config.outside).check()
     config.codec.check()
     if not least <= most:
         raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
