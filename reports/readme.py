@@ -94,6 +94,7 @@ STEPS = {
         {f"runs/information/information.{kind}": f"information.{kind}" for kind in ("json", "png")},
     ),
     "codecs": Step("reports.films.codecs --out runs/codecs"),
+    "rates": Step("reports.films.rates --out runs/rates"),
     "delivery": Step(
         "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
     ),

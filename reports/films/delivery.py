@@ -505,11 +505,15 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(DeliveryConfig))
     check_delivery(config)
     with locked(config.out):
-        _run(config)
+        print(run_deliveries(config))
 
 
-def _run(config: DeliveryConfig) -> None:
-    """Film, receive, store, print, while no other process writes the folder."""
+def run_deliveries(config: DeliveryConfig) -> Path:
+    """Film, receive, store, print, while no other process writes the folder.
+
+    Returns:
+        the file of the results.
+    """
     model = receiver_model(config)
     takes = {
         f"{pair} {view:g} {run}": Take(config, pair, view, run, model)
@@ -530,7 +534,7 @@ def _run(config: DeliveryConfig) -> None:
     }
     file = config.out / f"{config.name}.json"
     write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
-    print(file)
+    return file
 
 
 if __name__ == "__main__":
