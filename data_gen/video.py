@@ -32,13 +32,15 @@ from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.loop import Loop
-from link.presets import DEFAULT_PRESET, PRESETS
+from link.presets import PRESETS
 from link.video import write_video
 
 TRUTH = "truth.jsonl"
 """Name of the file, in a folder of frames, that holds the truth about each of them."""
 LOSSLESS_SUFFIXES = (".mkv", ".avi")
 """Endings of the video files that hold every level as it is, where no codec is named."""
+FILMED_PRESET = "paper"
+"""Name of the preset that is filmed where no other is asked for: the quickest to simulate."""
 MAX_SHOWN_BYTES = 2**30
 """Largest memory, in bytes, for all states that the display shows."""
 
@@ -54,7 +56,7 @@ class FilmConfig(CellFlags):
     times."""
     message: str
     """Text that the display sends."""
-    preset: str = DEFAULT_PRESET
+    preset: str = FILMED_PRESET
     """What the display shows, and at which rate: paper, hidden, fast or robust. The other flags
     change single numbers of it; --fps is two frames a state where it is absent."""
     kappa: int = 3
@@ -121,7 +123,7 @@ def image_name(frame: VideoFrame) -> str:
 def main() -> None:
     """Film, and write frames and truth."""
     first = ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--preset", default=DEFAULT_PRESET)
+    first.add_argument("--preset", default=FILMED_PRESET)
     usual = FilmConfig.of_preset(read_flags(lambda: first.parse_known_args()[0]).preset)
     config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
     at_least(0, first=config.first)

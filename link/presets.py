@@ -103,5 +103,5 @@ PRESETS = {
     ),
 }
 """Presets by name; docs/hidden.md says why they have these numbers."""
-DEFAULT_PRESET = "paper"
-"""Name of the preset that is taken where no other is asked for."""
+DEFAULT_PRESET = "hidden"
+"""Name of the preset that is sent where no other is asked for."""

@@ -65,7 +65,7 @@ def test_wrong_layouts_end_in_one_line(
 ) -> None:
     write_image(tmp_path / "picture.png", np.zeros((96, 128, 3), np.uint8))
     mains = {
-        "send": (send_cli.main, tmp_path / "picture.png", "--message", "hi"),
+        "send": (send_cli.main, tmp_path / "picture.png", "--message", "hi", "--preset", "paper"),
         "data_gen": (data_gen_cli.main,),
         "video": (video_cli.main, "--message", "hi"),
         "evaluate": (evaluate.main,),
@@ -90,7 +90,7 @@ def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -
     assert "| oorc |" in done.stdout
 
 
-def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_needs(
+def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_saw(
     pilots_model: Path, tmp_path: Path, command: Command
 ) -> None:
     film = tmp_path / "film.mkv"
@@ -99,8 +99,8 @@ def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_needs(
     assert done.status == 0, done.stderr
     assert Layout.from_dict(json.loads(done.stdout)["layout"]) == FINE_LAYOUT
     done = command(receive_cli.main, film, "--model", pilots_model)
-    assert (done.status, done.stdout) == (2, "")
-    assert "layout has pilots in place of ratex patches; a receiver needs patches" in done.stderr
+    assert done.status == 2
+    assert json.loads(done.stdout)["frames_with_display"] == 0  # too few to find a display in
     assert done.stderr.count("\n") == 1
 
 

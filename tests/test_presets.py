@@ -8,7 +8,7 @@ from conftest import Command
 
 import data_gen.video as film_cli
 from link.layout import make_layout
-from link.presets import DEFAULT_PRESET, PRESETS
+from link.presets import PRESETS
 from link.visibility.line_code import CODE_OF_MODULATION
 
 FILM = ("--message", "hi", "--seconds", 0.01, "--size", 160, 120)
@@ -37,8 +37,8 @@ def test_a_film_shows_the_preset(name: str | None, tmp_path: Path, command: Comm
     flags = ("--preset", name) if name else ()
     done = command(film_cli.main, *FILM, *flags, "--out", tmp_path / "a")
     said = json.loads(done.stdout)
-    preset = PRESETS[name or DEFAULT_PRESET]
-    assert said["preset"] == (name or DEFAULT_PRESET)
+    preset = PRESETS[name or film_cli.FILMED_PRESET]
+    assert said["preset"] == (name or film_cli.FILMED_PRESET)
     assert said["layout"] == preset.layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
 

@@ -70,7 +70,7 @@ def main() -> None:
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")
     if len(args.input) == 2:
-        read_two_images(decoders[0], args.input[0], args.input[1], args.max_megapixels)
+        read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
     else:
         read_stream(decoders, args, inbox)
 
@@ -89,13 +89,20 @@ def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
 
 
 def read_two_images(
-    decoder: Decoder, first: str, second: str, max_megapixels: float | None
+    decoders: Sequence[Decoder], first: str, second: str, max_megapixels: float | None
 ) -> None:
     """Decode two images in either order, with the display anywhere in each.
 
     Raises:
-        InputError: an image is unreadable or shows no display, or both show one state.
+        InputError: no decoder is for a layout with ratex patches, an image is unreadable or shows
+            no display, or both show one state.
     """
+    decoder = next((decoder for decoder in decoders if decoder.layout.ratex), None)
+    if decoder is None:
+        raise InputError(
+            "--model: the layout has pilots in place of ratex patches, which two images do not "
+            "tell from the room; give a film"
+        )
     receiver = Receiver(decoder)
     frames = [read_image(path, max_megapixels) for path in (first, second)]
     corners = []
