@@ -344,7 +344,7 @@ def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_th
         (lambda folder: folder.write_bytes(b"not a video"), "not a readable video"),
         (
             lambda folder: write_image(folder / "a.png", np.full((200, 300, 3), 90, np.uint8)),
-            "no display with this layout's ratex patches",
+            "no display that is looked for",
         ),
     ],
 )

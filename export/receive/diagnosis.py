@@ -58,8 +58,8 @@ def explain_silence(seen: Observations) -> str:
     """Say in one line what was seen, why there is no message, and what to try.
 
     >>> explain_silence(Observations(fps=30, frames=90, level=9.0))
-    "no display with this layout's ratex patches in any of 90 frames, which are dark (mean level 9 \
-of 255): more light or a longer exposure"
+    'no display that is looked for in any of 90 frames, which are dark (mean level 9 \
+of 255): more light or a longer exposure'
     """
     if seen.refused > 0:
         return (
@@ -73,7 +73,7 @@ of 255): more light or a longer exposure"
 
 
 def _explain_nothing_found(seen: Observations) -> str:
-    nothing = f"no display with this layout's ratex patches in any of {seen.frames} frames"
+    nothing = f"no display that is looked for in any of {seen.frames} frames"
     if seen.level is not None and seen.level < DARK:
         dark = f"which are dark (mean level {seen.level:.0f} of 255)"
         return f"{nothing}, {dark}: more light or a longer exposure"
@@ -81,7 +81,7 @@ def _explain_nothing_found(seen: Observations) -> str:
         bright = f"{seen.clipped:.0%} of whose pixels are at the camera's limit"
         return f"{nothing}, {bright}: a shorter exposure"
     return (
-        f"{nothing}; check the model's layout, focus, exposure, and that most of the display is "
+        f"{nothing}; check preset or --model, focus, exposure, and that most of the display is "
         "in view"
     )
 
@@ -115,18 +115,18 @@ def _explain_signal(seen: Observations) -> str:
         )
     if toggling.deviation < MIN_TOGGLE:
         return (
-            f"but its ratex patches do not change (by less than {MIN_TOGGLE:g} gray levels); is "
-            "the sender playing, and are its states shown for a camera frame or longer?"
+            f"but its patches or pilots do not change (by less than {MIN_TOGGLE:g} gray levels); "
+            "is the sender playing, and are its states shown for a camera frame or longer?"
         )
     if toggling.strength < NOISE_STRENGTH:
         return (
-            "but its ratex patches change no more regularly than noise "
+            "but its patches or pilots change no more regularly than noise "
             f"({toggling.strength:.0%} of the evidence that a clock needs); is the sender playing, "
             f"is --fps right ({seen.fps:g}), and does each of its states last a camera frame or "
             "longer? Film closer or steadier, or send with a larger --kappa"
         )
     return (
-        f"and its ratex patches toggle weakly (by {toggling.amplitude:.1f} gray levels at "
+        f"and its patches or pilots toggle weakly (by {toggling.amplitude:.1f} gray levels at "
         f"{toggling.state_hz:.1f} states a second, {toggling.strength:.0%} of the evidence that a "
         "clock needs); film longer, closer or steadier, or send with a larger --kappa"
     )
