@@ -140,7 +140,7 @@ def small_copy(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.
     """
     height, width = image.shape[:2]
     factor = max(1.0, max(height, width) / WORK_PX)
-    size = (round(width / factor), round(height / factor))
+    size = (max(1, round(width / factor)), max(1, round(height / factor)))
     small = cv2.resize(as_rgb(image), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8), np.array([width / size[0], height / size[1]])
 

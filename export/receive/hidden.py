@@ -1,11 +1,12 @@
 """Fill in what a frame pair does not show of the display, so that the rest can be decoded.
 
-A decoder fits its calibration to all ratex patches and refines it on all message blocks. Of those
-that lie outside the image, or behind a hand, it would learn wrong things. So a hidden message block
-takes the pixels of the nearest one that is seen, in both states alike, and the tiles of a hidden
-patch take those of patches that are seen: mixed from the two tiles of the same label whose levels
-lie next to theirs. The decoder then has nothing to learn there. What it says of filled blocks means
-nothing, and the receiver erases it.
+A decoder fits its calibration to all ratex patches or pilots and refines it on all message blocks.
+Of those that lie outside the image, or behind a hand, it would learn wrong things. So a hidden
+message block takes the pixels of the nearest one that is seen, in both states alike, and a hidden
+pilot those of the nearest pilot of the same bit that is seen. The tiles of a hidden patch take
+those of patches that are seen: mixed from the two tiles of the same label whose levels lie next to
+theirs. The decoder then has nothing to learn there. What it says of filled blocks means nothing,
+and the receiver erases it.
 """
 
 from collections.abc import Sequence
@@ -14,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.layout import Layout
+from link.layout import Layout, block_index
 from link.ratex import TILES, match_patches, tile_labels, tile_levels
 
 CLEAR = 0.8
@@ -35,15 +36,18 @@ def hidden_blocks(
         embedded: uint8 of the shape of ``original``, of the other state.
         purity: (n, n) largest shares of an exposure in the two states, in [0, 1], over the display;
             0 where no frame holds anything.
-        layout: with patches.
+        layout: with patches or pilots, or without either.
 
     Returns:
         (rows, cols): blocks with a part that no frame holds, and patches that something covers.
+        Nothing tells whether something covers a pilot.
     """
     held = (purity > 0).astype(np.float32)
     size = (layout.cols, layout.rows)
     hidden = cv2.resize(held, size, interpolation=cv2.INTER_AREA) < 1 - 1e-6
     hidden = np.asarray(hidden, np.bool_)
+    if not layout.ratex:
+        return hidden
     match = [match_patches(image, layout).correlation for image in (original, embedded)]
     for (row, col), seen in zip(layout.ratex, np.minimum(*match), strict=True):
         hidden[row, col] |= seen < CLEAR
@@ -56,22 +60,85 @@ def fill_hidden(images: Sequence[Image], hidden: NDArray[np.bool_], layout: Layo
     Args:
         images: (height, width) or (height, width, 3) uint8, encoded, rectified.
         hidden: (rows, cols) blocks that are not seen.
-        layout: with patches.
+        layout: with patches or pilots, or without either.
 
     Returns:
         copies in which the hidden blocks are filled; the images themselves where nothing is hidden,
-        no message block is seen, or fewer than `LEAST_CLEAR` patches are.
+        no message block is seen, or the layout has patches of which fewer than `LEAST_CLEAR` are
+        seen. Pilots of a bit of which none is seen stay as they are.
     """
     seen_patches = [i for i, cell in enumerate(layout.ratex) if not hidden[cell]]
-    seen = np.argwhere(layout.message_mask & ~hidden)
-    if not hidden.any() or not len(seen) or len(seen_patches) < LEAST_CLEAR:
+    seen_message = layout.message_mask & ~hidden
+    few_patches = bool(layout.ratex) and len(seen_patches) < LEAST_CLEAR
+    if not hidden.any() or not seen_message.any() or few_patches:
         return list(images)
     filled = [image.copy() for image in images]
-    for row, col in np.argwhere(layout.message_mask & hidden):
-        nearest = seen[np.abs(seen - [row, col]).sum(axis=1).argmin()]
-        box, source = _box(layout, row, col), _box(layout, *nearest)
-        for image in filled:
-            image[box] = _fitted(image[source], image[box].shape)
+    _copy_nearest(filled, layout.message_mask, hidden, layout)
+    for bit in (0, 1):
+        pilots = np.zeros(hidden.size, np.bool_)
+        pilots[layout.pilot_blocks[layout.pilot_bits == bit]] = True
+        _copy_nearest(filled, pilots.reshape(hidden.shape), hidden, layout)
+    _mix_tiles(filled, seen_patches, layout)
+    return filled
+
+
+def _copy_nearest(
+    images: Sequence[Image],
+    kind: NDArray[np.bool_],
+    hidden: NDArray[np.bool_],
+    layout: Layout,
+) -> None:
+    """Give each hidden block of a kind, in place, the pixels of the nearest one that is seen.
+
+    Distances count steps along rows and columns; of blocks equally near the first in reading order
+    is taken.
+
+    Args:
+        images: (height, width) or (height, width, 3) uint8, rectified.
+        kind: (rows, cols) blocks that may stand for each other.
+        hidden: (rows, cols) blocks that are not seen.
+        layout: of the images.
+    """
+    seen, filled = kind & ~hidden, kind & hidden
+    if not seen.any() or not filled.any():
+        return
+    from_row, from_col = _nearest(seen)
+    (top, bottom), (left, right) = (
+        _edges(length, count)
+        for length, count in ((layout.height, layout.rows), (layout.width, layout.cols))
+    )
+    at_row = block_index(layout.height, layout.rows)
+    at_col = block_index(layout.width, layout.cols)
+    y, x = np.nonzero(filled[np.ix_(at_row, at_col)])
+    row, col = at_row[y], at_col[x]
+    source_row, source_col = from_row[row, col], from_col[row, col]
+    # blocks of a grid differ by one pixel in height and width
+    tall, wide = (bottom - top), (right - left)
+    source_y = top[source_row] + (y - top[row]) * tall[source_row] // tall[row]
+    source_x = left[source_col] + (x - left[col]) * wide[source_col] // wide[col]
+    for image in images:
+        image[y, x] = image[source_y, source_x]
+
+
+def _nearest(seen: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the nearest block that is seen, its row and column, for every block of a grid.
+
+    Args:
+        seen: (rows, cols), true somewhere.
+    """
+    rows, cols = seen.shape
+    down, across = (
+        np.abs(np.arange(count, dtype=np.int16)[:, None] - np.arange(count, dtype=np.int16))
+        for count in (rows, cols)
+    )
+    apart = np.where(seen[:, None, :], across, np.int16(rows + cols))  # (rows, cols, cols)
+    best_col, best = apart.argmin(axis=2), apart.min(axis=2)  # within each row
+    from_row = (down[:, :, None] + best).argmin(axis=1)  # (rows, rows, cols) -> (rows, cols)
+    return from_row, best_col[from_row, np.arange(cols)]
+
+
+def _mix_tiles(images: Sequence[Image], seen_patches: Sequence[int], layout: Layout) -> None:
+    """Mix the tiles of hidden patches, in place, from those of the patches that are seen."""
     levels, labels = tile_levels(layout, 0), tile_labels(layout)
     known = [
         (int(levels[i][tile]), int(labels[i][tile]), _tile(layout, i, tile))
@@ -87,16 +154,16 @@ def fill_hidden(images: Sequence[Image], hidden: NDArray[np.bool_], layout: Layo
             above = [(at, source) for at, source in alike if at >= level] or alike[-1:]
             (low, one), (high, two) = below[-1], above[0]
             share = float(np.clip((level - low) / max(high - low, 1), 0, 1))
-            for image in filled:
+            for image in images:
                 shape = image[box].shape
                 first, second = _fitted(image[one], shape), _fitted(image[two], shape)
                 image[box] = cv2.addWeighted(first, 1 - share, second, share, 0).reshape(shape)
-    return filled
 
 
-def _box(layout: Layout, row: int, col: int) -> tuple[slice, slice]:
-    top, bottom, left, right = layout.cell_box(row, col)
-    return slice(top, bottom), slice(left, right)
+def _edges(length: int, count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First pixel, and the one after the last, of each block along one axis."""
+    edges = -(-np.arange(count + 1) * length // count)
+    return edges[:-1], edges[1:]
 
 
 def _tile(layout: Layout, patch: int, tile: tuple[int, ...]) -> tuple[slice, slice]:

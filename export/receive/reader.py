@@ -176,6 +176,8 @@ class DisplayReader:
         toggles = self._toggles.measure(tracked.rectified)
         self.sync.add(time, toggles)
         level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
+        if self._buffer and self._buffer[-1][0].rectified.shape != tracked.rectified.shape:
+            self._buffer.clear()  # frames were gray, and now have colours, or the other way round
         self._buffer.append((RectifiedFrame(time, tracked.rectified, in_view), float(level)))
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period

@@ -100,5 +100,5 @@ class Stabiliser:
 def _small(gray: Gray) -> Gray:
     height, width = gray.shape
     factor = max(1.0, width / WIDTH)
-    size = round(width / factor), round(height / factor)
+    size = round(width / factor), max(1, round(height / factor))
     return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
