@@ -93,7 +93,9 @@ STEPS = {
         "reports.studies.information --out runs/information",
         {f"runs/information/information.{kind}": f"information.{kind}" for kind in ("json", "png")},
     ),
-    "codecs": Step("reports.films.codecs --out runs/codecs"),
+    "codecs": Step(
+        "reports.films.codecs --variants lossless h264-8000 h264-4000 --runs 3 --out runs/codecs"
+    ),
     "rates": Step("reports.films.rates --out runs/rates"),
     "delivery": Step(
         "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
