@@ -3,7 +3,9 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import slow
 from numpy.typing import NDArray
+from pilot_films import FINE, OTHER, filmed
 
 from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, fine_shift, map_size
 from export.locate.pilots.evidence import pilot_evidence, pilot_signs
@@ -11,56 +13,11 @@ from export.locate.pilots.search import PilotSearch
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from link.errors import InputError
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 
-FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
-OTHER = make_layout(16, 16, modulation="antipodal", pilots="auto")
 CLOSE_PX = 4.0
 """A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
-CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
-
-
-def texture(shape: tuple[int, int], seed: int, sigma: float = 4.0) -> NDArray[np.float32]:
-    noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
-    smooth = cv2.GaussianBlur(noise, (0, 0), sigma)
-    return np.asarray(smooth / smooth.std(), np.float32)
-
-
-def filmed(
-    layout: Layout, frames: int, seed: int, hold: int = 2, kappa: float = 8.0, dark: bool = False
-) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
-    """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
-
-    The display's edges cannot be seen where it is ``dark`` around.
-    """
-    rng = np.random.default_rng(seed)
-    wall = 60 + 8 * texture((480, 640), seed)
-    picture = 150 + 20 * texture((layout.height, layout.width), seed + 1)
-    if dark:
-        wall[:] = float(picture.mean())
-    H = homography_from_corners(CORNERS, layout.width, layout.height)
-    images, corners = [], np.zeros((0, 4, 2))
-    for number in range(frames):
-        state = number // hold
-        bits = np.random.default_rng([seed, state // 2]).choice(
-            [-1.0, 1.0], layout.rows * layout.cols
-        )
-        bits[layout.pilot_blocks] = pilot_signs(layout)
-        sign = 0.5 if state % 2 else -0.5
-        change = cv2.resize(
-            bits.reshape(layout.rows, layout.cols), (layout.width, layout.height), interpolation=0
-        )
-        shown = picture + sign * kappa * change
-        motion = np.eye(3)
-        motion[:2, 2] = 3 * np.sin([number / 7, number / 9])
-        view = cv2.warpPerspective(shown, motion @ H, (640, 480))
-        mask = cv2.warpPerspective(np.ones_like(shown), motion @ H, (640, 480))
-        room = cv2.warpPerspective(wall, motion, (640, 480), borderMode=cv2.BORDER_REPLICATE)
-        image = mask * view + (1 - mask) * room + rng.normal(0, 1, (480, 640))
-        images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
-        corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
-    return images, corners
 
 
 def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 60.0):
@@ -90,7 +47,7 @@ def test_tells_which_way_up() -> None:
     assert np.abs(display.corners - turned).max() < CLOSE_PX
 
 
-@pytest.mark.parametrize("kind", ["still", "other layout", "no message"])
+@pytest.mark.parametrize("kind", ["still", slow("other layout"), slow("no message")])
 def test_does_not_find_what_is_not_there(kind: str) -> None:
     if kind == "still":
         images, _ = filmed(FINE, 30, seed=2, hold=10**6)

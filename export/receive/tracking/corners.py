@@ -26,6 +26,9 @@ SPAN = 0.4
 from afar."""
 STEEP = 4.0
 """Gradient of the picture, in gray levels a pixel of the maps, at which a pixel counts half."""
+LEAST_TOGGLING = 1.0
+"""Smallest toggling seen with the expected signs, in standard errors, from which corners are moved:
+what does not toggle tells of no corner."""
 FAR_BLOCKS = 1.0
 """Largest move of a corner, in blocks, that one frame pair may bring."""
 
@@ -75,6 +78,8 @@ class CornerShift:
         residual = change - amplitude * expected
         variance = float((weight * residual**2).sum() / weight.sum()) * float(block.prod())
         # noise is alike over a block, which so counts once
+        if amplitude**2 * power < LEAST_TOGGLING**2 * variance or power == 0:
+            return
         slope_x = amplitude * cv2.Sobel(expected, -1, 1, 0, scale=size[0] / 16)
         slope_y = amplitude * cv2.Sobel(expected, -1, 0, 1, scale=size[1] / 16)
         columns = (slope_x * self._motion_x + slope_y * self._motion_y).reshape(8, -1)
