@@ -40,6 +40,7 @@ MAX_PICTURE_BYTES = 64 * 2**20
 """Largest size, in bytes, of a picture of a stored run that the report shows."""
 REFERENCES = {
     "ablation": "docs/ablation.json",
+    "frontier": "docs/hidden.json",
     "peers": "docs/peers.json",
     "prediction": "docs/prediction.json",
 }

@@ -1,16 +1,74 @@
 """The study of what is read beside what is seen."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from link.errors import InputError
+from link.presets import PRESETS
+from reports.engine.provenance import Making
+from reports.studies.peers.page import PeerRow, read_peers
 from reports.visibility import frontier
-from reports.visibility.frontier import PAPER, PAPER_HZ, SETTINGS, FrontierSetting, information
+from reports.visibility.frontier import (
+    SETTINGS,
+    condition_of,
+    displayed_psnr,
+    information,
+    measured_jod,
+    shown_rate,
+)
+from reports.visibility.frontier_page import (
+    CHART_HZ,
+    PAPER_HZ,
+    PAPER_SETTING,
+    FrontierResults,
+    FrontierSetting,
+    Lead,
+    ReadRow,
+    SettingResult,
+    ShownRate,
+    bits_table,
+    chart_figure,
+    close_table,
+    decided_information,
+    frontier_blocks,
+    frontier_charts,
+    frontier_figure,
+    rate_table,
+    read_frontier,
+    write_frontier,
+)
 
+ROOT = Path(__file__).parents[1]
 PAGE = (
     "<!-- hidden_bits -->\n<!-- /hidden_bits -->\n<!-- hidden_rates -->\n<!-- /hidden_rates -->\n"
 )
+META = {"simulated": True, "seed": 0, "command": "python -m reports.visibility.frontier"}
+FINE = FrontierSetting(96, 128, "antipodal", 3)
+
+
+def read_row(method: str, correct: int, lead: Lead | None, view: float = 0.0) -> ReadRow:
+    share = correct / 100
+    return ReadRow(view, method, 4, 100, correct, share, share - 0.05, share, 2 * share - 1, lead)
+
+
+def setting_result(setting: FrontierSetting, correct: int, low: float) -> SettingResult:
+    shown = [ShownRate(PAPER_HZ, 8.0, 9.23), ShownRate(CHART_HZ, 2.0, None)]
+    read = [
+        read_row("oorc", 90, Lead(correct - 90.0, low, 3.0)),
+        read_row("learned", correct, None),
+    ]
+    return SettingResult(setting, 50, 44.0, shown, read)
+
+
+@pytest.fixture
+def results() -> FrontierResults:
+    """The paper's setting, in which learned is ahead, and one in which it is not clearly so."""
+    settings = [setting_result(PAPER_SETTING, 98, 1.0), setting_result(FINE, 91, -0.5)]
+    return FrontierResults(META, settings)
 
 
 def test_information_of_a_symmetric_channel_is_its_capacity() -> None:
@@ -22,6 +80,7 @@ def test_information_of_a_symmetric_channel_is_its_capacity() -> None:
     capacity = 1 + wrong * np.log2(wrong) + (1 - wrong) * np.log2(1 - wrong)
     assert (received != sent).mean() == wrong
     assert information(scores, sent) == pytest.approx(capacity, abs=1e-12)
+    assert decided_information(1 - wrong) == pytest.approx(capacity, abs=1e-12)
 
 
 def test_scores_that_tell_nothing_inform_of_nothing() -> None:
@@ -31,23 +90,121 @@ def test_scores_that_tell_nothing_inform_of_nothing() -> None:
 
 def test_settings_have_names_of_their_own_and_fit_their_layouts() -> None:
     assert len({setting.name for setting in SETTINGS}) == len(SETTINGS)
-    assert PAPER.layout.ratex
-    assert not PAPER.layout.pilots
+    assert PAPER_SETTING.layout.ratex
+    assert not PAPER_SETTING.layout.pilots
     assert all(bool(s.layout.pilots) != s.ratex for s in SETTINGS)
 
 
-def test_finer_blocks_and_faster_states_are_seen_less() -> None:
-    slow, fast = (FrontierSetting(8, 8, "antipodal", 3).seen(hz, 0) for hz in (15, 60))
-    fine = FrontierSetting(48, 64, "antipodal", 3).seen(60, 0)
-    assert PAPER.seen(PAPER_HZ, 0) > 1
-    assert slow > fast > fine
+def test_finer_blocks_and_faster_states_are_seen_less(tmp_path: Path) -> None:
+    absent = tmp_path / "absent.md"
+    antipodal = FrontierSetting(8, 8, "antipodal", 3)
+    slow, fast = (shown_rate(antipodal, hz, 0, absent).seen for hz in (15, 60))
+    fine = shown_rate(FrontierSetting(48, 64, "antipodal", 3), 60, 0, absent)
+    assert shown_rate(PAPER_SETTING, PAPER_HZ, 0, absent).seen > 1
+    assert slow > fast > fine.seen
+    assert fine.jod is None
+
+
+def test_psnr_is_that_of_the_change_against_the_picture() -> None:
+    def expected(squared_error: float) -> float:
+        return float(10 * np.log10(255**2 / squared_error))
+
+    on_off = FrontierSetting(8, 8, "on_off", 4)  # half of the blocks change by 4
+    assert displayed_psnr(condition_of(on_off, 1, 0)) == pytest.approx(expected(8), abs=0.3)
+    antipodal = FrontierSetting(8, 8, "antipodal", 4)  # every block lies 2 beside the picture
+    assert displayed_psnr(condition_of(antipodal, 1, 0)) == pytest.approx(expected(4), abs=1e-9)
+
+
+def test_jod_is_that_of_the_same_setting_and_rate() -> None:
+    page = ROOT / "docs/visibility.md"
+    assert measured_jod(page, PRESETS["paper"]) == 9.23
+    assert measured_jod(page, PRESETS["hidden"]) == 9.96
+    assert measured_jod(page, replace(PRESETS["paper"], state_hz=30)) is None
+
+
+def test_results_come_back_as_they_were_written(tmp_path: Path, results: FrontierResults) -> None:
+    write_frontier(tmp_path / "hidden.json", results)
+    assert read_frontier(tmp_path / "hidden.json") == results
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("settings", 0, "shown", 0, "seen"), 0.0),  # has no place on a logarithmic axis
+        (("settings", 0, "read", 0, "accuracy"), 1.5),
+        (("settings", 0, "setting", "kappa"), 0),
+        (("settings", 0, "setting", "kappa"), 5),  # the paper's setting is missing
+        (("settings", 1, "read", 1, "method"), "phi"),  # learned is missing
+        (("settings", 1, "shown", 1, "states_hz"), 30),
+        (("settings", 1, "read", 0, "bits"), 0),
+        (("settings",), []),
+        (("meta", "seed"), "0"),
+    ],
+)
+def test_a_damaged_file_is_refused_in_one_line(
+    tmp_path: Path, results: FrontierResults, place: tuple[str | int, ...], value: object
+) -> None:
+    file = tmp_path / "hidden.json"
+    write_frontier(file, results)
+    content = json.loads(file.read_text())
+    inner = content
+    for key in place[:-1]:
+        inner = inner[key]
+    inner[place[-1]] = value
+    file.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"hidden\.json"):
+        read_frontier(file)
+
+
+def test_tables_show_where_learned_is_not_clearly_ahead(results: FrontierResults) -> None:
+    close = close_table(results)
+    assert close is not None
+    ((name, view, method, ours, theirs, lead),) = close.cells
+    assert (name.text, view.text, method.text) == (FINE.name, "0°", "oorc")
+    assert (ours.text, theirs.text, lead.text, lead.tint) == ("91.00", "90.00", "+1.00", "bad")
+    assert [row[-1].tint for row in bits_table(results).cells] == ["good", "", "bad", ""]
+    assert close_table(FrontierResults(META, results.settings[:1])) is None
+
+
+def test_rates_are_those_of_learned_against_the_paper(results: FrontierResults) -> None:
+    first, second, *_ = rate_table(results).rows
+    assert first == [PAPER_SETTING.name, "15", "8.00", "44.0", "9.23", "360", "1.00", "1.0"]
+    assert second == [PAPER_SETTING.name, "60", "2.00", "44.0", "–", "1,440", "0.25", "4.0"]
+
+
+def test_charts_place_every_method_and_other_systems_by_psnr(results: FrontierResults) -> None:
+    toy = PeerRow("toy", "weak", "0°", 1, 32, 2, 64, 48, 0.75, 0.3, 0.95, 35.0, 0.8, 3.0)
+    ours = replace(toy, method="learned", psnr=20.0)  # the frontier has rows of its own for it
+    charts = frontier_charts(results, [toy, ours])
+    assert len(charts) == len({chart.title for chart in charts}) == 4
+    for chart in charts:
+        (panel,) = chart_figure(chart).axes
+        legend = panel.get_legend()
+        assert legend is not None
+        names = [text.get_text() for text in legend.get_texts()]
+        assert ("toy" in names) == ("PSNR" in chart.title)
+        assert {"learned", "8 × 8", "96 × 128"} <= set(names)
+        drawn = {x for line in panel.lines for x in np.atleast_1d(line.get_xdata())}
+        assert 20.0 not in drawn
+        assert (35.0 in drawn) == ("PSNR" in chart.title)
+    assert len(frontier_figure(results).axes) == 4
+
+
+def test_the_stored_results_can_be_shown() -> None:
+    stored = read_frontier(ROOT / "docs/hidden.json")
+    assert {result.setting for result in stored.settings} == set(SETTINGS)
+    assert len(frontier_charts(stored, read_peers(ROOT / "docs/peers.json").rows)) == 6
+    page = (ROOT / "docs/hidden.md").read_text()
+    for name, block in frontier_blocks(ROOT / "docs/hidden.json").items():
+        assert f"<!-- {name} -->\n{block}\n<!-- /{name} -->" in page
 
 
 @pytest.mark.slow
 def test_the_page_gets_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = tmp_path / "hidden.md"
     page.write_text(PAGE)
-    monkeypatch.setattr(frontier, "SETTINGS", (PAPER, FrontierSetting(8, 8, "antipodal", 1)))
+    settings = (PAPER_SETTING, FrontierSetting(8, 8, "antipodal", 1))
+    monkeypatch.setattr(frontier, "SETTINGS", settings)
     monkeypatch.setattr(frontier, "PAIRS", ("canon-lg",))
     flags = ["--frames", "1", "--jobs", "1", "--observed", "0"]
     folders = ["--work", str(tmp_path / "work"), "--page", str(page)]
@@ -57,3 +214,11 @@ def test_the_page_gets_its_tables(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert text.count("| 8 × 8 antipodal, pilots, κ 1 | 45° | learned |") == 1
     assert "| 8 × 8 on_off, ratex, κ 3 | 15 |" in text
     assert (tmp_path / "hidden_frontier.png").is_file()
+    stored = read_frontier(tmp_path / "hidden.json")
+    assert tuple(result.setting for result in stored.settings) == settings
+    assert Making(**{key: stored.meta[key] for key in ("seed", "simulated", "command")}).simulated
+    counts = {(row.method, row.frames) for result in stored.settings for row in result.read}
+    assert counts == {("naive", 1), ("oorc", 1), ("learned", 1)}
+    for result in stored.settings:
+        for row in result.read:
+            assert (row.lead is None) == (row.method == "learned")

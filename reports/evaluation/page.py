@@ -56,6 +56,16 @@ from reports.studies.peers.page import (
     peers_table,
     read_peers,
 )
+from reports.visibility.frontier_page import (
+    CHART_HZ,
+    FrontierResults,
+    bits_table,
+    chart_figure,
+    close_table,
+    frontier_charts,
+    rate_table,
+    read_frontier,
+)
 
 TEMPLATES = Path(__file__).parent / "templates"
 """Folder of the Jinja2 templates and of the style sheet."""
@@ -65,6 +75,7 @@ SECTIONS = {
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
     "ablation": "Ablation",
+    "frontier": "What is seen, and what is read",
     "peers": "Other systems",
     "reliability": "Reliability",
     "cdtf": "CDTF",
@@ -124,6 +135,7 @@ def report_page(run: Run) -> str:
     ablation = read_ablation(stored["ablation"]) if "ablation" in stored else None
     peers = read_peers(stored["peers"]) if "peers" in stored else None
     peer_rows = peers.rows if peers else []
+    frontier = read_frontier(stored["frontier"]) if "frontier" in stored else None
     ranked, swept = standings(run), swept_accuracies(run)
     known = any(standing.accuracy is not None for standing in ranked)
     curves = llr_curves(run)
@@ -146,6 +158,12 @@ def report_page(run: Run) -> str:
         sweeps=sweep_charts(run, swept),
         ablation=ablation_tables(ablation) if ablation else [],
         ablation_meta=ablation.meta if ablation else None,
+        frontier=frontier,
+        frontier_charts=seen_charts(frontier, peer_rows) if frontier else [],
+        frontier_hz=CHART_HZ,
+        frontier_close=close_table(frontier) if frontier else None,
+        frontier_rates=rate_table(frontier) if frontier else None,
+        frontier_bits=bits_table(frontier) if frontier else None,
         peers=peers_charts(peer_rows),
         peers_table=peers_table(best_readings(peer_rows)) if peers else None,
         peers_meta=peers.meta if peers else None,
@@ -213,6 +231,12 @@ def peers_charts(rows: Sequence[PeerRow]) -> list[tuple[str, int, Markup]]:
         svg = to_svg(peers_figure(mine), f"Accuracy by PSNR, {name}")
         found.append((name, min(row.captures for row in mine), svg))
     return found
+
+
+def seen_charts(results: FrontierResults, peers: Sequence[PeerRow]) -> list[tuple[str, Markup]]:
+    """Charts of what is seen and what is read, each with its title."""
+    charts = frontier_charts(results, peers)
+    return [(chart.title, to_svg(chart_figure(chart), chart.title)) for chart in charts]
 
 
 def llr_curves(run: Run) -> Curves | None:

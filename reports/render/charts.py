@@ -256,7 +256,7 @@ def draw_series(
             panel.plot([point.x] * 2, ends, linewidth=1.1, alpha=0.75, **look)
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
             (mark,) = panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
-            _annotate(mark, point.note)
+            add_note(mark, point.note)
     handles = [
         Line2D(
             [],
@@ -298,7 +298,7 @@ def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[F
         panel.plot([point.low, point.high], [row, row], linewidth=2, **look)
         edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6, "markersize": 8}
         (mark,) = panel.plot([point.x], [row], marker_of(line.label), **edge, **look)
-        _annotate(mark, point.note)
+        add_note(mark, point.note)
         beside = blended_transform_factory(panel.transAxes, panel.transData)
         panel.text(1.04, row, point.note, transform=beside, va="center", color=MUTED, size=10.5)
     set_ticks(panel.yaxis, range(len(series)), [line.label for line in series])
@@ -382,7 +382,7 @@ def _simplify(element: ET.Element, prefix: str) -> None:
         element.text = None
 
 
-def _annotate(artist: Any, note: str) -> None:
+def add_note(artist: Any, note: str) -> None:
     """Let the page show a text where the pointer rests on a drawn thing."""
     if note:
         artist.set_gid(f"{NOTE}{note}")

@@ -1,0 +1,74 @@
+"""The study of how many pilots a fit needs."""
+
+from pathlib import Path
+
+import pytest
+from conftest import Command
+
+from link.layout import count_pilots
+from reports.visibility import pilots
+from reports.visibility.frontier_page import ReadRow
+from reports.visibility.pilots import (
+    PILOTS,
+    PilotRow,
+    PilotsConfig,
+    measure,
+    pilots_table,
+    read_pilots,
+)
+
+
+def test_every_grid_is_compared_around_what_auto_takes() -> None:
+    for (rows, cols), numbers in PILOTS.items():
+        auto = count_pilots("auto", rows, cols)
+        assert auto in numbers
+        assert min(numbers) < auto < max(numbers) < rows * cols
+
+
+def test_each_further_pilot_costs_a_block_in_the_table() -> None:
+    def row(number: int) -> PilotRow:
+        read = [
+            ReadRow(45.0, method, 4, 100, 90, 0.9, 0.85, 0.95, 0.5, None)
+            for method in ("oorc", "learned")
+        ]
+        return PilotRow(8, 8, number, 3, 45.0, read)
+
+    few, auto = pilots_table([row(4), row(16)]).markdown().splitlines()[2:]
+    assert few == "| 8 × 8 | 4 | 90.00 (85.00 – 95.00) | 90.00 (85.00 – 95.00) | 30 |"
+    assert auto == "| 8 × 8 | 16, auto | 90.00 (85.00 – 95.00) | 90.00 (85.00 – 95.00) | 24 |"
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--kappas", "0"], "--kappas: need 1 to 64"),
+        (["--view", "90"], "--view: need an angle"),
+        (["--frames", "0"], "--frames: need"),
+        (["--pairs", "x"], "unknown name in --pairs 'x'"),
+    ],
+)
+def test_a_wrong_flag_is_refused_before_any_work(
+    flags: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = command(pilots.main, *flags)
+    assert (done.status, done.stderr.count("\n")) == (2, 1), done.stderr
+    assert done.stderr.startswith(f"error: {says}")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_page_gets_its_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = tmp_path / "hidden.md"
+    page.write_text("<!-- hidden_pilots -->\n<!-- /hidden_pilots -->\n")
+    monkeypatch.setattr(pilots, "PILOTS", {(8, 8): (4, 32)})
+    flags = ["--pairs", "canon-lg", "--kappas", "3", "--frames", "2", "--jobs", "1"]
+    folders = ["--work", str(tmp_path / "work"), "--page", str(page)]
+    monkeypatch.setattr("sys.argv", ["pilots", *flags, *folders])
+    pilots.main()
+    stored = read_pilots(tmp_path / "pilots.json").rows
+    assert [(row.pilots, row.layout.n_bits) for row in stored] == [(4, 60), (32, 32)]
+    assert [entry.bits for entry in stored[0].read] == [120, 120]
+    assert "| 8 × 8 | 4 |" in page.read_text()
+    config = PilotsConfig((3,), 45.0, ("canon-lg",), 2, 0, 1, tmp_path / "work", page)
+    assert measure(config, {(8, 8): (4, 32)}) == stored  # from the stored predictions
