@@ -5,12 +5,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.evidence import pilot_signs
+from link.frames import SoftBits
 from link.geometry import homography_from_corners, transform
-from link.layout import Layout, make_layout
+from link.layout import Layout, block_mean, make_layout
 
 FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
 OTHER = make_layout(16, 16, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
+
+
+class BlockMeans:
+    """Stands in for a decoder: a block's score is how far its mean level rises, times a factor."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        self.pairs = 0
+
+    def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> SoftBits:
+        self.pairs += 1
+        change = embedded.astype(np.float32) - original
+        if change.ndim == 3:
+            change = change.mean(axis=2)
+        blocks = block_mean(change, self.layout.rows, self.layout.cols)
+        return SoftBits(2.0 * blocks[self.layout.message_mask].astype(np.float64))
 
 
 def texture(shape: tuple[int, int], seed: int, sigma: float = 4.0) -> NDArray[np.float32]:

@@ -235,7 +235,7 @@ def test_memory_is_bounded(decoder: Decoder) -> None:
     image = next(Stream().frames(still, 1, rng))[1]
     for number in range(300):
         assert receiver.push(image, number / 30).message is None
-    assert len(receiver._buffer) <= 256
+    assert len(receiver._reader._buffer) <= 256
     assert receiver.decoded == 0
 
 

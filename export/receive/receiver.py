@@ -77,12 +77,12 @@ class Receiver:
         self._repeats = Repeats()
         self._sight = Sight()
         self._tracked: Tracked | None = None
+        self._trackers = make_trackers(layouts, fps)
         self._readers = {
             decoder.layout: DisplayReader(decoder, fps, self.timing, self._sight)
             for decoder in chosen
         }
         self._reader = self._readers[layouts[0]]
-        self._trackers = make_trackers(layouts, fps)
         self._following: Tracker | PilotTracker | None = None
 
     @property

@@ -1,0 +1,230 @@
+"""A display with pilots is found, followed, moved, lost and found again; odd frames do no harm."""
+
+from collections.abc import Callable
+from typing import cast
+
+import cv2
+import numpy as np
+import pytest
+from conftest import slow
+from numpy.typing import NDArray
+from pilot_films import FINE, OTHER, BlockMeans, filmed
+
+import export.receive.tracking.pilots as pilots_module
+from export.locate.candidates import display_candidates
+from export.locate.pilots.search import PilotSearch
+from export.locate.pilots.stabilise import WIDTH, Stabiliser
+from export.locate.pilots.toggle_map import ToggleMap
+from export.receive.receiver import Receiver
+from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
+from export.runtime import Decoder
+from link.errors import InputError
+from link.layout import make_layout
+from link.presets import PRESETS
+
+Image = NDArray[np.uint8]
+CLOSE_PX = 4.0
+"""A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
+
+
+@pytest.fixture(scope="module")
+def film() -> tuple[list[Image], NDArray[np.float64]]:
+    return filmed(FINE, 40, seed=0)
+
+
+def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
+    """Number of the first frame with the display."""
+    for number, image in enumerate(images):
+        if tracker.follow(image) is not None:
+            return number
+    return None
+
+
+@pytest.mark.slow
+def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.float64]]) -> None:
+    images, corners = film
+    tracker, seen = PilotTracker([OTHER, FINE], 60.0), []
+    for image, expected in zip(images, corners, strict=True):
+        tracked = tracker.follow(image)
+        if tracked is not None:
+            assert tracker.layout == FINE
+            assert np.abs(tracked.corners - expected).max() < CLOSE_PX
+            assert tracked.rectified.shape == (FINE.height, FINE.width)
+        seen.append(tracked is not None)
+    assert seen == sorted(seen)  # once found it stays
+    assert sum(seen) > 10
+
+
+@pytest.mark.slow
+def test_a_display_is_moved_within_its_rectified_image(
+    film: tuple[list[Image], NDArray[np.float64]],
+) -> None:
+    images, _ = film
+    plain, moved = PilotTracker([FINE], 60.0), PilotTracker([FINE], 60.0)
+    first = found_in(plain, images)
+    assert first is not None
+    assert first == found_in(moved, images)
+    H = np.eye(3)
+    H[:2, 2] = 7.0, -5.0
+    moved.correct(2 * H)  # the scale of a homography means nothing
+    for number in (first + 1, first + 2):
+        here, there = (tracker.follow(images[number]) for tracker in (plain, moved))
+        assert here is not None and there is not None
+        view = cv2.warpPerspective(here.rectified, H, here.rectified.shape[::-1], flags=17)
+        inner = np.s_[20:-20, 20:-20]
+        difference = np.abs(view[inner].astype(float) - there.rectified[inner])
+        assert difference.mean() < 1.0
+        still = np.abs(here.rectified[inner].astype(float) - there.rectified[inner])
+        assert difference.mean() < 0.3 * still.mean()
+    moved.correct(np.linalg.inv(H))
+    here, there = (tracker.follow(images[first + 3]) for tracker in (plain, moved))
+    assert here is not None and there is not None
+    assert np.abs(here.corners - there.corners).max() < 1e-3
+
+
+@pytest.mark.slow
+def test_a_display_that_stops_toggling_is_lost_and_found_again(
+    film: tuple[list[Image], NDArray[np.float64]],
+) -> None:
+    images, _ = film
+    rng = np.random.default_rng(1)
+    tracker = PilotTracker([FINE], 60.0)
+    assert found_in(tracker, images) is not None
+    grainy = [
+        np.clip(images[-1] + rng.normal(0, 1, images[-1].shape), 0, 255).astype(np.uint8)
+        for _ in range(8)
+    ]
+    lost = next(n for n in range(300) if tracker.follow(grainy[n % 8]) is None)
+    assert CHECK_EVERY * PATIENCE - len(images) < lost <= CHECK_EVERY * (PATIENCE + 3)
+    again, corners = filmed(FINE, 50, seed=9)
+    number = found_in(tracker, again)
+    assert number is not None
+    tracked = tracker.follow(again[number + 1])
+    assert tracked is not None
+    assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
+
+
+@pytest.mark.slow
+def test_a_display_that_is_gone_is_lost(film: tuple[list[Image], NDArray[np.float64]]) -> None:
+    images, _ = film
+    tracker = PilotTracker([FINE], 60.0)
+    assert found_in(tracker, images) is not None
+    assert tracker.follow(np.full_like(images[0], 60)) is None
+
+
+def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some looks without evidence are borne, one with evidence makes good for them."""
+    tracker = PilotTracker([OTHER], 60.0)
+    said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
+    monkeypatch.setattr(pilots_module, "pilot_evidence", lambda *_: (next(said), 0.1))
+    view = np.full((OTHER.height, OTHER.width), 90, np.uint8)
+    tracked = pilots_module.Tracked(np.zeros((4, 2)), view, 1.0)
+    still = [tracker._still_there(tracked) for _ in range(8 * CHECK_EVERY)]
+    looks = np.array(still).reshape(8, CHECK_EVERY)[:, -1]
+    # too few frames have been watched at the time of the first look
+    assert looks.tolist() == [True, True, True, True, True, True, True, False]
+    assert still.index(False) == 8 * CHECK_EVERY - 1
+
+
+def test_layouts_need_pilots() -> None:
+    with pytest.raises(InputError, match="pilots"):
+        PilotTracker([make_layout()], 30.0)
+
+
+# odd frames
+
+
+def noise(*shape: int) -> Image:
+    return np.random.default_rng(list(shape)).integers(0, 256, shape, np.uint8)
+
+
+def changing(*images: Image) -> Callable[[int], Image]:
+    """Some frames of each image in turn."""
+    return lambda number: images[number // 14 % len(images)]
+
+
+WALL = np.repeat(noise(24, 32), 5, axis=0).repeat(5, axis=1)
+"""A still picture of 160 x 120 with enough to follow."""
+ODD: dict[str, Callable[[int], Image]] = {
+    "black": lambda _: np.zeros((120, 160, 3), np.uint8),
+    "tiny": lambda _: noise(16, 16, 3),
+    "wide": lambda _: noise(17, 1200),
+    "tall": lambda _: noise(1200, 17),
+    "gray": lambda _: WALL,
+    "noise": lambda number: np.random.default_rng(number).integers(0, 256, (60, 80, 3), np.uint8),
+    "sizes": changing(WALL, noise(90, 110, 3), WALL[:100, :140]),
+    "gray and RGB": changing(WALL, np.repeat(WALL[:, :, None], 3, axis=2)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ODD)
+def test_odd_frames_hold_no_display(kind: str) -> None:
+    decoders = [BlockMeans(preset.layout) for preset in PRESETS.values()]
+    receiver = Receiver(cast(list[Decoder], decoders), 30.0)
+    for number in range(27):
+        step = receiver.push(ODD[kind](number), number / 30)
+        assert (step.tracked, step.pairs, step.message) == (None, [], None)
+    assert receiver.finish().pairs == []
+    assert receiver.found == sum(decoder.pairs for decoder in decoders) == 0
+
+
+@pytest.mark.parametrize("kind", ["black", "tiny", *map(slow, ("gray", "sizes", "noise"))])
+def test_a_search_survives_odd_frames(kind: str) -> None:
+    search = PilotSearch([OTHER], 30.0)
+    assert all(search.push(ODD[kind](number)) is None for number in range(26))
+
+
+@pytest.mark.parametrize(
+    "shape", [(16, 16), (17, 70_000), (3000, 16), (480, 641), (16, 700)], ids=str
+)
+def test_copies_of_any_shape_are_held_still(shape: tuple[int, int]) -> None:
+    stabiliser = Stabiliser()
+    assert stabiliser.shape == (0, 0)
+    gray = noise(*shape)
+    stabiliser.begin(gray)
+    height, width = stabiliser.shape
+    assert height >= 1
+    assert 1 <= width <= WIDTH
+    H = stabiliser.follow(gray)
+    if H is not None:
+        np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=1e-2)
+    assert stabiliser.still(gray, np.eye(3)).shape == (height, width)
+    corner = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]])
+    np.testing.assert_allclose(
+        stabiliser.on_image(corner), [[-0.5, -0.5], [shape[1] - 0.5, shape[0] - 0.5]], atol=1e-6
+    )
+    assert stabiliser.follow(np.zeros((50, 50), np.uint8)) is None
+    stabiliser.forget()
+    assert stabiliser.follow(gray) is None
+
+
+@pytest.mark.parametrize("shape", [(1, 640), (16, 16), (300, 2)], ids=str)
+def test_what_toggles_nowhere_has_no_outline(shape: tuple[int, int]) -> None:
+    toggling = ToggleMap(shape, 24)
+    for _ in range(24):
+        toggling.add(np.full(shape, 90, np.uint8))
+    assert all(toggling.outline(f) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
+
+
+def test_very_long_images_have_no_candidates() -> None:
+    for shape in ((17, 70_000, 3), (70_000, 17)):
+        assert display_candidates(np.zeros(shape, np.uint8)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["size", "colour", "black"])
+def test_a_followed_display_bears_a_change_of_the_frames(
+    kind: str, film: tuple[list[Image], NDArray[np.float64]]
+) -> None:
+    images, _ = film
+    tracker = PilotTracker([FINE], 60.0)
+    assert found_in(tracker, images) is not None
+    changed = {
+        "size": images[-1][:300, :400],
+        "colour": np.repeat(images[-1][:, :, None], 3, axis=2),
+        "black": np.zeros_like(images[-1]),
+    }[kind]
+    for _ in range(3):
+        tracked = tracker.follow(np.ascontiguousarray(changed))
+        assert (tracked is not None) == (kind == "colour")

@@ -1,0 +1,197 @@
+"""One receiver reads every preset: it finds what is shown, says which, and delivers the message."""
+
+import json
+from pathlib import Path
+from typing import Any, cast
+
+import cv2
+import numpy as np
+import pytest
+from conftest import Command
+from numpy.typing import NDArray
+from pilot_films import BlockMeans, filmed
+from streams import Stream, states_of
+
+import export.receive.__main__ as receive_cli
+from export.receive.__main__ import MAX_PRINTED_BITS, pair_values, preset_name
+from export.receive.reader import DecodedPair
+from export.receive.receiver import Receiver, make_trackers
+from export.receive.states import DisplayState
+from export.receive.tracking.patches import Tracker
+from export.receive.tracking.pilots import PilotTracker
+from export.runtime import Decoder
+from link.code.framing import encode
+from link.errors import InputError
+from link.frames import SoftBits
+from link.images import write_image
+from link.layout import Layout, make_layout
+from link.presets import PRESETS
+from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
+
+PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
+TEXT = b"no marks"
+BARE = make_layout(ratex=0)
+
+
+def receiver_of(*layouts: Layout, fps: float = 30.0) -> Receiver:
+    return Receiver(cast(list[Decoder], [BlockMeans(layout) for layout in layouts]), fps)
+
+
+def robust_film(frames: int = 70) -> list[NDArray[np.uint8]]:
+    """A film of the preset robust, whose states are shown for two frames each."""
+    loop = encode(TEXT, ROBUST.n_bits, PRESETS["robust"].redundancy)
+    return filmed(ROBUST, frames, seed=3, message=loop)[0]
+
+
+def read(receiver: Receiver, images: list[NDArray[np.uint8]]) -> bytes | None:
+    for number, image in enumerate(images):
+        step = receiver.push(image, number / 30)
+        if step.message is not None:
+            return step.message.data
+    step = receiver.finish()
+    return None if step.message is None else step.message.data
+
+
+@pytest.mark.slow
+def test_a_film_of_a_preset_with_pilots_delivers_its_message() -> None:
+    receiver = receiver_of(PAPER, ROBUST)
+    assert receiver.layout == PAPER
+    assert read(receiver, robust_film()) == TEXT
+    assert receiver.layout == ROBUST
+    assert receiver.state_hz == pytest.approx(15.0, rel=0.02)  # of a second of film
+    assert receiver.decoded >= 2
+    assert receiver.progress > 0.9
+    assert receiver.observations.found == receiver.found > 20
+
+
+@pytest.mark.slow
+def test_a_film_with_patches_is_read_among_all_presets() -> None:
+    """The decoder of the patches is the one that is asked, whatever others there are."""
+    decoders = [Decoder(PRETRAINED / "decoder.onnx", threads=1, time_limit_s=60.0)]
+    others = [BlockMeans(preset.layout) for preset in PRESETS.values() if preset.layout.pilots]
+    receiver = Receiver([*decoders, *cast(list[Decoder], others)], 30.0)
+    states = states_of(TEXT, PAPER, np.random.default_rng(5))
+    message = None
+    for time, image, _ in Stream().frames(states, 6, np.random.default_rng(6)):
+        step = receiver.push(image, time)
+        message = message or step.message
+        if message is not None:
+            break
+    assert message is not None
+    assert message.data == TEXT
+    assert receiver.layout == PAPER
+    assert sum(other.pairs for other in others) == 0
+
+
+def test_decoders_are_one_for_each_layout() -> None:
+    with pytest.raises(InputError, match="decoders: need at least one"):
+        receiver_of()
+    with pytest.raises(InputError, match="two of them read the same layout"):
+        receiver_of(PAPER, ROBUST, PAPER)
+    with pytest.raises(InputError, match="no ratex patches"):
+        receiver_of(BARE)
+    with pytest.raises(InputError, match="no ratex patches"):
+        receiver_of(ROBUST, BARE)
+
+
+def test_pilots_share_a_tracker_and_patches_have_one_each() -> None:
+    layouts = [preset.layout for preset in PRESETS.values()]
+    kinds = [type(tracker) for tracker in make_trackers(layouts, 30.0)]
+    assert kinds == [Tracker, PilotTracker]
+    other = make_layout(6, 6)
+    assert [type(tracker) for tracker in make_trackers([PAPER, other], 30.0)] == [Tracker] * 2
+
+
+def test_two_images_need_patches() -> None:
+    image = np.zeros((100, 100), np.uint8)
+    with pytest.raises(InputError, match="give a film"):
+        receiver_of(ROBUST).decode_images(image, image, np.zeros((4, 2)), np.zeros((4, 2)))
+
+
+# the command
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
+def test_by_default_all_shipped_graphs_are_read(
+    monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
+) -> None:
+    loaded: list[Path] = []
+
+    def load(path: Path, threads: int) -> BlockMeans:
+        loaded.append(path)
+        return BlockMeans(PAPER if path == PRETRAINED / "decoder.onnx" else ROBUST)
+
+    monkeypatch.setattr(receive_cli, "Decoder", load)
+    write_image(tmp_path / "in" / "a.png", np.full((60, 80, 3), 90, np.uint8))
+    done = command(receive_cli.main, tmp_path / "in")
+    assert loaded == shipped_graphs()
+    assert len(loaded) > 2
+    loaded.clear()
+    chosen = [PRETRAINED / "decoder.onnx", PRETRAINED_PILOTS / "24x32.onnx"]
+    done = command(receive_cli.main, tmp_path / "in", "--model", chosen[0], "--model", chosen[1])
+    assert loaded == chosen
+    assert done.status == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert [line["event"] for line in events_of(done.stdout)] == ["end"]
+    twice = command(receive_cli.main, tmp_path / "in", "--model", chosen[1], "--model", chosen[1])
+    assert (twice.status, twice.stderr.count("\n")) == (2, 1)
+    assert "decoders: two of them read the same layout" in twice.stderr
+
+
+def test_two_images_of_pilots_give_one_line(
+    monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(receive_cli, "Decoder", lambda *_: BlockMeans(ROBUST))
+    write_image(tmp_path / "a.png", np.full((60, 80, 3), 90, np.uint8))
+    images = (tmp_path / "a.png", tmp_path / "a.png")
+    done = command(receive_cli.main, *images, "--model", "pilots.onnx")
+    assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert "--model: the layout has pilots in place of ratex patches" in done.stderr
+    assert "give a film" in done.stderr
+
+
+@pytest.mark.slow
+def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
+    film = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(film), cv2.VideoWriter.fourcc(*"FFV1"), 30, (640, 480))
+    for image in robust_film():
+        writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    writer.release()
+    graph = PRETRAINED_PILOTS / "24x32.onnx"
+    done = command(receive_cli.main, film, "--model", graph)
+    assert done.status == 0, done.stderr
+    lines = events_of(done.stdout)
+    display = next(line for line in lines if line["event"] == "display")
+    assert display["preset"] == "robust"
+    assert np.shape(display["corners"]) == (4, 2)
+    pairs = [line for line in lines if line["event"] == "pair"]
+    assert pairs
+    assert all("bits" not in line and "scores" not in line for line in pairs)
+    said = [line for line in lines if line["event"] == "message"]
+    assert [line["text"] for line in said] == [TEXT.decode()]
+    with_scores = events_of(command(receive_cli.main, film, "--model", graph, "--scores").stdout)
+    pair = next(line for line in with_scores if line["event"] == "pair")
+    assert len(pair["bits"]) == len(pair["scores"]) == ROBUST.n_bits
+
+
+def test_presets_are_named_by_their_layouts() -> None:
+    assert {name: preset_name(preset.layout) for name, preset in PRESETS.items()} == {
+        name: name for name in PRESETS
+    }
+    assert preset_name(make_layout(5, 5)) is None
+
+
+@pytest.mark.parametrize("count", [MAX_PRINTED_BITS, MAX_PRINTED_BITS + 1])
+def test_few_bits_are_printed_and_many_where_scores_are(count: int) -> None:
+    scores = np.resize([2.0, -2.0, 0.0], count)
+    state = DisplayState(np.zeros((8, 8), np.uint8), np.ones((2, 2)), 3)
+    pair = DecodedPair(7, 1.25, SoftBits(scores), state, state, 0.5)
+    plain, whole = pair_values(pair, scores=False), pair_values(pair, scores=True)
+    assert ("bits" in plain) == (count <= MAX_PRINTED_BITS)
+    assert "scores" not in plain
+    assert whole["bits"] == "".join("1" if score > 0 else "0" for score in scores)
+    assert whole["scores"] == scores.tolist()
+    assert (plain["pair"], plain["frames"], plain["erased"]) == (7, [3, 3], count // 3)

@@ -1,0 +1,41 @@
+"""The graphs that ship are those of the presets, and decide as the checkpoints in torch do."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from data_gen.frame_pair import Cell, FramePair, Source
+from export.runtime import Decoder
+from link.presets import PRESETS
+from models import PRETRAINED, shipped_checkpoint, shipped_graphs
+from models.neural.checkpoint import load_checkpoint
+from models.neural.methods import decode_with
+
+GRAPHS = shipped_graphs()
+
+
+def test_there_is_a_graph_for_each_preset() -> None:
+    assert GRAPHS[0] == PRETRAINED / "decoder.onnx"
+    assert len(set(GRAPHS)) == len(GRAPHS) == len({p.layout for p in PRESETS.values()})
+    assert all(graph.is_file() for graph in GRAPHS)
+    assert [graph.stem for graph in GRAPHS[1:]] == sorted(
+        f"{preset.layout.rows}x{preset.layout.cols}"
+        for preset in PRESETS.values()
+        if preset.layout.pilots
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("graph", GRAPHS, ids=lambda graph: graph.stem)
+def test_a_shipped_graph_reads_a_preset_as_torch_does(graph: Path) -> None:
+    decoder = Decoder(graph, time_limit_s=60.0)
+    layout = decoder.layout
+    assert layout in [preset.layout for preset in PRESETS.values()]
+    pair = FramePair(Source(layout), Cell("canon-lg", 0.0, 3), 0).captured.rectified()
+    module = load_checkpoint(shipped_checkpoint(layout), layout).eval()
+    expected, found = decode_with(module, pair), decoder.decode(pair.original, pair.embedded)
+    np.testing.assert_allclose(found.scores, expected.scores, atol=2e-2)
+    clear = np.abs(expected.scores) > 1e-2
+    assert clear.mean() > 0.9
+    np.testing.assert_array_equal(found.bits[clear], expected.bits[clear])
