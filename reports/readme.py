@@ -85,6 +85,8 @@ STEPS = {
         "reports.studies.peers --out runs/peers",
         {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "png")},
     ),
+    "frontier": Step("reports.visibility.frontier"),
+    "pilots": Step("reports.visibility.pilots"),
     "framing": Step(
         "reports.studies.framing --wrong --out runs/framing",
         {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},

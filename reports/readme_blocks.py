@@ -14,6 +14,7 @@ from reports.score.accuracy import read_scores, wilson
 from reports.studies.information import information_table
 from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks
+from reports.visibility.frontier_page import frontier_blocks
 
 HARDER = {
     "kappa1": "κ 1, 45°",
@@ -108,6 +109,16 @@ BLOCKS = {
     ),
 }
 """Blocks by the name in their markers."""
+
+
+def _frontier_block(name: str, docs: Path) -> str:
+    return frontier_blocks(docs / "hidden.json")[name]
+
+
+BLOCKS |= {
+    name: Block(Path("docs/hidden.md"), partial(_frontier_block, name))
+    for name in ("hidden_bits", "hidden_rates")
+}
 
 
 def _prediction_block(name: str, docs: Path) -> str:

@@ -18,12 +18,21 @@ from reports.run import Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
 from reports.score.accuracy import score, write_scores
 from reports.studies.ablation import compare_rows
 from reports.studies.peers.page import PeerRow, write_peers
+from reports.visibility.frontier_page import (
+    PAPER_SETTING,
+    FrontierResults,
+    Lead,
+    ReadRow,
+    SettingResult,
+    ShownRate,
+    write_frontier,
+)
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 JSON = (
     "run.json", "metrics.json", "predictions.jsonl", "sweeps.json", "sweeps.jsonl", "stories.json",
     "response.json", "cost.json", "reference/ablation.json", "reference/peers.json",
-    "reference/prediction.json",
+    "reference/frontier.json", "reference/prediction.json",
 )  # fmt: skip
 """Files that --report reads."""
 QUICK = ("run.json", "stories.json", "reference/peers.json")
@@ -120,6 +129,13 @@ def write_run(path: Path) -> None:
         for used in (1, 2)
     ]
     write_peers(path / "reference" / "peers.json", peers, META)
+    rates = [ShownRate(15, 2.0, 9.5), ShownRate(60, 1.0, None)]
+    read = [
+        ReadRow(0.0, "oorc", 1, 4, 3, 0.75, 0.3, 0.95, 0.2, Lead(25.0, -1.0, 60.0)),
+        ReadRow(0.0, "learned", 1, 4, 4, 1.0, 0.5, 1.0, 0.9, None),
+    ]
+    results = FrontierResults(META, [SettingResult(PAPER_SETTING, 59, 41.7, rates, read)])
+    write_frontier(path / "reference" / "frontier.json", results)
     write_scores(path / "reference" / "prediction.json", score(main), META)
     write_report(path)
 

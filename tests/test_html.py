@@ -36,11 +36,13 @@ from reports.render.charts import (
     to_svg,
 )
 from reports.render.tables import Table, TableCell
-from reports.run import RunFolder, Story
+from reports.run import REFERENCES, RunFolder, Story
 from reports.score.accuracy import score, write_scores
 from reports.score.paired import same_captures
 from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS
+from reports.visibility.frontier_page import read_frontier, write_frontier
 
+ROOT = Path(__file__).parents[1]
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 MACHINE_FREE = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
 """Attributes by which a document loads something."""
@@ -288,6 +290,7 @@ def store(tmp_path: Path) -> Store:
         folder.claim(decisive)
         folder.write_comparison(to_records(lines), META, "tables")
         folder.finish(META, {"decoding": 1.0}, [])
+        (folder.path / "reference" / "frontier.json").unlink()  # whose charts take longest to draw
         return folder.path
 
     return write
@@ -296,7 +299,8 @@ def store(tmp_path: Path) -> Store:
 def test_a_run_with_predictions_alone_says_what_it_lacks(store: Store) -> None:
     folder = store("bare", [line("oorc", i, i % 2) for i in range(6)])
     checked = check_page(write_report(folder))
-    for anchor in ("sweeps", "reliability", "cdtf", "pictures", "failures", "cost"):
+    assert "python -m reports.visibility.frontier measures it" in checked.text["frontier"]
+    for anchor in ("sweeps", "frontier", "reliability", "cdtf", "pictures", "failures", "cost"):
         assert "not in this run" in checked.text[anchor]
 
 
@@ -324,6 +328,23 @@ def test_other_systems_show_their_better_reading(store: Store) -> None:
     assert "75.0" in text and "62.5" not in text  # of one frame and two
     assert "toy <1>" in text and "blind-watermark 0.4.4" in text
     assert " 32 " in text and " 59 " in text  # bits
+
+
+def test_the_frontier_shows_where_learned_is_not_clearly_ahead(store: Store) -> None:
+    folder = store("frontier", [line("oorc", 0, 1)])
+    stored = read_frontier(ROOT / REFERENCES["frontier"])
+    few = replace(stored, settings=[stored.settings[0], stored.settings[-1]])
+    write_frontier(folder / "reference" / "frontier.json", few)
+    checked = check_page(write_report(folder))
+    shown = next(e for e in checked.root.iter("section") if e.attrib["id"] == "frontier")
+    assert len(list(shown.iter("figure"))) == 6
+    close, rates, bits = shown.iter("table")
+    red = [cell for cell in close.iter("td") if "bad" in cell.attrib.get("class", "")]
+    assert len(red) == len(list(close.iter("tr"))) - 1 > 0
+    assert stored.settings[-1].setting.name in text_of(close)
+    assert "PSNR dB JOD" in text_of(rates)
+    assert all(row.method in text_of(bits) for row in few.settings[0].read)
+    assert len(list(shown.iter("details"))) == 2
 
 
 def test_names_are_escaped(store: Store) -> None:

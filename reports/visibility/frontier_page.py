@@ -532,7 +532,7 @@ def _name(
         look = _look(setting, MUTED) | {"markerfacecolor": MUTED, "markersize": 6}
         handles.append(Line2D([], [], linestyle="", label=grid, **look))
     if any(result.setting.modulation == "on_off" for result in results.settings):
-        open_mark = {"marker": "s", "color": MUTED, "markerfacecolor": PAPER}
+        open_mark: dict[str, Any] = {"marker": "s", "color": MUTED, "markerfacecolor": PAPER}
         handles.append(Line2D([], [], linestyle="", label="open: on-off", **open_mark))
     if len({result.setting.kappa for result in results.settings}) > 1:
         handles.append(Line2D([], [], linestyle="", label="larger: larger κ"))
