@@ -46,7 +46,7 @@ MAX_MEMORY_BYTES = 1536 * 2**20
 about 50 bytes a pixel."""
 MAX_THREADS = 256
 """Largest number of threads of onnxruntime."""
-TIME_LIMIT_S = 5.0
+TIME_LIMIT_S = 7.0
 """Seconds that loading a model may take, and a run on frames of few pixels."""
 TIME_LIMIT_S_PER_MEGAPIXEL = 1.0
 """Seconds that a run may take longer for each million pixels of its frames."""
@@ -60,6 +60,10 @@ FORMAT = "1"
 
 
 WATCHDOG = Watchdog()
+
+
+class SlowModelError(InputError):
+    """A model took longer to load than it may."""
 
 
 class Decoder:
@@ -103,6 +107,8 @@ class Decoder:
             check_onnx_file(data)
             self._session = _session(data, threads, time_limit_s)
             self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        except SlowModelError as error:
+            raise InputError(f"{path}: {error}") from None
         except ORT_ERRORS as error:  # an InputError is a ValueError
             reason = f"not a readable ONNX model; export it again ({_reason(error)})"
             raise InputError(f"{path}: {reason}") from None
@@ -274,12 +280,25 @@ def _session(data: bytes, threads: int, time_limit_s: float) -> onnxruntime.Infe
     options.add_session_config_entry(
         "session.model_external_initializers_file_folder_path", NOWHERE
     )
-    with WATCHDOG.limit(
-        time_limit_s, lambda: options.set_load_cancellation_flag(True), "loading the model"
-    ):
-        return onnxruntime.InferenceSession(
-            data, options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )
+    overdue = False
+
+    def stop() -> None:
+        nonlocal overdue
+        overdue = True
+        options.set_load_cancellation_flag(True)
+
+    try:
+        with WATCHDOG.limit(time_limit_s, stop, "loading the model"):
+            return onnxruntime.InferenceSession(
+                data, options, providers=["CPUExecutionProvider"], enable_fallback=0
+            )
+    except ORT_ERRORS:
+        if overdue:
+            raise SlowModelError(
+                f"loading took more than {time_limit_s:.3g} s and was stopped; if this machine is "
+                "busy, try again"
+            ) from None
+        raise
 
 
 @cache

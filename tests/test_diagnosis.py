@@ -30,7 +30,10 @@ FOUND = Observations(fps=30, frames=210, found=180, seconds=6.1, level=90.0)
         (Observations(30, frames=90, level=9.0), ["in any of 90 frames", "dark (mean level 9 of"]),
         (Observations(30, frames=9, level=200.0, clipped=0.6), ["60% of whose pixels", "shorter"]),
         (replace(FOUND, seconds=0.6), ["in 180 of 210 frames", "for 0.6 s", "film longer"]),
-        (replace(FOUND, toggling=STILL), ["in 180 of 210", "patches or pilots do not change", "playing"]),
+        (
+            replace(FOUND, toggling=STILL),
+            ["180 of 210", "patches or pilots do not change", "playing"],
+        ),
         (replace(FOUND, toggling=NOISE), ["than noise (40% of the evidence", "--fps right (30)"]),
         (
             replace(FOUND, toggling=WEAK),

@@ -67,7 +67,7 @@ class InformationConfig:
 
 
 @dataclass(frozen=True)
-class Reception:
+class MessageTrial:
     """One message that is read over one channel."""
 
     code: str
@@ -89,23 +89,23 @@ def capacity_of(ber: float) -> float:
     return float(1 + ber * np.log2(ber) + (1 - ber) * np.log2(1 - ber))
 
 
-def information_needed(reception: Reception) -> float:
+def information_needed(drawn: MessageTrial) -> float:
     """Read a message; returns the information received over the message's, or infinity."""
-    rng = np.random.default_rng(reception.seed)
-    bits = 8 * reception.n_bytes
-    size = LOOP[reception.code] * bits
-    fine = reception.code.startswith("rateless")
+    rng = np.random.default_rng(drawn.seed)
+    bits = 8 * drawn.n_bytes
+    size = LOOP[drawn.code] * bits
+    fine = drawn.code.startswith("rateless")
     if fine:
-        terms = Terms(reception.n_bytes - 4, 8, 0)
+        terms = Terms(drawn.n_bytes - 4, 8, 0)
         blocks = rng.integers(0, 2, (terms.information // terms.blocks, terms.blocks), np.uint8)
         sent = terms.code.encode(blocks, -(-size // terms.blocks)).reshape(-1)
         order = np.roll(np.arange(sent.size), int(rng.integers(sent.size)))
     else:
         code = make_code(bits, size - bits)
         sent, order = code.encode(rng.integers(0, 2, bits)), rng.permutation(size)
-    share_of_bit = capacity_of(reception.ber) / bits
+    share_of_bit = capacity_of(drawn.ber) / bits
     order = np.resize(order, int(MOST / share_of_bit))
-    llr = received_llr(sent[order], reception.ber, 1, rng)
+    llr = received_llr(sent[order], drawn.ber, 1, rng)
 
     def is_read(share: float) -> bool:
         many = int(share / share_of_bit)
@@ -126,7 +126,7 @@ def curve_rows(config: InformationConfig) -> list[dict[str, Any]]:
     """Measure the information needed for each code and share of wrong bits."""
     cells = list(product(LOOP, config.ber))
     receptions = [
-        Reception(code, ber, config.n_bytes, (config.seed, number, trial))
+        MessageTrial(code, ber, config.n_bytes, (config.seed, number, trial))
         for number, (code, ber) in enumerate(cells)
         for trial in range(config.trials)
     ]

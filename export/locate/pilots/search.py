@@ -117,6 +117,7 @@ class PilotSearch:
         self._stabiliser = Stabiliser()
         self._frames: list[tuple[Gray, Array]] = []
         self._newest: tuple[Gray, Array]
+        self._reference: NDArray[np.uint8]
         self._watched: list[Array] = []
         self._values: list[list[NDArray[np.float32]]] = []
         self._proposed: list[_Proposal] = []
@@ -134,8 +135,12 @@ class PilotSearch:
         gray = as_gray(image)
         H = self._stabiliser.follow(gray)
         if H is None:
-            self._begin(image, gray)
+            self._stabiliser.begin(gray)
+            self._reference = image
+            self._frames, self._proposed, self._work = [], [], None
             return None
+        if not self._frames:
+            self._begin()
         self._newest = gray, H
         if len(self._frames) < WINDOW:
             self._watch(gray, H)
@@ -152,19 +157,16 @@ class PilotSearch:
         self._stabiliser.forget()
         return PilotDisplay(proposal.layout, transform(H, proposal.corners), evidence)
 
-    def _begin(self, image: NDArray[np.uint8], gray: Gray) -> None:
-        """Start anew with this frame as the reference."""
-        self._stabiliser.begin(gray)
-        self._newest = gray, np.eye(3)
-        self._frames, self._proposed, self._work = [], [], None
+    def _begin(self) -> None:
+        """Propose quadrilaterals in the reference, now that the film can be held still."""
         self._map = ToggleMap(self._stabiliser.shape, WINDOW)
         self._watched = [
             np.roll(candidate.corners, -turn, axis=0)
-            for candidate in display_candidates(image, CANDIDATES)
+            for candidate in display_candidates(self._reference, CANDIDATES)
             for turn in (0, 1)
         ]
         self._values = [[] for _ in self._watched]
-        self._watch(gray, np.eye(3))
+        self._watch(as_gray(self._reference), np.eye(3))
 
     def _watch(self, gray: Gray, H: Array) -> None:
         """Record what this frame shows, and propose what looks promising after some frames."""
