@@ -98,7 +98,10 @@ STEPS = {
     "codecs": Step(
         "reports.films.codecs --variants lossless h264-8000 h264-4000 --runs 3 --out runs/codecs"
     ),
-    "rates": Step("reports.films.rates --out runs/rates"),
+    "rates": Step(
+        "reports.films.rates --settings fast robust hidden "
+        "--pairs canon-lg nikon-samsung sony-imac canon-samsung nikon-lg --out runs/rates"
+    ),
     "delivery": Step(
         "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
     ),

@@ -110,11 +110,11 @@ def rates_table(stored: dict[str, dict[str, Any]], seen_of: dict[str, float]) ->
                     f"{len(came)} of {len(group)}",
                     f"{share_interval(*wilson(len(came), len(group)), 0)} %",
                     str(int(group["wrong"].sum())),
-                    f"{rate.median():.2g}" if len(came) else "–",
-                    f"{rate.min():.2g}" if len(came) else "–",
+                    _rate(rate.median()) if len(came) else "–",
+                    _rate(rate.min()) if len(came) else "–",
                     f"{came['seconds'].median():.1f}" if len(came) else "–",
                     percent(group["bits_wrong"].sum() / max(1, group["bits"].sum())),
-                    f"{seen_of[name]:.2f}",
+                    f"{seen_of[name]:.3g}",
                 ]
             )
     title = (
@@ -123,6 +123,11 @@ def rates_table(stored: dict[str, dict[str, Any]], seen_of: dict[str, float]) ->
         "(`python -m reports.films.rates`):"
     )
     return Table(heads, rows, title)
+
+
+def _rate(kbit_s: float) -> str:
+    """Write a rate with two digits or more."""
+    return f"{kbit_s:.0f}" if kbit_s >= 10 else f"{kbit_s:.1f}"
 
 
 def main() -> None:
