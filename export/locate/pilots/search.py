@@ -72,7 +72,7 @@ class PilotDisplay:
     """A display that its pilots have given away."""
 
     layout: Layout
-    """The one, of those that were looked for, that it shows."""
+    """Layout that it shows, one of those that were looked for."""
     corners: Array
     """(4, 2) pixels of the newest frame, from the top left of the displayed picture on."""
     evidence: float
@@ -88,7 +88,7 @@ class _Proposal:
     layout: Layout
     """What it may show."""
     frequency: float
-    """At which it may toggle, periods for each frame."""
+    """Frequency at which it may toggle, in periods for each frame."""
 
 
 _Sure = tuple[_Proposal, float]
