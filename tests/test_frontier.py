@@ -135,6 +135,8 @@ def test_results_come_back_as_they_were_written(tmp_path: Path, results: Frontie
         (("settings", 0, "setting", "kappa"), 0),
         (("settings", 0, "setting", "kappa"), 5),  # the paper's setting is missing
         (("settings", 1, "read", 1, "method"), "phi"),  # learned is missing
+        (("settings", 1, "read", 1, "view_deg"), 45.0),  # of 0 degrees, oorc is left alone
+        (("settings", 1, "read", 0, "method"), "learned"),
         (("settings", 1, "shown", 1, "states_hz"), 30),
         (("settings", 1, "read", 0, "bits"), 0),
         (("settings",), []),

@@ -36,6 +36,8 @@ from reports.render.charts import (
 from reports.render.tables import Table, TableCell, percent, share_interval
 from reports.studies.peers.page import COLOURS, LEAST_ACCURACY, OURS, PeerRow, best_readings
 
+Positive = Annotated[int, Field(ge=1, le=2**20)]
+"""Type of a number of things in a stored file of which there is at least one."""
 CHART_HZ = 60
 """States a second at which the charts of right bits show contrast over threshold."""
 GRID_MARKERS = {(8, 8): "s", (24, 32): "D", (48, 64): "^", (96, 128): "o"}
@@ -50,13 +52,13 @@ LEAST_BITS = 0.1
 class FrontierSetting:
     """A layout and a kappa that are compared."""
 
-    rows: Annotated[int, Field(ge=1)]
+    rows: Positive
     """Number of rows of blocks."""
-    cols: Annotated[int, Field(ge=1)]
+    cols: Positive
     """Number of columns of blocks."""
     modulation: str
     """Key of `link.layout.MODULATIONS`."""
-    kappa: Annotated[int, Field(ge=1)]
+    kappa: Positive
     """Number of gray levels by which blocks change."""
     ratex: bool = False
     """Whether five ratex patches calibrate, as in the paper, in place of pilots."""
@@ -89,7 +91,7 @@ PAPER_HZ = 15
 class ShownRate:
     """How visible a setting is at one rate."""
 
-    states_hz: Annotated[int, Field(ge=1)]
+    states_hz: Positive
     """States a second, on a display of 60 refreshes a second."""
     seen: Annotated[float, Field(ge=1e-9, le=1e9)]
     """Contrast over threshold of one block; above 1 it is seen."""
@@ -130,7 +132,7 @@ class ReadRow:
     pair."""
     ci_high: Share
     """Upper end of the 95 % interval of the accuracy."""
-    information: Number
+    information: Annotated[float, Field(ge=-1e9, le=1)]
     """Information about a sent bit, in bits, before coding: of the scores, where they are
     log-likelihood ratios, and else of the decided bits (`decided_information`)."""
     lead: Lead | None
@@ -143,7 +145,7 @@ class SettingResult:
 
     setting: FrontierSetting
     """The layout and its kappa."""
-    message_bits: Annotated[int, Field(ge=1)]
+    message_bits: Positive
     """Number of message bits in a frame pair."""
     psnr: Number
     """Peak signal-to-noise ratio of a displayed frame against the picture, dB, mean over frame
@@ -184,8 +186,11 @@ class FrontierResults:
         if PAPER_SETTING not in [result.setting for result in self.settings]:
             raise ValueError("the paper's setting is missing")
         for result in self.settings:
-            if "learned" not in {row.method for row in result.read}:
-                raise ValueError(f"{result.setting.name}: learned is missing")
+            places = {(row.view_deg, row.method) for row in result.read}
+            if len(places) != len(result.read):
+                raise ValueError(f"{result.setting.name}: a view and method are there twice")
+            if not places >= {(view, "learned") for view, _ in places}:
+                raise ValueError(f"{result.setting.name}: learned is missing at a view")
 
     @property
     def paper(self) -> SettingResult:

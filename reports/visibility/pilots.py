@@ -31,7 +31,7 @@ from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
 from reports.render.tables import Table, TableCell, percent, share_interval, write_blocks
 from reports.visibility.frontier import read_rows
-from reports.visibility.frontier_page import ReadRow
+from reports.visibility.frontier_page import Positive, ReadRow
 
 PILOTS = {
     (8, 8): (4, 8, 16, 24, 32),
@@ -70,9 +70,9 @@ class PilotsConfig:
 class PilotRow:
     """What is read from a grid with some number of pilots at one kappa."""
 
-    rows: Annotated[int, Field(ge=1)]
+    rows: Positive
     """Number of rows of blocks."""
-    cols: Annotated[int, Field(ge=1)]
+    cols: Positive
     """Number of columns of blocks."""
     pilots: Annotated[int, Field(ge=2)]
     """Number of blocks that carry known bits."""
