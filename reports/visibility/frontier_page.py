@@ -464,9 +464,9 @@ def _draw_rates(panel: Axes, results: FrontierResults) -> None:
         (mark,) = panel.plot(places, rates, linewidth=1, **look)
         add_note(mark, result.setting.name)
     panel.set_yscale("log")
-    panel.set_ylabel("bits a second", labelpad=1)
+    panel.set_ylabel("bits a second", labelpad=0)
     _set_seen_axis(panel, results, "contrast over threshold")
-    set_ticks(panel.yaxis, [1e2, 1e3, 1e4, 1e5], ["100", "1 k", "10 k", "100 k"])
+    set_ticks(panel.yaxis, [1e2, 1e3, 1e4, 1e5], ["100", "1k", "10k", "100k"])
     panel.grid(axis="both")
     _name(panel, results, (), ("learned",))
 
@@ -493,7 +493,7 @@ def _draw_bits(
     panel.set(yscale="log", ylim=(0.7 * LEAST_BITS, 1.5 * most))
     panel.set_ylabel("bits a frame pair", labelpad=1)
     values = [0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0]
-    set_ticks(panel.yaxis, values, ["0.1", "1", "10", "100", "1 k", "10 k"])
+    set_ticks(panel.yaxis, values, ["0.1", "1", "10", "100", "1k", "10k"])
     panel.grid(axis="both")
     _set_psnr_axis(panel, results, here)
     _name(panel, results, here)
