@@ -82,7 +82,9 @@ def current_command(stored: str) -> str:
         r"^(python -m reports)\.(?:studies\.)?(?=(?:delivery|endless)\b)", r"\1.films.", stored
     )
     return re.sub(
-        r"^python -m reports\.(?!studies\.|films\.|lab\.|visibility\.|readme)", r"\g<0>studies.", stored
+        r"^python -m reports\.(?!studies\.|films\.|lab\.|visibility\.|readme)",
+        r"\g<0>studies.",
+        stored,
     )
 
 
