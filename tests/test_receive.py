@@ -91,9 +91,14 @@ def test_a_free_running_camera_reads_the_message(
 @pytest.mark.slow
 def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
     receiver = Receiver(decoder)
-    errors = []
-    for time, image, corners in Stream().frames(states, 1, np.random.default_rng(0)):
+    errors: list[float] = []
+    for number, (time, image, corners) in enumerate(
+        Stream().frames(states, 1, np.random.default_rng(0))
+    ):
         tracked = receiver.push(image, time).tracked
+        if tracked is None and not errors:
+            assert number < 4  # a search is spread over some frames
+            continue
         assert tracked is not None
         errors.append(np.linalg.norm(tracked.corners - corners, axis=1).max())
     assert max(errors) < 2.0

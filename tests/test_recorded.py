@@ -30,7 +30,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Capture
     picture = load_pictures("test", layout.width, layout.height)[0].rgb
     write_image(folder / "picture.png", picture)
     with pytest.MonkeyPatch.context() as patch:
-        arguments = [str(folder / "picture.png"), "--message", MESSAGE]
+        arguments = [str(folder / "picture.png"), "--message", MESSAGE, "--preset", "paper"]
         patch.setattr("sys.argv", ["send", *arguments, "--out", str(folder / "sent")])
         send.main()
     states = sorted((folder / "sent").glob("state_*.png"))

@@ -79,6 +79,8 @@ def _align_phase(
     right, bottom = np.ceil(c.max(axis=0)).astype(int) + MARGIN_PX
     left, top = max(0, left), max(0, top)
     image = pyramid[level][top:bottom, left:right].astype(np.float32)
+    if not image.size:  # the corners lie beyond the image
+        return corners
     c = c - [left, top]
     # as blurred as the drawn tiles: between samples no edge must go unseen
     apart = np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1) / [width, height, width, height]

@@ -20,6 +20,7 @@ class Stabiliser:
 
     def __init__(self) -> None:
         self._reference: Gray | None = None
+        self._shape: tuple[int, ...] = ()
         self._points = self._guess = np.zeros((0, 1, 2), np.float32)
         self._H_image_from_copy = np.eye(3)
 
@@ -37,7 +38,7 @@ class Stabiliser:
 
     def begin(self, gray: Gray) -> None:
         """Take an (H, W) uint8 frame as the reference."""
-        height, width = gray.shape
+        height, width = self._shape = gray.shape
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
         self._H_image_from_copy = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
@@ -56,9 +57,9 @@ class Stabiliser:
         """
         if self._reference is None or len(self._points) < MIN_POINTS:
             return None
-        small = _small(gray)
-        if small.shape != self._reference.shape:
+        if gray.shape != self._shape:
             return None
+        small = _small(gray)
         moved, status, _ = cv2.calcOpticalFlowPyrLK(
             self._reference,
             small,

@@ -70,6 +70,7 @@ class Tracker:
         self.layout = layout
         self._follower = Follower(layout)
         self._search: Steps[Located | None] | None = None
+        self._searched: tuple[int, ...] = ()
         self._vain = 0
         self._thumbnail: NDArray[np.float32] | None = None
 
@@ -93,8 +94,11 @@ class Tracker:
 
     def _look(self, image: NDArray[np.uint8]) -> Tracked | None:
         """Take some steps of a search, and begin one where none is under way."""
+        if self._searched != image.shape[:2]:
+            self._search = None
         fresh = self._search is None
         if self._search is None:
+            self._searched = image.shape[:2]
             whole = frame_corners(image.shape[1], image.shape[0])  # a screenshot, or rectified
             found = self._accept(image, whole, fresh=True)
             if found is not None:
