@@ -10,7 +10,7 @@ The work is cut into steps, one for each frame, so that no frame takes long.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -263,7 +263,7 @@ class PilotSearch:
         for _ in range(FINE_ROUNDS):
             views = _views(corners, layout, frames, map_size(layout))
             if views is None:
-                return
+                break
             line = _line(views, proposal.frequency)
             size = layout.cols, layout.rows
             real, imaginary = (
@@ -277,8 +277,11 @@ class PilotSearch:
             if shift is None:
                 break
             corners = moved_corners(corners, shift, layout)
-        settled = _Proposal(corners, layout, proposal.frequency)
-        evidence = _evidence(settled, frames) - float(np.log(TRIALS))
+        # in a dark picture parts may have been matched amiss
+        moves = [proposal, replace(proposal, corners=corners)]
+        evidences = [_evidence(move, frames) - float(np.log(TRIALS)) for move in moves]
+        evidence = max(evidences)
+        settled = moves[evidences.index(evidence)]
         self.strongest = max(self.strongest, evidence)
         if evidence < SURE:
             yield None
