@@ -18,7 +18,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
 
     >>> from link.layout import make_layout
     >>> layout_table(make_layout(4, 4, modulation="antipodal", pilots=4))["pilot_bits"]
-    [0, 0, 1, 1]
+    [0, 1, 0, 1]
     """
     return {
         **layout.to_dict(),
