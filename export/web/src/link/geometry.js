@@ -1,0 +1,170 @@
+/**
+ * The convention of pixels and corners, homographies, and rectification.
+ *
+ * Pixel centres lie at whole coordinates, points are [x, y], and the corners of a picture are the
+ * outer corners of its corner pixels. A display frame spans [-0.5, width - 0.5] x
+ * [-0.5, height - 0.5]. Corner order: top-left, top-right, bottom-right, bottom-left of the
+ * displayed picture, whatever way up the camera was. Homographies are nine numbers, row by row.
+ */
+
+import { shrunkByWhole } from "../image/shrink.js";
+import { warped } from "../image/warp.js";
+import { inverse, multiply3, solve } from "./linear.js";
+
+/** @typedef {[number, number]} Point */
+/** @typedef {ArrayLike<number>} Homography */
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+
+/** Smallest area, in square pixels of the image, that a display may cover. */
+export const MIN_AREA_PX = 256.0;
+
+/**
+ * List the outer corners of a displayed frame, in corner order.
+ *
+ * @param {number} width - of the frame, pixels
+ * @param {number} height - of the frame, pixels
+ * @returns {Point[]}
+ */
+export function frameCorners(width, height) {
+  const right = width - 0.5;
+  const bottom = height - 0.5;
+  return [
+    [-0.5, -0.5],
+    [right, -0.5],
+    [right, bottom],
+    [-0.5, bottom],
+  ];
+}
+
+/**
+ * Tell whether four points can be the corners of a display in an image: finite, not too far
+ * outside the image, not mirrored, convex, and not tiny. Python's `check_corners` raises an error
+ * in place of false.
+ *
+ * @param {Point[]} corners - four points in corner order
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
+ *   its longer side
+ * @returns {boolean}
+ */
+export function checkCorners(corners, width, height, outside = 0) {
+  const slack = outside * Math.max(width, height);
+  for (const [x, y] of corners) {
+    if (!(x >= -0.5 - slack && x <= width - 0.5 + slack)) return false;
+    if (!(y >= -0.5 - slack && y <= height - 0.5 + slack)) return false;
+  }
+  for (let i = 0; i < 4; i++) {
+    const [a, b, c] = [corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]];
+    const turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]);
+    if (!(turn > 0)) return false;
+  }
+  return contourArea(corners) >= MIN_AREA_PX;
+}
+
+/**
+ * Find the area of a polygon, in square pixels.
+ *
+ * @param {Point[]} points - in order
+ * @returns {number}
+ */
+export function contourArea(points) {
+  let twice = 0;
+  for (let i = 0; i < points.length; i++) {
+    const [x, y] = points[i];
+    const [nextX, nextY] = points[(i + 1) % points.length];
+    twice += Math.fround(x) * Math.fround(nextY) - Math.fround(y) * Math.fround(nextX);
+  }
+  return Math.abs(twice) / 2;
+}
+
+/**
+ * Tell which points lie in an image; a hundredth of a pixel counts for nothing.
+ *
+ * @param {Point[]} points
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @returns {Uint8Array} 1 for each point that does
+ */
+export function inImage(points, width, height) {
+  return Uint8Array.from(points, ([x, y]) =>
+    Number(x >= -0.51 && x <= width - 0.49 && y >= -0.51 && y <= height - 0.49),
+  );
+}
+
+/**
+ * Find the homography that maps pixels of the displayed picture to pixels of the image.
+ *
+ * Corners are rounded to 32-bit floats, as OpenCV does.
+ *
+ * @param {Point[]} corners - pixels of the image, in corner order
+ * @param {number} width - of the displayed picture, pixels
+ * @param {number} height - of the displayed picture, pixels
+ * @returns {Float64Array} HCapturedFromDisplay, nine numbers
+ */
+export function homographyFromCorners(corners, width, height) {
+  return homographyFromPoints(frameCorners(width, height), corners);
+}
+
+/**
+ * Find the homography that maps four points to four others (`cv2.getPerspectiveTransform`).
+ *
+ * @param {Point[]} from - four points
+ * @param {Point[]} to - where each of them goes
+ * @returns {Float64Array} nine numbers, the last of which is 1
+ */
+export function homographyFromPoints(from, to) {
+  const A = new Float64Array(64);
+  const b = new Float64Array(8);
+  for (let i = 0; i < 4; i++) {
+    const [x, y] = from[i].map(Math.fround);
+    const [u, v] = to[i].map(Math.fround);
+    A.set([x, y, 1, 0, 0, 0, -x * u, -y * u], i * 8);
+    A.set([0, 0, 0, x, y, 1, -x * v, -y * v], (i + 4) * 8);
+    b[i] = u;
+    b[i + 4] = v;
+  }
+  return Float64Array.from([...solve(A, b), 1]);
+}
+
+/**
+ * Apply a homography to points.
+ *
+ * @param {Homography} H - nine numbers
+ * @param {Point[]} points
+ * @returns {Point[]}
+ */
+export function transform(H, points) {
+  return points.map(([x, y]) => {
+    const w = H[6] * x + H[7] * y + H[8];
+    return [(H[0] * x + H[1] * y + H[2]) / w, (H[3] * x + H[4] * y + H[5]) / w];
+  });
+}
+
+/**
+ * Resample a captured image to the display's frame.
+ *
+ * Bilinear; a capture finer than twice the display grid is first averaged down by a whole factor,
+ * so that every captured pixel counts and nothing aliases.
+ *
+ * @param {BytePlane} image
+ * @param {Homography} HCapturedFromDisplay - such as `homographyFromCorners` finds
+ * @param {number} width - of the display frame, pixels
+ * @param {number} height - of the display frame, pixels
+ * @returns {BytePlane}
+ */
+export function rectify(image, HCapturedFromDisplay, width, height) {
+  const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
+  const [top, right, bottom, left] = corners.map(([x, y], i) => {
+    const [nextX, nextY] = corners[(i + 1) % 4];
+    return Math.hypot(nextX - x, nextY - y);
+  });
+  const finer = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
+  const factor = Math.floor(finer);
+  if (!(factor >= 2)) return warped(image, HCapturedFromDisplay, width, height);
+  // a pixel centre x of the small image lies at factor * x + (factor - 1) / 2 of the large one
+  const offset = (factor - 1) / 2;
+  const HFullFromSmall = [factor, 0, offset, 0, factor, offset, 0, 0, 1];
+  const H = multiply3(inverse(HFullFromSmall), HCapturedFromDisplay);
+  return warped(shrunkByWhole(image, factor), H, width, height);
+}
