@@ -110,8 +110,10 @@ class PilotSearch:
         if not layouts or any(layout.pilots == 0 for layout in layouts):
             raise InputError("layouts: need at least one, each with pilots")
         self.layouts = tuple(layouts)
-        self.strongest = 0.0
-        """Evidence of the likeliest display so far, as in `PilotDisplay.evidence`."""
+        self._largest = max(layouts, key=lambda layout: layout.width * layout.height)
+        self._finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
+        self._signs = {layout: pilot_signs(layout) for layout in layouts}
+        self._expected = {layout: _expected_changes(layout) for layout in layouts}
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._stabiliser = Stabiliser()
@@ -172,11 +174,9 @@ class PilotSearch:
         """Record what this frame shows, and propose what looks promising after some frames."""
         self._frames.append((gray, H))
         self._map.add(self._stabiliser.still(gray, H))
-        largest = max(self.layouts, key=lambda layout: layout.width * layout.height)
-        finest = max(self.layouts, key=lambda layout: layout.rows * layout.cols)
+        size = 2 * self._finest.cols, 2 * self._finest.rows
         for corners, values in zip(self._watched, self._values, strict=True):
-            view = _rectified(gray, transform(H, corners), largest)
-            size = 2 * finest.cols, 2 * finest.rows
+            view = _rectified(gray, transform(H, corners), self._largest)
             small = np.zeros(size[::-1], np.uint8) if view is None else view
             values.append(cv2.resize(small, size, interpolation=cv2.INTER_AREA).astype(np.float32))
         count = len(self._frames)
@@ -190,19 +190,16 @@ class PilotSearch:
         best: tuple[float, _Proposal] | None = None
         for corners, values in zip(self._watched, self._values, strict=True):
             for layout in self.layouts:
-                signs = pilot_signs(layout)
                 blocks = [standing_out(value, layout) for value in values]
                 for turn in (0, 2):
                     views = [block[::-1, ::-1] if turn else block for block in blocks]
                     picked = [view.reshape(-1)[layout.pilot_blocks] for view in views]
-                    evidence, frequency = pilot_evidence(picked, signs)
+                    evidence, frequency = pilot_evidence(picked, self._signs[layout])
                     if best is None or evidence > best[0]:
                         turned = np.roll(corners, -turn, axis=0)
                         best = evidence, _Proposal(turned, layout, frequency)
-        if best is not None:
-            self.strongest = max(self.strongest, best[0] - float(np.log(TRIALS)))
-            if best[0] > PROMISING:
-                self._proposed.append(best[1])
+        if best is not None and best[0] > PROMISING:
+            self._proposed.append(best[1])
 
     def _settle_all(self) -> Iterator[_Sure | None]:
         """Settle one proposal after another; None after each step, and what is sure in the end."""
@@ -226,15 +223,14 @@ class PilotSearch:
 
     def _first_fit(self, quad: Array) -> _Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral; the best, if any fits."""
-        largest = max(self.layouts, key=lambda layout: layout.width * layout.height)
-        views = _views(quad, largest, self._frames, COARSE_SIZE)
+        views = _views(quad, self._largest, self._frames, COARSE_SIZE)
         best: tuple[int, _Proposal] | None = None
         if views is None:
             return None
         for frequency in self._frequencies:
             line = _line(views, frequency)
             for layout in self.layouts:
-                blocks = _expected(layout)
+                blocks = self._expected[layout]
                 for turn in (0, 2):
                     shown = blocks[::-1, ::-1] if turn else blocks
                     fit = coarse_shift(line, shown, layout, far=True)
@@ -246,7 +242,7 @@ class PilotSearch:
     def _settle(self, proposal: _Proposal) -> Iterator[_Sure | None]:
         """Move corners to where the pilots fit the grid; None after each step, and what is sure."""
         layout, corners, frames = proposal.layout, proposal.corners, list(self._frames)
-        blocks, signs = _expected(layout), pilot_signs(layout)
+        blocks, signs = self._expected[layout], self._signs[layout]
         for _ in range(COARSE_ROUNDS):
             views = _views(corners, layout, frames, COARSE_SIZE)
             fit = None
@@ -282,7 +278,6 @@ class PilotSearch:
         evidences = [_evidence(move, frames) - float(np.log(TRIALS)) for move in moves]
         evidence = max(evidences)
         settled = moves[evidences.index(evidence)]
-        self.strongest = max(self.strongest, evidence)
         if evidence < SURE:
             yield None
             return
@@ -296,7 +291,7 @@ class PilotSearch:
         yield settled, evidence
 
 
-def _expected(layout: Layout) -> Array:
+def _expected_changes(layout: Layout) -> Array:
     """Expected changes of the blocks, (rows, cols): the pilots' signs, 0 elsewhere."""
     blocks = np.zeros(layout.rows * layout.cols)
     blocks[layout.pilot_blocks] = pilot_signs(layout)
