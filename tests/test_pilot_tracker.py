@@ -118,7 +118,7 @@ def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch)
     said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
     monkeypatch.setattr(pilots_module, "pilot_evidence", lambda *_: (next(said), 0.1))
     view = np.full((OTHER.height, OTHER.width), 90, np.uint8)
-    tracked = pilots_module.Tracked(np.zeros((4, 2)), view, 1.0)
+    tracked = pilots_module.Tracked(np.zeros((4, 2)), view)
     still = [tracker._still_there(tracked) for _ in range(8 * CHECK_EVERY)]
     looks = np.array(still).reshape(8, CHECK_EVERY)[:, -1]
     # too few frames have been watched at the time of the first look

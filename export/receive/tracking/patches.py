@@ -45,9 +45,6 @@ class Tracked:
     """(4, 2) pixels of the camera frame, in corner order."""
     rectified: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded, of the layout's size."""
-    visibility: float
-    """How well the ratex patches are seen, in [-1, 1]; patches that are out of view or covered are
-    left out as `export.locate.patches.seen_visibility` says."""
 
 
 class Tracker:
@@ -159,4 +156,4 @@ class Tracker:
             self._follower.advance(corners)
         if fresh:
             self._follower.begin(image, corners, rectified)
-        return Tracked(corners, rectified, seen)
+        return Tracked(corners, rectified)

@@ -103,7 +103,7 @@ class PilotTracker:
             if reference is None:
                 return None
             follower.begin(image, corners, reference)
-        return Tracked(shown, rectified, 1.0)
+        return Tracked(shown, rectified)
 
     def _still_there(self, tracked: Tracked) -> bool:
         """Look at the pilots from time to time, and tell whether they are still seen."""
