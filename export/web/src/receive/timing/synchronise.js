@@ -1,0 +1,242 @@
+/** Find the display's clock, follow it, hold it through weak spells, and find it again. */
+
+import { DisplayClock } from "./clock.js";
+import { ClockFit, ToggleWindow } from "./fit.js";
+
+/** Seconds of toggles that the first fit needs. */
+export const MIN_WINDOW_S = 0.5;
+/** Seconds of toggles that a later fit looks back. */
+export const WINDOW_S = 4.0;
+/** Largest number of frames that a fit looks back, whatever their times say. */
+export const MAX_SAMPLES = 4096;
+/** Number of frames that the first fit needs: some clock fits nearly every order of fewer. */
+export const MIN_FRAMES = 30;
+/** Seconds from one fit to the next while the clock is known. */
+export const REFIT_S = 0.5;
+/** Seconds from one fit to the next while the clock is not known. */
+export const SEEK_S = 0.25;
+/** Smallest evidence, in units of twice the log-likelihood, that confirms a known clock. */
+export const CONFIRMED = 30.0;
+/** Share of the toggles' variance at which no other clock is looked for. */
+export const GOOD_R2 = 0.85;
+/** Seconds from one search to the next while the clock that is known is confirmed. */
+export const SEARCH_S = 4.0;
+/** Least evidence by which another clock must lead. */
+export const CLEARLY = 15.0;
+/** Least evidence by which another clock must lead, as a share of the held clock's. */
+export const SHARE = 0.05;
+/** Standard deviation of a place's toggles, displayed gray levels, below which it stands still. */
+export const MIN_TOGGLE = 0.1;
+/** Longest time, in seconds, for which a clock runs on without being confirmed. */
+export const HOLD_S = 6.0;
+/** Standard error of the state's number, in states, at which a running clock is given up. */
+export const MAX_PHASE_ERROR = 0.25;
+/** Share by which two clocks may drift apart while a clock runs on. */
+export const WANDER = 5e-5;
+/** Largest distance, in states, between a found and the held clock for numbers to go on. */
+export const SAME = 0.5;
+/** Chance, by the rule of `neededEvidence`, that a window without a clock shows one. */
+export const FALSE_ALARM = 1e-6;
+/** Factor of `neededEvidence`, fitted to the largest evidence in windows of simulated noise. */
+export const CANDIDATES = 0.03;
+
+/**
+ * Say how much evidence a search must find for its clock to be believed.
+ *
+ * Noise alone reaches evidence s with a chance of about `CANDIDATES` span fps s² exp(-s / 2), as
+ * for the largest value of a chi-squared field (Worsley 1994).
+ *
+ * @param {number} span - length of the window, seconds
+ * @param {number} fps - frames of the camera in a second
+ * @returns {number} twice a log-likelihood ratio, at which this chance is `FALSE_ALARM`
+ */
+export function neededEvidence(span, fps) {
+  let evidence = 40;
+  for (let round = 0; round < 20; round++) {
+    evidence = 2 * Math.log((CANDIDATES * Math.max(span * fps, 1) * evidence ** 2) / FALSE_ALARM);
+  }
+  return evidence;
+}
+
+/**
+ * What a search for a clock found, whether it is believed or not.
+ *
+ * `strength` is the evidence of the best clock as a share of what is needed (1 and more is a lock),
+ * `amplitude` the toggle by that clock and `deviation` the largest standard deviation of a place's
+ * toggles, both in displayed gray levels, and `stateHz` the number of states a second.
+ *
+ * @typedef {{ strength: number, amplitude: number, stateHz: number, deviation: number }} Toggling
+ */
+
+/** Fits the clock to the toggles of the last seconds. */
+export class Synchroniser {
+  /** @type {{ time: number, toggles: Float64Array }[]} */
+  #samples = [];
+  #fittedAt = -Infinity;
+  #searchedAt = -Infinity;
+  #confirmedAt = -Infinity;
+  /** @type {{ fit: ClockFit, middle: number } | null} */
+  #fit = null;
+
+  /**
+   * @param {number} fps - frames of the camera in a second; they bound delays and shutter
+   * @param {Float64Array} places - (P, 2) places of the display, in [0, 1], whose toggles are known
+   */
+  constructor(fps, places) {
+    this.fps = fps;
+    this.places = places;
+    /** The clock, or null while it is unknown. @type {DisplayClock | null} */
+    this.clock = null;
+    /** Share in [0, 1] of the toggles' variance that the clock explains in the last window. */
+    this.r2 = 0;
+    /** Number of times that the numbers of the states began anew. */
+    this.slips = 0;
+    /** The strongest toggling of all windows so far, or null. @type {Toggling | null} */
+    this.best = null;
+  }
+
+  /** Number of frames whose toggles are kept. */
+  get samples() {
+    return this.#samples.length;
+  }
+
+  /** Whether the clock runs on, because the toggles no longer confirm it. */
+  get held() {
+    return this.clock !== null && this.#fittedAt > this.#confirmedAt;
+  }
+
+  /**
+   * Estimate the standard error, in states, of the state's number at a time.
+   *
+   * @param {number} time - seconds
+   * @returns {number} infinite without a clock
+   */
+  phaseError(time) {
+    if (this.clock === null || this.#fit === null) return Infinity;
+    const { fit, middle } = this.#fit;
+    const wander = (WANDER * (time - middle)) / this.clock.period;
+    return Math.hypot(fit.phaseError(time - middle), wander);
+  }
+
+  /**
+   * Take the toggles of one frame, and fit the clock where it is time.
+   *
+   * @param {number} time - of the frame, seconds; later than before
+   * @param {Float64Array} toggles - (P,) displayed gray levels; NaN where a place is hidden
+   */
+  add(time, toggles) {
+    const samples = this.#samples;
+    if (toggles.some(Number.isFinite)) samples.push({ time, toggles });
+    let old = Math.max(0, samples.length - MAX_SAMPLES);
+    while (old < samples.length && samples[old].time < time - WINDOW_S) old++;
+    samples.splice(0, old);
+    const unconfirmed = time - this.#confirmedAt;
+    const unsure = unconfirmed > 2 * REFIT_S && this.phaseError(time) > MAX_PHASE_ERROR;
+    if (unsure || unconfirmed > HOLD_S) this.clock = null;
+    const enough = samples.length >= MIN_FRAMES && time - samples[0].time >= MIN_WINDOW_S;
+    const pause = this.clock === null ? SEEK_S : REFIT_S;
+    if (enough && time >= this.#fittedAt + pause) {
+      this.#fittedAt = time;
+      this.#update(time);
+    }
+  }
+
+  /**
+   * Fit the clock to the last seconds, and look for another one where that is in doubt.
+   *
+   * @param {number} time
+   */
+  #update(time) {
+    const samples = this.#samples;
+    const times = Float64Array.from(samples, (sample) => sample.time);
+    const toggles = samples.map((sample) => sample.toggles);
+    const window = new ToggleWindow(times, toggles, this.places, this.fps);
+    if (window.placesSeen === 0) return;
+    const deviation = Math.max(...window.deviation);
+    if (deviation < MIN_TOGGLE) {
+      this.clock = null;
+      this.r2 = 0;
+      this.#note({ strength: 0, amplitude: 0, stateHz: 0, deviation });
+      return;
+    }
+    const needed = neededEvidence(times[times.length - 1] - times[0], this.fps);
+    let followed = null;
+    if (this.clock !== null) {
+      followed = this.#follow(this.clock, window);
+      if (
+        followed.evidence >= needed &&
+        (followed.r2 >= GOOD_R2 || time < this.#searchedAt + SEARCH_S)
+      ) {
+        this.#adopt(followed, window, time);
+        return;
+      }
+    }
+    const found = window.search();
+    this.#searchedAt = time;
+    const strength = Math.max(found.evidence, 0) / needed;
+    const stateHz = 1 / found.clock.period;
+    this.#note({ strength, amplitude: found.amplitude, stateHz, deviation });
+    if (followed !== null && followed.evidence >= CONFIRMED) {
+      const lead = found.evidence - followed.evidence;
+      const needs = Math.max(CLEARLY, SHARE * followed.evidence);
+      if (lead < needs || found.evidence < needed) {
+        this.#adopt(followed, window, time);
+        return;
+      }
+    }
+    if (found.evidence >= needed && found.amplitude >= MIN_TOGGLE) {
+      this.#adopt(found, window, time);
+    }
+  }
+
+  /** @param {Toggling} toggling */
+  #note(toggling) {
+    if (this.best === null || toggling.strength > this.best.strength) this.best = toggling;
+  }
+
+  /**
+   * Fit the held clock to the window, from where it has run to.
+   *
+   * @param {DisplayClock} clock
+   * @param {ToggleWindow} window
+   */
+  #follow(clock, window) {
+    const number = 2 * Math.round(clock.number(window.middle) / 2);
+    return window.follow(clock.startingAt(clock.start + number * clock.period - window.middle));
+  }
+
+  /**
+   * Take a fitted clock; states keep their numbers where it goes on from the held one.
+   *
+   * @param {ClockFit} fit
+   * @param {ToggleWindow} window
+   * @param {number} time
+   */
+  #adopt(fit, window, time) {
+    let clock = fit.clock.startingAt(fit.clock.start + window.middle);
+    const held = this.clock;
+    if (held === null) {
+      this.slips++;
+    } else {
+      const at = [this.#samples[0].time, time];
+      const ends = at.map((end) => numberSeen(clock, end) - numberSeen(held, end));
+      const shift = 2 * Math.round(ends[1] / 2);
+      clock = clock.startingAt(clock.start + shift * clock.period);
+      if (Math.max(...ends.map((end) => Math.abs(end - shift))) > SAME) this.slips++;
+    }
+    this.clock = clock;
+    this.r2 = fit.r2;
+    this.#fit = { fit, middle: window.middle };
+    this.#confirmedAt = time;
+  }
+}
+
+/**
+ * Number the state in the middle of the exposure of the display's centre, of a frame at a time.
+ *
+ * @param {DisplayClock} clock
+ * @param {number} time - seconds
+ */
+function numberSeen(clock, time) {
+  return clock.number(time + clock.centre);
+}

@@ -1,0 +1,140 @@
+/**
+ * How much what is known to toggle differs from what is known not to, or to toggle the other way.
+ *
+ * Of ratex patches these are tiles of label 1 and their twins of label 0; of layouts without
+ * patches these are pilots of bit 1 and of bit 0.
+ */
+
+import { matchPatches } from "../../link/ratex.js";
+import { pilotSigns, standingOut } from "../../locate/pilots/evidence.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+
+/** Smallest correlation of shown and captured tiles of a patch that nothing covers. */
+export const MIN_CORRELATION = 0.8;
+/** Number of parts of the display, top to bottom and left to right, over which pilots average. */
+export const PARTS = [4, 4];
+/** Share by which the newest frame enters the running mean and variance of a pilot. */
+export const MEMORY = 0.1;
+/** Squared gray levels added to a pilot's variance before its weight is the inverse. */
+export const LEAST_VARIANCE = 0.3;
+
+/**
+ * Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
+ *
+ * No change of exposure can mimic this, because both tiles of a pair of twins show the same
+ * intensity.
+ *
+ * @param {BytePlane} frame - rectified
+ * @param {Layout} layout - with at least one patch
+ * @returns {Float64Array} (patches,) in displayed gray levels, as the patch's own contrast tells;
+ *   NaN where something covers the patch
+ */
+export function patchToggles(frame, layout) {
+  const { captured, shown, label, correlation } = matchPatches(frame, layout);
+  const tiles = captured.length / correlation.length;
+  return correlation.map((like, patch) => {
+    if (!(like > MIN_CORRELATION)) return NaN;
+    let [both, drawn, toggled] = [0, 0, 0];
+    for (let at = patch * tiles; at < (patch + 1) * tiles; at++) {
+      both += captured[at] * shown[at];
+      drawn += shown[at] ** 2;
+      toggled += captured[at] * (2 * label[at] - 1);
+    }
+    return (2 * toggled) / tiles / (both / drawn);
+  });
+}
+
+/** Toggles of the ratex patches. */
+export class PatchToggles {
+  /** @param {Layout} layout - with at least one patch */
+  constructor(layout) {
+    this.layout = layout;
+    /** (P, 2) x and y on the display, in [0, 1]. */
+    this.places = Float64Array.from(
+      layout.ratex.flatMap(([row, col]) => [(col + 0.5) / layout.cols, (row + 0.5) / layout.rows]),
+    );
+  }
+
+  /**
+   * Measure the (patches,) toggles in a rectified frame; NaN where a patch is hidden.
+   *
+   * @param {BytePlane} rectified
+   */
+  measure(rectified) {
+    return patchToggles(rectified, this.layout);
+  }
+}
+
+/**
+ * Toggles of pilots, averaged over the parts of the display.
+ *
+ * Pilots whose blocks vary much from frame to frame, because the picture is steep there, weigh
+ * less. What they show of the picture itself does not change from frame to frame, and the clock
+ * takes it off.
+ */
+export class PilotToggles {
+  #part;
+  #signs;
+  /** @type {Float64Array | null} */
+  #mean = null;
+  #variance;
+
+  /** @param {Layout} layout - with pilots */
+  constructor(layout) {
+    this.layout = layout;
+    const rows = Math.min(PARTS[0], layout.rows);
+    const cols = Math.min(PARTS[1], layout.cols);
+    const parts = Array.from(layout.pilotBlocks, (block) => {
+      const row = Math.floor(block / layout.cols);
+      const col = block % layout.cols;
+      const across = Math.floor((col * cols) / layout.cols);
+      return Math.floor((row * rows) / layout.rows) * cols + across;
+    });
+    const taken = [...new Set(parts)].sort((one, two) => one - two);
+    this.#part = Int32Array.from(parts, (part) => taken.indexOf(part));
+    /** (P, 2) x and y on the display, in [0, 1]. */
+    this.places = Float64Array.from(
+      taken.flatMap((part) => [
+        ((part % cols) + 0.5) / cols,
+        (Math.floor(part / cols) + 0.5) / rows,
+      ]),
+    );
+    this.#signs = pilotSigns(layout);
+    this.#variance = new Float64Array(layout.pilotBlocks.length).fill(1);
+  }
+
+  /**
+   * Measure the (P,) toggles in a rectified frame, in captured gray levels.
+   *
+   * @param {BytePlane} rectified
+   */
+  measure(rectified) {
+    const blocks = standingOut(rectified, this.layout);
+    const values = Float64Array.from(this.layout.pilotBlocks, (block) => blocks[block]);
+    const mean = (this.#mean ??= values.slice());
+    const sums = new Float64Array(this.places.length / 2);
+    const weights = new Float64Array(sums.length);
+    values.forEach((value, pilot) => {
+      const apart = value - mean[pilot];
+      mean[pilot] += MEMORY * apart;
+      this.#variance[pilot] += MEMORY * (apart ** 2 - this.#variance[pilot]);
+      const weight = 1 / (this.#variance[pilot] + LEAST_VARIANCE);
+      const part = this.#part[pilot];
+      sums[part] += this.#signs[pilot] * value * weight;
+      weights[part] += weight;
+    });
+    return sums.map((sum, part) => (2 * sum) / weights[part]);
+  }
+}
+
+/**
+ * Make what measures the toggling of a layout with patches or pilots.
+ *
+ * @param {Layout} layout
+ * @returns {PatchToggles | PilotToggles}
+ */
+export function makeToggles(layout) {
+  return layout.pilotBlocks.length > 0 ? new PilotToggles(layout) : new PatchToggles(layout);
+}
