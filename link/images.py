@@ -40,6 +40,23 @@ decoders look. Chroma bits hardly change luma, so their weights are the directio
 absolute values that sum to 1. docs/visibility.md compares it with red alone."""
 
 
+def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Turn an image into its luma.
+
+    Args:
+        image: (H, W) uint8, which stays as it is, or (H, W, 3) uint8, encoded RGB.
+
+    Returns:
+        (H, W) uint8, encoded.
+
+    >>> as_gray(np.array([[[255, 0, 0], [0, 255, 0], [0, 0, 255]]], np.uint8)).tolist()
+    [[76, 150, 29]]
+    """
+    return np.asarray(
+        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8
+    )
+
+
 def intensity(frame: NDArray[np.uint8], colour: str = "gray") -> NDArray[np.float32]:
     """Take the intensity of an RGB frame that bits change most, or a gray frame as it is.
 

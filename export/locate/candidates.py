@@ -22,7 +22,7 @@ from export.locate.quads import (
     upright,
 )
 from export.locate.steps import Steps, run_to_end
-from link.images import as_rgb
+from link.images import as_gray, as_rgb
 
 WORK_PX = 640
 """Longer side, in pixels, of the small copy on which quadrilaterals are sought."""
@@ -114,7 +114,7 @@ def gathering_steps(
 ) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
     """Collect quadrilaterals step by step; the result is that of `gather_quadrilaterals`."""
     small, scale = small_copy(image)
-    gray = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+    gray = as_gray(small)
     lines = from_lines(gray, LINE_QUADS)
     yield LINES_WORK
     quads = np.concatenate([lines, from_contours(gray)])

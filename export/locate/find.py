@@ -6,7 +6,6 @@ and where its corners are to sub-pixels. Without patches the likeliest candidate
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,7 +21,6 @@ from export.locate.patches import Pyramid, image_pyramid, search_patches
 from export.locate.quads import from_lines, is_sound, upright
 from export.locate.refine import (
     OUTSIDE,
-    as_gray,
     clipped_to_image,
     corners_on_edges,
     corners_on_patches,
@@ -36,6 +34,7 @@ from export.locate.spots import (
     whole_quads,
 )
 from export.locate.steps import Steps, run_to_end
+from link.images import as_gray
 from link.layout import Layout
 
 SMALL_ERROR_PX = 2.0
@@ -114,7 +113,7 @@ def search_steps(
     found = yield from _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS)
     if found is None and corner_cells(layout):
         small, scale = small_copy(image)
-        gray = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+        gray = as_gray(small)
         spots = yield from spot_steps(gray, layout)
         quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
         yield COMBINE_WORK
@@ -127,7 +126,7 @@ def search_steps(
         found = yield from _best_on_patches(image, pyramid, layout, corners[LIKELY:], ALL_TURNS)
     if found is None and partly:
         small, scale = small_copy(image)
-        gray = np.asarray(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), np.uint8)
+        gray = as_gray(small)
         leaving = on_full_image(from_lines(gray, LEAVING_QUADS, OUTSIDE), scale)
         yield LINES_WORK
         found = yield from _best_on_patches(image, pyramid, layout, list(leaving), ALL_TURNS)

@@ -16,6 +16,7 @@ from export.locate.patches import (
 )
 from export.locate.quads import SLACK, is_sound
 from link.geometry import as_corners, homography_from_corners, rectify
+from link.images import as_gray
 from link.layout import Layout
 from link.ratex import match_patches
 
@@ -140,10 +141,3 @@ def corners_on_edges(
 def clipped_to_image(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Move corners that lie outside an image of a shape (H, W, ...) to its border."""
     return np.clip(corners, -0.5, [shape[1] - 0.5, shape[0] - 0.5])
-
-
-def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Turn an image into gray levels: (H, W) or (H, W, 3) uint8 RGB becomes (H, W) uint8."""
-    return np.asarray(
-        image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8
-    )

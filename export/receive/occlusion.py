@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.images import as_gray
 from link.layout import Layout
 
 BLOCK_PX = 6
@@ -41,9 +42,10 @@ class Occlusion:
             (n_bits,) bool.
         """
         rows, cols = self.layout.rows, self.layout.cols
-        gray = original if original.ndim == 2 else cv2.cvtColor(original, cv2.COLOR_RGB2GRAY)
         size = cols * BLOCK_PX, rows * BLOCK_PX
-        small = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.float32)
+        small = np.asarray(
+            cv2.resize(as_gray(original), size, interpolation=cv2.INTER_AREA), np.float32
+        )
         self._history.append(small)
         usual = np.median(np.stack(self._history), axis=0)
         gain = np.median(small) / max(float(np.median(usual)), 1.0)

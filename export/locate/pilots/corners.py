@@ -102,7 +102,7 @@ def coarse_shift(
     reach = [int(np.ceil(max(REACH_BLOCKS * side, least))) for side in block]
     around = [
         cv2.copyMakeBorder(
-            _without_slope(part, block), reach[1], reach[1], reach[0], reach[0], cv2.BORDER_CONSTANT
+            without_slope(part, block), reach[1], reach[1], reach[0], reach[0], cv2.BORDER_CONSTANT
         )
         for part in (change.real, change.imag)
     ]
@@ -198,7 +198,7 @@ def fine_shift(change: Map, blocks: NDArray[np.floating], layout: Layout) -> Arr
     try:
         correlation, H = cv2.findTransformECC(
             smooth,
-            _without_slope(change, block),
+            without_slope(change, block),
             np.eye(3, dtype=np.float32),
             cv2.MOTION_HOMOGRAPHY,
             stop,
@@ -222,8 +222,16 @@ def _drawn(blocks: NDArray[np.floating], size: tuple[int, int]) -> Map:
     return np.asarray(drawn, np.float32)
 
 
-def _without_slope(change: NDArray[np.floating], block: Array) -> Map:
-    """Take off the mean around each pixel, over three blocks."""
+def without_slope(change: NDArray[np.floating], block: Array) -> Map:
+    """Take off the mean around each pixel, over three blocks.
+
+    Args:
+        change: (h, w) by how much the pixels of the rectified display changed.
+        block: (2,) width and height of a block, in pixels of ``change``.
+
+    Returns:
+        (h, w) in the units of ``change``.
+    """
     span = [int(3 * side) | 1 for side in block]
     change = np.ascontiguousarray(change, np.float32)
     return np.asarray(change - cv2.blur(change, span), np.float32)

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.images import as_gray
 from link.layout import Layout
 
 Array = NDArray[np.float64]
@@ -47,6 +48,20 @@ def standing_out(gray: NDArray[np.generic], layout: Layout) -> NDArray[np.float3
         np.asarray(gray, np.float32), (layout.cols, layout.rows), interpolation=cv2.INTER_AREA
     )
     return np.asarray(blocks - cv2.blur(blocks, (3, 3)), np.float32)
+
+
+def pilot_values(view: NDArray[np.uint8], layout: Layout) -> NDArray[np.float32]:
+    """Measure by how much each pilot is brighter than its neighbourhood of 3 x 3 blocks.
+
+    Args:
+        view: (H, W) or (H, W, 3) uint8, encoded, the rectified display.
+        layout: with pilots.
+
+    Returns:
+        (pilots,) gray levels.
+    """
+    blocks = standing_out(as_gray(view), layout)
+    return blocks.reshape(-1)[layout.pilot_blocks]  # (rows, cols) -> (blocks,)
 
 
 def pilot_evidence(values: Sequence[NDArray[np.floating]], signs: Array) -> tuple[float, float]:

@@ -25,12 +25,18 @@ from export.locate.pilots.corners import (
     map_size,
     moved_corners,
 )
-from export.locate.pilots.evidence import LEAST_DEVIATION, pilot_evidence, pilot_signs, standing_out
+from export.locate.pilots.evidence import (
+    LEAST_DEVIATION,
+    pilot_evidence,
+    pilot_signs,
+    pilot_values,
+    standing_out,
+)
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
-from export.locate.refine import as_gray
 from link.errors import InputError
 from link.geometry import homography_from_corners, rectify, transform
+from link.images import as_gray
 from link.layout import Layout
 
 Array = NDArray[np.float64]
@@ -326,8 +332,7 @@ def _evidence(proposal: _Proposal, frames: Sequence[tuple[Gray, Array]]) -> floa
         view = _rectified(gray, transform(H, proposal.corners), proposal.layout)
         if view is None:
             return 0.0
-        blocks = standing_out(view, proposal.layout)
-        values.append(blocks.reshape(-1)[proposal.layout.pilot_blocks])
+        values.append(pilot_values(view, proposal.layout))
     return pilot_evidence(values, pilot_signs(proposal.layout))[0]
 
 

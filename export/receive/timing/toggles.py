@@ -6,11 +6,10 @@ these are pilots of bit 1 and of bit 0.
 
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.evidence import pilot_signs, standing_out
+from export.locate.pilots.evidence import pilot_signs, pilot_values
 from link.layout import Layout
 from link.ratex import match_patches
 
@@ -102,9 +101,7 @@ class PilotToggles:
 
     def measure(self, rectified: NDArray[np.uint8]) -> Array:
         """Measure the (P,) toggles in a rectified frame, in captured gray levels."""
-        gray = rectified if rectified.ndim == 2 else cv2.cvtColor(rectified, cv2.COLOR_RGB2GRAY)
-        blocks = standing_out(gray, self.layout).reshape(-1)  # (rows, cols) -> (blocks,)
-        values = blocks[self.layout.pilot_blocks].astype(np.float64)
+        values = pilot_values(rectified, self.layout).astype(np.float64)
         if self._mean is None:
             self._mean = values.copy()
         apart = values - self._mean

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.corners import map_size
+from export.locate.pilots.corners import map_size, without_slope
 from export.locate.pilots.evidence import pilot_signs
+from link.images import as_gray
 from link.layout import Layout
 
 Array = NDArray[np.float64]
@@ -65,12 +66,12 @@ class CornerShift:
         if not layout.pilots:
             return
         first, second = (
-            np.asarray(cv2.resize(_gray(image), size, interpolation=cv2.INTER_AREA), np.float32)
+            np.asarray(cv2.resize(as_gray(image), size, interpolation=cv2.INTER_AREA), np.float32)
             for image in (original, embedded)
         )
         expected = self._expected(scores)
         block = np.array([size[0] / layout.cols, size[1] / layout.rows])
-        change = _without_slope(second - first, block)
+        change = without_slope(second - first, block)
         mean = np.asarray((first + second) / 2, np.float32)
         weight = 1 / (1 + _squared_gradient(mean) / STEEP**2)
         power = float((weight * expected**2).sum())
@@ -110,7 +111,7 @@ class CornerShift:
         drawn = cv2.resize(grid, self._size, interpolation=cv2.INTER_NEAREST)
         block = np.array([self._size[0] / layout.cols, self._size[1] / layout.rows])
         smooth = cv2.GaussianBlur(drawn, (0, 0), SPAN * float(block.min()))
-        return _without_slope(smooth, block)
+        return without_slope(smooth, block)
 
     def _homography(self, move: Array) -> Array:
         """Express the eight numbers as a homography of layout pixels."""
@@ -124,15 +125,6 @@ def _matrix(move: Array) -> Array:
     return np.asarray(np.eye(3) + np.append(move, 0.0).reshape(3, 3))  # (9,) -> (3, 3)
 
 
-def _without_slope(change: NDArray[np.float32], block: Array) -> NDArray[np.float32]:
-    span = [int(3 * side) | 1 for side in block]
-    return np.asarray(change - cv2.blur(change, span), np.float32)
-
-
 def _squared_gradient(image: NDArray[np.float32]) -> NDArray[np.float32]:
     x, y = (cv2.Sobel(image, -1, 1 - axis, axis, scale=1 / 8) for axis in (0, 1))
     return np.asarray(x**2 + y**2, np.float32)
-
-
-def _gray(image: Image) -> Image:
-    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))

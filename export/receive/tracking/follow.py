@@ -14,6 +14,7 @@ from link.geometry import (
     rectify,
     transform,
 )
+from link.images import as_gray
 from link.layout import Layout
 
 FEATURES = 160
@@ -158,7 +159,7 @@ class Follower:
 
 def _equalised(rectified: Image) -> Image:
     """Give gray levels a mean of 128 and a deviation of 50: a change of exposure is no motion."""
-    gray = rectified if rectified.ndim == 2 else cv2.cvtColor(rectified, cv2.COLOR_RGB2GRAY)
+    gray = as_gray(rectified)
     mean, deviation = cv2.meanStdDev(gray)
     gain = 50 / max(float(deviation[0, 0]), 1.0)
     stretched = cv2.convertScaleAbs(gray, alpha=gain, beta=128 - gain * float(mean[0, 0]))

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from export.locate.candidates import Located
 from export.locate.find import search_steps
 from export.locate.patches import image_pyramid, patches_in_view, seen_visibility
-from export.locate.refine import as_gray, corners_on_patches, needed_visibility
+from export.locate.refine import corners_on_patches, needed_visibility
 from export.locate.steps import Steps
 from export.receive.tracking.follow import Follower
 from link.errors import InputError
 from link.geometry import frame_corners
+from link.images import as_gray
 from link.layout import Layout
 from link.ratex import match_patches
 

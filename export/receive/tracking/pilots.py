@@ -3,12 +3,11 @@
 from collections import deque
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.corners import moved_corners
-from export.locate.pilots.evidence import pilot_evidence, pilot_signs, standing_out
+from export.locate.pilots.evidence import pilot_evidence, pilot_signs, pilot_values
 from export.locate.pilots.search import PilotSearch
 from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import Tracked
@@ -107,10 +106,8 @@ class PilotTracker:
 
     def _still_there(self, tracked: Tracked) -> bool:
         """Look at the pilots from time to time, and tell whether they are still seen."""
-        layout, view = self.layout, tracked.rectified
-        gray = view if view.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_RGB2GRAY)
-        blocks = standing_out(gray, layout).reshape(-1)  # (rows, cols) -> (blocks,)
-        self._values.append(blocks[layout.pilot_blocks])
+        layout = self.layout
+        self._values.append(pilot_values(tracked.rectified, layout))
         self._count += 1
         if self._count % CHECK_EVERY or len(self._values) < WATCHED:
             return True
