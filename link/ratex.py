@@ -39,6 +39,10 @@ TILE_ORDERS = np.array(
 """Order of the tiles in each of five patches, (5, 16), row-major. A number q says that the tile's
 intensity has rank q // 2 in the patch and that its label is q % 2. Further patches begin again."""
 
+CLEAR_MATCH = 0.8
+"""Smallest correlation of the displayed and the captured tiles of a patch at which the patch counts
+as seen: nothing covers it, and the image does not cut it off."""
+
 
 @dataclass(frozen=True)
 class TrainingPixels:

@@ -18,7 +18,7 @@ from export.locate.quads import SLACK, is_sound
 from link.geometry import as_corners, homography_from_corners, rectify
 from link.images import as_gray
 from link.layout import Layout
-from link.ratex import match_patches
+from link.ratex import CLEAR_MATCH, match_patches
 
 EDGE_REACH = 0.015
 """Distance that a side may move onto an edge, as a share of the display's side."""
@@ -30,8 +30,6 @@ MIN_VISIBILITY = {1: 0.88, 2: 0.85}
 OUTSIDE = 0.25
 """Distance by which a corner of a display that is partly in view may lie outside the image, as a
 share of the image's longer side."""
-CLEAR = 0.8
-"""Smallest correlation of a patch that is neither cut off nor covered."""
 PARTLY_SPREADS = (0.1, 0.1)
 """Expected errors of the corners, as shares of the display's side, in the further alignments of a
 display that is partly in view: what lies beyond the patches is known less well."""
@@ -94,7 +92,7 @@ def corners_on_patches(
         corners = corners_from_patches(corners, found, layout)
     corners = align_corners(pyramid, corners, layout)
     corners, match, seen = _judged(image, corners, layout)
-    clear = match >= CLEAR
+    clear = match >= CLEAR_MATCH
     if seen >= needed_visibility(layout) and not clear.all():
         # a patch that is cut off or covered must not hold the corners
         for spread in PARTLY_SPREADS:

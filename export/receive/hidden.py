@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.layout import Layout, block_index
-from link.ratex import TILES, match_patches, tile_labels, tile_levels
+from link.ratex import CLEAR_MATCH, TILES, match_patches, tile_labels, tile_levels
 
-CLEAR = 0.8
-"""Smallest correlation of shown and captured tiles of a patch that nothing covers."""
 LEAST_CLEAR = 2
 """Smallest number of patches that must be seen for others to be filled."""
 
@@ -50,7 +48,7 @@ def hidden_blocks(
         return hidden
     match = [match_patches(image, layout).correlation for image in (original, embedded)]
     for (row, col), seen in zip(layout.ratex, np.minimum(*match), strict=True):
-        hidden[row, col] |= seen < CLEAR
+        hidden[row, col] |= seen < CLEAR_MATCH
     return hidden
 
 

@@ -11,13 +11,9 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.evidence import pilot_signs, pilot_values
 from link.layout import Layout
-from link.ratex import match_patches
+from link.ratex import CLEAR_MATCH, match_patches
 
 Array = NDArray[np.float64]
-
-MIN_CORRELATION = 0.8
-"""Smallest correlation of shown and captured tiles of a patch that nothing covers."""
-
 
 PARTS = (4, 4)
 """Number of parts of the display, from top to bottom and from left to right, over each of which the
@@ -44,7 +40,7 @@ def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.float6
     """
     match = match_patches(frame, layout)
     gain = (match.captured * match.shown).sum(axis=1) / (match.shown**2).sum(axis=1)
-    contrast = np.where(match.correlation > MIN_CORRELATION, gain, np.nan)
+    contrast = np.where(match.correlation > CLEAR_MATCH, gain, np.nan)
     return np.asarray(2 * (match.captured * (2 * match.label - 1)).mean(axis=1) / contrast)
 
 
