@@ -22,6 +22,7 @@ from reports.films import codecs, delivery
 from reports.films.codecs import VariantsTake
 from reports.films.delivery import Delivery, DeliveryConfig, Take
 from reports.readme import DOCS
+from reports.score.reliability import confidence_bins
 from reports.studies import framing
 
 ROOT = Path(__file__).parents[1]
@@ -197,10 +198,17 @@ def test_a_message_is_delivered_from_a_simulated_film(command: Command, tmp_path
 # Codecs and phones
 
 
+LN4 = np.log(4.0)
+
+
 def film_of(take: VariantsTake, delivered: bool) -> dict[str, Any]:
     known = json.loads(STORED[0].read_text())["runs"][0]
     run = {"view_deg": take.take.view, "pair": take.take.pair, "run": take.take.run}
     known |= run | {"delivered": delivered, "wrong": False, "bits": 200, "bits_wrong": 30}
+    # all bits were decided with 4 : 1, and 85 % of them right
+    known["bins"] = [
+        asdict(one) for one in confidence_bins(np.full(200, LN4), np.arange(200) >= 30)
+    ]
     return {name: known | {"kbits": 7900.0 if "h264" in name else None} for name in take.variants}
 
 
@@ -229,6 +237,7 @@ def test_films_through_codecs_are_pooled_and_kept(
     for row in content["rows"]:
         assert (row["runs"], row["delivered"], row["wrong_messages"]) == (2, 1, 0)
         assert row["wrong_bits"] == pytest.approx(0.15)
+        assert row["calibration_error"] == pytest.approx(0.05)
         assert row["ci_low"] < 0.5 < row["ci_high"]
         assert row["wrong_bits_low"] < 0.15 < row["wrong_bits_high"]
         assert row["kbits"] == (7900 if row["variant"] == "h264-8000" else None)

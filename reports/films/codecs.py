@@ -51,8 +51,9 @@ from reports.films.delivery import (
 )
 from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.accuracy import wilson
+from reports.score.reliability import Bin, calibration_error, merge_bins
 
-STORED_VERSION = 1
+STORED_VERSION = 2
 """Raise it when `read_variants` changes what it does, so that older films are not read again."""
 
 
@@ -100,6 +101,13 @@ VARIANTS = {
 """Variants of a film by the name that ``--variants`` takes."""
 
 
+BLOCKS = {
+    "codecs": "few variants and many films",
+    "phones": "all variants and few films",
+}
+"""Blocks of docs/films.md by name, and what they are there for."""
+
+
 @dataclass(frozen=True)
 class CodecsConfig:
     """A message from three loops of a hand-held video, through codecs and phones (simulated)."""
@@ -121,9 +129,11 @@ class CodecsConfig:
     jobs: int = os.cpu_count() or 1
     """Number of processes."""
     out: Path = Path("runs/codecs")
-    """Folder of codecs.json and of the stored films."""
+    """Folder of the results, which are named after the block, and of the stored films."""
     page: Path = Path("docs/films.md")
-    """Page whose block "codecs" is written."""
+    """Page of which a block is written."""
+    block: str = "codecs"
+    """Name of that block, a key of BLOCKS in reports/films/codecs.py."""
 
     def delivery(self, kappa: int) -> DeliveryConfig:
         """Return the setting of the films of one kappa."""
@@ -249,8 +259,8 @@ def variant_rows(
     Returns:
         for each variant, kappa and view: numbers of ``runs`` and of messages ``delivered``, with
         Wilson's 95 % interval of their share; ``wrong_messages``; number of ``bits`` that were
-        decided, the share of them that is ``wrong_bits``, with its interval; and the mean
-        ``kbits``.
+        decided, the share of them that is ``wrong_bits``, with its interval; the
+        ``calibration_error`` of those that were not erased; and the mean ``kbits``.
     """
     flat = [
         {"variant": variant, "kappa": int(name.split()[0]), **result}
@@ -265,6 +275,7 @@ def variant_rows(
         delivered, bits = int(group["delivered"].sum()), int(group["bits"].sum())
         low, high = wilson(delivered, len(group))
         wrong_low, wrong_high = pooled_interval(group["bits_wrong"], group["bits"])
+        bins = merge_bins([Bin(**found) for found in run] for run in group["bins"])
         rates = group["kbits"].dropna()
         rows.append(
             {
@@ -280,6 +291,7 @@ def variant_rows(
                 "wrong_bits": int(group["bits_wrong"].sum()) / bits if bits else None,
                 "wrong_bits_low": wrong_low,
                 "wrong_bits_high": wrong_high,
+                "calibration_error": calibration_error(bins) if bins else None,
                 "kbits": float(rates.mean()) if len(rates) else None,
             }
         )
@@ -290,7 +302,7 @@ def codecs_table(rows: list[dict[str, Any]], config: CodecsConfig) -> Table:
     """Tabulate the rows of `variant_rows`."""
     heads = (
         "film", "κ", "view", "delivered in 3 loops", "95 % interval", "bits wrong %",
-        "95 % interval", "wrong messages", "Mbit/s",
+        "95 % interval", "calibration error %", "wrong messages", "Mbit/s",
     )  # fmt: skip
     cells = [
         [
@@ -301,6 +313,7 @@ def codecs_table(rows: list[dict[str, Any]], config: CodecsConfig) -> Table:
             f"{share_interval(row['ci_low'], row['ci_high'], 0)} %",
             percent(row["wrong_bits"]),
             share_interval(row["wrong_bits_low"], row["wrong_bits_high"]) if row["bits"] else "–",
+            percent(row["calibration_error"]) if row["bits"] else "–",
             str(row["wrong_messages"]),
             "–" if row["kbits"] is None else f"{row['kbits'] / 1000:.1f}",
         ]
@@ -318,6 +331,7 @@ def check_codecs(config: CodecsConfig) -> None:
     """Raise an `InputError` that names the first flag with a wrong value, before any work."""
     at_least(1, runs=config.runs, jobs=config.jobs)
     at_least(0, seed=config.seed)
+    choose(BLOCKS, config.block, "block")
     each_once(
         pairs=config.pairs, views=config.views, kappas=config.kappas, variants=config.variants
     )
@@ -371,11 +385,11 @@ def _run(config: CodecsConfig) -> None:
         "config": setup | {"page": str(config.page)},
         "rows": rows,
     }
-    file = config.out / "codecs.json"
+    file = config.out / f"{config.block}.json"
     write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
     table = codecs_table(rows, config).markdown()
     print(table)
-    write_blocks(config.page, {"codecs": table})
+    write_blocks(config.page, {config.block: table})
     print(f"written: {file}, {config.page}")
 
 

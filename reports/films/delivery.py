@@ -52,8 +52,9 @@ from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.render.tables import Table, percent, share_interval
 from reports.score.accuracy import wilson
+from reports.score.reliability import Bin, confidence_bins, merge_bins
 
-STORED_VERSION = 1
+STORED_VERSION = 2
 """Raise it when `deliver` changes what it does, so that older runs are not read again."""
 DECIDING = (
     "data_gen.film.stream", "data_gen.film.codec", "data_gen.frame_pair", "export.receive.receiver",
@@ -208,6 +209,8 @@ class Delivery:
     """Number of frame pairs in a loop of the message."""
     receiver_fps: float
     """Number of frames that the receiver took in a second of computing."""
+    bins: list[Bin] = field(default_factory=list)
+    """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,6 +265,7 @@ class FilmReading:
         self._receiver = Receiver(decoder, filmed.take.config.fps)
         self._received: bytes | None = None
         self._wrong = self._decided = self._frames = 0
+        self._bins: list[Bin] = []
         self._spent = self._time = 0.0
 
     @property
@@ -276,8 +280,13 @@ class FilmReading:
         step = self._receiver.push(frame.rgb, frame.time_s)
         self._spent += perf_counter() - start
         for pair in step.pairs:
-            self._wrong += fewest_errors(pair.soft.scores, self._filmed.bits)
-            self._decided += self._filmed.bits.shape[1]
+            scores = pair.soft.scores
+            shown = nearest_frame(scores, self._filmed.bits)
+            self._wrong += int(((scores > 0) != shown).sum())
+            self._decided += len(shown)
+            seen = np.flatnonzero(scores)
+            if seen.size:
+                self._bins = merge_bins([self._bins, confidence_bins(scores[seen], shown[seen])])
         if step.message is not None:
             self._received = step.message.data
 
@@ -299,6 +308,7 @@ class FilmReading:
             bits_wrong=self._wrong,
             loop_frames=len(bits),
             receiver_fps=self._frames / max(self._spent, 1e-9),
+            bins=self._bins,
         )
 
 
@@ -318,17 +328,20 @@ def deliver(take: Take) -> dict[str, Any]:
     return asdict(reading.delivery())
 
 
-def fewest_errors(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> int:
-    """Count the wrong bits of a frame pair against the frame pair of the loop that it fits best.
+def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Choose the frame pair of a loop that the scores of a frame pair fit best.
 
-    >>> fewest_errors(np.array([2.0, -1.0, 3.0]), np.array([[0, 1, 0], [1, 0, 0]]))
-    1
+    >>> nearest_frame(np.array([2.0, -1.0, 3.0]), np.array([[0, 1, 0], [1, 0, 0]])).tolist()
+    [1, 0, 0]
 
     Args:
         scores: (n_bits,) scores of the bits; positive means 1.
         bits: (loop frames, n_bits) of 0 or 1.
+
+    Returns:
+        (n_bits,) bits of that frame pair.
     """
-    return int(((scores > 0) != bits).sum(axis=1).min())
+    return np.asarray(bits[((scores > 0) != bits).sum(axis=1).argmin()])
 
 
 def receiver_model(config: DeliveryConfig) -> Path:
