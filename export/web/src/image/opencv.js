@@ -28,14 +28,11 @@ export let cv;
  */
 export async function loadOpenCv() {
   if (cv) return;
-  /** @type {any} */
-  const library = await opencv;
-  if (!library.Mat) {
-    await new Promise((resolve) => {
-      library.onRuntimeInitialized = () => resolve(undefined);
-    });
-  }
-  cv = library;
+  // the library has a method `then`, and to wait for it as for a promise would never end
+  await new Promise((resolve) => {
+    /** @type {any} */ (opencv).then(() => resolve(undefined));
+  });
+  cv = opencv;
 }
 
 /**

@@ -24,26 +24,28 @@ export function resizeArea(plane, width, height) {
   }
   if (width > plane.width || height > plane.height) return grown(given, width, height);
   const bytes = plane.data instanceof Uint8Array;
-  const factor = plane.width / width;
-  if (bytes && factor === plane.height / height && Number.isInteger(factor)) {
-    return /** @type {any} */ (shrunkByWhole(given, factor));
+  const across = plane.width / width;
+  const down = plane.height / height;
+  if (bytes && Number.isInteger(across) && Number.isInteger(down)) {
+    return /** @type {any} */ (shrunkByWhole(given, across, down));
   }
   return shrunk(given, width, height);
 }
 
 /**
- * Average squares of pixels of a plane of bytes.
+ * Average rectangles of pixels of a plane of bytes; rows and columns left over are dropped.
  *
  * @param {BytePlane} plane
- * @param {number} factor - side of the squares, pixels; rows and columns left over are dropped
+ * @param {number} across - width of the rectangles, pixels
+ * @param {number} [down] - height of the rectangles, pixels; their width where absent
  * @returns {BytePlane}
  */
-export function shrunkByWhole(plane, factor) {
-  const width = Math.floor(plane.width / factor);
-  const height = Math.floor(plane.height / factor);
+export function shrunkByWhole(plane, across, down = across) {
+  const width = Math.floor(plane.width / across);
+  const height = Math.floor(plane.height / down);
   const data = new Uint8Array(width * height);
   const { width: stride, data: source } = plane;
-  if (factor === 2) {
+  if (across === 2 && down === 2) {
     for (let y = 0, to = 0; y < height; y++) {
       for (let x = 0, at = 2 * y * stride; x < width; x++, at += 2, to++) {
         const below = at + stride;
@@ -53,14 +55,14 @@ export function shrunkByWhole(plane, factor) {
     return { width, height, data };
   }
   const sums = new Uint32Array(width);
-  const share = Math.fround(1 / (factor * factor));
+  const share = Math.fround(1 / (across * down));
   for (let y = 0, to = 0; y < height; y++) {
     sums.fill(0);
-    for (let row = 0; row < factor; row++) {
-      let at = (y * factor + row) * stride;
+    for (let row = 0; row < down; row++) {
+      let at = (y * down + row) * stride;
       for (let x = 0; x < width; x++) {
         let sum = 0;
-        for (let k = 0; k < factor; k++) sum += source[at++];
+        for (let k = 0; k < across; k++) sum += source[at++];
         sums[x] += sum;
       }
     }
