@@ -58,6 +58,17 @@ class TrainingPixels:
     """(N,) 1 where the tile changes as a bit 1 does, 0 where as a bit 0 does."""
 
 
+def patch_centres(layout: Layout) -> NDArray[np.float64]:
+    """Give the centres (x, y) of the patches on the display, (patches, 2) in [0, 1].
+
+    >>> from link.layout import make_layout
+    >>> patch_centres(make_layout(8, 8, ratex=2)).tolist()
+    [[0.0625, 0.0625], [0.9375, 0.9375]]
+    """
+    cells = np.array(layout.ratex, np.float64).reshape(-1, 2)[:, ::-1] + 0.5  # (row, col) -> (x, y)
+    return np.asarray(cells / [layout.cols, layout.rows])
+
+
 def tile_labels(layout: Layout) -> NDArray[np.intp]:
     """Give each tile's label, 0 or 1, as an array (patches, TILES, TILES)."""
     orders = TILE_ORDERS[np.arange(len(layout.ratex)) % len(TILE_ORDERS)]

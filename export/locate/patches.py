@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from export.locate.corner_motion import four_point_homography, points_by_corners
 from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
-from link.ratex import TILES, tile_levels
+from link.ratex import TILES, patch_centres, tile_levels
 from link.robust import reweighted, ridge_solution
 
 TILE_PX = 4
@@ -167,10 +167,7 @@ def search_patches(
     ends = (found[:, None, :2] + around) * [width, height] - 0.5  # (patches, 4, 2)
     there = transform(H, ends.reshape(-1, 2)).reshape(ends.shape)
     seen = np.asarray(in_image(there, pyramid[level].shape).all(axis=1))
-    cells = np.array(layout.ratex, np.float64)[:, ::-1] + 0.5
-    found[~seen] = np.column_stack([cells / [layout.cols, layout.rows], np.zeros(len(found))])[
-        ~seen
-    ]
+    found[~seen, :2], found[~seen, 2] = patch_centres(layout)[~seen], 0
     if seen.sum() < min(LEAST_PATCHES, len(found)):
         return -1.0, found
     return float(found[seen, 2].mean()), found
@@ -193,10 +190,7 @@ def corners_from_patches(
     Returns:
         (4, 2) pixels of the image.
     """
-    cells = np.array(layout.ratex, np.float64)
-    nominal = np.column_stack(
-        [(cells[:, 1] + 0.5) / layout.cols, (cells[:, 0] + 0.5) / layout.rows]
-    )
+    nominal = patch_centres(layout)
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     moved = found[:, :2].copy()
     weight = np.clip(found[:, 2], 0.05, 1) ** 8 / PLACE_ERROR**2 * (found[:, 2] != 0)

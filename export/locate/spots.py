@@ -17,7 +17,7 @@ from export.locate.quads import distinct, is_sound
 from export.locate.steps import Steps
 from link.geometry import in_image
 from link.layout import Layout
-from link.ratex import TILES, tile_levels
+from link.ratex import TILES, patch_centres, tile_levels
 
 PATCH_PX = (8, 11, 15, 20, 27, 37, 50)
 """Sides of a patch, in pixels of the small image, that are tried."""
@@ -227,12 +227,6 @@ def partial_quads(
         ranks.append(rank)
     every = np.concatenate(quads)
     return np.concatenate(bent)[distinct(every, np.concatenate(ranks), limit, 6.0)]
-
-
-def patch_centres(layout: Layout) -> NDArray[np.float64]:
-    """Give the centres (x, y) of the patches on the display, (patches, 2) in [0, 1]."""
-    cells = np.array(layout.ratex, np.float64).reshape(-1, 2)[:, ::-1] + 0.5
-    return np.asarray(cells / [layout.cols, layout.rows])
 
 
 def _alike(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.evidence import pilot_signs, pilot_values
 from link.layout import Layout
-from link.ratex import CLEAR_MATCH, match_patches
+from link.ratex import CLEAR_MATCH, match_patches, patch_centres
 
 Array = NDArray[np.float64]
 
@@ -64,8 +64,7 @@ class PatchToggles:
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
-        cells = np.array(layout.ratex)[:, ::-1] + 0.5  # (row, col) -> (x, y)
-        self.places = cells / [layout.cols, layout.rows]
+        self.places = patch_centres(layout)
 
     def measure(self, rectified: NDArray[np.uint8]) -> Array:
         """Measure the (patches,) toggles in a rectified frame."""
