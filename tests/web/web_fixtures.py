@@ -37,7 +37,7 @@ def run_node_tests(name, folder):
     if shutil.which("node") is None or not (WEB / "node_modules").is_dir():
         pytest.skip("needs node, and npm ci in export/web")
     done = subprocess.run(
-        ["node", "--test", f"tests/{name}.test.js"],
+        ["node", f"tests/{name}.test.js"],
         cwd=WEB,
         env={**os.environ, "FIXTURES": str(folder)},
         capture_output=True,
