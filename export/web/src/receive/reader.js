@@ -1,0 +1,373 @@
+/**
+ * Read a display whose layout is known: clock, states, bits, message.
+ *
+ * A `DisplayReader` takes the rectified display of one camera frame after another. The receiver
+ * finds the display and hands its frames to the reader of its layout (receiver.js).
+ */
+
+import { Collector } from "../link/code/collect.js";
+import { CLIPPED, CUT } from "./diagnosis.js";
+import { fillHidden, hiddenBlocks } from "./hidden.js";
+import { Occlusion } from "./occlusion.js";
+import { averageState, blockPurity, composeState, pointsInView } from "./states.js";
+import { Synchroniser } from "./timing/synchronise.js";
+import { makeToggles } from "./timing/toggles.js";
+import { CornerShift } from "./tracking/corners.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/code/message.js").Message} Message */
+/** @typedef {import("../link/geometry.js").Point} Point */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+/** @typedef {import("./states.js").DisplayState} DisplayState */
+/** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
+
+/** Largest number of rectified frames that are kept while the clock is unknown. */
+export const BUFFER = 256;
+/** Purity of a block's exposure at which its score begins to count. */
+export const PURE_FROM = 0.6;
+/** Purity of a block's exposure from which its score counts in full. */
+export const PURE_TO = 0.95;
+/**
+ * Smallest distance of the toggles' two levels, in standard deviations, at which images without a
+ * clock are told apart by their toggles.
+ */
+export const APART = 4.0;
+
+/**
+ * What decodes frame pairs of one layout, such as a `Decoder`.
+ *
+ * @typedef {object} PairDecoder
+ * @property {Layout} layout
+ * @property {(original: BytePlane, embedded: BytePlane) => Promise<{ scores: ArrayLike<number> }>}
+ *   decode
+ */
+
+/**
+ * The display in one camera frame: its corners in pixels of the frame, and its rectified image.
+ *
+ * @typedef {{ corners: Point[], rectified: BytePlane }} Tracked
+ */
+
+/**
+ * A frame pair that the receiver has decoded.
+ *
+ * @typedef {object} DecodedPair
+ * @property {number} number - of the pair on the display, counted from an arbitrary start
+ * @property {number} time - seconds of the camera's clock at which the pair was decoded
+ * @property {Float64Array} scores - as they went to the collector: 0 for an erased block
+ * @property {DisplayState} original - the pair's original frame
+ * @property {DisplayState} embedded - the pair's embedded frame
+ * @property {number} progress - information received so far, as a share of what is needed
+ */
+
+/**
+ * What reading a frame brought: frame pairs that could be decoded with it, in order, and the
+ * message where it became whole.
+ *
+ * @typedef {{ pairs: DecodedPair[], message: Message | null }} Reading
+ */
+
+/** Time that the receiver has spent in each of its stages. */
+export class StageTimes {
+  constructor() {
+    /** Seconds spent in each stage, by its name. @type {Record<string, number>} */
+    this.spent = {};
+    /** Number of times that each stage ran, by its name. @type {Record<string, number>} */
+    this.count = {};
+  }
+
+  /**
+   * Add the time since a beginning to a stage.
+   *
+   * @param {string} stage
+   * @param {number} since - of `performance.now`
+   */
+  add(stage, since) {
+    this.spent[stage] = (this.spent[stage] ?? 0) + (performance.now() - since) / 1000;
+    this.count[stage] = (this.count[stage] ?? 0) + 1;
+  }
+}
+
+/** Sums of what the frames show, for the reason why no message came. */
+export class Sight {
+  constructor() {
+    /** Whether the display was found; until then whole frames are measured, then it alone. */
+    this.found = false;
+    /** Number of frames measured. */
+    this.measured = 0;
+    /** Sum of the mean gray levels of what was measured. */
+    this.level = 0;
+    /** Sum of the shares of pixels at the camera's limit. */
+    this.clipped = 0;
+    /** Number of frames with a part of the display outside the image. */
+    this.cut = 0;
+    /** Time of the first frame with the display, seconds. */
+    this.first = 0;
+    /** Time of the last frame with the display, seconds. */
+    this.last = 0;
+    /** Sum over frame pairs of the share of the blocks' trust that mixed exposures cost. */
+    this.mixed = 0;
+    /** States a second by the clock that was known last, or null. @type {number | null} */
+    this.stateHz = null;
+  }
+
+  /**
+   * Take a frame in which the display was not found.
+   *
+   * @param {BytePlane} frame
+   */
+  miss(frame) {
+    if (!this.found) this.#measure(frame);
+  }
+
+  /**
+   * Take a frame in which the display was found.
+   *
+   * @param {BytePlane} rectified
+   * @param {number} time - seconds
+   * @param {Uint8Array | null} inView - which points of the display lie within the frame
+   */
+  see(rectified, time, inView) {
+    if (!this.found) {
+      this.found = true;
+      this.first = time;
+      this.measured = this.level = this.clipped = 0;
+    }
+    this.last = time;
+    if (inView !== null) {
+      const seen = inView.reduce((sum, value) => sum + value, 0);
+      if (seen / inView.length < CUT) this.cut++;
+    }
+    this.#measure(rectified);
+  }
+
+  /** @param {BytePlane} image */
+  #measure({ width, height, data }) {
+    let [sum, clipped, count] = [0, 0, 0];
+    for (let y = 0; y < height; y += 8) {
+      for (let at = y * width; at < (y + 1) * width; at += 8) {
+        sum += data[at];
+        if (data[at] >= CLIPPED) clipped++;
+        count++;
+      }
+    }
+    this.measured++;
+    this.level += sum / count;
+    this.clipped += clipped / count;
+  }
+}
+
+/** Reads the message of a display that shows one layout. */
+export class DisplayReader {
+  #fps;
+  #timing;
+  #sight;
+  #occlusion;
+  #corners;
+  /** @type {{ frame: RectifiedFrame, level: number }[]} */
+  #buffer = [];
+  /** @type {number | null} */
+  #next = null;
+  #slips = 0;
+  #toggles;
+
+  /**
+   * @param {PairDecoder} decoder - of the layout
+   * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {StageTimes} timing - takes the time spent in each stage
+   * @param {Sight} sight - takes what the frames show
+   */
+  constructor(decoder, fps, timing, sight) {
+    this.decoder = decoder;
+    this.layout = decoder.layout;
+    /** Number of frame pairs decoded. */
+    this.decoded = 0;
+    /** Turns the scores of frame pairs into messages. */
+    this.collector = new Collector(this.layout.nBits);
+    this.#fps = fps;
+    this.#timing = timing;
+    this.#sight = sight;
+    this.#occlusion = new Occlusion(this.layout);
+    this.#corners = new CornerShift(this.layout);
+    this.#toggles = makeToggles(this.layout);
+    /** Finds and holds the display's clock. */
+    this.sync = new Synchroniser(fps, this.#toggles.places);
+    this.collector.startRun();
+  }
+
+  /** Forget the clock and the frames that wait for it; the collector keeps what it has. */
+  restart() {
+    this.#toggles = makeToggles(this.layout);
+    this.sync = new Synchroniser(this.#fps, this.#toggles.places);
+    this.#slips = 0;
+    this.#next = null;
+    this.#buffer = [];
+    this.collector.startRun();
+  }
+
+  /**
+   * Take the display in the next camera frame.
+   *
+   * @param {Tracked} tracked - the display
+   * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {number} width - of the camera frame, pixels
+   * @param {number} height - of the camera frame, pixels
+   * @returns {Promise<Reading>}
+   */
+  async take({ corners, rectified }, time, width, height) {
+    const inView = pointsInView(corners, width, height);
+    this.#sight.see(rectified, time, inView);
+    const start = performance.now();
+    const toggles = this.#toggles.measure(rectified);
+    this.sync.add(time, toggles);
+    const known = toggles.filter(Number.isFinite);
+    const level = known.reduce((sum, value) => sum + value, 0) / known.length;
+    this.#buffer.push({ frame: { time, rectified, inView }, level });
+    if (this.#buffer.length > BUFFER) this.#buffer.shift();
+    if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
+    if (this.sync.slips !== this.#slips) {
+      this.#slips = this.sync.slips;
+      this.#next = null;
+      this.collector.startRun();
+    }
+    this.#timing.add("synchronise", start);
+    return this.#decodeReady(time);
+  }
+
+  /**
+   * Say where the display lies in its rectified image, as its decoded blocks tell.
+   *
+   * @returns {Float64Array | null} HOldFromNew in layout pixels, once; null where nothing is new
+   */
+  shift() {
+    return this.#corners.shift();
+  }
+
+  /**
+   * Decode what is left when the frames have ended; images without a clock by their order.
+   *
+   * @returns {Promise<Reading>}
+   */
+  async finish() {
+    return this.sync.clock !== null ? this.#decodeReady(Infinity) : this.#decodeUnclocked();
+  }
+
+  /**
+   * Decode all frame pairs whose time on the display is over.
+   *
+   * @param {number} now - seconds; infinite where the frames have ended
+   * @returns {Promise<Reading>}
+   */
+  async #decodeReady(now) {
+    const { clock } = this.sync;
+    const buffer = this.#buffer;
+    /** @type {DecodedPair[]} */
+    const pairs = [];
+    if (clock === null || buffer.length === 0) return { pairs, message: null };
+    this.#next ??= Math.ceil(clock.number(buffer[0].frame.time) / 2);
+    const last = buffer[buffer.length - 1].frame.time;
+    const end = clock.number(now === Infinity ? last + clock.latest : now + clock.earliest);
+    while (end >= 2 * this.#next + 2) {
+      const number = this.#next++;
+      const start = performance.now();
+      const frames = buffer.map(({ frame }) => frame);
+      const original = composeState(frames, clock, 2 * number);
+      const embedded = composeState(frames, clock, 2 * number + 1);
+      let over = 0;
+      while (
+        over < buffer.length &&
+        clock.number(buffer[over].frame.time + clock.latest) < 2 * (number + 1)
+      ) {
+        over++;
+      }
+      buffer.splice(0, over);
+      this.#timing.add("compose", start);
+      if (original === null || embedded === null) continue;
+      const { pair, message } = await this.#decode(number, last, original, embedded);
+      pairs.push(pair);
+      if (message !== null) return { pairs, message };
+    }
+    return { pairs, message: null };
+  }
+
+  /**
+   * Decode a pair, erase what is covered or impure, and hand the scores to the collector.
+   *
+   * @param {number} number - of the pair
+   * @param {number} time - seconds
+   * @param {DisplayState} original
+   * @param {DisplayState} embedded
+   * @returns {Promise<{ pair: DecodedPair, message: Message | null }>}
+   */
+  async #decode(number, time, original, embedded) {
+    let start = performance.now();
+    const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
+    const images = [original.image, embedded.image];
+    const hidden = hiddenBlocks(images[0], images[1], purity, this.layout);
+    const [first, second] = fillHidden(images, hidden, this.layout);
+    const soft = await this.decoder.decode(first, second);
+    const covered = this.#occlusion.covered(original.image);
+    let trusted = 0;
+    const scores = blockPurity(purity, this.layout).map((pure, bit) => {
+      const trust = Math.min(Math.max((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0), 1);
+      trusted += trust;
+      return covered[bit] ? 0 : soft.scores[bit] * trust;
+    });
+    this.#sight.mixed += 1 - trusted / scores.length;
+    this.#corners.take(original.image, embedded.image, scores);
+    this.decoded++;
+    this.#timing.add("decode", start);
+    start = performance.now();
+    const message = this.collector.add(scores, number);
+    this.#timing.add("collect", start);
+    const { progress } = this.collector;
+    return { pair: { number, time, scores, original, embedded, progress }, message };
+  }
+
+  /**
+   * Decode frames in order, each of one state, which ends where the toggles change level.
+   *
+   * @returns {Promise<Reading>}
+   */
+  async #decodeUnclocked() {
+    /** @type {DecodedPair[]} */
+    const pairs = [];
+    const seen = this.#buffer.filter(({ level }) => Number.isFinite(level));
+    const levels = seen.map(({ level }) => level);
+    if (levels.length < 2) return { pairs, message: null };
+    const middle = (Math.max(...levels) + Math.min(...levels)) / 2;
+    const high = spreadOf(levels.filter((level) => level > middle));
+    const low = spreadOf(levels.filter((level) => level <= middle));
+    const apart = APART * Math.max(high.deviation, low.deviation, 1e-6);
+    if (!(high.mean - low.mean >= apart)) return { pairs, message: null };
+    /** @type {{ up: boolean, time: number, images: BytePlane[] }[]} */
+    const states = [];
+    for (const { frame, level } of seen) {
+      const up = level > middle;
+      if (states.length === 0 || states[states.length - 1].up !== up) {
+        states.push({ up, time: frame.time, images: [] });
+      }
+      states[states.length - 1].images.push(frame.rectified);
+    }
+    for (let at = 0; at < states.length - 1; at++) {
+      if (states[at].up) continue;
+      const [original, embedded] = [0, 1].map((which) => averageState(states[at + which].images));
+      const number = Math.floor(at / 2);
+      const { pair, message } = await this.#decode(number, states[at].time, original, embedded);
+      pairs.push(pair);
+      if (message !== null) return { pairs, message };
+    }
+    return { pairs, message: null };
+  }
+}
+
+/**
+ * Find the mean and the standard deviation of values; NaN where there are none.
+ *
+ * @param {number[]} values
+ */
+function spreadOf(values) {
+  const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
+  const power = values.reduce((sum, value) => sum + (value - mean) ** 2, 0) / values.length;
+  return { mean, deviation: Math.sqrt(power) };
+}

@@ -1,0 +1,209 @@
+/**
+ * From camera frames to the message: find the display, follow it, and read it.
+ *
+ * `Receiver.push` takes one camera frame through all stages. What the display shows need not be
+ * known beforehand: the receiver looks for the layouts of all its decoders, and goes on with the
+ * one that it finds (reader.js). Frames are gray. Two single images, which Python's receiver
+ * decodes too, are left out.
+ */
+
+import { DisplayReader, Sight, StageTimes } from "./reader.js";
+import { Repeats } from "./repeats.js";
+import { Tracker } from "./tracking/patches.js";
+import { PilotTracker } from "./tracking/pilots.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+/** @typedef {import("./reader.js").PairDecoder} PairDecoder */
+/** @typedef {import("./reader.js").Reading} Reading */
+/** @typedef {import("./reader.js").Tracked} Tracked */
+
+/** Smallest width and height of a camera frame, in pixels. */
+export const MIN_SIDE_PX = 16;
+
+/**
+ * What one camera frame brought: the display, or null where it was not found, frame pairs that
+ * could be decoded with this frame, and the message where it became whole with this frame.
+ *
+ * @typedef {{ tracked: Tracked | null } & Reading} ReceiverStep
+ */
+
+/** Reads a message from the frames of a camera that films the display. */
+export class Receiver {
+  #fps;
+  #repeats = new Repeats();
+  #sight = new Sight();
+  /** @type {Tracked | null} */
+  #tracked = null;
+  #trackers;
+  /** @type {Map<Layout, DisplayReader>} */
+  #readers;
+  /** @type {DisplayReader} */
+  #reader;
+  /** @type {Tracker | PilotTracker | null} */
+  #following = null;
+
+  /**
+   * @param {PairDecoder[]} decoders - one for each layout that is looked for
+   * @param {number} [fps] - nominal number of frames of the camera in a second
+   */
+  constructor(decoders, fps = 30) {
+    if (decoders.length === 0) throw new Error("decoders: need at least one");
+    const layouts = decoders.map(({ layout }) => layout);
+    /** Time spent in each stage so far. */
+    this.timing = new StageTimes();
+    /** Number of frames in which the display was found. */
+    this.found = 0;
+    /** Number of frames taken. */
+    this.frames = 0;
+    this.#fps = fps;
+    this.#trackers = makeTrackers(layouts, fps);
+    const readers = decoders.map(
+      (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight),
+    );
+    this.#readers = new Map(readers.map((reader) => [reader.layout, reader]));
+    this.#reader = readers[0];
+  }
+
+  /** Layout of the display that was found last, or the first one that is looked for. */
+  get layout() {
+    return this.#reader.layout;
+  }
+
+  /** Decoder of the layout. */
+  get decoder() {
+    return this.#reader.decoder;
+  }
+
+  /** Number of frame pairs decoded. */
+  get decoded() {
+    return [...this.#readers.values()].reduce((sum, reader) => sum + reader.decoded, 0);
+  }
+
+  /** Information received, as a share of what is needed: about 1 when the message is whole. */
+  get progress() {
+    return this.#reader.collector.progress;
+  }
+
+  /** Number of frames that showed again what the frame before showed, and were skipped. */
+  get repeated() {
+    return this.#repeats.count;
+  }
+
+  /** Whether the display's clock is known. */
+  get synchronised() {
+    return this.#reader.sync.clock !== null;
+  }
+
+  /** Number of states that the display shows in a second, or null while it is unknown. */
+  get stateHz() {
+    const { clock } = this.#reader.sync;
+    return clock === null ? null : 1 / clock.period;
+  }
+
+  /**
+   * What was seen so far, from which `explainSilence` tells why no message came.
+   *
+   * @returns {import("./diagnosis.js").Observations}
+   */
+  get observations() {
+    const sight = this.#sight;
+    const measured = Math.max(sight.measured, 1);
+    return {
+      fps: this.#fps,
+      frames: this.frames,
+      found: this.found,
+      seconds: this.found > 0 ? sight.last - sight.first : 0,
+      level: sight.measured > 0 ? sight.level / measured : null,
+      clipped: sight.clipped / measured,
+      cut: sight.cut,
+      toggling: this.#reader.sync.best,
+      stateHz: sight.stateHz,
+      decoded: this.decoded,
+      mixed: sight.mixed / Math.max(this.decoded, 1),
+      progress: this.progress,
+    };
+  }
+
+  /**
+   * Take the next camera frame, once the one before is done with.
+   *
+   * @param {BytePlane} frame - gray; it is not kept
+   * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @returns {Promise<ReceiverStep>}
+   */
+  async push(frame, time) {
+    if (Math.min(frame.width, frame.height) < MIN_SIDE_PX) {
+      throw new Error(`frames must have ${MIN_SIDE_PX} px or more along each side`);
+    }
+    this.frames++;
+    const start = performance.now();
+    if (this.#repeats.isRepeat(frame)) {
+      // it was not exposed at this time
+      if (this.#tracked !== null) this.found++;
+      return { tracked: this.#tracked, pairs: [], message: null };
+    }
+    const tracked = (this.#tracked = this.#find(frame));
+    this.timing.add("track", start);
+    if (tracked === null) {
+      this.#sight.miss(frame);
+      return { tracked, pairs: [], message: null };
+    }
+    this.found++;
+    const reading = await this.#reader.take(tracked, time, frame.width, frame.height);
+    if (this.#following instanceof PilotTracker) {
+      const shift = this.#reader.shift();
+      if (shift !== null) this.#following.correct(shift);
+    }
+    return { tracked, ...reading };
+  }
+
+  /**
+   * Follow the display, or look for all layouts until one is found.
+   *
+   * @param {BytePlane} frame
+   * @returns {Tracked | null}
+   */
+  #find(frame) {
+    const followed = this.#following;
+    this.#following = null;
+    const others = this.#trackers.filter((tracker) => tracker !== followed);
+    for (const tracker of followed !== null ? [followed, ...others] : others) {
+      const tracked = tracker.follow(frame);
+      if (tracked === null) continue;
+      this.#following = tracker;
+      const reader = this.#readers.get(tracker.layout);
+      if (reader === undefined) throw new Error("a tracker found a layout that has no decoder");
+      if (reader !== this.#reader) {
+        this.#reader = reader;
+        reader.restart();
+      }
+      return tracked;
+    }
+    return null;
+  }
+
+  /**
+   * Decode what is left when the frames have ended; images without a clock by their order.
+   *
+   * @returns {Promise<ReceiverStep>}
+   */
+  async finish() {
+    return { tracked: null, ...(await this.#reader.finish()) };
+  }
+}
+
+/**
+ * Make what finds and follows the displays of some layouts.
+ *
+ * @param {Layout[]} layouts - those that are looked for, each with ratex patches or pilots
+ * @param {number} fps - nominal number of frames of the camera in a second
+ * @returns {(Tracker | PilotTracker)[]}
+ */
+export function makeTrackers(layouts, fps) {
+  const withPilots = layouts.filter((layout) => layout.pilotBlocks.length > 0);
+  const withPatches = layouts.filter((layout) => layout.pilotBlocks.length === 0);
+  /** @type {(Tracker | PilotTracker)[]} */
+  const trackers = withPatches.map((layout) => new Tracker(layout));
+  return withPilots.length > 0 ? [...trackers, new PilotTracker(withPilots, fps)] : trackers;
+}

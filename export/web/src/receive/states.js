@@ -1,0 +1,225 @@
+/** Put display states together from rectified camera frames. */
+
+import { roundHalfEven } from "../image/round.js";
+import { resizeArea } from "../image/shrink.js";
+import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/geometry.js").Point} Point */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
+
+/** Smallest share of an exposure in one state at which a pixel counts as pure. */
+export const PURE = 0.97;
+/** Number of points along each side of the display at which exposure is worked out. */
+export const MESH = 16;
+/** Points (MESH MESH, 2) of the display, x and y in [0, 1], at which exposure is worked out. */
+export const PLACES = Float64Array.from({ length: 2 * MESH * MESH }, (_, at) => {
+  const point = at >> 1;
+  return ((at % 2 === 0 ? point % MESH : Math.floor(point / MESH)) + 0.5) / MESH;
+});
+const MESH_POINTS = Array.from(
+  { length: MESH * MESH },
+  (_, at) => /** @type {Point} */ ([at % MESH, Math.floor(at / MESH)]),
+);
+
+/**
+ * A rectified camera frame with its time in seconds of the camera's clock. `inView` (MESH, MESH)
+ * tells which points of the display lie within the camera frame; null where the whole display does.
+ *
+ * @typedef {{ time: number, rectified: BytePlane, inView: Uint8Array | null }} RectifiedFrame
+ */
+
+/**
+ * What one state of the display looked like, an original or an embedded frame.
+ *
+ * `purity` (MESH, MESH) is the largest share of an exposure that fell into this state, in [0, 1],
+ * and `frames` the number of camera frames that were averaged.
+ *
+ * @typedef {{ image: BytePlane, purity: Float64Array, frames: number }} DisplayState
+ */
+
+/**
+ * Tell which points of the display lie within a camera frame.
+ *
+ * @param {Point[]} corners - pixels of the camera frame, in corner order
+ * @param {number} width - of the camera frame, pixels
+ * @param {number} height - of the camera frame, pixels
+ * @returns {Uint8Array | null} (MESH, MESH), or null where the whole display lies within the frame
+ */
+export function pointsInView(corners, width, height) {
+  if (inImage(corners, width, height).every(Boolean)) return null;
+  const HCapturedFromDisplay = homographyFromCorners(corners, MESH, MESH);
+  return inImage(transform(HCapturedFromDisplay, MESH_POINTS), width, height);
+}
+
+/**
+ * Average what camera frames hold of one state.
+ *
+ * Each point of the display takes the frames whose exposure there is pure; where none is, it takes
+ * the purest. A frame holds nothing of a point outside it.
+ *
+ * @param {RectifiedFrame[]} frames - in any order, of one size
+ * @param {DisplayClock} clock - says when the display shows which state
+ * @param {number} number - of the state
+ * @returns {DisplayState | null} null where no frame holds any of the state
+ */
+export function composeState(frames, clock, number) {
+  const purity = new Float64Array(MESH * MESH);
+  /** @type {{ image: BytePlane, share: Float64Array }[]} */
+  const used = [];
+  const pure = [];
+  for (const { time, rectified, inView } of frames) {
+    // frames that were exposed wholly before or after the state
+    if (clock.number(time + clock.latest) < number) continue;
+    if (clock.number(time + clock.earliest) > number + 1) continue;
+    const share = clock.shares(time, PLACES, number);
+    let [most, least] = [0, 1];
+    for (let at = 0; at < share.length; at++) {
+      if (inView !== null && !inView[at]) share[at] = 0;
+      if (share[at] > most) most = share[at];
+      if (share[at] < least) least = share[at];
+      if (share[at] > purity[at]) purity[at] = share[at];
+    }
+    if (most === 0) continue;
+    used.push({ image: rectified, share });
+    if (least >= PURE) pure.push(rectified);
+  }
+  if (used.length === 0) return null;
+  if (pure.length > 0) return { image: mean(pure), purity, frames: pure.length };
+  const limit = purity.map((share) => Math.min(share, PURE) - 1e-6);
+  const chosen = used.map(({ image, share }) => ({
+    image,
+    weight: share.map((value, at) => Number(value >= limit[at])),
+  }));
+  return { image: weightedMean(chosen), purity, frames: used.length };
+}
+
+/**
+ * Average images of one size.
+ *
+ * @param {BytePlane[]} images - one or more
+ * @returns {BytePlane} rounded, halves to the even level; the image itself where there is one
+ */
+function mean(images) {
+  if (images.length === 1) return images[0];
+  const share = Math.fround(1 / images.length);
+  const level = Uint8Array.from({ length: 255 * images.length + 1 }, (_, sum) =>
+    roundHalfEven(Math.fround(sum * share)),
+  );
+  return averaged(images, level);
+}
+
+/**
+ * Average images of one state, all of them pure.
+ *
+ * @param {BytePlane[]} images - one or more, of one size
+ * @returns {DisplayState} rounded, halves up
+ */
+export function averageState(images) {
+  const level = Uint8Array.from({ length: 255 * images.length + 1 }, (_, sum) =>
+    Math.floor(sum / images.length + 0.5),
+  );
+  const purity = new Float64Array(MESH * MESH).fill(1);
+  return { image: averaged(images, level), purity, frames: images.length };
+}
+
+/**
+ * Add images up, and look the level of each sum up.
+ *
+ * @param {BytePlane[]} images
+ * @param {Uint8Array} level - of each sum from 0 on
+ * @returns {BytePlane}
+ */
+function averaged(images, level) {
+  const { width, height } = images[0];
+  const sums = Uint32Array.from(images[0].data);
+  for (const { data } of images.slice(1)) {
+    for (let at = 0; at < sums.length; at++) sums[at] += data[at];
+  }
+  const data = new Uint8Array(sums.length);
+  for (let at = 0; at < sums.length; at++) data[at] = level[sums[at]];
+  return { width, height, data };
+}
+
+/**
+ * Average images of one size, each weighed by a mesh that is interpolated bilinearly.
+ *
+ * @param {{ image: BytePlane, weight: Float64Array }[]} parts - with weights (MESH, MESH)
+ * @returns {BytePlane} rounded, halves up; 0 where all weights are 0
+ */
+function weightedMean(parts) {
+  const { width, height } = parts[0].image;
+  const across = interpolation(width);
+  const down = interpolation(height);
+  const data = new Uint8Array(width * height);
+  const total = new Float32Array(width);
+  const weights = new Float32Array(width);
+  const line = new Float32Array(MESH);
+  for (let y = 0; y < height; y++) {
+    total.fill(0);
+    weights.fill(0);
+    for (const { image, weight } of parts) {
+      const above = down.from[y] * MESH;
+      const below = down.to[y] * MESH;
+      const part = down.part[y];
+      let [least, most] = [1, 0];
+      for (let k = 0; k < MESH; k++) {
+        const value = (1 - part) * weight[above + k] + part * weight[below + k];
+        line[k] = value;
+        if (value < least) least = value;
+        if (value > most) most = value;
+      }
+      if (most === 0) continue;
+      const start = y * width;
+      if (least === 1) {
+        for (let x = 0; x < width; x++) {
+          total[x] += image.data[start + x];
+          weights[x] += 1;
+        }
+        continue;
+      }
+      for (let x = 0; x < width; x++) {
+        const left = line[across.from[x]];
+        const share = left + across.part[x] * (line[across.to[x]] - left);
+        total[x] += image.data[start + x] * share;
+        weights[x] += share;
+      }
+    }
+    for (let x = 0, at = y * width; x < width; x++, at++) {
+      data[at] = total[x] / Math.max(weights[x], 1e-3) + 0.5;
+    }
+  }
+  return { width, height, data };
+}
+
+/**
+ * Find between which points of the mesh each pixel of an axis lies, as `cv2.resize` does.
+ *
+ * @param {number} length - pixels
+ */
+function interpolation(length) {
+  const from = new Uint8Array(length);
+  const to = new Uint8Array(length);
+  const part = new Float32Array(length);
+  for (let at = 0; at < length; at++) {
+    const place = Math.min(Math.max(((at + 0.5) * MESH) / length - 0.5, 0), MESH - 1);
+    from[at] = Math.floor(place);
+    to[at] = Math.min(from[at] + 1, MESH - 1);
+    part[at] = place - from[at];
+  }
+  return { from, to, part };
+}
+
+/**
+ * Average the purity of a state over each message block.
+ *
+ * @param {Float64Array} purity - (MESH, MESH) in [0, 1]
+ * @param {Layout} layout - of the display
+ * @returns {Float64Array} (nBits,) in [0, 1]
+ */
+export function blockPurity(purity, layout) {
+  const mesh = { width: MESH, height: MESH, data: Float32Array.from(purity) };
+  const blocks = resizeArea(mesh, layout.cols, layout.rows).data;
+  return Float64Array.from(layout.messageBlocks, (block) => blocks[block]);
+}
