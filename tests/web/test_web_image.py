@@ -62,7 +62,7 @@ def algebra() -> dict[str, object]:
 
 
 def geometry() -> dict[str, object]:
-    moved = [SQUARE + [30 * step, 0] for step in range(6)]
+    moved = [SQUARE + np.array([30, 0]) * step for step in range(6)]
     odd = [SQUARE[::-1], SQUARE[[0, 2, 1, 3]], SQUARE / 10, np.full((4, 2), np.nan)]
     cases = [(corners, outside) for corners in (*moved, *odd) for outside in (0.0, 0.25)]
     H = homography_from_corners(SQUARE, 128, 96)

@@ -1,6 +1,5 @@
 /** Averages of the pixels that lie in each pixel of a smaller image, as OpenCV's INTER_AREA. */
 
-import { bytePlane, cv, floatPlane, matOf, withMats } from "./opencv.js";
 import { roundHalfEven } from "./round.js";
 
 /** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
@@ -9,7 +8,7 @@ import { roundHalfEven } from "./round.js";
 /**
  * Resize a plane by averaging over areas, as `cv2.resize` with INTER_AREA does.
  *
- * A plane that grows along an axis is interpolated, by OpenCV itself.
+ * A plane that grows along an axis is interpolated, within the width of one pixel of the result.
  *
  * @template {Uint8Array | Float32Array} Samples
  * @param {import("./opencv.js").Plane<Samples>} plane
@@ -141,9 +140,41 @@ function overlaps(length, shorter) {
  * @returns {import("./opencv.js").Plane<any>}
  */
 function grown(plane, width, height) {
-  return withMats((keep) => {
-    const large = keep(new cv.Mat());
-    cv.resize(keep(matOf(plane)), large, new cv.Size(width, height), 0, 0, cv.INTER_AREA);
-    return plane.data instanceof Uint8Array ? bytePlane(large) : floatPlane(large);
-  });
+  const { width: stride, data: source } = plane;
+  const bytes = source instanceof Uint8Array;
+  const data = bytes ? new Uint8Array(width * height) : new Float32Array(width * height);
+  const across = between(stride, width);
+  const down = between(plane.height, height);
+  for (let y = 0, to = 0; y < height; y++) {
+    const above = down.from[y] * stride;
+    const below = Math.min(down.from[y] + 1, plane.height - 1) * stride;
+    for (let x = 0; x < width; x++, to++) {
+      const left = across.from[x];
+      const right = Math.min(left + 1, stride - 1);
+      const share = across.share[x];
+      const one = source[above + left] * (1 - share) + source[above + right] * share;
+      const two = source[below + left] * (1 - share) + source[below + right] * share;
+      const value = one * (1 - down.share[y]) + two * down.share[y];
+      data[to] = bytes ? roundHalfEven(value) : value;
+    }
+  }
+  return { width, height, data };
+}
+
+/**
+ * Find the pixel before each pixel of a resized axis, and the share of the pixel after it.
+ *
+ * @param {number} length
+ * @param {number} resized
+ */
+function between(length, resized) {
+  const from = new Int32Array(resized);
+  const share = new Float32Array(resized);
+  const growth = resized / length;
+  for (let at = 0; at < resized; at++) {
+    from[at] = Math.min(Math.floor(at * (1 / growth)), length - 1);
+    const part = Math.fround(at + 1 - (from[at] + 1) * growth);
+    if (part > 0) share[at] = part - Math.floor(part);
+  }
+  return { from, share };
 }
