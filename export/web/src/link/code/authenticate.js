@@ -1,0 +1,131 @@
+/**
+ * Authentication says who sent a message: a stamp and a tag that only a holder of the key can make.
+ *
+ *     signed message   message | stamp (4 bytes) | tag (8 bytes)
+ *     tag              first 8 bytes of HMAC-SHA256(key, context | stamp | message)   (RFC 2104)
+ *
+ * The stamp is a whole number that a receiver expects to rise: the seconds since 1970 at which the
+ * message was made, or a counter (link/code/authenticate.py). Only the receiver's side is here.
+ */
+
+import { hmac } from "@noble/hashes/hmac.js";
+import { sha256 } from "@noble/hashes/sha2.js";
+
+import { InputError } from "../errors.js";
+import { equalBytes } from "./bits.js";
+
+/** Smallest number of bytes in a key. */
+export const MIN_KEY_BYTES = 16;
+/** Largest number of bytes in a key. */
+export const MAX_KEY_BYTES = 4096;
+/** Number of bytes that hold a message's stamp. */
+const STAMP_BYTES = 4;
+/** Number of bytes that hold a message's tag. */
+const TAG_BYTES = 8;
+/** Largest stamp; as seconds since 1970 it is reached in the year 2106. */
+const MAX_STAMP = 256 ** STAMP_BYTES - 1;
+/** Bytes that begin what a tag protects, so that a tag made for another purpose never fits. */
+const CONTEXT = new TextEncoder().encode("oorc signed message 1\0");
+/** Time, in seconds, by which the sender's clock may be ahead of the receiver's. */
+const MAX_CLOCK_SKEW_S = 300;
+
+/**
+ * A message whose tag fits: the bytes that were sent, and the stamp.
+ *
+ * @typedef {{ data: Uint8Array, stamp: number }} SignedMessage
+ */
+
+/**
+ * What a `Verifier` thinks of a message: the message, or null where its tag does not fit; why it is
+ * not to be delivered, or null where it is; and whether the tag fits but the stamp is too old, as
+ * it is where a recording is shown again.
+ *
+ * @typedef {{ signed: SignedMessage | null, refused: string | null, stale: boolean }} Judgement
+ */
+
+/**
+ * Throw an `InputError` where a key is too short or too long.
+ *
+ * @param {Uint8Array} key
+ */
+export function checkKey(key) {
+  if (key.length < MIN_KEY_BYTES || key.length > MAX_KEY_BYTES) {
+    throw new InputError(
+      `need ${MIN_KEY_BYTES} to ${MAX_KEY_BYTES} random bytes, got ${key.length}; ` +
+        "make a key with: head -c 32 /dev/urandom > FILE",
+    );
+  }
+}
+
+/**
+ * Take a signed message apart where its tag fits.
+ *
+ * @param {Uint8Array} signed - any bytes
+ * @param {Uint8Array} key - 16 to 4096 bytes that sender and receiver share
+ * @returns {SignedMessage | null} null where the tag does not fit
+ */
+export function verify(signed, key) {
+  checkKey(key);
+  const end = signed.length - STAMP_BYTES - TAG_BYTES;
+  if (end < 1) return null;
+  const data = signed.slice(0, end);
+  const stamp = signed.slice(end, end + STAMP_BYTES);
+  // stamp before message: the stamp has one length, so no two pairs of them read alike
+  const tag = hmac.create(sha256, key).update(CONTEXT).update(stamp).update(data).digest();
+  if (!equalBytes(tag.subarray(0, TAG_BYTES), signed.subarray(end + STAMP_BYTES))) return null;
+  return { data, stamp: new DataView(stamp.buffer).getUint32(0) };
+}
+
+/** Judges messages one after another: delivered are those that verify and are not stale. */
+export class Verifier {
+  /**
+   * @param {Uint8Array} key - 16 to 4096 bytes that sender and receiver share
+   * @param {number | null} [maxAgeS] - largest age of a message in seconds, where stamps are
+   *   seconds since 1970; null for any age
+   */
+  constructor(key, maxAgeS = null) {
+    checkKey(key);
+    if (maxAgeS !== null && !(maxAgeS > 0 && maxAgeS <= MAX_STAMP)) {
+      throw new InputError(
+        `maxAgeS: need more than 0 and at most ${MAX_STAMP} seconds, got ${maxAgeS}`,
+      );
+    }
+    this._key = key;
+    this._maxAgeS = maxAgeS;
+    /** Largest stamp of a message that was to be delivered. @type {number | null} */
+    this.newest = null;
+  }
+
+  /**
+   * Judge the next message.
+   *
+   * @param {Uint8Array} message - the bytes that were received, any
+   * @param {number} now - seconds since 1970; they count where there is a largest age
+   * @returns {Judgement}
+   */
+  judge(message, now) {
+    const signed = verify(message, this._key);
+    if (signed === null) {
+      const refused = "the tag does not fit; made without the key, or with another one";
+      return { signed, refused, stale: false };
+    }
+    const age = now - signed.stamp;
+    if (this.newest !== null && signed.stamp < this.newest) {
+      const refused =
+        `stale: its stamp ${signed.stamp} is older than ${this.newest}, ` +
+        "which was delivered before";
+      return { signed, refused, stale: true };
+    }
+    if (this._maxAgeS !== null && age > this._maxAgeS) {
+      const made = `made ${age.toFixed(0)} s ago`;
+      const refused = `stale: ${made}, and the largest age is ${this._maxAgeS} s`;
+      return { signed, refused, stale: true };
+    }
+    if (this._maxAgeS !== null && age < -MAX_CLOCK_SKEW_S) {
+      const ahead = `made ${(-age).toFixed(0)} s ahead of this machine's clock`;
+      return { signed, refused: `${ahead}; are both clocks right?`, stale: false };
+    }
+    this.newest = signed.stamp;
+    return { signed, refused: null, stale: false };
+  }
+}

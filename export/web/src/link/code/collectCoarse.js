@@ -1,0 +1,352 @@
+/**
+ * The collector of coarse grids turns scores of frames, as they come, into their loop's message.
+ *
+ * The receiver may join the loop anywhere, does not know its length N, and may lose count when the
+ * display leaves the view. Frames whose mutual distance is known form a *run*; every pair (N, first
+ * frame) is a hypothesis, and the signatures of the run's frames weigh them. Once one stands out,
+ * the run's scores are added to those of earlier runs and loops.
+ *
+ * Once a message is delivered, each frame is held against it. Frames that agree bring nothing new.
+ * From the first frame that contradicts it, scores are collected afresh, while the delivered
+ * message stands until another one is whole (link/code/collect_coarse.py).
+ */
+
+import { equalBytes } from "./bits.js";
+import {
+  MAX_FRAMES,
+  SIGNATURE,
+  checkBits,
+  decode,
+  encode,
+  informationBytes,
+  parityMask,
+  signatures,
+} from "./framing.js";
+import { Message } from "./message.js";
+import { remembered } from "./remembered.js";
+import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
+import { largestAt, logSumExp } from "./words.js";
+
+/** Largest posterior probability of all other hypotheses together at which a run is placed. */
+const SURE = 1e-4;
+/** Number of frames of a run that may wait for a place; then the run starts afresh. */
+const MAX_RUN = 128;
+/** Number of frames of a placed run over which its signatures are watched for contradiction. */
+const DOUBT = 6;
+/**
+ * Number of loops over which scores fade, so that what was collected amiss loses its weight.
+ */
+const MEMORY_LOOPS = 16;
+/**
+ * Share of parity bits that may contradict the delivered message while the display still shows it;
+ * another message contradicts about half of them.
+ */
+const TOLERATED = 0.2;
+/**
+ * Number of loops of another message after which doubt grows no further, so that the delivered
+ * message, once it is back in view, is recognised within about as many.
+ */
+const DOUBTED_LOOPS = 0.5;
+/** Difference of log-likelihoods below which a hypothesis adds nothing that counts. */
+const HOPELESS = -40;
+
+/** A frame of a run: its count, and its scores. @typedef {[number, Float64Array]} Counted */
+
+/** Makes the signatures of all loops end to end: of the loop of 1 frame, of that of 2, ... */
+const allSignatures = remembered(() => {
+  const words = new Uint8Array(startOf(MAX_FRAMES + 1));
+  for (let frames = 1; frames <= MAX_FRAMES; frames++) {
+    words.set(signatures(frames), startOf(frames));
+  }
+  return words;
+});
+
+/**
+ * Find where a loop begins among the frames of all loops end to end.
+ *
+ * @param {number} frames - number of frames in the loop
+ */
+function startOf(frames) {
+  return (frames * (frames - 1)) / 2;
+}
+
+/**
+ * Weigh all words that a signature may be.
+ *
+ * @param {Float64Array} scores - of a frame; the first `SIGNATURE` are those of the signature
+ * @returns {Float64Array} (2 ** SIGNATURE) log-likelihood of each word, but for a constant
+ */
+export function wordLikelihoods(scores) {
+  return Float64Array.from({ length: 2 ** SIGNATURE }, (_, word) => {
+    let sum = 0;
+    for (let bit = 0; bit < SIGNATURE; bit++) {
+      sum += ((word >> (SIGNATURE - 1 - bit)) & 1 ? 0.5 : -0.5) * scores[bit];
+    }
+    return sum;
+  });
+}
+
+/** Scores of a loop's frames, summed over all times that each frame was seen. */
+class LoopScores {
+  /**
+   * @param {number} frames - number of frames in the loop
+   * @param {number} nBits - message blocks of a frame
+   */
+  constructor(frames, nBits) {
+    this.frames = frames;
+    this.nBits = nBits;
+    /** (frames * nBits) log-likelihood ratios. */
+    this.sums = new Float64Array(frames * nBits);
+    /** Number of received frames that were added. */
+    this.seen = 0;
+    /** Value of `progress` when decoding was last tried. */
+    this.tried = 0;
+    /** @type {number | null} */
+    this._progress = null;
+  }
+
+  /**
+   * Add the scores of frame number `at` of the loop; older ones fade a little.
+   *
+   * @param {number} at
+   * @param {Float64Array} scores
+   */
+  add(at, scores) {
+    const factor = 1 - 1 / (MEMORY_LOOPS * this.frames);
+    for (let place = 0; place < this.sums.length; place++) this.sums[place] *= factor;
+    const first = at * this.nBits;
+    for (let place = 0; place < this.nBits; place++) this.sums[first + place] += scores[place];
+    this.seen += 1;
+    this._progress = null;
+  }
+
+  /** Information received, as a share of what is needed: about 1 when the message is whole. */
+  get progress() {
+    if (this._progress === null) {
+      let received = 0;
+      for (let first = 0; first < this.sums.length; first += this.nBits) {
+        received += informationOf(this.sums.subarray(first + SIGNATURE, first + this.nBits));
+      }
+      this._progress = received / (8 * informationBytes(this.frames, this.nBits));
+    }
+    return this._progress;
+  }
+
+  /** Whether there is enough that is new since decoding was last tried. */
+  worthDecoding() {
+    const enough = this.progress >= Math.max(1, 1.02 * this.tried);
+    const turn = Math.max(1, Math.floor(this.frames / 4));
+    return enough || (2 * this.seen >= this.frames && this.seen % turn === 0);
+  }
+}
+
+/**
+ * A message that was delivered, and the doubt whether the display still shows it.
+ *
+ * Doubt is a cumulative sum (Page 1954): it rises with the parity bits of a frame that contradict
+ * the message, beyond the share that noise explains, and falls with those that agree. It is never
+ * below 0, so frames from before a change do not delay its discovery.
+ */
+class DeliveredMessage {
+  /**
+   * @param {Message} message - what was delivered
+   * @param {number} nBits - message blocks of a frame
+   */
+  constructor(message, nBits) {
+    this.message = message;
+    /** Parity bits beyond those tolerated that contradict the message, in frames; at least 0. */
+    this.doubt = 0;
+    this._nBits = nBits;
+    const bits = encode(message.data, nBits);
+    this._signs = new Int8Array(bits.length);
+    this._parityBits = new Int32Array(message.frames);
+    parityMask(message.frames, nBits).forEach((parity, at) => {
+      this._signs[at] = parity ? 2 * bits[at] - 1 : 0;
+      this._parityBits[Math.floor(at / nBits)] += parity;
+    });
+    this._limit = DOUBTED_LOOPS * message.frames * (0.5 - TOLERATED);
+  }
+
+  /**
+   * Say whether the display still shows the message, after one more frame.
+   *
+   * @param {number} at - number of the frame in the loop, from 0
+   * @param {Float64Array} scores - (nBits) log-likelihood ratios, positive for 1; 0 for an erasure
+   */
+  isShown(at, scores) {
+    let excess = 0;
+    for (let place = 0; place < this._nBits; place++) {
+      const agreement = this._signs[at * this._nBits + place] * scores[place];
+      const certainty = Math.tanh(Math.abs(agreement) / 2); // 1 - 2 P(the decision is wrong)
+      excess += certainty * ((agreement < 0 ? 1 : 0) - TOLERATED);
+    }
+    excess /= Math.max(this._parityBits[at], 1);
+    this.doubt = Math.min(Math.max(0, this.doubt + excess), this._limit);
+    return this.doubt === 0;
+  }
+}
+
+/** Collects frames of a coarse grid; `Collector` says the rest. */
+export class CoarseCollector {
+  /** Frames that wait for the place of their run. @type {Counted[]} */
+  _waiting = [];
+  /**
+   * By hypothesis its log-likelihood, in the order of `allSignatures`.
+   *
+   * @type {Float32Array | null}
+   */
+  _belief = null;
+  /** Frames in the loop, and which of them has count 0. @type {[number, number] | null} */
+  _place = null;
+  /** What the last signatures say for the place. @type {number[]} */
+  _trust = [];
+
+  /** @param {number} nBits - message blocks of a frame */
+  constructor(nBits) {
+    checkBits(nBits);
+    this.nBits = nBits;
+    /** Information received, as a share of what is needed. */
+    this.progress = 0;
+    /** Number of times that decoding was tried. */
+    this.attempts = 0;
+    /** @type {LoopScores | null} */
+    this._loop = null;
+    /** @type {DeliveredMessage | null} */
+    this._delivered = null;
+  }
+
+  /** Whether scores are kept that may be those of a message not returned yet. */
+  get collecting() {
+    return this._loop !== null;
+  }
+
+  /** Say that the next frame's distance to the earlier ones is not known. */
+  startRun() {
+    this._waiting = [];
+    this._belief = null;
+    this._place = null;
+    this._trust = [];
+  }
+
+  /**
+   * Add one frame, and try to decode.
+   *
+   * @param {ArrayLike<number>} received - (nBits) log-likelihood ratios, positive for 1
+   * @param {number} count - number of the frame on the display, from any start
+   * @returns {Message | null}
+   */
+  add(received, count) {
+    const scores = cutScores(received, new Float64Array(this.nBits));
+    const words = wordLikelihoods(scores);
+    if (this._place && this._lost(this._place, words, count)) this.startRun();
+    if (this._place) return this._decodeWith(this._place, [[count, scores]]);
+    this._waiting.push([count, scores]);
+    this._place = this._findPlace(words, count);
+    if (!this._place) {
+      if (this._waiting.length >= MAX_RUN) this.startRun();
+      return null;
+    }
+    const waiting = this._waiting;
+    this._waiting = [];
+    this._belief = null;
+    return this._decodeWith(this._place, waiting);
+  }
+
+  /**
+   * Weigh all hypotheses with one more frame.
+   *
+   * @param {Float64Array} words - log-likelihoods of the words that its signature may be
+   * @param {number} count
+   * @returns {[number, number] | null} the place of the run, once it is sure
+   */
+  _findPlace(words, count) {
+    const table = allSignatures();
+    this._belief ??= firstBelief();
+    const belief = this._belief;
+    for (let frames = 1; frames <= MAX_FRAMES; frames++) {
+      const start = startOf(frames);
+      const end = startOf(frames + 1);
+      let at = start + remainder(count, frames);
+      for (let hypothesis = start; hypothesis < end; hypothesis++) {
+        belief[hypothesis] += words[table[at]];
+        if (++at === end) at = start;
+      }
+    }
+    const best = largestAt(belief);
+    let others = -1;
+    for (let at = 0; at < belief.length; at++) {
+      const below = belief[at] - belief[best];
+      if (below > HOPELESS) others += Math.exp(below);
+    }
+    if (others > SURE) return null;
+    let frames = 1;
+    while (startOf(frames + 1) <= best) frames++;
+    return [frames, best - startOf(frames)];
+  }
+
+  /**
+   * Tell whether the last signatures speak against the place of this run.
+   *
+   * @param {[number, number]} place
+   * @param {Float64Array} words
+   * @param {number} count
+   */
+  _lost([frames, first], words, count) {
+    const word = allSignatures()[startOf(frames) + remainder(first + count, frames)];
+    const chance = logSumExp(words) - SIGNATURE * Math.LN2;
+    this._trust = [...this._trust, words[word] - chance].slice(-DOUBT);
+    return this._trust.length > 2 && this._trust.reduce((sum, one) => sum + one, 0) < 0;
+  }
+
+  /**
+   * Add frames to the loop, and decode where there is something new to decode.
+   *
+   * @param {[number, number]} place
+   * @param {Counted[]} waiting
+   */
+  _decodeWith([frames, first], waiting) {
+    const known = this._delivered;
+    for (const [count, scores] of waiting) {
+      const at = remainder(first + count, frames);
+      if (known && known.message.frames === frames && known.isShown(at, scores)) {
+        this._loop = null;
+        continue;
+      }
+      if (this._loop?.frames !== frames) this._loop = new LoopScores(frames, this.nBits);
+      this._loop.add(at, scores);
+    }
+    this.progress = this._loop === null ? 1 : this._loop.progress;
+    return this._loop?.worthDecoding() ? this._try(this._loop) : null;
+  }
+
+  /**
+   * Decode what was collected; a message ends the collection, whether it is new or not.
+   *
+   * @param {LoopScores} loop
+   */
+  _try(loop) {
+    const known = this._delivered;
+    this.attempts += 1;
+    loop.tried = this.progress;
+    const data = decode(loop.sums, this.nBits);
+    if (data === null) return null;
+    this._loop = null;
+    if (known && equalBytes(known.message.data, data)) {
+      known.doubt = 0;
+      return null;
+    }
+    const agreement = agreementOf(loop.sums, encode(data, this.nBits));
+    const message = new Message(data, loop.frames, loop.seen, agreement, known !== null);
+    this._delivered = new DeliveredMessage(message, this.nBits);
+    return message;
+  }
+}
+
+/** Log-likelihoods of all hypotheses before the first frame: loops of all lengths are as likely. */
+function firstBelief() {
+  const belief = new Float32Array(startOf(MAX_FRAMES + 1));
+  for (let frames = 1; frames <= MAX_FRAMES; frames++) {
+    belief.fill(-Math.log(frames), startOf(frames), startOf(frames + 1));
+  }
+  return belief;
+}

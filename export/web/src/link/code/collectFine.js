@@ -1,0 +1,306 @@
+/**
+ * The collector of fine grids turns scores of frames, as they come, into their loop's message.
+ *
+ * Each frame tells its number and a part of the loop's terms by words (`fine.js`). The numbers of
+ * the frames are followed from frame to frame by Bayes' rule: a number usually moves on as the
+ * display's count does, and sometimes jumps, because count was lost or the loop began again. A
+ * frame whose number is not sure yet waits; so does one that comes before the terms are known. The
+ * terms are summed up over frames. Frames that contradict them are not used, and several in a row
+ * mean that the message has changed (link/code/collect_fine.py).
+ */
+
+import {
+  PIECES,
+  ReadFrame,
+  Shape,
+  Terms,
+  codedBits,
+  decodeCoded,
+  numberLikelihoods,
+  readTerms,
+} from "./fine.js";
+import { Message } from "./message.js";
+import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
+import { NUMBERS, largestAt, logSumExp } from "./words.js";
+
+/** Largest posterior probability of all other numbers together at which a frame's number counts. */
+const UNSURE = 1e-4;
+/** Probability that a frame's number is not the one that the display's count says. */
+const JUMP = 0.02;
+/**
+ * Number of frames that may wait until their number or the terms are known; the oldest are dropped.
+ */
+export const MAX_WAITING = 64;
+/** Factor by which the evidence for a word of the terms fades when that word is seen again. */
+const TERMS_MEMORY = 0.8;
+/** Number of frames in a row that contradict the terms, after which they are learnt afresh. */
+const CONTRADICTIONS = 3;
+/**
+ * Factor by which the scores of a frame fade when that frame is seen again, so that what was
+ * collected amiss loses its weight.
+ */
+const SCORES_MEMORY = 15 / 16;
+/** Information received over information sent at which decoding is first tried. */
+const FIRST_TRY = 1.08;
+/** Factor by which that ratio has to grow until decoding is tried again. */
+const NEXT_TRY = 1.03;
+/** Ratio from which on decoding is tried less often; too sure scores bring receivers there. */
+const LATE = 1.25;
+/** Factor by which the ratio then has to grow. */
+const LATE_TRY = 1.12;
+
+/** Scores of a loop's coded bits, summed over all times that each frame was seen. */
+class CodedScores {
+  /**
+   * @param {Terms} terms - terms of the loop
+   * @param {number} nBits - message blocks of a frame
+   */
+  constructor(terms, nBits) {
+    this.terms = terms;
+    this._body = Shape.of(nBits).body;
+    /** (frames * body) log-likelihood ratios. */
+    this.sums = new Float32Array(terms.frames * this._body);
+    /** Number of received frames that were added. */
+    this.seen = 0;
+    /** Value of `progress` when decoding was last tried. */
+    this.tried = 0;
+    this._information = new Float64Array(terms.frames);
+  }
+
+  /**
+   * Add the scores of a frame's coded bits; what it brought before fades a little.
+   *
+   * @param {number} number - of the frame
+   * @param {Float32Array} coded - (body)
+   */
+  add(number, coded) {
+    const sums = this.sums.subarray(number * this._body, (number + 1) * this._body);
+    for (let at = 0; at < sums.length; at++) sums[at] = SCORES_MEMORY * sums[at] + coded[at];
+    this._information[number] = informationOf(sums);
+    this.seen += 1;
+  }
+
+  /** Information received, as a share of what was sent: about 1.1 when it can be decoded. */
+  get progress() {
+    return this._information.reduce((sum, one) => sum + one, 0) / this.terms.information;
+  }
+
+  /** Whether there is enough that is new since decoding was last tried. */
+  worthDecoding() {
+    const factor = this.tried < LATE ? NEXT_TRY : LATE_TRY;
+    const enough = this.progress >= Math.max(FIRST_TRY, factor * this.tried);
+    const turn = Math.max(2, Math.floor(this.terms.frames / 4));
+    return enough || (2 * this.seen >= this.terms.frames && this.seen % turn === 0);
+  }
+}
+
+/**
+ * A frame that cannot be used yet: its scores, its count, and its number once that is known.
+ *
+ * @typedef {{ scores: Float32Array, count: number, number: number | null }} WaitingFrame
+ */
+
+/** Collects frames of a fine grid; `Collector` says the rest. */
+export class FineCollector {
+  /** By number the logarithm of its probability for the last frame. @type {Float64Array | null} */
+  _belief = null;
+  /** Count of the last frame. */
+  _count = 0;
+  /** @type {WaitingFrame[]} */
+  _waiting = [];
+  /** Terms of the loop, once they are known. @type {Terms | null} */
+  _terms = null;
+  /** By word of the terms the log-likelihood of each number that it may tell. */
+  _evidence = noEvidence();
+  /** Whether each word of the terms was seen. */
+  _heard = new Array(PIECES).fill(false);
+  /** Number of the last frames in a row that contradict the terms. */
+  _contradicted = 0;
+
+  /** @param {number} nBits - message blocks of a frame */
+  constructor(nBits) {
+    this.nBits = nBits;
+    /** Information received, as a share of what is needed. */
+    this.progress = 0;
+    /** Number of times that decoding was tried. */
+    this.attempts = 0;
+    /** @type {CodedScores | null} */
+    this._loop = null;
+    /** @type {Terms | null} */
+    this._delivered = null;
+  }
+
+  /** Whether scores are kept that may be those of a message not returned yet. */
+  get collecting() {
+    return this._loop !== null;
+  }
+
+  /** Say that the next frame's distance to the earlier ones is not known. */
+  startRun() {
+    this._belief = null;
+    this._count = 0;
+    this._waiting = [];
+  }
+
+  /**
+   * Add one frame, and try to decode.
+   *
+   * @param {ArrayLike<number>} received - (nBits) log-likelihood ratios, positive for 1
+   * @param {number} count - number of the frame on the display, from any start
+   * @returns {Message | null}
+   */
+  add(received, count) {
+    const scores = cutScores(received, new Float32Array(this.nBits));
+    /** @type {WaitingFrame} */
+    const frame = { scores, count, number: null };
+    this._waiting.push(frame);
+    if (this._waiting.length > MAX_WAITING) this._waiting.shift();
+    const number = this._follow(numberLikelihoods(scores), count);
+    if (number === null) return null;
+    frame.number = number;
+    this._numberWaiting(number, count);
+    this._learnTerms(new ReadFrame(scores, number));
+    if (this._terms === null) return null;
+    let isNew = false;
+    for (const waiting of this._waiting) isNew = this._put(waiting, this._terms) || isNew;
+    this._waiting = [];
+    return isNew && this._loop !== null ? this._try(this._loop) : null;
+  }
+
+  /**
+   * Weigh the numbers that the next frame may have.
+   *
+   * @param {Float64Array} likelihoods - (4096) what the frame's own word tells; it is changed
+   * @param {number} count
+   * @returns {number | null} the number, once it is sure
+   */
+  _follow(likelihoods, count) {
+    const belief = likelihoods;
+    if (this._belief !== null) {
+      const steps = count - this._count;
+      for (let number = 0; number < NUMBERS; number++) {
+        const before = this._numberBefore(number, steps);
+        const moved = before < 0 ? 0 : Math.exp(this._belief[before]) * (1 - JUMP);
+        belief[number] += Math.log(moved + JUMP / NUMBERS);
+      }
+    }
+    this._count = count;
+    const sum = logSumExp(belief);
+    for (let number = 0; number < NUMBERS; number++) belief[number] -= sum;
+    this._belief = belief;
+    const best = largestAt(belief);
+    let others = 0;
+    for (let number = 0; number < NUMBERS; number++) {
+      if (number !== best) others += Math.exp(belief[number]);
+    }
+    return others < UNSURE ? best : null;
+  }
+
+  /**
+   * Find which number moves on to another one; below 0 where there is none.
+   *
+   * @param {number} number - number of a frame
+   * @param {number} steps - by how many frames the display moved on since the one before
+   */
+  _numberBefore(number, steps) {
+    if (this._terms === null) return number - Math.max(steps, 0);
+    const { frames } = this._terms;
+    return number < frames ? remainder(number - steps, frames) : -1;
+  }
+
+  /**
+   * Number the frames that waited, back from one that is sure; drop what misfits.
+   *
+   * @param {number} sure - number of the frame that is sure
+   * @param {number} count - of that frame
+   */
+  _numberWaiting(sure, count) {
+    this._waiting = this._waiting.filter((frame) => {
+      if (frame.number !== null) return true;
+      let number = sure - (count - frame.count);
+      if (this._terms !== null) number = remainder(number, this._terms.frames);
+      // a number that no word tells fits no better than one that the frame's word contradicts
+      if (number < 0 || !(numberLikelihoods(frame.scores)[number] >= 0)) return false;
+      frame.number = number;
+      return true;
+    });
+  }
+
+  /** Learn the terms from the next frames. */
+  _forgetTerms() {
+    this._terms = null;
+    this._evidence = noEvidence();
+    this._heard.fill(false);
+    this._contradicted = 0;
+  }
+
+  /**
+   * Add what a frame says about the terms.
+   *
+   * @param {ReadFrame} frame
+   */
+  _learnTerms(frame) {
+    if (this._terms !== null) {
+      const contradicts = frame.supports(this._terms) < 0;
+      this._contradicted = contradicts ? this._contradicted + 1 : 0;
+      if (this._contradicted === CONTRADICTIONS) this._forgetTerms();
+    }
+    frame.pieces.forEach((piece, shown) => {
+      const evidence = this._evidence[piece];
+      const more = frame.likelihoods[shown];
+      for (let at = 0; at < NUMBERS; at++) evidence[at] = TERMS_MEMORY * evidence[at] + more[at];
+      this._heard[piece] = true;
+    });
+    if (this._terms === null && this._heard.every(Boolean)) {
+      this._terms = readTerms(this._evidence.map(largestAt), this.nBits);
+    }
+  }
+
+  /**
+   * Add a frame to the loop.
+   *
+   * @param {WaitingFrame} waiting - its number is known
+   * @param {Terms} terms
+   * @returns {boolean} false where it brings nothing new that may be decoded
+   */
+  _put(waiting, terms) {
+    const number = /** @type {number} */ (waiting.number);
+    if (number >= terms.frames) return false;
+    const frame = new ReadFrame(waiting.scores, number);
+    if (frame.supports(terms) < 0) return false;
+    if (terms.equals(this._delivered)) {
+      this._loop = null;
+      this.progress = 1;
+      return false;
+    }
+    if (!this._loop || !this._loop.terms.equals(terms)) {
+      this._loop = new CodedScores(terms, this.nBits);
+    }
+    this._loop.add(number, frame.coded);
+    this.progress = this._loop.progress;
+    return this._loop.worthDecoding();
+  }
+
+  /**
+   * Decode what was collected; a message ends the collection.
+   *
+   * @param {CodedScores} loop
+   */
+  _try(loop) {
+    this.attempts += 1;
+    loop.tried = loop.progress;
+    const data = decodeCoded(loop.sums, loop.terms);
+    if (data === null) return null;
+    const agreement = agreementOf(loop.sums, codedBits(data, loop.terms, this.nBits));
+    const changed = this._delivered !== null;
+    this._loop = null;
+    this._delivered = loop.terms;
+    this.progress = 1;
+    return new Message(data, loop.terms.frames, loop.seen, agreement, changed);
+  }
+}
+
+/** By word of the terms, log-likelihoods of numbers before anything was seen. */
+function noEvidence() {
+  return Array.from({ length: PIECES }, () => new Float64Array(NUMBERS));
+}

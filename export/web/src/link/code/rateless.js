@@ -1,0 +1,413 @@
+/**
+ * A rateless code: from a block of information, as many coded bits as anyone wants.
+ *
+ * It is a Raptor code (Shokrollahi 2006; over noisy channels Etesami & Shokrollahi 2006). A block's
+ * information bits and a few parity bits are its *intermediate* bits. Coded bit number t is the sum
+ * modulo 2 of some intermediate bits, which its number chooses (link/code/rateless.py).
+ *
+ * Python adds log-likelihood ratios; here their exponentials are multiplied, which spares a
+ * hyperbolic tangent and a logarithm for each message: where R and r are the exponentials of all
+ * that a bit is told and of one message, tanh of half the difference is (R - r) / (R + r).
+ */
+
+import { remembered } from "./remembered.js";
+import { scrambled, shuffled } from "./scrambled.js";
+
+/** Smallest number of information bits in a block. */
+export const MIN_INFORMATION = 256;
+/** Largest number of information bits in a block that a message is cut into. */
+export const MAX_INFORMATION = 16384;
+/**
+ * Numbers of intermediate bits in a coded bit, and how many of 1000 coded bits have each. Close to
+ * Shokrollahi's distribution, with more of degree 1, by which a clean channel starts.
+ */
+const DEGREES = [
+  [1, 20],
+  [2, 450],
+  [3, 180],
+  [4, 75],
+  [5, 95],
+  [8, 95],
+  [19, 60],
+  [65, 25],
+];
+/** Number of parity checks of the precode in which each information bit stands. */
+const PRECODE_COPIES = 3;
+/** Number of rounds of belief propagation after which the decoder gives up. */
+const ITERATIONS = 60;
+/** Number of rounds after which the certainty of some block must have grown. */
+const PATIENCE = 8;
+/** Factor by which the mean certainty of some block must have grown, else the decoder gives up. */
+const LEAST_GROWTH = 1.05;
+/** Number of blocks that are decoded together, and given up together. */
+const MAX_COLUMNS = 16;
+/** Largest magnitude of half a log-likelihood ratio in belief propagation; larger ones are cut. */
+const MAX_HALF_LLR = 9;
+/** Largest magnitude of the hyperbolic tangent of half of what a bit is told. */
+const MAX_TANH = Math.tanh(MAX_HALF_LLR);
+/** Largest magnitude of a product of hyperbolic tangents; larger ones are cut. */
+const MAX_PRODUCT = 1 - 2 ** -23;
+/** Largest magnitude of a log-likelihood ratio whose exponential is multiplied further. */
+const MAX_TOTAL = 345;
+/** Largest exponential of what a bit is told; it is far beyond certainty and far from overflow. */
+const MOST = Math.exp(MAX_TOTAL);
+/** Smallest exponential of what a bit is told. */
+const LEAST = Math.exp(-MAX_TOTAL);
+
+/** Numbers of the modulus by which a coded bit's degree is drawn. */
+const DRAWS = DEGREES.reduce((sum, [, share]) => sum + share, 0);
+/** By draw the degree of a coded bit. */
+const DEGREE_OF_DRAW = Uint8Array.from(
+  DEGREES.flatMap(([degree, share]) => new Array(share).fill(degree)),
+);
+
+/**
+ * Sums as a graph: the members of sum s are `members[starts[s]]` to `members[starts[s + 1] - 1]`.
+ *
+ * @typedef {{ starts: Int32Array, members: Int32Array }} Sums
+ */
+
+/** The code of blocks of a given number of information bits. */
+export class RatelessCode {
+  /**
+   * @param {number} information - number of information bits in a block; they are the first
+   *   intermediate bits
+   * @param {number} intermediate - number of intermediate bits in a block, a prime
+   * @param {Sums} precode - intermediate bits in each check of the precode; the last two are the
+   *   check's own parity bit and the one before it. The number `intermediate` stands for a bit that
+   *   does not exist and counts as 0.
+   */
+  constructor(information, intermediate, precode) {
+    this.information = information;
+    this.intermediate = intermediate;
+    this.precode = precode;
+  }
+
+  /**
+   * Make coded bits.
+   *
+   * @param {Uint8Array} information - bits of all blocks, one block after the other
+   * @param {number} count - number of coded bits for each block
+   * @returns {Uint8Array} (count * blocks) coded bits 0 to count - 1, by turns from each block
+   */
+  encode(information, count) {
+    const blocks = information.length / this.information;
+    const numbers = new Uint32Array(count).map((_, at) => at);
+    const { starts, members } = this.sums(numbers);
+    const coded = new Uint8Array(count * blocks);
+    const bits = new Uint8Array(this.intermediate + 1);
+    for (let block = 0; block < blocks; block++) {
+      const first = block * this.information;
+      bits.set(information.subarray(first, first + this.information));
+      this._addParity(bits);
+      for (let number = 0; number < count; number++) {
+        let sum = 0;
+        for (let at = starts[number]; at < starts[number + 1]; at++) sum ^= bits[members[at]];
+        coded[number * blocks + block] = sum;
+      }
+    }
+    return coded;
+  }
+
+  /** @param {Uint8Array} bits - intermediate bits, of which those of the information are there */
+  _addParity(bits) {
+    const { starts, members } = this.precode;
+    let sum = 0; // that of the check before, which is its parity bit
+    for (let check = 0; check + 1 < starts.length; check++) {
+      for (let at = starts[check]; at < starts[check + 1] - 2; at++) sum ^= bits[members[at]];
+      bits[this.information + check] = sum;
+    }
+  }
+
+  /**
+   * List the members of coded bits.
+   *
+   * They are an arithmetic progression modulo the number of intermediate bits. That is a prime, so
+   * they are all different.
+   *
+   * @param {Uint32Array} numbers - numbers of coded bits
+   * @returns {Sums}
+   */
+  sums(numbers) {
+    const prime = this.intermediate;
+    const { high, low } = scrambled(numbers, prime);
+    const starts = new Int32Array(numbers.length + 1);
+    const degrees = numbers.map((_, at) => DEGREE_OF_DRAW[modulo(high[at], low[at], DRAWS)]);
+    for (let at = 0; at < numbers.length; at++) starts[at + 1] = starts[at] + degrees[at];
+    const members = new Int32Array(starts[numbers.length]);
+    for (let at = 0; at < numbers.length; at++) {
+      let member = modulo(high[at] >>> 10, (low[at] >>> 10) | (high[at] << 22), prime);
+      const step = ((high[at] >>> 4) % (prime - 1)) + 1;
+      for (let edge = starts[at]; edge < starts[at + 1]; edge++) {
+        members[edge] = member;
+        member += step;
+        if (member >= prime) member -= prime;
+      }
+    }
+    return { starts, members };
+  }
+
+  /**
+   * Find the information by belief propagation (sum-product).
+   *
+   * @param {Float32Array} llr - (count * blocks) log-likelihood ratios of coded bits 0 to
+   *   count - 1, by turns from each block, positive for 1; 0 where nothing was received
+   * @param {number} blocks - number of blocks
+   * @returns {Uint8Array | null} bits of all blocks, one block after the other; null where those of
+   *   some block could not be found
+   */
+  decode(llr, blocks) {
+    const graph = new Graph(this, receivedNumbers(llr, blocks));
+    const bits = new Uint8Array(blocks * this.information);
+    for (let first = 0; first < blocks; first += MAX_COLUMNS) {
+      const end = Math.min(first + MAX_COLUMNS, blocks);
+      const columns = Array.from(
+        { length: end - first },
+        (_, at) => new Column(graph, llr, blocks, first + at),
+      );
+      if (!decodeTogether(columns)) return null;
+      columns.forEach((column, at) => {
+        const total = column.total.subarray(0, this.information);
+        const begin = (first + at) * this.information;
+        for (let bit = 0; bit < total.length; bit++) bits[begin + bit] = total[bit] < 1 ? 1 : 0;
+      });
+    }
+    return bits;
+  }
+}
+
+/**
+ * Find the remainder of a number of 64 bits.
+ *
+ * @param {number} high - its upper half; any whole number of 32 bits, as are those that follow
+ * @param {number} low - its lower half
+ * @param {number} divisor - from 1 to 2 ** 21, so that no product exceeds 53 bits
+ */
+function modulo(high, low, divisor) {
+  return (((high >>> 0) % divisor) * 2 ** 32 + (low >>> 0)) % divisor;
+}
+
+/**
+ * List the numbers of the coded bits of which something was received in some block.
+ *
+ * @param {Float32Array} llr
+ * @param {number} blocks
+ */
+function receivedNumbers(llr, blocks) {
+  const numbers = [];
+  for (let first = 0; first < llr.length; first += blocks) {
+    let at = first;
+    while (at < first + blocks && llr[at] === 0) at++;
+    if (at < first + blocks) numbers.push(first / blocks);
+  }
+  return Uint32Array.from(numbers);
+}
+
+/**
+ * Decode some blocks; they are given up together once none of them becomes surer.
+ *
+ * @param {Column[]} columns
+ * @returns {boolean} whether all were decoded
+ */
+function decodeTogether(columns) {
+  let active = columns;
+  for (let first = 0; first < ITERATIONS; first += PATIENCE) {
+    const turns = Math.min(PATIENCE, ITERATIONS - first);
+    active = active.filter((column) => !column.run(turns));
+    if (active.length === 0) return true;
+    if (turns === PATIENCE && !active.filter((column) => column.grows()).length) break;
+  }
+  return false;
+}
+
+/** Received coded bits of degree 2 or more and the precode as a graph, for belief propagation. */
+class Graph {
+  /**
+   * @param {RatelessCode} code
+   * @param {Uint32Array} received - numbers of the coded bits that were received
+   */
+  constructor(code, received) {
+    const { starts, members } = code.sums(received);
+    this.code = code;
+    /** Numbers of the coded bits that are one intermediate bit, and which. @type {number[][]} */
+    this.single = [];
+    /** Numbers of the other coded bits. @type {number[]} */
+    this.numbers = [];
+    const ends = [0];
+    const joined = new Int32Array(members.length + code.precode.members.length);
+    let edges = 0;
+    for (let at = 0; at < received.length; at++) {
+      if (starts[at + 1] - starts[at] === 1) {
+        this.single.push([received[at], members[starts[at]]]);
+        continue;
+      }
+      this.numbers.push(received[at]);
+      for (let edge = starts[at]; edge < starts[at + 1]; edge++) joined[edges++] = members[edge];
+      ends.push(edges);
+    }
+    joined.set(code.precode.members, edges);
+    for (const end of code.precode.starts.subarray(1)) ends.push(edges + end);
+    /** (sums + 1) first edge of each sum; those of the precode are the last. */
+    this.starts = Int32Array.from(ends);
+    /** (edges) intermediate bit of each edge. */
+    this.members = joined.slice(0, ends[ends.length - 1]);
+    const longest = ends.reduce((most, end, at) => Math.max(most, at ? end - ends[at - 1] : 0), 0);
+    /** Room for the hyperbolic tangents of what the members of one sum are told. */
+    this.told = new Float64Array(longest);
+  }
+}
+
+/** One block on its way to being decoded; from here on, scores are positive for 0. */
+class Column {
+  /**
+   * @param {Graph} graph
+   * @param {Float32Array} llr - that of `RatelessCode.decode`
+   * @param {number} blocks - number of all blocks
+   * @param {number} block - number of this one
+   */
+  constructor(graph, llr, blocks, block) {
+    const { code } = graph;
+    this._graph = graph;
+    /** (sums) hyperbolic tangent of half of what was received of each sum. */
+    this._channel = new Float64Array(graph.starts.length - 1).fill(1);
+    graph.numbers.forEach((number, at) => {
+      this._channel[at] = Math.tanh(halfOf(llr[number * blocks + block]));
+    });
+    const known = new Float64Array(code.intermediate + 1);
+    for (const [number, bit] of graph.single) {
+      known[bit] += 2 * halfOf(llr[number * blocks + block]);
+    }
+    known[code.intermediate] = 2 * MAX_HALF_LLR;
+    /** (intermediate + 1) exponential of what the channel alone tells of each bit. */
+    this._known = known.map((value) => Math.exp(Math.min(Math.max(value, -MAX_TOTAL), MAX_TOTAL)));
+    /** (intermediate + 1) exponential of all that each bit is told. */
+    this.total = this._known.slice();
+    this._next = new Float64Array(code.intermediate + 1);
+    /** (edges) exponential of the message of each sum to each of its members. */
+    this._messages = new Float64Array(graph.members.length).fill(1);
+    this._certainty = 0;
+  }
+
+  /**
+   * Do some rounds of belief propagation.
+   *
+   * @param {number} turns - number of rounds
+   * @returns {boolean} whether the block is decoded; no round follows then
+   */
+  run(turns) {
+    for (let turn = 0; turn < turns; turn++) {
+      this._pass();
+      if (this._isWhole()) return true;
+    }
+    return false;
+  }
+
+  /** Whether the mean certainty has grown since this was asked last. */
+  grows() {
+    const before = this._certainty;
+    const { intermediate } = this._graph.code;
+    let sum = 0;
+    for (let bit = 0; bit < intermediate; bit++) sum += Math.abs(Math.log(this.total[bit]));
+    this._certainty = sum / intermediate;
+    return this._certainty > LEAST_GROWTH * before;
+  }
+
+  /** Turn the messages that bits were sent into the next ones, and add those up. */
+  _pass() {
+    const { starts, members, told, code } = this._graph;
+    const { total, _next: next, _messages: messages, _channel: channel } = this;
+    next.set(this._known);
+    for (let sum = 0; sum < channel.length; sum++) {
+      const first = starts[sum];
+      const end = starts[sum + 1];
+      // each message is the product of all others: of those before it and those after it
+      let product = channel[sum];
+      for (let edge = first; edge < end; edge++) {
+        const all = total[members[edge]];
+        const mine = messages[edge];
+        let tanh = (all - mine) / (all + mine);
+        if (tanh > MAX_TANH) tanh = MAX_TANH;
+        else if (tanh < -MAX_TANH) tanh = -MAX_TANH;
+        told[edge - first] = tanh;
+        messages[edge] = product;
+        product *= tanh;
+      }
+      product = 1;
+      for (let edge = end - 1; edge >= first; edge--) {
+        let message = messages[edge] * product;
+        product *= told[edge - first];
+        if (message > MAX_PRODUCT) message = MAX_PRODUCT;
+        else if (message < -MAX_PRODUCT) message = -MAX_PRODUCT;
+        const factor = (1 + message) / (1 - message);
+        messages[edge] = factor;
+        const bit = members[edge];
+        const grown = next[bit] * factor;
+        next[bit] = grown > MOST ? MOST : grown < LEAST ? LEAST : grown;
+      }
+    }
+    next[code.intermediate] = this._known[code.intermediate]; // no sum tells of a bit that is none
+    this.total = next;
+    this._next = total;
+  }
+
+  /** Whether every bit is known and the precode's checks are satisfied. */
+  _isWhole() {
+    const { code } = this._graph;
+    const { starts, members } = code.precode;
+    for (let check = 0; check + 1 < starts.length; check++) {
+      let sum = 0;
+      for (let at = starts[check]; at < starts[check + 1]; at++) {
+        if (this.total[members[at]] < 1) sum ^= 1;
+      }
+      if (sum) return false;
+    }
+    return this.total.every((value) => value !== 1);
+  }
+}
+
+/**
+ * Halve a log-likelihood ratio that is positive for 1 into one that is positive for 0.
+ *
+ * @param {number} llr
+ */
+function halfOf(llr) {
+  return -Math.min(Math.max(llr / 2, -MAX_HALF_LLR), MAX_HALF_LLR);
+}
+
+/**
+ * Makes the code of blocks of a number of information bits, at least `MIN_INFORMATION`.
+ *
+ * The precode has about one parity bit for 50 information bits, and 16 more. Each is the parity bit
+ * before it plus the information bits that three pseudo-random orders assign to it.
+ */
+export const makeRateless = remembered((/** @type {number} */ information) => {
+  let intermediate = information + Math.floor(information / 50) + 16;
+  while (!isPrime(intermediate)) intermediate++;
+  const checks = intermediate - information;
+  /** @type {number[][]} */
+  const lists = Array.from({ length: checks }, () => []);
+  let at = 0;
+  for (let copy = 0; copy < PRECODE_COPIES; copy++) {
+    for (const bit of shuffled(information, information + copy)) lists[at++ % checks].push(bit);
+  }
+  const length = Math.ceil((PRECODE_COPIES * information) / checks);
+  const starts = Int32Array.from({ length: checks + 1 }, (_, check) => check * (length + 2));
+  const members = new Int32Array(starts[checks]).fill(intermediate);
+  lists.forEach((list, check) => {
+    list.sort((one, other) => one - other);
+    list.forEach((bit, row) => {
+      // a bit that stands twice in a check stands for nothing
+      const twice = bit === list[row - 1] || bit === list[row + 1];
+      members[starts[check] + row] = twice ? intermediate : bit;
+    });
+    members[starts[check] + length] = information + check;
+    if (check > 0) members[starts[check] + length + 1] = information + check - 1;
+  });
+  return new RatelessCode(information, intermediate, { starts, members });
+});
+
+/** @param {number} number - at least 2 */
+function isPrime(number) {
+  for (let factor = 2; factor * factor <= number; factor++) if (number % factor === 0) return false;
+  return true;
+}
