@@ -496,6 +496,14 @@ WRONG = {
     "rate": (f"{CUT} x.html --state-hz 12 --hold 4", "60 Hz with --hold 4 is 15"),
     "no whole refreshes": (f"{CUT} x.html --state-hz 13", "60 Hz with --hold 5 is 12"),
     "no rate": (f"{CUT} x.html --state-hz 0", "need up to 1000 states a second, got 0"),
+    "no redundancy": (
+        f"{CUT} x.html --redundancy 0 --preset robust --rows 24 --cols 32 --width 256 --height 192",
+        "--redundancy: need 1.2 to 16, got 0",
+    ),
+    "redundancy of a coarse grid": (
+        f"{CUT} x.html --redundancy 0",
+        "--redundancy: a frame of 28 message blocks has a code of fixed rate",
+    ),
     "no preset": (f"{CUT} x.html --preset loud", "--preset: invalid choice: 'loud' (choose from"),
     "coarse": (f"{CUT} x.html --rows 2", "layout: 10 message blocks a frame"),
     "pyramid": (f"{CUT} x.html --pyramid-level 9", "--pyramid-level: 9 does not fit"),

@@ -198,7 +198,9 @@ def main() -> None:
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     hiding = Hiding(layout, state_hz, onlooker)
     kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
-    redundancy = args.redundancy or preset.redundancy_on(layout)
+    redundancy = args.redundancy
+    if redundancy is None:
+        redundancy = preset.redundancy_on(layout)
     loop = Loop(
         layout,
         kappa,
