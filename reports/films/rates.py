@@ -25,15 +25,13 @@ from reports.score.accuracy import wilson
 
 SETTINGS = {
     "paper": DeliveryConfig(n_bytes=100),
-    "robust": DeliveryConfig(preset="robust", n_bytes=2000),
-    "slow camera": DeliveryConfig(preset="hidden", kappa=1),
-    "faint": DeliveryConfig(preset="hidden", kappa=1, state_hz=30, fps=60),
-    "hidden": DeliveryConfig(preset="hidden", kappa=1, state_hz=60, fps=120),
-    "fast": DeliveryConfig(preset="fast", state_hz=30, fps=60),
+    "robust": DeliveryConfig(preset="robust", n_bytes=2_000),
+    "slow camera": DeliveryConfig(preset="hidden", kappa=1, n_bytes=20_000),
+    "faint": DeliveryConfig(preset="hidden", kappa=1, state_hz=30, fps=60, n_bytes=20_000),
+    "hidden": DeliveryConfig(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20_000),
+    "fast": DeliveryConfig(preset="fast", state_hz=30, fps=60, n_bytes=20_000),
 }
-"""Settings of display and camera by name; the message has 20,000 bytes where none is given."""
-USUAL_BYTES = 20_000
-"""Length of the message, bytes, of settings that say none of their own."""
+"""Settings of display, camera and message, by name."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +58,11 @@ class RatesConfig:
     def series(self, name: str) -> DeliveryConfig:
         """Make the series of films of a setting."""
         setting = choose(SETTINGS, name, "name in --settings")
-        own = setting.n_bytes if setting.preset in ("paper", "robust") else USUAL_BYTES
         return replace(
             setting,
             pairs=self.pairs,
             runs=self.runs,
-            n_bytes=own if self.n_bytes is None else self.n_bytes,
+            n_bytes=setting.n_bytes if self.n_bytes is None else self.n_bytes,
             seed=self.seed,
             jobs=self.jobs,
             out=self.out / name.replace(" ", "_"),
