@@ -118,7 +118,7 @@ export class ToggleWindow {
   /** Squared deviation of the noise. @type {Float64Array} */ #scale2;
   /** @type {Float64Array[]} */ #basis;
   /** Whitened toggles without drift. @type {Float64Array} */ #x;
-  /** @type {ReturnType<ToggleWindow["makeCandidates"]> | null} */ #candidates = null;
+  /** @type {ReturnType<typeof candidateWaves> | null} */ #candidates = null;
   /** Room for the waves of a clock and of those beside it. @type {Float64Array[]} */ #room;
 
   /**
@@ -499,7 +499,7 @@ export class ToggleWindow {
   #startClocks() {
     const P = this.#P;
     const n = this.#n;
-    this.#candidates ??= this.makeCandidates();
+    this.#candidates ??= candidateWaves(this.#times, this.#places, this.#frame);
     const { stateHz, real, imaginary, across, down, grid } = this.#candidates;
     const adjoint = new Float64Array(P * n);
     const { now, back } = this.#factors;
@@ -524,39 +524,39 @@ export class ToggleWindow {
       for (let place = 0; place < P; place++) {
         const r = correlation[place];
         norm += ((1 + r * r - 2 * r * turn) * this.#count[place]) / this.#scale2[place];
-        let [re, im] = [0, 0];
-        for (let k = 0, at = place * n, wave = f * n; k < n; k++, at++, wave++) {
-          re += real[wave] * adjoint[at];
-          im += imaginary[wave] * adjoint[at];
-        }
+        const line = adjoint.subarray(place * n, (place + 1) * n);
+        const re = dot(real[f], line);
+        const im = dot(imaginary[f], line);
         // turned by the delay along y
         for (let j = 0; j < GRID; j++) {
-          const [c, s] = [down.real, down.imaginary].map((part) => part[(f * P + place) * GRID + j]);
+          const c = down.real[f][place * GRID + j];
+          const s = down.imaginary[f][place * GRID + j];
           byRow[2 * (j * P + place)] = re * c - im * s;
           byRow[2 * (j * P + place) + 1] = re * s + im * c;
         }
       }
-      let [most, mostAt, mostPhase] = [-1, 0, 0];
-      for (let j = 0; j < GRID; j++) {
-        for (let i = 0; i < GRID; i++) {
-          let [re, im] = [0, 0];
-          for (let place = 0; place < P; place++) {
-            const c = across.real[(f * P + place) * GRID + i];
-            const s = across.imaginary[(f * P + place) * GRID + i];
-            const lineRe = byRow[2 * (j * P + place)];
-            const lineIm = byRow[2 * (j * P + place) + 1];
-            re += lineRe * c - lineIm * s;
-            im += lineRe * s + lineIm * c;
-          }
-          const power = re * re + im * im;
-          if (power > most) {
-            [most, mostAt, mostPhase] = [power, j * GRID + i, Math.atan2(im, re)];
-          }
+      let most = -1;
+      const alongRe = across.real[f];
+      const alongIm = across.imaginary[f];
+      for (let at = 0; at < GRID * GRID; at++) {
+        const i = at % GRID;
+        let row = 2 * P * ((at - i) / GRID);
+        let re = 0;
+        let im = 0;
+        for (let turned = i; turned < P * GRID; turned += GRID, row += 2) {
+          const c = alongRe[turned];
+          const s = alongIm[turned];
+          re += byRow[row] * c - byRow[row + 1] * s;
+          im += byRow[row] * s + byRow[row + 1] * c;
+        }
+        const power = re * re + im * im;
+        if (power > most) {
+          most = power;
+          best[f] = at;
+          phase[f] = Math.atan2(im, re);
         }
       }
       strongest[f] = Math.sqrt(most) / Math.sqrt(Math.max(norm, 1e-12));
-      best[f] = mostAt;
-      phase[f] = mostPhase;
     }
     const peaks = [...strongest.keys()].filter((f) => {
       const [before, after] = [strongest[(f + F - 1) % F], strongest[(f + 1) % F]];
@@ -573,33 +573,35 @@ export class ToggleWindow {
       return Float64Array.of(period, start, grid[delayX], grid[delayY], shutter);
     });
   }
+}
 
-  /**
-   * Work out the fundamentals of displays at the rates that are looked for.
-   *
-   * `stateHz` (F,) are numbers of states a second, and `real` and `imaginary` (F, n) their waves.
-   * `grid` holds delays along each axis; `across` and `down` (F, P, GRID) are the phases by which
-   * these turn a wave at each place.
-   */
-  makeCandidates() {
-    const [n, P] = [this.#n, this.#P];
-    const fastest = MAX_STATES / this.#frame;
-    const first = Math.max(MIN_STATE_HZ, 3 / this.#span);
-    const step = 0.25 / this.#span;
-    const F = Math.max(0, Math.ceil((fastest - first) / step));
-    const stateHz = Float64Array.from({ length: F }, (_, f) => first + f * step);
-    const delay = Math.max(this.#frame, PANEL_S);
-    const grid = Array.from({ length: GRID }, (_, i) => (-0.9 + (1.8 * i) / (GRID - 1)) * delay);
-    const waves = phasors(stateHz, this.#times);
-    const [across, down] = [0, 1].map((axis) => {
-      const delays = new Float64Array(P * GRID);
-      for (let at = 0; at < delays.length; at++) {
-        delays[at] = grid[at % GRID] * this.#places[2 * Math.floor(at / GRID) + axis];
-      }
-      return phasors(stateHz, delays);
-    });
-    return { stateHz, real: waves.real, imaginary: waves.imaginary, across, down, grid, n };
-  }
+/**
+ * Work out the fundamentals of displays at the rates that are looked for.
+ *
+ * `stateHz` (F,) are numbers of states a second, and `real` and `imaginary` their F waves (n,).
+ * `grid` holds delays along each axis; `across` and `down` are, for each rate, the phases (P, GRID)
+ * by which these turn a wave at each place.
+ *
+ * @param {Float64Array} times - (n,) seconds
+ * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
+ * @param {number} frame - time from one camera frame to the next, seconds
+ */
+function candidateWaves(times, places, frame) {
+  const span = times[times.length - 1] - times[0];
+  const first = Math.max(MIN_STATE_HZ, 3 / span);
+  const step = 0.25 / span;
+  const F = Math.max(0, Math.ceil((MAX_STATES / frame - first) / step));
+  const stateHz = Float64Array.from({ length: F }, (_, f) => first + f * step);
+  const delay = Math.max(frame, PANEL_S);
+  const grid = Array.from({ length: GRID }, (_, i) => (-0.9 + (1.8 * i) / (GRID - 1)) * delay);
+  const [across, down] = [0, 1].map((axis) => {
+    const delays = new Float64Array((places.length / 2) * GRID);
+    for (let at = 0; at < delays.length; at++) {
+      delays[at] = grid[at % GRID] * places[2 * Math.floor(at / GRID) + axis];
+    }
+    return phasors(stateHz, delays);
+  });
+  return { stateHz, ...phasors(stateHz, times), across, down, grid };
 }
 
 /**
@@ -607,23 +609,25 @@ export class ToggleWindow {
  *
  * @param {Float64Array} rates - (F,)
  * @param {Float64Array} times - (m,)
- * @returns {{ real: Float64Array, imaginary: Float64Array }} (F, m) each
+ * @returns {{ real: Float64Array[], imaginary: Float64Array[] }} F times (m,) each
  */
 function phasors(rates, times) {
-  const [F, m] = [rates.length, times.length];
-  const real = new Float64Array(F * m);
-  const imaginary = new Float64Array(F * m);
-  for (let k = 0; k < m; k++) {
-    const turn = -Math.PI * times[k] * (F > 1 ? rates[1] - rates[0] : 0);
-    const [stepRe, stepIm] = [Math.cos(turn), Math.sin(turn)];
-    let re = Math.cos(-Math.PI * rates[0] * times[k]);
-    let im = Math.sin(-Math.PI * rates[0] * times[k]);
-    for (let f = 0, at = k; f < F; f++, at += m) {
-      real[at] = re;
-      imaginary[at] = im;
-      [re, im] = [re * stepRe - im * stepIm, re * stepIm + im * stepRe];
+  const real = Array.from(rates, () => new Float64Array(times.length));
+  const imaginary = Array.from(rates, () => new Float64Array(times.length));
+  const step = rates.length > 1 ? rates[1] - rates[0] : 0;
+  times.forEach((time, k) => {
+    const stepRe = Math.cos(-Math.PI * step * time);
+    const stepIm = Math.sin(-Math.PI * step * time);
+    let re = Math.cos(-Math.PI * rates[0] * time);
+    let im = Math.sin(-Math.PI * rates[0] * time);
+    for (let f = 0; f < rates.length; f++) {
+      real[f][k] = re;
+      imaginary[f][k] = im;
+      const turned = re * stepRe - im * stepIm;
+      im = re * stepIm + im * stepRe;
+      re = turned;
     }
-  }
+  });
   return { real, imaginary };
 }
 
