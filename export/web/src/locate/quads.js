@@ -1,0 +1,503 @@
+/**
+ * Quadrilaterals in a photograph that may bound a display: from straight lines and from contours.
+ *
+ * Works on a small gray image. Lines: segments that lie on one straight line count as one, and
+ * four lines are a quadrilateral where segments cover enough of each side. Contours: outlines of
+ * what is brighter than a threshold, where four corners describe them.
+ */
+
+import { cv, matOf, withMats } from "../image/opencv.js";
+import { segmentSteps } from "./segments.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/geometry.js").Point} Point */
+/**
+ * Four corners in pixels, clockwise.
+ *
+ * @typedef {Point[]} Quad
+ */
+/**
+ * @template Result
+ * @typedef {import("./steps.js").Steps<Result>} Steps
+ */
+
+/** Largest number of lines from which quadrilaterals are made. */
+const MAX_LINES = 44;
+/**
+ * Largest distance, in pixels, of a segment's ends from the line that it is counted to, where both
+ * are bright on one side.
+ */
+const COLLINEAR_PX = 1.8;
+/**
+ * Largest distance, in pixels, of a segment's ends from the line that it is counted to, where they
+ * are bright on opposite sides: a thin bezel's two edges are two lines.
+ */
+const OPPOSED_PX = 0.7;
+/** Smallest area of a quadrilateral, as a share of the image. */
+const MIN_AREA = 0.03;
+/** Smallest sine of the angle between neighbouring sides; at 70 degrees a display still has it. */
+const MIN_CROSSING = Math.sin((35 * Math.PI) / 180);
+/** Smallest share that segments must cover of each side. */
+const MIN_SIDE_COVER = 0.15;
+/** Smallest share that segments must cover of all sides on average. */
+const MIN_MEAN_COVER = 0.45;
+/**
+ * Distance by which a corner may lie outside the image where the whole display is in view, as a
+ * share of the image's longer side: lines found on a small image are that uncertain.
+ */
+export const SLACK = 0.01;
+/** Distance, in pixels, of corners below which two quadrilaterals are one. */
+export const SAME_PX = 3.0;
+/** Smallest and largest share of a bezel's area that the picture within may have. */
+const NESTED = [0.65, 0.97];
+/** Quantiles of the image's gray levels that serve as thresholds for outlines. */
+const THRESHOLD_QUANTILES = [0.3, 0.5, 0.65, 0.8, 0.9];
+/** Tolerances, as shares of an outline's length, at which four corners may describe it. */
+const OUTLINE_TOLERANCES = [0.015, 0.03, 0.06];
+/** Units of work of making quadrilaterals from segments, and of the outlines at one threshold. */
+const LINES_WORK = 15;
+const OUTLINE_WORK = 3;
+
+/**
+ * Measure the area of a quadrilateral, in square pixels; that of a clockwise one is positive.
+ *
+ * @param {Quad} quad
+ * @returns {number}
+ */
+export function signedArea(quad) {
+  let twice = 0;
+  for (let i = 0; i < 4; i++) {
+    const next = quad[(i + 1) & 3];
+    twice += quad[i][0] * next[1] - next[0] * quad[i][1];
+  }
+  return twice / 2;
+}
+
+/**
+ * Tell whether a quadrilateral is clockwise, convex, large enough, no sliver, and in the image.
+ *
+ * @param {Quad} quad
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
+ *   its longer side
+ * @returns {boolean}
+ */
+export function isSound(quad, width, height, outside = SLACK) {
+  const slack = outside * Math.max(width, height);
+  for (const [x, y] of quad) {
+    if (!(x >= -0.5 - slack && x <= width - 0.5 + slack)) return false;
+    if (!(y >= -0.5 - slack && y <= height - 0.5 + slack)) return false;
+  }
+  if (!(signedArea(quad) >= MIN_AREA * width * height)) return false;
+  for (let i = 0; i < 4; i++) {
+    const [a, b, c] = [quad[i], quad[(i + 1) & 3], quad[(i + 2) & 3]];
+    const [x, y] = [b[0] - a[0], b[1] - a[1]];
+    const [nextX, nextY] = [c[0] - b[0], c[1] - b[1]];
+    const lengths = (Math.hypot(x, y) + 1e-9) * (Math.hypot(nextX, nextY) + 1e-9);
+    if (!((x * nextY - y * nextX) / lengths > MIN_CROSSING * 0.7)) return false;
+  }
+  return true;
+}
+
+/**
+ * Rotate the corner order of a quadrilateral to the one nearest to upright.
+ *
+ * @param {Quad} quad
+ * @returns {Quad}
+ */
+export function upright(quad) {
+  let best = quad;
+  let most = -Infinity;
+  for (let turn = 0; turn < 4; turn++) {
+    const turned = rolled(quad, turn);
+    const top = [turned[1][0] - turned[0][0], turned[1][1] - turned[0][1]];
+    const bottom = [turned[2][0] - turned[3][0], turned[2][1] - turned[3][1]];
+    const across =
+      top[0] / (Math.hypot(top[0], top[1]) + 1e-9) +
+      bottom[0] / (Math.hypot(bottom[0], bottom[1]) + 1e-9);
+    if (across > most) {
+      most = across;
+      best = turned;
+    }
+  }
+  return best;
+}
+
+/**
+ * Let the corner order of a quadrilateral begin at a later corner.
+ *
+ * @param {Quad} quad
+ * @param {number} turn - number of the corner, from 0 to 3
+ * @returns {Quad}
+ */
+export function rolled(quad, turn) {
+  return [...quad.slice(turn), ...quad.slice(0, turn)];
+}
+
+/**
+ * Tell whether a quadrilateral lies inside another, at most a bezel's width from it.
+ *
+ * @param {Quad} quad
+ * @param {Quad} outer
+ * @returns {boolean}
+ */
+export function isNested(quad, outer) {
+  const share = signedArea(quad) / signedArea(outer);
+  if (!(share > NESTED[0] && share < NESTED[1])) return false;
+  for (let i = 0; i < 4; i++) {
+    const [start, end] = [outer[i], outer[(i + 1) & 3]];
+    const [x, y] = [end[0] - start[0], end[1] - start[1]];
+    const length = Math.hypot(x, y);
+    for (const corner of quad) {
+      const depth = (x * (corner[1] - start[1]) - y * (corner[0] - start[0])) / length;
+      if (!(depth > 1)) return false;
+    }
+  }
+  return true;
+}
+
+/**
+ * Choose the quadrilaterals of highest rank that differ from one another.
+ *
+ * Only the first `8 * limit` are looked at.
+ *
+ * @param {Quad[]} quads
+ * @param {ArrayLike<number>} rank - the higher, the better
+ * @param {number} limit - largest number chosen
+ * @param {number} tolerance - distance, in pixels, of all corners below which two are alike
+ * @returns {number[]} indices, the best first
+ */
+export function distinct(quads, rank, limit, tolerance) {
+  const order = Array.from(quads.keys()).sort((one, other) => rank[other] - rank[one]);
+  /** @type {number[]} */
+  const chosen = [];
+  for (const at of order.slice(0, 8 * limit)) {
+    if (chosen.length >= limit) break;
+    if (chosen.every((other) => apart(quads[at], quads[other]) >= tolerance)) chosen.push(at);
+  }
+  return chosen;
+}
+
+/**
+ * Find the largest difference of two quadrilaterals' coordinates.
+ *
+ * @param {Quad} one
+ * @param {Quad} other
+ */
+function apart(one, other) {
+  let most = 0;
+  for (let i = 0; i < 4; i++) {
+    most = Math.max(most, Math.abs(one[i][0] - other[i][0]), Math.abs(one[i][1] - other[i][1]));
+  }
+  return most;
+}
+
+/**
+ * The lines on which segments lie: a point and the unit direction of each, and, in `covered` at
+ * `line * 2 * half + t`, the length that segments cover up to t - half pixels from the point.
+ *
+ * @typedef {object} Lines
+ * @property {Point[]} point
+ * @property {Point[]} axis
+ * @property {Float32Array} covered
+ * @property {number} half
+ */
+
+/**
+ * Find the lines that segments lie on, those with most segments first.
+ *
+ * @param {import("./segments.js").Segment[]} segments
+ * @param {number} diagonal - of the image, pixels
+ * @returns {Lines}
+ */
+function mergeSegments(segments, diagonal) {
+  const length = segments.map(([x1, y1, x2, y2]) => Math.hypot(x2 - x1, y2 - y1));
+  const free = new Uint8Array(segments.length).fill(1);
+  /** @type {{ members: number[], support: number }[]} */
+  const groups = [];
+  segments.forEach(([x1, y1, x2, y2], i) => {
+    if (!free[i]) return;
+    const [axisX, axisY] = [(x2 - x1) / length[i], (y2 - y1) / length[i]];
+    /** @type {number[]} */
+    const members = [];
+    let support = 0;
+    segments.forEach(([a1, b1, a2, b2], j) => {
+      if (!free[j]) return;
+      const far = Math.max(
+        Math.abs(axisX * (b1 - y1) - axisY * (a1 - x1)),
+        Math.abs(axisX * (b2 - y1) - axisY * (a2 - x1)),
+      );
+      const same = axisX * (a2 - a1) + axisY * (b2 - b1) > 0;
+      if (far >= (same ? COLLINEAR_PX : OPPOSED_PX)) return;
+      free[j] = 0;
+      members.push(j);
+      support += length[j];
+    });
+    groups.push({ members, support });
+  });
+  groups.sort((one, other) => other.support - one.support);
+  const best = groups.slice(0, MAX_LINES);
+  const half = Math.trunc(diagonal) + 2;
+  const covered = new Float32Array(best.length * 2 * half);
+  /** @type {Point[]} */
+  const point = [];
+  /** @type {Point[]} */
+  const axis = [];
+  best.forEach(({ members }, row) => {
+    let [weight, meanX, meanY] = [0, 0, 0];
+    for (const i of members) {
+      const [x1, y1, x2, y2] = segments[i];
+      weight += 2 * length[i];
+      meanX += length[i] * (x1 + x2);
+      meanY += length[i] * (y1 + y2);
+    }
+    meanX /= weight;
+    meanY /= weight;
+    let [xx, xy, yy] = [0, 0, 0];
+    for (const i of members) {
+      const [x1, y1, x2, y2] = segments[i];
+      xx += length[i] * ((x1 - meanX) ** 2 + (x2 - meanX) ** 2);
+      xy += length[i] * ((x1 - meanX) * (y1 - meanY) + (x2 - meanX) * (y2 - meanY));
+      yy += length[i] * ((y1 - meanY) ** 2 + (y2 - meanY) ** 2);
+    }
+    const angle = 0.5 * Math.atan2(2 * xy, xx - yy);
+    const [axisX, axisY] = [Math.cos(angle), Math.sin(angle)];
+    point.push([meanX, meanY]);
+    axis.push([axisX, axisY]);
+    const line = covered.subarray(row * 2 * half, (row + 1) * 2 * half);
+    for (const i of members) {
+      const [x1, y1, x2, y2] = segments[i];
+      const a = Math.round((x1 - meanX) * axisX + (y1 - meanY) * axisY) + half;
+      const b = Math.round((x2 - meanX) * axisX + (y2 - meanY) * axisY) + half;
+      line.fill(1, Math.max(0, Math.min(a, b)), Math.max(0, Math.max(a, b)));
+    }
+    for (let t = 1; t < 2 * half; t++) line[t] += line[t - 1];
+  });
+  return { point, axis, covered, half };
+}
+
+/**
+ * Make quadrilaterals of straight lines.
+ *
+ * @param {BytePlane} gray
+ * @param {number} limit - largest number returned
+ * @param {number} [outside] - distance by which corners may lie outside the image, as a share of
+ *   its longer side; where it is more than `SLACK`, only quadrilaterals with a corner outside are
+ *   made
+ * @returns {Steps<Quad[]>} those whose sides the lines cover best first
+ */
+export function* lineSteps(gray, limit, outside = SLACK) {
+  const { width, height } = gray;
+  const segments = yield* segmentSteps(gray);
+  if (segments.length < 4) return [];
+  const quads = crossingLines(segments, width, height, limit, outside);
+  yield LINES_WORK;
+  return quads;
+}
+
+/**
+ * @param {import("./segments.js").Segment[]} segments
+ * @param {number} width
+ * @param {number} height
+ * @param {number} limit
+ * @param {number} outside
+ * @returns {Quad[]}
+ */
+function crossingLines(segments, width, height, limit, outside) {
+  const diagonal = Math.hypot(width, height);
+  const { point, axis, covered, half } = mergeSegments(segments, diagonal);
+  const count = point.length;
+  const slack = outside * diagonal;
+  // where line j crosses line i: pixels along i, the covered length up to there, and the place
+  const along = new Float64Array(count * count);
+  const run = new Float64Array(count * count);
+  const usable = new Uint8Array(count * count);
+  /** @type {Point[]} */
+  const corner = new Array(count * count);
+  for (let i = 0; i < count; i++) {
+    for (let j = 0; j < count; j++) {
+      const at = i * count + j;
+      const cross = axis[i][0] * axis[j][1] - axis[i][1] * axis[j][0];
+      const [x, y] = [point[j][0] - point[i][0], point[j][1] - point[i][1]];
+      const t = (x * axis[j][1] - y * axis[j][0]) / (Math.abs(cross) < 1e-6 ? 1e-6 : cross);
+      const place = /** @type {Point} */ ([
+        point[i][0] + t * axis[i][0],
+        point[i][1] + t * axis[i][1],
+      ]);
+      along[at] = t;
+      corner[at] = place;
+      usable[at] = Number(
+        Math.abs(cross) > MIN_CROSSING &&
+          place[0] >= -slack &&
+          place[1] >= -slack &&
+          place[0] <= width + slack &&
+          place[1] <= height + slack,
+      );
+      const near = Math.round(Math.max(-half, Math.min(half, t))) + half;
+      run[at] = covered[i * 2 * half + Math.max(0, Math.min(2 * half - 1, near))];
+    }
+  }
+  /** @type {[number, number][]} */
+  const pairs = [];
+  for (let k = 0; k < count; k++) for (let m = k + 1; m < count; m++) pairs.push([k, m]);
+  // the share of line i that is covered between the lines of pair p; 0 where they make no side
+  const cover = new Float64Array(count * pairs.length);
+  const shortest = 0.1 * Math.sqrt(width * height);
+  for (let i = 0; i < count; i++) {
+    pairs.forEach(([k, m], p) => {
+      const [one, other] = [i * count + k, i * count + m];
+      if (!usable[one] || !usable[other]) return;
+      const span = Math.abs(along[one] - along[other]);
+      const share = Math.abs(run[one] - run[other]) / Math.max(span, 1);
+      if (span > shortest && share >= MIN_SIDE_COVER) cover[i * pairs.length + p] = share;
+    });
+  }
+  /** @type {Quad[]} */
+  const quads = [];
+  /** @type {number[]} */
+  const ranks = [];
+  for (let q = 0; q < pairs.length; q++) {
+    const [a, b] = pairs[q];
+    const [ofA, ofB] = [a * pairs.length, b * pairs.length];
+    for (let p = q + 1; p < pairs.length; p++) {
+      const one = cover[ofA + p];
+      const two = cover[ofB + p];
+      if (one === 0 || two === 0) continue;
+      const [c, d] = pairs[p];
+      const three = cover[c * pairs.length + q];
+      const four = cover[d * pairs.length + q];
+      if (three === 0 || four === 0) continue;
+      const mean = (one + two + three + four) / 4;
+      if (mean < MIN_MEAN_COVER) continue;
+      const quad = clockwise([
+        corner[a * count + c],
+        corner[a * count + d],
+        corner[b * count + d],
+        corner[b * count + c],
+      ]);
+      if (!isSound(quad, width, height, outside)) continue;
+      if (outside > SLACK && isSound(quad, width, height)) continue;
+      quads.push(upright(quad));
+      // longer sides are less likely to be covered by chance
+      const size = 0.3 * Math.sqrt(signedArea(quad) / (width * height));
+      ranks.push(mean + Math.min(one, two, three, four) + size);
+    }
+  }
+  return distinct(quads, ranks, limit, SAME_PX).map((at) => quads[at]);
+}
+
+/**
+ * @param {Quad} quad
+ * @returns {Quad}
+ */
+function clockwise(quad) {
+  return signedArea(quad) < 0 ? [...quad].reverse() : quad;
+}
+
+/**
+ * Make quadrilaterals of the outlines of what is brighter than some thresholds.
+ *
+ * @param {BytePlane} gray
+ * @returns {Steps<Quad[]>}
+ */
+export function* outlineSteps(gray) {
+  const { width, height } = gray;
+  /** @type {Quad[]} */
+  const found = [];
+  for (const level of thresholds(gray)) {
+    found.push(...outlinesAbove(gray, level).map(clockwise));
+    yield OUTLINE_WORK;
+  }
+  // an outline that runs along the image's border bounds the image, not a display
+  return found.filter((quad) => {
+    const atBorder = quad.filter(
+      ([x, y]) => x <= 1 || y <= 1 || x >= width - 2 || y >= height - 2,
+    ).length;
+    return atBorder < 2 && isSound(quad, width, height);
+  });
+}
+
+/**
+ * Choose levels, in increasing order: quantiles of every other pixel on each axis, and Otsu's.
+ *
+ * @param {BytePlane} gray
+ * @returns {number[]}
+ */
+function thresholds(gray) {
+  const counts = new Int32Array(256);
+  let total = 0;
+  for (let y = 0; y < gray.height; y += 2) {
+    for (let x = 0; x < gray.width; x += 2, total++) counts[gray.data[y * gray.width + x]]++;
+  }
+  const ranked = (/** @type {number} */ rank) => {
+    let level = 0;
+    for (let below = counts[0]; below <= rank; below += counts[level]) level++;
+    return level;
+  };
+  const levels = THRESHOLD_QUANTILES.map((share) => {
+    const place = share * (total - 1);
+    const low = Math.floor(place);
+    const [one, other] = [ranked(low), ranked(Math.min(low + 1, total - 1))];
+    return one + (other - one) * (place - low);
+  });
+  const otsu = withMats((keep) =>
+    cv.threshold(keep(matOf(gray)), keep(new cv.Mat()), 0, 255, cv.THRESH_BINARY | cv.THRESH_OTSU),
+  );
+  return [...new Set([...levels, otsu])].sort((one, other) => one - other);
+}
+
+/**
+ * @param {BytePlane} gray
+ * @param {number} level
+ * @returns {Quad[]}
+ */
+function outlinesAbove(gray, level) {
+  return withMats((keep) => {
+    const mask = keep(matOf(gray));
+    /** @type {Uint8Array} */
+    const bright = mask.data;
+    for (let at = 0; at < bright.length; at++) bright[at] = Number(bright[at] > level);
+    cv.morphologyEx(mask, mask, cv.MORPH_OPEN, keep(cv.Mat.ones(3, 3, cv.CV_8U)));
+    const outlines = keep(new cv.MatVector());
+    const order = keep(new cv.Mat());
+    cv.findContours(mask, outlines, order, cv.RETR_LIST, cv.CHAIN_APPROX_SIMPLE);
+    /** @type {Quad[]} */
+    const found = [];
+    for (let i = 0; i < outlines.size(); i++) {
+      const outline = outlines.get(i);
+      if (cv.contourArea(outline) >= MIN_AREA * gray.width * gray.height) {
+        const quad = fourCorners(outline);
+        if (quad) found.push(quad);
+      }
+      outline.delete();
+    }
+    return found;
+  });
+}
+
+/**
+ * @param {any} outline - a contour of OpenCV
+ * @returns {Quad | null} null where four corners do not describe it
+ */
+function fourCorners(outline) {
+  return withMats((keep) => {
+    const hull = keep(new cv.Mat());
+    cv.convexHull(outline, hull);
+    const corners = keep(new cv.Mat());
+    for (const tolerance of OUTLINE_TOLERANCES) {
+      cv.approxPolyDP(hull, corners, tolerance * cv.arcLength(hull, true), true);
+      if (corners.rows === 4) {
+        /** @type {Int32Array} */
+        const [x1, y1, x2, y2, x3, y3, x4, y4] = corners.data32S;
+        return [
+          [x1, y1],
+          [x2, y2],
+          [x3, y3],
+          [x4, y4],
+        ];
+      }
+    }
+    return null;
+  });
+}
