@@ -2,15 +2,24 @@
 
 from dataclasses import asdict, astuple
 
+import cv2
 import numpy as np
+import pytest
+from pilot_films import filmed, texture
+from streams import Stream, states_of
 from web_fixtures import run_node_tests, write_fixture
 
 from export.receive.diagnosis import Observations, explain_silence
+from export.receive.receiver import Receiver
 from export.receive.states import RectifiedFrame, block_purity, compose_state, points_in_view
 from export.receive.timing.clock import DisplayClock
 from export.receive.timing.synchronise import Toggling
+from export.runtime import Decoder
 from export.web.tables import layout_table
+from link.code.framing import encode
 from link.layout import make_layout
+from link.presets import PRESETS
+from models import PRETRAINED, PRETRAINED_PILOTS
 
 OUTSIDE = np.array([[-30.0, 10.0], [600.0, -20.0], [640.0, 470.0], [20.0, 430.0]])
 """Corners of a display that lies partly outside an image of 640 x 480."""
@@ -62,6 +71,11 @@ def test_states_are_put_together_as_by_python(tmp_path):
     run_node_tests("receiverStates", tmp_path)
 
 
+def page_words(text):
+    """What Python says, as the page says it, which has no flags and prints no lines."""
+    return text.replace(" --", " ").replace("the lines above say why; ", "")
+
+
 def test_silence_is_explained_in_the_words_of_python(tmp_path):
     weak = Toggling(0.9, 0.62, 15.04, 1.2)
     seen = [
@@ -79,9 +93,89 @@ def test_silence_is_explained_in_the_words_of_python(tmp_path):
             25, frames=90, found=40, level=90.0, decoded=7, progress=0.1, state_hz=24.2, mixed=0.8
         ),
     ]
-    # the page has no flags
-    known = [
-        {"seen": asdict(each), "text": explain_silence(each).replace(" --", " ")} for each in seen
-    ]
+    known = [{"seen": asdict(each), "text": page_words(explain_silence(each))} for each in seen]
     write_fixture(tmp_path, "silence", known)
     run_node_tests("receiverSilence", tmp_path)
+
+
+PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
+TEXT = b"no marks"
+MODELS = {
+    "paper": PRETRAINED / "decoder.onnx",
+    "robust": PRETRAINED_PILOTS / "24x32.onnx",
+}
+
+
+def paper_film():
+    """Gray frames of a hand-held display that shows the paper's layout, with their times."""
+    states = states_of(TEXT, PAPER, np.random.default_rng(5))
+    frames = Stream().frames(states, 4, np.random.default_rng(6))
+    return [(time, cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)) for time, image, _ in frames]
+
+
+def robust_film():
+    """Gray frames of the preset robust, whose states are shown for two frames each."""
+    loop = encode(TEXT, ROBUST.n_bits, PRESETS["robust"].redundancy)
+    images = filmed(ROBUST, 70, seed=3, message=loop)[0]
+    return [(number / 30, image) for number, image in enumerate(images)]
+
+
+def still_film():
+    """One gray frame of each state, too few for a clock."""
+    states = states_of(b"2 frames", PAPER, np.random.default_rng(5))[:24]
+    still = Stream(state_hz=30.0, readout=0.0, shutter=1e-3, phase=0.1)
+    frames = still.frames(states, len(states) / 30, np.random.default_rng(2))
+    return [(time, cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)) for time, image, _ in frames]
+
+
+def empty_film():
+    """Gray frames of a room without a display."""
+    wall = np.clip(90 + 30 * texture((480, 640), 4), 0, 255)
+    rng = np.random.default_rng(4)
+    return [
+        (number / 30, np.clip(wall + rng.normal(0, 2, wall.shape), 0, 255).astype(np.uint8))
+        for number in range(12)
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("film", [paper_film, robust_film, still_film, empty_film])
+def test_a_film_is_read_as_by_python(film, tmp_path):
+    frames = film()
+    decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]
+    receiver = Receiver(decoders, 30.0)
+    events, message = [], None
+    for time, image in frames:
+        step = receiver.push(image, time)
+        message = step.message
+        events.append(
+            {
+                "corners": step.tracked and step.tracked.corners,
+                "pairs": [pair.number for pair in step.pairs],
+                "scores": [pair.soft.scores for pair in step.pairs],
+                "clock": receiver.state_hz,
+            }
+        )
+        if message is not None:
+            break
+    else:
+        message = receiver.finish().message
+    assert (message is None) == (film is empty_film)
+    np.array([image for _, image in frames]).tofile(tmp_path / "film.gray")
+    write_fixture(
+        tmp_path,
+        "film",
+        {
+            "times": [time for time, _ in frames],
+            "shape": frames[0][1].shape,
+            "decoders": [
+                {"model": str(model), "layout": layout_table(decoder.layout)}
+                for model, decoder in zip(MODELS.values(), decoders, strict=True)
+            ],
+            "message": message and message.data.decode(),
+            "events": events,
+            "decoded": receiver.decoded,
+            "silence": page_words(explain_silence(receiver.observations)),
+        },
+    )
+    run_node_tests("receiver", tmp_path)

@@ -48,10 +48,7 @@ export const OFTEN = 0.2;
  */
 export function explainSilence(seen) {
   if (seen.refused) {
-    return (
-      `every message was refused (${seen.refused}); the lines above say why; is it the ` +
-      "sender's key?"
-    );
+    return `every message was refused (${seen.refused}); is it the sender's key?`;
   }
   if (seen.found === 0) return explainNothingFound(seen);
   const view = `the display is in view in ${seen.found} of ${seen.frames} frames`;

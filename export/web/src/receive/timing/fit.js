@@ -26,7 +26,7 @@ import {
 export const MIN_STATE_HZ = 1.0;
 /** Largest number of states a camera frame that is looked for. */
 export const MAX_STATES = 1.04;
-/** Longest time, in seconds, in which a panel writes its rows; it bounds delays, as a frame does. */
+/** Longest time, in seconds, in which a panel writes its rows; a bound of delays, as a frame is. */
 export const PANEL_S = 1 / 60;
 /** Highest frequency of a drift that is taken off; the slowest display toggles at 0.5 Hz. */
 export const DRIFT_HZ = 0.3;
