@@ -126,6 +126,22 @@ def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDAr
     return np.asarray(cv2.getPerspectiveTransform(display, captured), np.float64)
 
 
+def resized_homography(x: float, y: float) -> NDArray[np.float64]:
+    """Find where the pixels of an image lie once it is resized: corners go to corners.
+
+    Args:
+        x: factor by which the image becomes wider.
+        y: factor by which the image becomes taller.
+
+    Returns:
+        ``H_resized_from_image``, (3, 3) float64.
+
+    >>> transform(resized_homography(2, 4), [[0, 0], [1, 1]]).tolist()
+    [[0.5, 1.5], [2.5, 5.5]]
+    """
+    return np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1.0]])
+
+
 def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
     """Apply a homography to points.
 
@@ -171,7 +187,6 @@ def rectify(
     top, right, bottom, left = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     factor = int(min(min(top, bottom) / width, min(left, right) / height))
     if factor >= 2:
-        # a pixel centre x of the small image lies at factor * x + (factor - 1) / 2 of the large one
         rows, cols = image.shape[0] // factor * factor, image.shape[1] // factor * factor
         image = np.asarray(
             cv2.resize(
@@ -181,9 +196,7 @@ def rectify(
             ),
             np.uint8,
         )
-        offset = (factor - 1) / 2
-        H_full_from_small = np.array([[factor, 0, offset], [0, factor, offset], [0, 0, 1.0]])
-        H = np.linalg.inv(H_full_from_small) @ H
+        H = np.linalg.inv(resized_homography(factor, factor)) @ H
     return np.asarray(
         cv2.warpPerspective(
             image,

@@ -17,7 +17,7 @@ from data_gen.channel.optics import (
 from data_gen.channel.transfer import metered_gain
 from data_gen.parameters import Pair
 from link.frames import Captured, Displayed
-from link.geometry import frame_corners, transform
+from link.geometry import frame_corners, resized_homography, transform
 from link.layout import Layout
 
 
@@ -75,8 +75,7 @@ def reduction_homography(size: tuple[int, int]) -> NDArray[np.float64]:
     Args:
         size: width and height of the smaller capture, pixels; corners go to corners.
     """
-    a, b = size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT
-    return np.array([[a, 0, (a - 1) / 2], [0, b, (b - 1) / 2], [0, 0, 1]])
+    return resized_homography(size[0] / CAPTURE_WIDTH, size[1] / CAPTURE_HEIGHT)
 
 
 def capture_through(

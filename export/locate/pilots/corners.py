@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import frame_corners, homography_from_corners, resized_homography, transform
 from link.layout import Layout
 
 Array = NDArray[np.float64]
@@ -209,10 +209,7 @@ def fine_shift(change: Map, blocks: NDArray[np.floating], layout: Layout) -> Arr
         return None
     if not correlation >= LEAST_CORRELATION:
         return None
-    scale = np.array([layout.width / width, layout.height / height])
-    to_layout = np.array(
-        [[scale[0], 0, (scale[0] - 1) / 2], [0, scale[1], (scale[1] - 1) / 2], [0, 0, 1]]
-    )
+    to_layout = resized_homography(layout.width / width, layout.height / height)
     return np.asarray(to_layout @ H.astype(np.float64) @ np.linalg.inv(to_layout))
 
 

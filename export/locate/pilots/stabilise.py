@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.geometry import resized_homography
+
 Array = NDArray[np.float64]
 Gray = NDArray[np.uint8]
 
@@ -41,7 +43,7 @@ class Stabiliser:
         height, width = self._shape = gray.shape
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
-        self._H_image_from_copy = np.array([[x, 0, (x - 1) / 2], [0, y, (y - 1) / 2], [0, 0, 1]])
+        self._H_image_from_copy = resized_homography(x, y)
         points = cv2.goodFeaturesToTrack(self._reference, POINTS, 0.005, 8)
         self._points = np.zeros((0, 1, 2), np.float32) if points is None else points
         self._guess = self._points.copy()
