@@ -9,6 +9,10 @@ from web_fixtures import run_node_tests, write_fixture
 from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
 from export.receive.timing.synchronise import Synchroniser, needed_evidence
+from export.receive.timing.toggles import make_toggles
+from export.web.tables import layout_table
+from link.embed import embed
+from link.presets import PRESETS
 
 PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
 GRID = np.stack(np.meshgrid(*2 * [np.arange(4) / 4 + 0.125]), axis=-1).reshape(-1, 2)
@@ -146,6 +150,32 @@ def folder(tmp_path_factory):
     )
     write_fixture(folder, "run", run_fixture(30.0, 9.0, 5, PLACES))
     return folder
+
+
+def test_toggles_are_those_of_python(tmp_path):
+    rng = np.random.default_rng(7)
+    known = []
+    for name in ("paper", "robust"):
+        layout = PRESETS[name].layout
+        picture = rng.integers(90, 160, (layout.height // 32, layout.width // 32), np.uint8)
+        picture = picture.repeat(32, axis=0).repeat(32, axis=1)
+        shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, 3)
+        frames = [
+            (frame + rng.normal(0, 2, frame.shape)).clip(0, 255).astype(np.uint8)
+            for frame in (shown.original, shown.embedded, shown.original)
+        ]
+        frames[2][: layout.height // 8, : layout.width // 8] = 90  # covers a patch
+        toggles = make_toggles(layout)
+        known.append(
+            {
+                "layout": layout_table(layout),
+                "frames": frames,
+                "places": toggles.places,
+                "toggles": [toggles.measure(frame) for frame in frames],
+            }
+        )
+    write_fixture(tmp_path, "toggles", known)
+    run_node_tests("toggles", tmp_path)
 
 
 def test_clocks_are_those_of_python(folder):

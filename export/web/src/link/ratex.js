@@ -6,6 +6,11 @@ export const TILES = 4;
 export const SAMPLES = 6;
 /** Parts into which a tile is divided along each axis; samples lie at odd multiples of a part. */
 export const STEPS = 4 * SAMPLES;
+/**
+ * Smallest correlation of the displayed and the captured tiles of a patch at which the patch counts
+ * as seen: nothing covers it, and the image does not cut it off.
+ */
+export const CLEAR_MATCH = 0.8;
 
 /**
  * How the tiles of each ratex patch look in a frame, beside how they were displayed.

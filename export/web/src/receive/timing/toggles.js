@@ -5,14 +5,12 @@
  * patches these are pilots of bit 1 and of bit 0.
  */
 
-import { matchPatches } from "../../link/ratex.js";
-import { pilotSigns, standingOut } from "../../locate/pilots/evidence.js";
+import { CLEAR_MATCH, matchPatches } from "../../link/ratex.js";
+import { pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 
-/** Smallest correlation of shown and captured tiles of a patch that nothing covers. */
-export const MIN_CORRELATION = 0.8;
 /** Number of parts of the display, top to bottom and left to right, over which pilots average. */
 export const PARTS = [4, 4];
 /** Share by which the newest frame enters the running mean and variance of a pilot. */
@@ -35,7 +33,7 @@ export function patchToggles(frame, layout) {
   const { captured, shown, label, correlation } = matchPatches(frame, layout);
   const tiles = captured.length / correlation.length;
   return correlation.map((like, patch) => {
-    if (!(like > MIN_CORRELATION)) return NaN;
+    if (!(like > CLEAR_MATCH)) return NaN;
     let [both, drawn, toggled] = [0, 0, 0];
     for (let at = patch * tiles; at < (patch + 1) * tiles; at++) {
       both += captured[at] * shown[at];
@@ -111,8 +109,7 @@ export class PilotToggles {
    * @param {BytePlane} rectified
    */
   measure(rectified) {
-    const blocks = standingOut(rectified, this.layout);
-    const values = Float64Array.from(this.layout.pilotBlocks, (block) => blocks[block]);
+    const values = Float64Array.from(pilotValues(rectified, this.layout));
     const mean = (this.#mean ??= values.slice());
     const sums = new Float64Array(this.places.length / 2);
     const weights = new Float64Array(sums.length);
