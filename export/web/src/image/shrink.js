@@ -115,7 +115,12 @@ function overlaps(length, shorter) {
   const to = new Int32Array(most);
   const share = new Float32Array(most);
   let count = 0;
-  const add = (/** @type {number} */ source, /** @type {number} */ at, /** @type {number} */ part) => {
+  /**
+   * @param {number} source
+   * @param {number} at
+   * @param {number} part
+   */
+  const add = (source, at, part) => {
     from[count] = source;
     to[count] = at;
     share[count++] = part;
