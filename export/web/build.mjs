@@ -1,0 +1,107 @@
+/**
+ * Bundles the page for browsers: node build.mjs DIR, where `python -m export.web` has put the
+ * graphs, the presets and the icons.
+ */
+
+import { createHash } from "node:crypto";
+import { cp, mkdir, readdir, readFile, writeFile } from "node:fs/promises";
+import { dirname, join, relative, sep } from "node:path";
+import { fileURLToPath } from "node:url";
+import { build } from "esbuild";
+
+const HERE = dirname(fileURLToPath(import.meta.url));
+const PAGE = join(HERE, "src", "page");
+const COPIED = ["index.html", "style.css", "manifest.webmanifest", "icon.svg"];
+const WASM = /"data:application\/octet-stream;base64,(AGFzbQ[A-Za-z0-9+/=]+)"/;
+const { dependencies } = JSON.parse(await readFile(join(HERE, "package.json"), "utf8"));
+
+const out = process.argv[2];
+if (!out) throw new Error("name the folder of the site: node build.mjs DIR");
+
+/**
+ * Takes the WebAssembly out of OpenCV's script, which holds it as text a third larger. The script
+ * then loads the file that lies beside it.
+ */
+const openCvWasm = {
+  name: "opencv-wasm",
+  /** @param {import("esbuild").PluginBuild} plugin */
+  setup(plugin) {
+    plugin.onLoad({ filter: /opencv-js[\\/]dist[\\/]opencv\.js$/ }, async ({ path }) => {
+      const script = await readFile(path, "utf8");
+      const found = WASM.exec(script);
+      if (!found) throw new Error(`${path}: holds no WebAssembly; is it another version?`);
+      await writeFile(join(out, "opencv.wasm"), Buffer.from(found[1], "base64"));
+      return { contents: script.replace(found[0], () => '"opencv.wasm"'), loader: "js" };
+    });
+  },
+};
+
+/** @type {import("esbuild").BuildOptions} */
+const SETTINGS = {
+  bundle: true,
+  minify: true,
+  format: "esm",
+  target: "es2022",
+  platform: "browser",
+  external: ["fs", "path", "crypto"],
+  legalComments: "none",
+  logLevel: "warning",
+};
+
+/**
+ * List the files of a folder and of those below it.
+ *
+ * @param {string} folder
+ * @returns {Promise<string[]>} paths relative to the folder, with slashes, sorted
+ */
+async function filesOf(folder) {
+  const entries = await readdir(folder, { recursive: true, withFileTypes: true });
+  return entries
+    .filter((entry) => entry.isFile())
+    .map((entry) => relative(folder, join(entry.parentPath, entry.name)).split(sep).join("/"))
+    .sort();
+}
+
+/** @returns {Promise<string>} the versions of the packages and their licences */
+async function licences() {
+  const texts = [];
+  for (const name of Object.keys(dependencies)) {
+    const folder = join(HERE, "node_modules", name);
+    const { version, license, repository } = JSON.parse(
+      await readFile(join(folder, "package.json"), "utf8"),
+    );
+    const text = await readFile(join(folder, "LICENSE"), "utf8").catch(() => "");
+    texts.push(`${name} ${version} (${license}), ${repository.url}\n\n${text}`);
+  }
+  return texts.join("\n");
+}
+
+await mkdir(out, { recursive: true });
+for (const name of COPIED) await cp(join(PAGE, name), join(out, name));
+await cp(
+  join(HERE, "node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded.wasm"),
+  join(out, "ort-wasm-simd-threaded.wasm"),
+);
+await writeFile(join(out, "licences.txt"), await licences());
+const define = { VERSIONS: JSON.stringify(dependencies) };
+await build({ ...SETTINGS, define, entryPoints: [join(PAGE, "page.js")], outdir: out });
+await build({
+  ...SETTINGS,
+  define,
+  entryPoints: [join(PAGE, "worker.js")],
+  outdir: out,
+  plugins: [openCvWasm],
+});
+
+const files = await filesOf(out);
+const hash = createHash("sha256");
+for (const name of files) hash.update(name).update(await readFile(join(out, name)));
+await build({
+  ...SETTINGS,
+  define: {
+    FILES: JSON.stringify(files),
+    VERSION: JSON.stringify(hash.digest("hex").slice(0, 16)),
+  },
+  entryPoints: [join(PAGE, "serviceWorker.js")],
+  outdir: out,
+});

@@ -1,0 +1,152 @@
+"""Build the receiver's page: a folder of files that any static host can serve over https.
+
+JavaScript is bundled by esbuild, a tool of Node.js, from `export/web/src`. Everything else that the
+page needs, the graphs of the decoders and a table of the presets, comes from Python.
+"""
+
+import gzip
+import json
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.web.tables import preset_table
+from link.errors import InputError, ParameterError
+from link.images import make_folder, temporary_name, write_bytes, write_image
+from link.presets import PRESETS
+from models import shipped_graphs
+
+WEB = Path(__file__).parent
+"""Folder of the page's sources."""
+GRAPHS = {"paper": "decoder", "robust": "24x32", "hidden": "48x64", "fast": "96x128"}
+"""Name of the shipped graph, without its ending, by the preset that it reads."""
+MARK = "presets.json"
+"""Name of a file that every site has; a folder without it is no site, and is not replaced."""
+MAX_GZIP_BYTES = 8_000_000
+"""Largest size of all files together, in bytes after gzip, that a phone should have to load."""
+ICON_SIDES = (192, 512)
+"""Widths, in pixels, of the icons that phones show for the installed page."""
+BUILD_S = 600
+"""Time, in seconds, after which a command of Node.js is given up."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """What was built."""
+
+    sizes: dict[str, int]
+    """Size of each file in bytes, by its path in the folder."""
+    gzip_bytes: int
+    """Size of all files together in bytes, each after gzip, as hosts send them."""
+
+
+def build_site(out: Path) -> Site:
+    """Build the page in a folder, in place of an older one that may be there.
+
+    Args:
+        out: the folder; it is written under a temporary name and renamed when it is whole.
+
+    Raises:
+        InputError: Node.js is missing or fails, the folder holds something else, or it cannot be
+            written.
+    """
+    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not (out / MARK).is_file()):
+        raise ParameterError("out", f"{out} holds something else; name a new folder")
+    install_packages()
+    make_folder(out.absolute().parent)
+    hidden = temporary_name(out.absolute())
+    old = hidden.with_suffix(".old")
+    try:
+        write_inputs(hidden)
+        run_node(["node", "build.mjs", str(hidden)])
+        site = measure(hidden)
+        if site.gzip_bytes > MAX_GZIP_BYTES:
+            raise InputError(
+                f"the site has {site.gzip_bytes} bytes after gzip, and a phone should load at most "
+                f"{MAX_GZIP_BYTES}; make its graphs or packages smaller"
+            )
+        if out.exists():
+            out.replace(old)
+        hidden.replace(out)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror})") from None
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+    return site
+
+
+def install_packages() -> None:
+    """Install the packages that the lock file names, where they are not there yet.
+
+    Raises:
+        InputError: npm is missing or fails.
+    """
+    if not (WEB / "node_modules").is_dir():
+        run_node(["npm", "ci", "--no-fund", "--no-audit"])
+
+
+def run_node(command: Sequence[str]) -> None:
+    """Run a command of Node.js in the folder of the page's sources.
+
+    Raises:
+        InputError: the program is missing, fails, or takes too long.
+    """
+    program = shutil.which(command[0])
+    if program is None:
+        raise InputError(
+            f"{command[0]}: not found; install Node.js 20 or newer (https://nodejs.org)"
+        )
+    shown = " ".join(command)
+    try:
+        done = subprocess.run(
+            [program, *command[1:]], cwd=WEB, capture_output=True, text=True, timeout=BUILD_S
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{shown}: gave no answer in {BUILD_S} s") from None
+    if done.returncode != 0:
+        said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
+        why = next((line for line in said if "rror" in line), said[-1] if said else "no reason")
+        raise InputError(f"{shown} failed in {WEB}: {why}")
+
+
+def write_inputs(folder: Path) -> None:
+    """Write what Python gives the page: graphs, the table of presets, and icons."""
+    graphs = {path.stem: path for path in shipped_graphs()}
+    tables = []
+    for name, graph in GRAPHS.items():
+        model = f"models/{name}.onnx"
+        write_bytes(folder / model, graphs[graph].read_bytes())
+        tables.append(preset_table(name, PRESETS[name], model))
+    write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
+    for side in ICON_SIDES:
+        write_image(folder / f"icon-{side}.png", draw_icon(side))
+
+
+def draw_icon(side: int) -> NDArray[np.uint8]:
+    """Draw the icon as icon.svg has it: light blocks on a dark display.
+
+    Args:
+        side: width and height in pixels.
+
+    Returns:
+        (side, side, 3) uint8, encoded RGB.
+    """
+    blocks = np.array([[1, 0, 1, 1], [0, 1, 0, 1], [1, 1, 0, 0], [0, 1, 1, 0]], bool)
+    colours = np.where(blocks[:, :, None], np.array([94, 214, 166]), np.array([30, 74, 66]))
+    icon = np.full((16, 16, 3), (16, 33, 31), np.uint8)
+    icon[4:12, 4:12] = np.kron(colours, np.ones((2, 2, 1))).astype(np.uint8)
+    return np.asarray(cv2.resize(icon, (side, side), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+
+def measure(folder: Path) -> Site:
+    """Measure the files of a site."""
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    packed = sum(len(gzip.compress(path.read_bytes(), 9)) for path in files)
+    return Site({p.relative_to(folder).as_posix(): p.stat().st_size for p in files}, packed)

@@ -1,0 +1,132 @@
+/**
+ * Frames with their own times, from a camera or a film.
+ *
+ * Each source calls `take` for every frame that there is. A live source does not wait for what
+ * becomes of the frame; a film without compression does, so that it is read whole.
+ */
+
+import { readY4m } from "./y4m.js";
+
+/** @import { Plane } from "../image/opencv.js" */
+/** @import { RgbaImage } from "./planes.js" */
+
+/**
+ * A frame: as the browser has it, as pixels of a canvas, or as luma.
+ *
+ * @typedef {{ frame?: VideoFrame, rgba?: RgbaImage, plane?: Plane }} Pixels
+ */
+
+/**
+ * Takes a frame and its time in seconds; the frame is its own from then on.
+ *
+ * @typedef {(pixels: Pixels, time: number) => unknown} Take
+ */
+
+/**
+ * Take the frames of a camera, by their planes where the browser gives these.
+ *
+ * @param {MediaStream} stream
+ * @param {HTMLVideoElement} video - plays the stream
+ * @param {Take} take
+ * @param {AbortSignal} signal - ends it
+ * @returns {Promise<void>} resolves when the camera is gone or the signal came
+ */
+export async function cameraFrames(stream, video, take, signal) {
+  const [track] = stream.getVideoTracks();
+  if (typeof MediaStreamTrackProcessor === "undefined") {
+    track.addEventListener("ended", () => video.dispatchEvent(new Event("ended")));
+    return videoFrames(video, take, signal);
+  }
+  /** @type {any} */
+  const init = { track }; // newer than the types that tsc knows
+  /** @type {ReadableStream<VideoFrame>} */
+  const frames = new MediaStreamTrackProcessor(init).readable;
+  const reader = frames.getReader();
+  signal.addEventListener("abort", () => void reader.cancel());
+  for (;;) {
+    const { value: frame, done } = await reader.read();
+    if (done || !frame) return;
+    if (signal.aborted) return frame.close();
+    take({ frame }, frame.timestamp / 1e6);
+  }
+}
+
+/**
+ * Take the frames that a video element shows.
+ *
+ * @param {HTMLVideoElement} video
+ * @param {Take} take
+ * @param {AbortSignal} signal - ends it
+ * @returns {Promise<void>} resolves when the video has ended or the signal came
+ */
+export function videoFrames(video, take, signal) {
+  const canvas = document.createElement("canvas");
+  let last = -1;
+  return new Promise((resolve) => {
+    /** @param {number} time - of the frame, in seconds */
+    const shown = (time) => {
+      if (signal.aborted) return;
+      ask();
+      if (!video.videoWidth || time === last) return;
+      last = time;
+      take(pixelsOf(video, canvas, time), time);
+    };
+    const ask = () => {
+      if (video.requestVideoFrameCallback) {
+        video.requestVideoFrameCallback((_, { captureTime, mediaTime }) =>
+          shown(captureTime === undefined ? mediaTime : captureTime / 1e3),
+        );
+      } else {
+        requestAnimationFrame(() => shown(video.currentTime));
+      }
+    };
+    const end = () => resolve(undefined);
+    signal.addEventListener("abort", end);
+    video.addEventListener("ended", end, { signal });
+    ask();
+  });
+}
+
+/**
+ * Take what a video element shows now.
+ *
+ * @param {HTMLVideoElement} video
+ * @param {HTMLCanvasElement} canvas - is drawn on where the browser does not give its frames
+ * @param {number} time - in seconds
+ * @returns {Pixels}
+ */
+function pixelsOf(video, canvas, time) {
+  if (typeof VideoFrame !== "undefined") {
+    return { frame: new VideoFrame(video, { timestamp: Math.round(1e6 * time) }) };
+  }
+  const [width, height] = [video.videoWidth, video.videoHeight];
+  if (canvas.width !== width || canvas.height !== height) {
+    [canvas.width, canvas.height] = [width, height];
+  }
+  const context = canvas.getContext("2d", { willReadFrequently: true, alpha: false });
+  if (!context) throw new Error("the browser gives no canvas");
+  context.drawImage(video, 0, 0);
+  const { data } = context.getImageData(0, 0, width, height);
+  return { rgba: { width, height, data } };
+}
+
+/**
+ * Take all frames of a .y4m film, each after `take` is done with the one before.
+ *
+ * @param {ReadableStream<Uint8Array>} film
+ * @param {(plane: Plane) => void} show - is given each frame first, to be shown
+ * @param {(fps: number) => void} begin - is told the film's rate before the first frame
+ * @param {Take} take
+ * @param {AbortSignal} signal - ends it
+ * @throws {Error} it is no such film
+ */
+export async function y4mFrames(film, show, begin, take, signal) {
+  let begun = false;
+  for await (const { plane, time, fps } of readY4m(film)) {
+    if (signal.aborted) return;
+    if (!begun) begin(fps);
+    begun = true;
+    show(plane);
+    await take({ plane }, time);
+  }
+}

@@ -1,0 +1,482 @@
+/** The page: what is shown, and what its buttons do. Reading happens in the worker. */
+
+import { adviceFor, cameraTrouble, stateOf } from "./advice.js";
+import { cameraControls, listCameras, openCamera } from "./camera.js";
+import { cameraFrames, videoFrames, y4mFrames } from "./frames.js";
+import { Overlay } from "./overlay.js";
+import { Reception } from "./reception.js";
+import { linkOf, textOf } from "./text.js";
+import { Y4M_MAGIC } from "./y4m.js";
+
+/** @import { Plane } from "../image/opencv.js" */
+/** @import { Arrival, Step } from "./protocol.js" */
+
+/** Seconds of a recording of what the camera sees. */
+const RECORDED_S = 4;
+
+/** Sizes of a key, in bytes, as `link.code.authenticate` takes them. */
+const [MIN_KEY_BYTES, MAX_KEY_BYTES] = [16, 4096];
+
+/** Slowest rate, relative to its own, at which a film is played. */
+const SLOWEST = 0.1;
+
+/** Number of frames after which a film's rate is chosen anew. */
+const WATCHED = 10;
+
+/** @param {string} id @returns {any} */
+const byId = (id) => document.getElementById(id);
+
+/** @type {HTMLVideoElement} */
+const video = byId("video");
+/** @type {HTMLCanvasElement} */
+const picture = byId("picture");
+/** @type {HTMLElement} */
+const view = byId("view");
+const overlay = new Overlay(view);
+
+/** What is read now; aborted when something else is to be read. */
+let running = new AbortController();
+/** Message that is shown, or null. @type {Uint8Array | null} */
+let shown = null;
+/** State that is shown, and since when, in milliseconds of the page. */
+const state = { text: "", since: 0 };
+/** @type {Step | null} */
+let lastStep = null;
+/** Reads once more what was read last. */
+let readAgain = () => {};
+/** Whether that was the camera. */
+let fromCamera = true;
+/** @type {{ release(): Promise<void> } | null} */
+let awake = null;
+
+const reception = new Reception({
+  ready() {
+    byId("record").disabled = false;
+    void keepForOffline();
+  },
+  failed(reason) {
+    stop();
+    say("The receiver cannot work in this browser", `${reason}. Try a newer browser.`);
+  },
+  step: showStep,
+  kept(share) {
+    say("Saving what the camera sees", `${Math.round(100 * share)} %`);
+  },
+  recording(file) {
+    download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
+    byId("record").disabled = false;
+    say("Saved", "The file is among your downloads.");
+  },
+});
+
+/**
+ * Show what is going on.
+ *
+ * @param {string} text - the state, in a few words
+ * @param {string} [advice]
+ */
+function say(text, advice = "") {
+  if (text !== state.text) [state.text, state.since] = [text, performance.now()];
+  if (byId("status").textContent !== text) byId("status").textContent = text;
+  if (byId("advice").textContent !== advice) byId("advice").textContent = advice;
+}
+
+/**
+ * Show what became of a frame.
+ *
+ * @param {Step} step
+ */
+function showStep(step) {
+  if (running.signal.aborted) return;
+  lastStep = step;
+  overlay.resize(step.width, step.height);
+  overlay.show(step.corners, step.synchronised);
+  byId("progress").value = Math.min(1, step.progress);
+  byId("percent").textContent = `${Math.min(100, Math.floor(100 * step.progress))} %`;
+  byId("details").textContent = detailsOf(step);
+  if (step.arrival && step.arrival.refused === null) {
+    stop();
+    showMessage(step.arrival);
+  } else if (step.arrival) {
+    say("A message was refused", `${step.arrival.refused}.`);
+  } else if (step.last) {
+    stop();
+    const found = step.corners !== null || step.preset !== null;
+    say(found ? "The film ended before the message was whole" : "No display found in this film",
+      adviceFor(step, Infinity, step));
+  } else {
+    const waiting = (performance.now() - state.since) / 1000;
+    say(stateOf(step), adviceFor(step, waiting, step));
+  }
+}
+
+/** @param {Step} step @returns {string} */
+function detailsOf({ preset, explanation, width, height }) {
+  const rate = reception.fps === null ? "" : `, ${reception.fps.toFixed(1)} frames a second`;
+  const counts = `${reception.taken} frames read, ${reception.dropped} skipped`;
+  return `${width} × ${height} pixels${rate}; ${counts}; preset ${preset ?? "unknown"}. ${explanation}`;
+}
+
+/** @param {Arrival} arrival */
+function showMessage({ data, stamp }) {
+  shown = data;
+  const text = textOf(data);
+  byId("message").textContent = text;
+  byId("seal").hidden = stamp === null;
+  byId("seal").textContent = stamp === null ? "" : `It was sent with your key; stamp ${stamp}.`;
+  const link = linkOf(text);
+  byId("open").hidden = link === null;
+  if (link) {
+    byId("open").href = link.href;
+    byId("open").textContent = `Open ${link.host}`;
+  } else byId("open").removeAttribute("href");
+  byId("share").hidden = !navigator.share;
+  byId("letter").hidden = false;
+  byId("start").hidden = fromCamera; // where "Read again" does the same
+  byId("progress").value = 1;
+  byId("percent").textContent = "100 %";
+  say("Message received");
+  navigator.vibrate?.(80);
+}
+
+/** Take the message away that is shown. */
+function clearMessage() {
+  shown = null;
+  byId("letter").hidden = true;
+  byId("message").textContent = "";
+  byId("progress").value = 0;
+  byId("percent").textContent = "";
+  byId("details").textContent = "";
+  lastStep = null;
+}
+
+/** End what is read now, and give the camera back. */
+function stop() {
+  running.abort();
+  for (const track of streamOf(video)?.getTracks() ?? []) track.stop();
+  video.pause();
+  overlay.show(null, false);
+  overlay.guide.toggleAttribute("hidden", true);
+  byId("controls").replaceChildren();
+  byId("start").hidden = false;
+  byId("start").textContent = "Start the camera";
+  void awake?.release();
+  awake = null;
+}
+
+/** @param {HTMLVideoElement} element @returns {MediaStream | null} */
+function streamOf(element) {
+  return element.srcObject instanceof MediaStream ? element.srcObject : null;
+}
+
+/**
+ * Make the page ready for something else to read.
+ *
+ * @param {boolean} isCamera
+ * @param {() => void} again - reads it once more
+ * @returns {AbortSignal} says when it is to end
+ */
+function prepare(isCamera, again) {
+  stop();
+  clearMessage();
+  readAgain = again;
+  fromCamera = isCamera;
+  running = new AbortController();
+  byId("start").hidden = true;
+  video.srcObject = null;
+  video.removeAttribute("src");
+  video.classList.remove("live");
+  picture.hidden = true;
+  video.hidden = false;
+  return running.signal;
+}
+
+// ---- The camera
+
+/**
+ * Read what a camera sees.
+ *
+ * @param {string} [deviceId] - of the camera
+ */
+async function readCamera(deviceId) {
+  const signal = prepare(true, () => void readCamera(deviceId));
+  say("Asking for the camera", "The browser asks whether this page may use it.");
+  try {
+    const stream = await openCamera(deviceId);
+    if (signal.aborted) return void stream.getTracks().forEach((track) => track.stop());
+    video.srcObject = stream;
+    video.classList.add("live");
+    await video.play();
+    if (signal.aborted) return;
+    overlay.resize(video.videoWidth, video.videoHeight);
+    overlay.show(null, false);
+    if (!reception.isReady) say("Loading the receiver", "It takes 7 MB, once.");
+    void showControls(stream.getVideoTracks()[0]);
+    void stayAwake();
+    reception.begin(null);
+    await cameraFrames(stream, video, (pixels, time) => reception.offer(pixels, time), signal);
+    if (!signal.aborted) {
+      stop();
+      say("The camera has stopped", "Is it still connected? Start it again.");
+    }
+  } catch (error) {
+    if (signal.aborted) return;
+    stop();
+    byId("start").textContent = "Try the camera again";
+    say("No camera", cameraTrouble(error));
+  }
+}
+
+/** Show what the camera offers: its settings, and the other cameras. */
+async function showControls(/** @type {MediaStreamTrack} */ track) {
+  const rows = cameraControls(track).map((control) => {
+    const { name, range, set } = control;
+    if (!range) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = name;
+      button.setAttribute("aria-pressed", "false");
+      button.addEventListener("click", async () => {
+        const on = button.getAttribute("aria-pressed") !== "true";
+        if (await set(Number(on))) button.setAttribute("aria-pressed", String(on));
+      });
+      return button;
+    }
+    const slider = document.createElement("input");
+    Object.assign(slider, { type: "range", ...stringsOf(range) });
+    slider.addEventListener("input", () => void set(slider.valueAsNumber));
+    return labelled(name, slider);
+  });
+  const cameras = await listCameras();
+  if (cameras.length > 1) {
+    const choice = document.createElement("select");
+    choice.append(...cameras.map(({ id, name }) => new Option(name, id)));
+    choice.value = track.getSettings().deviceId ?? "";
+    choice.addEventListener("change", () => void readCamera(choice.value));
+    rows.push(labelled("Camera", choice));
+  }
+  byId("controls").replaceChildren(...rows);
+}
+
+/** @param {Record<string, number>} values @returns {Record<string, string>} */
+function stringsOf(values) {
+  return Object.fromEntries(Object.entries(values).map(([key, value]) => [key, String(value)]));
+}
+
+/** @param {string} name @param {HTMLElement} element */
+function labelled(name, element) {
+  const label = document.createElement("label");
+  label.append(name, element);
+  return label;
+}
+
+/** Keep the screen on while the camera is read. */
+async function stayAwake() {
+  try {
+    awake = (await navigator.wakeLock?.request("screen")) ?? null;
+  } catch {
+    awake = null; // low battery, for one
+  }
+}
+
+// ---- Films
+
+/**
+ * Read a film.
+ *
+ * @param {Blob | URL} film - a file, or an address on the site of this page
+ */
+async function readFilm(film) {
+  const signal = prepare(false, () => void readFilm(film));
+  say("Opening the film", reception.isReady ? "" : "The receiver is still being loaded.");
+  try {
+    const address = film instanceof Blob ? URL.createObjectURL(film) : film.href;
+    await whenReady(signal);
+    if (signal.aborted) return;
+    if (await isY4m(film)) await readPlanes(film, signal);
+    else await readVideo(address, signal);
+    if (film instanceof Blob) URL.revokeObjectURL(address);
+    if (!signal.aborted) await reception.finish();
+  } catch (error) {
+    if (signal.aborted) return;
+    stop();
+    say("The film cannot be read", `${error instanceof Error ? error.message : error}.`);
+  }
+}
+
+/** @param {AbortSignal} signal */
+async function whenReady(signal) {
+  while (!reception.isReady && !signal.aborted) {
+    await new Promise((resolve) => setTimeout(resolve, 50));
+  }
+  await reception.whenIdle();
+}
+
+/**
+ * Tell films without compression, which browsers do not play, from others.
+ *
+ * @param {Blob | URL} film
+ */
+async function isY4m(film) {
+  if (film instanceof URL) return film.pathname.toLowerCase().endsWith(".y4m");
+  return (await film.slice(0, Y4M_MAGIC.length).text()) === Y4M_MAGIC;
+}
+
+/** @param {Blob | URL} film @param {AbortSignal} signal */
+async function readPlanes(film, signal) {
+  video.hidden = true;
+  picture.hidden = false;
+  let stream;
+  if (film instanceof Blob) stream = film.stream();
+  else {
+    const response = await fetch(film, { signal });
+    if (!response.ok || !response.body) throw new Error(`there is no film at ${film.pathname}`);
+    stream = response.body;
+  }
+  const take = async (/** @type {any} */ pixels, /** @type {number} */ time) => {
+    await reception.whenIdle();
+    if (!signal.aborted) await reception.offer(pixels, time);
+  };
+  await y4mFrames(stream, showPlane, (fps) => reception.begin(fps), take, signal);
+}
+
+/** @param {Plane} plane */
+function showPlane({ width, height, data }) {
+  if (picture.width !== width || picture.height !== height) {
+    [picture.width, picture.height] = [width, height];
+  }
+  const image = new ImageData(width, height);
+  const pixels = new Uint32Array(image.data.buffer);
+  for (let i = 0; i < data.length; i++) pixels[i] = 0xff000000 | (data[i] * 0x010101);
+  picture.getContext("2d")?.putImageData(image, 0, 0);
+}
+
+/**
+ * Play a film, as slowly as its frames are read.
+ *
+ * @param {string} address
+ * @param {AbortSignal} signal
+ */
+async function readVideo(address, signal) {
+  video.src = address;
+  reception.begin(null);
+  let [taken, dropped] = [0, 0];
+  const slowDown = () => {
+    if (reception.taken + reception.dropped - taken - dropped < WATCHED) return;
+    const late = reception.dropped > dropped;
+    [taken, dropped] = [reception.taken, reception.dropped];
+    video.playbackRate = Math.min(1, Math.max(SLOWEST, video.playbackRate * (late ? 0.75 : 1.1)));
+  };
+  /** @type {import("./frames.js").Take} */
+  const take = (pixels, time) => {
+    const measured = reception.fps !== null;
+    const taken = reception.offer(pixels, time);
+    if (!measured && reception.fps !== null) video.currentTime = 0; // read what was measured
+    slowDown();
+    return taken;
+  };
+  const broken = new Promise((_, reject) => {
+    video.addEventListener("error", () => reject(new Error("this browser cannot play it")), {
+      signal,
+    });
+  });
+  await Promise.race([video.play(), broken]);
+  await Promise.race([videoFrames(video, take, signal), broken]);
+}
+
+/**
+ * Read the film that the address of this page names.
+ *
+ * @returns {boolean} whether it names one
+ */
+function readNamedFilm() {
+  const name = new URLSearchParams(location.search).get("film");
+  if (name === null) return false;
+  let url;
+  try {
+    url = new URL(name, document.baseURI);
+  } catch {
+    url = null;
+  }
+  if (url?.origin === location.origin) void readFilm(url);
+  else say("The film cannot be read", "It must lie on the same site as this page.");
+  return true;
+}
+
+// ---- Buttons
+
+/** @param {Blob} file @param {string} name */
+function download(file, name) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(file);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 60e3);
+}
+
+byId("start").addEventListener("click", () => void readCamera());
+byId("again").addEventListener("click", () => readAgain());
+byId("copy").addEventListener("click", async () => {
+  try {
+    await navigator.clipboard.writeText(byId("message").textContent);
+    say("Message received", "Copied.");
+  } catch {
+    getSelection()?.selectAllChildren(byId("message"));
+    say("Message received", "The text is selected; copy it by hand.");
+  }
+});
+byId("share").addEventListener("click", () => {
+  navigator.share({ text: byId("message").textContent }).catch(() => {}); // the user changed her mind
+});
+byId("keep").addEventListener("click", () => {
+  if (!shown) return;
+  const isText = !textOf(shown).includes("\\x");
+  download(new Blob([new Uint8Array(shown)]), isText ? "message.txt" : "message.bin");
+});
+byId("film").addEventListener("change", () => {
+  const [file] = byId("film").files;
+  if (file) void readFilm(file);
+});
+byId("key").addEventListener("change", async () => {
+  const [file] = byId("key").files;
+  if (file && !(file.size >= MIN_KEY_BYTES && file.size <= MAX_KEY_BYTES)) {
+    byId("key").value = "";
+    const sizes = `A key has ${MIN_KEY_BYTES} to ${MAX_KEY_BYTES} bytes`;
+    return say("This file is no key", `${sizes}, and this file has ${file.size}.`);
+  }
+  reception.key = file ? new Uint8Array(await file.arrayBuffer()) : null;
+  readAgain();
+});
+byId("record").addEventListener("click", () => {
+  if (running.signal.aborted) return say("Nothing to save", "Start the camera first.");
+  byId("record").disabled = true;
+  const fps = reception.fps ?? 30;
+  reception.record(Math.ceil(RECORDED_S * fps), {
+    versions: VERSIONS,
+    browser: navigator.userAgent,
+    camera: streamOf(video)?.getVideoTracks()[0]?.getSettings() ?? null,
+    fps,
+    taken: reception.taken,
+    dropped: reception.dropped,
+    lastStep,
+  });
+});
+for (const name of ["dragover", "dragleave", "drop"]) {
+  document.addEventListener(name, (event) => {
+    event.preventDefault();
+    view.classList.toggle("over", name === "dragover");
+    const file = name === "drop" ? /** @type {DragEvent} */ (event).dataTransfer?.files[0] : null;
+    if (file) void readFilm(file);
+  });
+}
+
+/** Keep the page for times without a network. */
+async function keepForOffline() {
+  try {
+    await navigator.serviceWorker?.register(new URL("serviceWorker.js", document.baseURI));
+  } catch {
+    // the page works as long as there is a network
+  }
+}
+
+if (!readNamedFilm()) void readCamera();

@@ -1,0 +1,151 @@
+/**
+ * The page's end of the worker: gives it frames one at a time, and drops those that come meanwhile.
+ */
+
+/** @import { Pixels } from "./frames.js" */
+/** @import { Answer, Request, Step } from "./protocol.js" */
+
+/** Number of frames from whose times the rate of a camera or a film is measured. */
+const PROBED = 16;
+
+/** Largest and smallest number of frames a second that is believed. */
+const MAX_FPS = 1000;
+const MIN_FPS = 1;
+
+/** Frames a second where the times of the first frames tell nothing. */
+const DEFAULT_FPS = 30;
+
+/**
+ * What the page is told.
+ *
+ * @typedef {object} Listener
+ * @property {() => void} ready - the worker can read
+ * @property {(reason: string) => void} failed - the worker cannot go on
+ * @property {(step: Step) => void} step - a frame was taken
+ * @property {(share: number) => void} kept - a frame was kept for the recording
+ * @property {(file: Blob) => void} recording - the recording is whole
+ */
+
+/** Hands frames to the worker. */
+export class Reception {
+  /** @param {Listener} listener */
+  constructor(listener) {
+    this.listener = listener;
+    /** Number of frames that the worker took since the film or the camera began. */
+    this.taken = 0;
+    /** Number of frames that came while the worker was busy. */
+    this.dropped = 0;
+    /** Nominal number of frames a second, or null while it is measured. @type {number | null} */
+    this.fps = null;
+    /** Key of the messages that are shown, or null for all. @type {Uint8Array | null} */
+    this.key = null;
+    /** Whether the worker can read. */
+    this.isReady = false;
+    /** Number of the film or camera that is read, so that late answers on others do not count. */
+    this.session = 0;
+    /** @type {number[]} */
+    this.times = [];
+    /** @type {((value: unknown) => void) | null} */
+    this.answered = null;
+    this.worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
+    this.worker.onmessage = ({ data }) => this.hear(data);
+    this.worker.onerror = (event) => {
+      event.preventDefault();
+      listener.failed(event.message || "its program could not be loaded");
+    };
+  }
+
+  /**
+   * Begin a new film or camera.
+   *
+   * @param {number | null} fps - frames a second, or null where they are to be measured
+   */
+  begin(fps) {
+    this.times = [];
+    this.taken = this.dropped = 0;
+    this.fps = fps;
+    this.session++;
+    if (fps !== null) this.send({ type: "start", session: this.session, fps, key: this.key });
+  }
+
+  /**
+   * Give a frame to the worker, or drop it where the worker is not ready for it.
+   *
+   * @param {Pixels} pixels - belong to the worker from now on
+   * @param {number} time - in seconds
+   * @returns {Promise<unknown> | null} resolves when the worker is done; null where it was dropped
+   */
+  offer(pixels, time) {
+    if (this.isReady && this.fps === null) this.measure(time);
+    if (!this.isReady || this.fps === null || this.answered) {
+      if (this.answered) this.dropped++;
+      pixels.frame?.close();
+      return null;
+    }
+    this.taken++;
+    const buffer = pixels.rgba?.data.buffer ?? pixels.plane?.data.buffer;
+    const moved = pixels.frame ?? buffer;
+    return this.ask({ type: "frame", time, ...pixels }, moved ? [moved] : []);
+  }
+
+  /** Measure the rate from the times of the first frames; gaps count as the frames they lack. */
+  measure(/** @type {number} */ time) {
+    this.times.push(time);
+    if (this.times.length < PROBED) return;
+    const gaps = this.times.slice(1).map((next, i) => next - this.times[i]);
+    const usual = [...gaps].sort((a, b) => a - b)[gaps.length >> 1];
+    const frames = gaps.reduce((sum, gap) => sum + Math.max(1, Math.round(gap / usual)), 0);
+    const rate = frames / gaps.reduce((sum, gap) => sum + gap, 0);
+    this.begin(rate >= MIN_FPS && rate <= MAX_FPS ? rate : DEFAULT_FPS);
+  }
+
+  /** Say that the film has ended, once the last frame is read. */
+  async finish() {
+    await this.whenIdle();
+    if (this.fps === null) this.begin(DEFAULT_FPS); // so short that its rate was not measured
+    await this.ask({ type: "finish" }, []);
+  }
+
+  /**
+   * Keep the next frames in place of reading them.
+   *
+   * @param {number} frames - how many, at most
+   * @param {Record<string, unknown>} about - what is written beside them
+   */
+  record(frames, about) {
+    this.send({ type: "record", frames, about });
+  }
+
+  /** Wait until the worker has answered. */
+  async whenIdle() {
+    while (this.answered) await new Promise((resolve) => setTimeout(resolve, 10));
+  }
+
+  /** @param {Request} request @param {Transferable[]} moved */
+  ask(request, moved) {
+    return new Promise((resolve) => {
+      this.answered = resolve;
+      this.send(request, moved);
+    });
+  }
+
+  /** @param {Request} request @param {Transferable[]} [moved] */
+  send(request, moved = []) {
+    this.worker.postMessage(request, moved);
+  }
+
+  /** @param {Answer} answer */
+  hear(answer) {
+    const { listener, answered } = this;
+    if (answer.type === "ready") {
+      this.isReady = true;
+      return listener.ready();
+    }
+    if (answer.type === "recording") return listener.recording(answer.file);
+    this.answered = null;
+    if (answer.type === "failed") listener.failed(answer.reason);
+    else if (answer.type === "kept") listener.kept(answer.share);
+    else if (answer.session === this.session) listener.step(answer);
+    answered?.(undefined);
+  }
+}

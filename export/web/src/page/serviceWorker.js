@@ -1,0 +1,51 @@
+/**
+ * Keeps the whole page on the device, so that it opens without a network.
+ *
+ * build.mjs lists the files and changes the version whenever one of them changes. A new version is
+ * loaded as a whole, and takes over when the page is opened next.
+ */
+
+const scope = /** @type {any} */ (self);
+const CACHE = `receiver-${VERSION}`;
+
+/**
+ * What the worker may do: run its own code and that of OpenCV, which makes functions from text,
+ * and load from where it came from. A host's own rules, where there are any, hold as well.
+ */
+const WORKER_POLICY =
+  "default-src 'none'; script-src 'self' 'unsafe-eval' 'wasm-unsafe-eval'; connect-src 'self'";
+
+scope.addEventListener("install", (/** @type {any} */ event) => {
+  event.waitUntil(
+    caches.open(CACHE).then(async (cache) => {
+      await cache.addAll(FILES.map((name) => new Request(name, { cache: "no-cache" })));
+      await scope.skipWaiting();
+    }),
+  );
+});
+
+scope.addEventListener("activate", (/** @type {any} */ event) => {
+  event.waitUntil(
+    caches.keys().then(async (names) => {
+      const old = names.filter((name) => name.startsWith("receiver-") && name !== CACHE);
+      await Promise.all(old.map((name) => caches.delete(name)));
+    }),
+  );
+});
+
+scope.addEventListener("fetch", (/** @type {any} */ event) => {
+  const { request } = event;
+  const root = new URL(scope.registration.scope).pathname;
+  const name = new URL(request.url).pathname.slice(root.length);
+  const known = name === "" ? "index.html" : name;
+  if (request.method !== "GET" || !FILES.includes(known)) return;
+  event.respondWith(
+    caches.open(CACHE).then(async (cache) => {
+      const kept = await cache.match(known);
+      if (!kept || known !== "worker.js") return kept ?? fetch(request);
+      const headers = new Headers(kept.headers);
+      headers.set("Content-Security-Policy", WORKER_POLICY);
+      return new Response(kept.body, { headers });
+    }),
+  );
+});

@@ -1,0 +1,47 @@
+/** Messages as text, and links in them. */
+
+/**
+ * Read bytes as UTF-8; bytes that are no UTF-8 are shown as \xff, as Python shows them.
+ *
+ * @param {Uint8Array} data
+ * @returns {string}
+ */
+export function textOf(data) {
+  const strict = new TextDecoder("utf-8", { fatal: true, ignoreBOM: true });
+  /** @param {number} from @param {number} to */
+  const decoded = (from, to) => {
+    try {
+      return strict.decode(data.subarray(from, to));
+    } catch {
+      return null;
+    }
+  };
+  const whole = decoded(0, data.length);
+  if (whole !== null) return whole;
+  let text = "";
+  for (let at = 0; at < data.length; ) {
+    const lead = data[at];
+    const length = lead < 0x80 ? 1 : lead < 0xe0 ? 2 : lead < 0xf0 ? 3 : 4;
+    const letter = decoded(at, at + length);
+    text += letter ?? `\\x${lead.toString(16).padStart(2, "0")}`;
+    at += letter === null ? 1 : length;
+  }
+  return text;
+}
+
+/**
+ * Find the address that a message is, where it is nothing else.
+ *
+ * @param {string} text
+ * @returns {URL | null} null where the text is no address of a page on the web
+ */
+export function linkOf(text) {
+  const word = text.trim();
+  if (!/^https?:\/\/[^\s\\]+$/i.test(word) || /[\u0000-\u001f\u007f]/.test(word)) return null;
+  try {
+    const url = new URL(word);
+    return url.username || url.password ? null : url; // user@host hides the host
+  } catch {
+    return null;
+  }
+}

@@ -1,0 +1,184 @@
+/** The worker: takes one frame at a time, reads it, and says what it saw. */
+
+import * as ort from "onnxruntime-web/wasm";
+import { Decoder } from "../decoder.js";
+import { loadOpenCv } from "../image/opencv.js";
+import { Verifier } from "../link/code/authenticate.js";
+import { Layout } from "../link/layout.js";
+import { explainSilence, OFTEN } from "../receive/diagnosis.js";
+import { Inbox } from "../receive/inbox.js";
+import { Receiver } from "../receive/receiver.js";
+import { planeOfFrame, planeOfRgba } from "./planes.js";
+import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
+
+/** @import { Plane } from "../image/opencv.js" */
+/** @import { Pixels } from "./frames.js" */
+/** @import { Answer, Request } from "./protocol.js" */
+/** @import { Message } from "../link/code/message.js" */
+
+const scope = /** @type {DedicatedWorkerGlobalScope} */ (/** @type {unknown} */ (self));
+
+/** Name of the preset, by its layout. @type {Map<Layout, string>} */
+const presets = new Map();
+/** @type {Decoder[]} */
+const decoders = [];
+
+/** What is read now. */
+const film = {
+  session: 0,
+  fps: 30,
+  width: 0,
+  height: 0,
+  /** @type {Receiver | null} */
+  receiver: null,
+  inbox: new Inbox(null),
+};
+
+/** What is kept in place of being read. */
+const recording = {
+  wanted: 0,
+  /** @type {Record<string, unknown>} */
+  about: {},
+  /** @type {{ plane: Plane, time: number }[]} */
+  frames: [],
+};
+
+/** @param {Answer} answer */
+function say(answer) {
+  scope.postMessage(answer);
+}
+
+/** @param {string} name @returns {string} address of a file of the site */
+function addressOf(name) {
+  return new URL(name, scope.location.href).href;
+}
+
+/** @param {string} name @returns {Promise<Response>} a file of the site */
+async function load(name) {
+  const response = await fetch(addressOf(name));
+  if (!response.ok) throw new Error(`${name} is missing on the server`);
+  return response;
+}
+
+/** Load OpenCV, the table of presets, and their graphs. */
+async function prepare() {
+  ort.env.wasm.wasmPaths = { wasm: addressOf("ort-wasm-simd-threaded.wasm") };
+  const [table] = await Promise.all([load("presets.json").then((it) => it.json()), loadOpenCv()]);
+  for (const { name, model, layout } of table) {
+    const known = new Layout(layout);
+    presets.set(known, name);
+    const graph = new Uint8Array(await (await load(model)).arrayBuffer());
+    decoders.push(new Decoder(known, graph));
+  }
+  for (const decoder of decoders) await decoder.load();
+}
+
+/**
+ * Do what the page asks for.
+ *
+ * @param {Request} request
+ */
+async function answer(request) {
+  switch (request.type) {
+    case "start":
+      return start(request.session, request.fps, request.key);
+    case "record":
+      recording.wanted = request.frames;
+      recording.about = request.about;
+      recording.frames = [];
+      return;
+    case "frame": {
+      const plane = await planeOf(request);
+      [film.width, film.height] = [plane.width, plane.height];
+      return recording.wanted ? keep(plane, request.time) : read(plane, request.time);
+    }
+    case "finish": {
+      const step = await film.receiver?.finish();
+      return report(null, step?.message ?? null, true);
+    }
+  }
+}
+
+/** @param {Pixels} pixels @returns {Promise<Plane>} */
+async function planeOf({ frame, rgba, plane }) {
+  if (plane) return plane;
+  if (rgba) return planeOfRgba(rgba);
+  if (frame) return planeOfFrame(frame);
+  throw new Error("a frame without pixels");
+}
+
+/** @param {number} session @param {number} fps @param {Uint8Array | null} key */
+function start(session, fps, key) {
+  Object.assign(film, { session, fps });
+  film.receiver = new Receiver(decoders, fps);
+  film.inbox = new Inbox(key && new Verifier(key));
+}
+
+/** @param {Plane} plane @param {number} time */
+async function read(plane, time) {
+  const step = await film.receiver?.push(plane, time);
+  report(step?.tracked?.corners ?? null, step?.message ?? null, false);
+}
+
+/**
+ * Tell the page what is seen, and what arrived.
+ *
+ * @param {number[][] | null} corners - of the display
+ * @param {Message | null} message
+ * @param {boolean} last - whether the film has ended
+ */
+function report(corners, message, last) {
+  const { receiver, inbox, session, width, height } = film;
+  if (!receiver) return;
+  const delivery = message && inbox.take(message, Date.now() / 1000);
+  const observations = { ...receiver.observations, refused: inbox.refused };
+  say({
+    type: "step",
+    session,
+    last,
+    width,
+    height,
+    corners,
+    preset: observations.found ? (presets.get(receiver.layout) ?? null) : null,
+    synchronised: receiver.synchronised,
+    progress: receiver.progress,
+    level: observations.level,
+    clipped: observations.clipped,
+    cut: observations.cut > OFTEN * observations.found,
+    explanation: explainSilence(observations),
+    arrival: delivery && {
+      data: delivery.message.data,
+      refused: delivery.refused,
+      stamp: delivery.stamp,
+    },
+  });
+}
+
+/** @param {Plane} plane @param {number} time */
+function keep(plane, time) {
+  const { frames, about } = recording;
+  const [first] = frames;
+  const fits = !first || first.plane.data.length === plane.data.length;
+  if (fits) frames.push({ plane, time });
+  const most = Math.floor(MAX_RECORDED_BYTES / plane.data.length);
+  const share = frames.length / Math.min(recording.wanted, most);
+  say({ type: "kept", share });
+  if (fits && share < 1) return;
+  const observations = film.receiver?.observations ?? null;
+  const seconds = Math.floor(Date.now() / 1000);
+  const file = recordingFile(frames, film.fps, { ...about, observations }, seconds);
+  recording.wanted = 0;
+  recording.frames = [];
+  say({ type: "recording", file });
+}
+
+/** @param {unknown} error */
+function fail(error) {
+  say({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
+}
+
+// One request after another: a frame takes time, and the next request may come meanwhile.
+let work = prepare().then(() => say({ type: "ready" }), fail);
+scope.onmessage = (/** @type {MessageEvent<Request>} */ { data }) => {
+  work = work.then(() => answer(data)).catch(fail);
+};

@@ -1,0 +1,159 @@
+/**
+ * Films as .y4m: frames without compression, which browsers do not play.
+ *
+ * The format (https://wiki.multimedia.cx/index.php/YUV4MPEG2) is a line that describes the film,
+ * then for each frame a line that begins with "FRAME", followed by its planes, luma first.
+ */
+
+import { stretchRange } from "./planes.js";
+
+/** @import { Plane } from "../image/opencv.js" */
+
+/** Bytes with which every such film begins. */
+export const Y4M_MAGIC = "YUV4MPEG2";
+
+/** Frames a second of a film that states none. */
+const DEFAULT_FPS = 30;
+
+/** Largest number of bytes in a line. */
+const MAX_LINE = 4096;
+
+/** Largest number of pixels in a frame, as for images that Python reads. */
+const MAX_PIXELS = 50e6;
+
+/** By the name of a chroma format how many samples each pixel has, all planes together. */
+const SAMPLES = [
+  [/^mono$/, 1],
+  [/^420/, 1.5],
+  [/^422$/, 2],
+  [/^444$/, 3],
+];
+
+/**
+ * What the first line of a film says.
+ *
+ * @typedef {object} Y4mHeader
+ * @property {number} width - of a frame, in pixels
+ * @property {number} height - of a frame, in pixels
+ * @property {number} fps - frames a second
+ * @property {boolean} limited - whether black is known to be 16 and white 235
+ * @property {number} chromaBytes - bytes of a frame after its luma
+ */
+
+/**
+ * Read the first line of a film.
+ *
+ * @param {string} line
+ * @returns {Y4mHeader}
+ * @throws {Error} it is no line of a .y4m film, or of one with more than 8 bits a sample
+ */
+export function parseHeader(line) {
+  const [magic, ...words] = line.split(" ");
+  if (magic !== Y4M_MAGIC) throw new Error("the file is no .y4m film");
+  /** @param {string} letter */
+  const value = (letter) => words.find((word) => word.startsWith(letter))?.slice(1) ?? "";
+  const [width, height] = [Number(value("W")), Number(value("H"))];
+  if (!(width >= 16 && height >= 16 && width * height <= MAX_PIXELS)) {
+    throw new Error("the film does not say how large its frames are");
+  }
+  const chroma = value("C") || "420";
+  const samples = SAMPLES.find(([name]) => /** @type {RegExp} */ (name).test(chroma))?.[1];
+  if (samples === undefined || /p\d\d$/.test(chroma)) {
+    throw new Error(`the film's format, ${chroma}, has more than 8 bits or is unknown`);
+  }
+  const [frames, seconds] = value("F").split(":").map(Number);
+  const fps = frames / seconds;
+  const half = Math.ceil(width / 2) * Math.ceil(height / 2);
+  return {
+    width,
+    height,
+    fps: fps > 0 && fps <= 1000 ? fps : DEFAULT_FPS,
+    limited: words.includes("XCOLORRANGE=LIMITED"),
+    chromaBytes: samples === 1.5 ? 2 * half : (Number(samples) - 1) * width * height,
+  };
+}
+
+/** Reads lines and blocks of bytes from a stream, which it draws on only as far as needed. */
+class ByteReader {
+  /** @param {ReadableStream<Uint8Array>} stream */
+  constructor(stream) {
+    this.reader = stream.getReader();
+    /** @type {Uint8Array} */
+    this.chunk = new Uint8Array(0);
+    this.at = 0;
+  }
+
+  /**
+   * Make sure that there is something to read.
+   *
+   * @returns {Promise<boolean>} false at the end
+   */
+  async fill() {
+    while (this.at === this.chunk.length) {
+      const { value, done } = await this.reader.read();
+      if (done) return false;
+      [this.chunk, this.at] = [value, 0];
+    }
+    return true;
+  }
+
+  /** @returns {Promise<string | null>} the next line, or null at the end */
+  async line() {
+    let text = "";
+    while (text.length < MAX_LINE && (await this.fill())) {
+      const end = this.chunk.indexOf(10, this.at);
+      const stop = end < 0 ? this.chunk.length : end;
+      text += String.fromCharCode(...this.chunk.subarray(this.at, Math.min(stop, this.at + 4096)));
+      this.at = end < 0 ? stop : stop + 1;
+      if (end >= 0) return text;
+    }
+    return null;
+  }
+
+  /**
+   * Read, or skip, a number of bytes.
+   *
+   * @param {number} count
+   * @param {Uint8Array} [into] - takes the bytes where it is given
+   * @returns {Promise<boolean>} false where the stream ends before
+   */
+  async bytes(count, into) {
+    for (let done = 0; done < count; ) {
+      if (!(await this.fill())) return false;
+      const taken = Math.min(count - done, this.chunk.length - this.at);
+      into?.set(this.chunk.subarray(this.at, this.at + taken), done);
+      this.at += taken;
+      done += taken;
+    }
+    return true;
+  }
+}
+
+/**
+ * Read a film, frame by frame.
+ *
+ * A frame is shown at its number over the film's rate, or at the time, in seconds, that its line
+ * states after "XTIME=", as in films that this page saved.
+ *
+ * @param {ReadableStream<Uint8Array>} stream
+ * @returns {AsyncGenerator<{ plane: Plane, time: number, fps: number }>}
+ * @throws {Error} the stream holds no such film
+ */
+export async function* readY4m(stream) {
+  const reader = new ByteReader(stream);
+  const { width, height, fps, limited, chromaBytes } = parseHeader((await reader.line()) ?? "");
+  try {
+    for (let number = 0; ; number++) {
+      const line = await reader.line();
+      if (!line?.startsWith("FRAME")) return;
+      const stated = Number(/ XTIME=(\S+)/.exec(line)?.[1] ?? NaN);
+      const data = new Uint8Array(width * height);
+      if (!(await reader.bytes(data.length, data)) || !(await reader.bytes(chromaBytes))) return;
+      if (limited) stretchRange(data);
+      const time = Number.isFinite(stated) ? stated : number / fps;
+      yield { plane: { width, height, data }, time, fps };
+    }
+  } finally {
+    await reader.reader.cancel();
+  }
+}
