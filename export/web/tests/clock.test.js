@@ -5,22 +5,8 @@ import { test } from "node:test";
 import { DisplayClock, embeddedShare } from "../src/receive/timing/clock.js";
 import { ToggleWindow } from "../src/receive/timing/fit.js";
 import { Synchroniser, neededEvidence } from "../src/receive/timing/synchronise.js";
+import { close } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
-
-/**
- * @param {ArrayLike<number>} actual
- * @param {ArrayLike<number>} expected
- * @param {number} tolerance
- * @param {string} what
- */
-function close(actual, expected, tolerance, what) {
-  assert.equal(actual.length, expected.length, what);
-  for (let at = 0; at < expected.length; at++) {
-    if (Number.isNaN(expected[at]) && Number.isNaN(actual[at])) continue;
-    const off = Math.abs(actual[at] - expected[at]);
-    assert.ok(off <= tolerance, `${what}[${at}]: ${actual[at]} for ${expected[at]}`);
-  }
-}
 
 /** @param {ArrayLike<number>} numbers */
 function clockOf(numbers) {
@@ -46,14 +32,14 @@ test("shares of exposures", () => {
   const clock = clockOf(known.clock.data);
   const places = known.places.data;
   const shares = [0, 1, 2].flatMap((state) => [...clock.shares(0.08, places, state)]);
-  close(shares, known.shares.data, 1e-12, "shares");
+  close(shares, known.shares.data, 1e-12);
   const times = Float64Array.from({ length: 9 }, (_, k) => k / 7);
   const embedded = embeddedShare(known.clock.data, times, places);
-  close(embedded, known.embedded.data, 1e-12, "embedded");
+  close(embedded, known.embedded.data, 1e-12);
   const numbers = [clock.number(0.3), clock.latest, clock.earliest, clock.centre];
-  close(numbers, known.numbers, 1e-12, "numbers");
+  close(numbers, known.numbers, 1e-12);
   const needed = [neededEvidence(1, 30), neededEvidence(4, 30), neededEvidence(4, 240)];
-  close(needed, known.needed, 1e-9, "needed");
+  close(needed, known.needed, 1e-9);
 });
 
 test("fits of clocks to windows", () => {
@@ -61,18 +47,18 @@ test("fits of clocks to windows", () => {
     const toggles = rowsOf(known.toggles);
     const window = new ToggleWindow(known.times.data, toggles, known.places.data, known.fps);
     assert.equal(window.placesSeen, known.places_seen);
-    close(window.deviation, known.deviation.data, 1e-9, "deviation");
+    close(window.deviation, known.deviation.data, 1e-9);
     const fits = { search: window.search(), follow: window.follow(clockOf(known.start.data)) };
     for (const [name, fit] of Object.entries(fits)) {
       const expected = known[name];
       const period = expected.clock.data[0];
-      close(numbersOf(fit.clock), expected.clock.data, 1e-6 * period, `${name}, clock`);
-      close([fit.evidence], [expected.evidence], 1e-3, `${name}, evidence`);
-      close([fit.amplitude, fit.r2], [expected.amplitude, expected.r2], 1e-6, name);
-      close(fit.noise.deviation, expected.deviation.data, 1e-6, `${name}, noise`);
-      close(fit.noise.correlation, expected.correlation.data, 1e-6, `${name}, correlation`);
-      close(fit.covariance, expected.covariance.data, 1e-6 * period ** 2, `${name}, covariance`);
-      close([fit.phaseError(1.5)], [expected.phase_error], 1e-5, `${name}, phase error`);
+      close(numbersOf(fit.clock), expected.clock.data, 1e-6 * period);
+      close([fit.evidence], [expected.evidence], 1e-3);
+      close([fit.amplitude, fit.r2], [expected.amplitude, expected.r2], 1e-6);
+      close(fit.noise.deviation, expected.deviation.data, 1e-6);
+      close(fit.noise.correlation, expected.correlation.data, 1e-6);
+      close(fit.covariance, expected.covariance.data, 1e-6 * period ** 2);
+      close([fit.phaseError(1.5)], [expected.phase_error], 1e-5);
     }
   }
 });
@@ -88,11 +74,11 @@ test("a synchroniser finds the clock, holds it and keeps its numbers", () => {
       assert.equal(sync.clock, null, `clock at ${time}`);
     } else {
       assert.ok(sync.clock !== null, `no clock at ${time}`);
-      close(numbersOf(sync.clock), clocks[k], 1e-6, `clock at ${time}`);
+      close(numbersOf(sync.clock), clocks[k], 1e-6);
     }
     const error = Math.min(sync.phaseError(time), 1e9);
-    close([sync.slips, sync.r2, Number(sync.held), error], states[k], 1e-5, `state at ${time}`);
+    close([sync.slips, sync.r2, Number(sync.held), error], states[k], 1e-5);
   });
   const { strength, amplitude, stateHz, deviation } = /** @type {any} */ (sync.best);
-  close([strength, amplitude, stateHz, deviation], known.best, 1e-5, "best");
+  close([strength, amplitude, stateHz, deviation], known.best, 1e-5);
 });
