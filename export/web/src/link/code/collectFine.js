@@ -30,7 +30,7 @@ const JUMP = 0.02;
 /**
  * Number of frames that may wait until their number or the terms are known; the oldest are dropped.
  */
-export const MAX_WAITING = 64;
+const MAX_WAITING = 64;
 /** Factor by which the evidence for a word of the terms fades when that word is seen again. */
 const TERMS_MEMORY = 0.8;
 /** Number of frames in a row that contradict the terms, after which they are learnt afresh. */

@@ -236,14 +236,18 @@ class Graph {
     const ends = [0];
     const joined = new Int32Array(members.length + code.precode.members.length);
     let edges = 0;
-    for (let at = 0; at < received.length; at++) {
-      if (starts[at + 1] - starts[at] === 1) {
-        this.single.push([received[at], members[starts[at]]]);
-        continue;
+    // by degree, because loops of one length are faster
+    for (const [degree] of DEGREES) {
+      for (let at = 0; at < received.length; at++) {
+        if (starts[at + 1] - starts[at] !== degree) continue;
+        if (degree === 1) {
+          this.single.push([received[at], members[starts[at]]]);
+          continue;
+        }
+        this.numbers.push(received[at]);
+        for (let edge = starts[at]; edge < starts[at + 1]; edge++) joined[edges++] = members[edge];
+        ends.push(edges);
       }
-      this.numbers.push(received[at]);
-      for (let edge = starts[at]; edge < starts[at + 1]; edge++) joined[edges++] = members[edge];
-      ends.push(edges);
     }
     joined.set(code.precode.members, edges);
     for (const end of code.precode.starts.subarray(1)) ends.push(edges + end);
