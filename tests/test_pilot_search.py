@@ -7,6 +7,7 @@ from conftest import slow
 from numpy.typing import NDArray
 from pilot_films import FINE, OTHER, filmed
 
+from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, fine_shift, map_size
 from export.locate.pilots.evidence import pilot_evidence, pilot_signs
 from export.locate.pilots.search import PilotSearch
@@ -59,16 +60,41 @@ def test_does_not_find_what_is_not_there(kind: str) -> None:
     assert search(images, [FINE]) is None
 
 
-def test_evidence_is_no_surer_than_chance() -> None:
-    """Whatever toggles, signs that it does not keep to are rarely believed."""
+@pytest.mark.parametrize("frames_a_period", [4, 2])
+def test_evidence_is_no_surer_than_chance(frames_a_period: int) -> None:
+    """Whatever toggles, signs that it does not keep to are believed as rarely as evidence says."""
     rng, signs = np.random.default_rng(5), pilot_signs(FINE)
-    wave = np.cos(np.pi * np.arange(24) / 2)
-    strong = [
-        pilot_evidence(list(wave[:, None] * rng.standard_normal(len(signs)) * 9), signs)[0]
-        for _ in range(200)
-    ]
-    assert np.quantile(strong, 0.95) < 6.0
-    assert max(strong) < 12.0
+    wave = np.cos(2 * np.pi * np.arange(24) / frames_a_period)
+    evidence = np.array(
+        [
+            pilot_evidence(list(wave[:, None] * rng.standard_normal(len(signs)) * 9), signs)[0]
+            for _ in range(1000)
+        ]
+    )
+    paid = np.log(11)  # of the frequencies that were looked at, only one holds anything
+    for rare in (1.0, 2.0):
+        usual = 1000 * np.exp(-rare - paid)
+        assert (evidence >= rare).sum() <= usual + 4 * np.sqrt(usual)
+    assert evidence.max() < 6.0
+
+
+def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
+    layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
+    size, rng = map_size(layout), np.random.default_rng(7)
+    blocks = np.zeros(layout.rows * layout.cols)
+    blocks[layout.pilot_blocks] = pilot_signs(layout)
+    grid = blocks.reshape(layout.rows, layout.cols).astype(np.float32)
+    drawn = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+    right = frame_corners(*size)
+    seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]])  # up to one and a half blocks of 4 px
+    H_seen_from_map = cv2.getPerspectiveTransform(right.astype("f4"), seen.astype("f4"))
+    shown = cv2.warpPerspective(drawn, H_seen_from_map, size)
+    noise = rng.normal(0, 2.5, (2, *shown.shape))
+    change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
+    scale = layout.width / size[0]
+    corners = transform(climb_to_pilots(change, layout), frame_corners(512, 384))
+    error = (corners + 0.5) / scale - 0.5 - seen
+    assert np.abs(error).max() < 2.0
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (17.0, -12.0)])

@@ -51,8 +51,10 @@ class PilotSearchConfig:
 
     presets: tuple[str, ...] = tuple(CAMERA_FPS)
     """Presets that displays show."""
+    seen: tuple[str, ...] = tuple(SEEN)
+    """What the films show, keys of SEEN in reports/lab/pilot_search.py."""
     films: int = 40
-    """Number of films of each preset and of each of the three things they show."""
+    """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
     """Length of each film, seconds."""
     seed: int = 0
@@ -181,9 +183,11 @@ def main() -> None:
     at_least(1, films=config.films, jobs=config.jobs)
     for preset in config.presets:
         choose(CAMERA_FPS, preset, "name in --presets")
+    for seen in config.seen:
+        choose(SEEN, seen, "name in --seen")
     if not 0.5 <= config.seconds <= 60:
         raise ParameterError("seconds", f"need 0.5 to 60, got {config.seconds:g}")
-    films = [(p, s, n) for p in config.presets for s in SEEN for n in range(config.films)]
+    films = [(p, s, n) for p in config.presets for s in config.seen for n in range(config.films)]
     with ProcessPoolExecutor(config.jobs) as pool:
         results = pool.map(partial(search_film, config=config), films)
         outcomes = list(tqdm(results, "films", len(films), unit="film"))

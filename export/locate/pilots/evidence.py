@@ -68,9 +68,11 @@ def pilot_evidence(values: Sequence[NDArray[np.floating]], signs: Array) -> tupl
     """Tell how surely values over time toggle with the signs, at any one frequency.
 
     At each frequency the values have complex amplitudes X_p. Without the display, signs and
-    amplitudes have nothing to do with each other, whatever moves or flickers in the image: then
-    R = |sum of s_p X_p|^2 / sum of |X_p|^2 exceeds r with probability (1 - r / P)^(P - 1), for P
-    pilots. The largest R over all frequencies is taken, and the number of them is paid for.
+    amplitudes have nothing to do with each other, whatever moves or flickers in the image, in one
+    phase or in many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by
+    chance these explain the share R2 of the signs' power, or more, with probability
+    (1 - R2)^((P - 2) / 2), for P pilots. The largest share over all frequencies is taken, and the
+    number of them is paid for.
 
     Args:
         values: T arrays (P,), one for each of T evenly spaced frames.
@@ -96,7 +98,13 @@ def pilot_evidence(values: Sequence[NDArray[np.floating]], signs: Array) -> tupl
     lines = np.fft.rfft(series, axis=0)[SLOWEST:]
     if not len(lines):
         return 0.0, 0.0
-    share = np.abs(lines @ signs) ** 2 / ((np.abs(lines) ** 2).sum(axis=1) + 1e-12) / len(signs)
+    real, imaginary = lines.real, lines.imag
+    little = 1e-9 * (np.abs(lines) ** 2).sum(axis=1) + 1e-12
+    rr, ii = (real**2).sum(axis=1) + little, (imaginary**2).sum(axis=1) + little
+    ri = (real * imaginary).sum(axis=1)
+    a, b = real @ signs, imaginary @ signs
+    share = (a**2 * ii - 2 * a * b * ri + b**2 * rr) / (rr * ii - ri**2) / len(signs)
     best = int(share.argmax())
-    chance = (len(signs) - 1) * np.log1p(-min(float(share[best]), 1 - 1e-12)) + np.log(len(lines))
-    return max(0.0, -float(chance)), (best + SLOWEST) / len(series)
+    unexplained = max(1 - float(share[best]), 1e-12)
+    chance = (len(signs) - 2) / 2 * float(np.log(unexplained)) + float(np.log(len(lines)))
+    return max(0.0, -chance), (best + SLOWEST) / len(series)

@@ -1,10 +1,10 @@
 """Find a display by its pilots, over some frames of a film: nothing visible marks it.
 
-The frames of half a second are held still against the camera's motion (`stabilise`). Two sources
-propose where the display may be: the edges of the first frame, and what toggles (`toggle_map`).
-Corners then move to where the pilots fit the grid (`corners`), and the display is believed if its
-blocks toggle with the pilots' signs beyond doubt (`evidence`). That also tells which way up it is
-and which of several grids it shows.
+The frames of some tenths of a second are held still against the camera's motion (`stabilise`). Two
+sources propose where the display may be: the edges of the first frame, and what toggles
+(`toggle_map`). Corners then move to where the pilots fit the grid (`corners`), and the display is
+believed if its blocks toggle with the pilots' signs beyond doubt (`evidence`). That also tells
+which way up it is and which of several grids it shows.
 
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.candidates import display_candidates
+from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import (
     COARSE_SIZE,
     MANY,
@@ -44,27 +45,32 @@ Gray = NDArray[np.uint8]
 
 CANDIDATES = 6
 """Number of quadrilaterals made of edges that are watched at once."""
-WINDOW = 24
-"""Number of frames that are watched before what toggles is outlined."""
-FIRST_CHECK, CHECK_EVERY = 12, 6
-"""Number of frames after which evidence is first weighed, and from one weighing to the next."""
-SURE = 16.0
+WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
+"""Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
+and the largest number of frames that are watched: quick cameras see more of less light."""
+SURE, SURE_SHARE = 16.0, 0.5
 """Smallest evidence, after paying for everything that was tried, at which a display is found: the
-natural logarithm of one false alarm in some ten million searches."""
+natural logarithm of one false alarm in some ten million searches. Few pilots cannot bring so much;
+for them it is this share of their number."""
 TRIALS = 500
 """Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
 pays."""
-CERTAIN = 60.0
-"""Evidence from which on a display is believed at once; with less, later frames must agree."""
-CONFIRMING, CONFIRMED = 16, 9.0
-"""Number of later frames, and the evidence, before it pays for anything, that they must bring."""
+CLIMB_TRIALS = 500
+"""Number of quadrilaterals that moving corners by the sum over the pilots may try, for which
+evidence pays, too."""
+CERTAIN, CERTAIN_SHARE = 35.0, 0.75
+"""Evidence from which on a display is believed at once, and the share of the number of pilots that
+is enough where it is less; below it, later frames must agree."""
+CONFIRMED = 9.0
+"""Evidence, before it pays for anything, that later frames must bring where they must agree."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once."""
-COARSE_ROUNDS, FINE_ROUNDS = 5, 2
-"""Largest number of times that corners are moved by parts of the display, and by all of it."""
+COARSE_ROUNDS, CLIMB_ROUNDS, FINE_ROUNDS = 5, 2, 2
+"""Largest number of times that corners are moved by parts of the display, by the sum over its
+pilots, and by all of it."""
 SETTLED_PX = 3.0
 """Distance, in layout pixels, below which a coarse move is the last one."""
 FAR_OUTSIDE = 0.5
@@ -122,6 +128,9 @@ class PilotSearch:
         self._expected = {layout: _expected_changes(layout) for layout in layouts}
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
+        self._window = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
+        self._check_every = self._window // 4
+        self._confirming = 2 * self._window // 3
         self._stabiliser = Stabiliser()
         self._frames: list[tuple[Gray, Array]] = []
         self._newest: tuple[Gray, Array]
@@ -150,7 +159,7 @@ class PilotSearch:
         if not self._frames:
             self._begin()
         self._newest = gray, H
-        if len(self._frames) < WINDOW:
+        if len(self._frames) < self._window:
             self._watch(gray, H)
         if self._work is None:
             return None
@@ -167,7 +176,7 @@ class PilotSearch:
 
     def _begin(self) -> None:
         """Propose quadrilaterals in the reference, now that the film can be held still."""
-        self._map = ToggleMap(self._stabiliser.shape, WINDOW)
+        self._map = ToggleMap(self._stabiliser.shape, self._window)
         self._watched = [
             np.roll(candidate.corners, -turn, axis=0)
             for candidate in display_candidates(self._reference, CANDIDATES)
@@ -186,9 +195,10 @@ class PilotSearch:
             small = np.zeros(size[::-1], np.uint8) if view is None else view
             values.append(cv2.resize(small, size, interpolation=cv2.INTER_AREA).astype(np.float32))
         count = len(self._frames)
-        if self._work is None and count >= FIRST_CHECK and count % CHECK_EVERY == 0:
+        every = self._check_every
+        if self._work is None and count >= 2 * every and count % every == 0:
             self._propose_watched()
-        if self._work is None and (self._proposed or count == WINDOW):
+        if self._work is None and (self._proposed or count == self._window):
             self._work = self._settle_all()
 
     def _propose_watched(self) -> None:
@@ -211,7 +221,7 @@ class PilotSearch:
         """Settle one proposal after another; None after each step, and what is sure in the end."""
         while self._proposed:
             yield from self._settle(self._proposed.pop(0))
-        while len(self._frames) < WINDOW:
+        while len(self._frames) < self._window:
             yield None
         quads = []
         for frequency in self._frequencies:
@@ -249,19 +259,30 @@ class PilotSearch:
         """Move corners to where the pilots fit the grid; None after each step, and what is sure."""
         layout, corners, frames = proposal.layout, proposal.corners, list(self._frames)
         blocks, signs = self._expected[layout], self._signs[layout]
+        clear = 0
         for _ in range(COARSE_ROUNDS):
             views = _views(corners, layout, frames, COARSE_SIZE)
             fit = None
             if views is not None:
                 fit = coarse_shift(_line(views, proposal.frequency), blocks, layout)
             yield None
-            if fit is None:  # too few parts are clear, but the whole may be
+            clear = 0 if fit is None else fit[1]
+            if fit is None:
                 break
             moved = moved_corners(corners, fit[0], layout)
             far = float(np.linalg.norm(moved - corners, axis=1).max())
             corners = moved
-            if fit[1] >= MANY and far < SETTLED_PX:
+            if clear >= MANY and far < SETTLED_PX:
                 break
+        tried = float(TRIALS)
+        for _ in range(CLIMB_ROUNDS if clear < MANY else 0):  # the whole may be clearer than parts
+            views = _views(corners, layout, frames, map_size(layout))
+            if views is None:
+                break
+            climbed = climb_to_pilots(_line(views, proposal.frequency), layout)
+            yield None
+            corners = moved_corners(corners, climbed, layout)
+            tried = float(TRIALS * CLIMB_TRIALS)
         for _ in range(FINE_ROUNDS):
             views = _views(corners, layout, frames, map_size(layout))
             if views is None:
@@ -281,15 +302,16 @@ class PilotSearch:
             corners = moved_corners(corners, shift, layout)
         # in a dark picture parts may have been matched amiss
         moves = [proposal, replace(proposal, corners=corners)]
-        evidences = [_evidence(move, frames) - float(np.log(TRIALS)) for move in moves]
+        evidences = [_evidence(move, frames) - float(np.log(tried)) for move in moves]
         evidence = max(evidences)
         settled = moves[evidences.index(evidence)]
-        if evidence < SURE:
+        if evidence < min(SURE, SURE_SHARE * layout.pilots):
             yield None
             return
-        if evidence < CERTAIN:  # corners were fitted to these frames; later ones must agree
+        if evidence < min(CERTAIN, CERTAIN_SHARE * layout.pilots):
+            # corners were fitted to these frames; later ones must agree
             later: list[tuple[Gray, Array]] = []
-            while len(later) < CONFIRMING:
+            while len(later) < self._confirming:
                 yield None
                 later.append(self._newest)
             if _evidence(settled, later) < CONFIRMED:
@@ -320,7 +342,7 @@ def _views(
 def _line(views: NDArray[np.float32], frequency: float) -> NDArray[np.complex64]:
     """Amplitude (h, w) of (T, h, w) maps at a frequency, over each place's deviation."""
     stack = views - views.mean(axis=0)
-    turns = np.exp(-2j * np.pi * frequency * np.arange(len(stack))).astype(np.complex64)
+    turns = np.exp(-2j * np.pi * frequency * np.arange(len(stack))).round(12).astype(np.complex64)
     line = np.tensordot(turns, stack, axes=1) / (stack.std(axis=0) + LEAST_DEVIATION)
     return np.asarray(line, np.complex64)
 
