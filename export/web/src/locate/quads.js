@@ -7,6 +7,7 @@
  */
 
 import { cv, matOf, withMats } from "../image/opencv.js";
+import { quantilesOfEvery } from "./quantiles.js";
 import { segmentSteps } from "./segments.js";
 
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
@@ -425,22 +426,7 @@ export function* outlineSteps(gray) {
  * @returns {number[]}
  */
 function thresholds(gray) {
-  const counts = new Int32Array(256);
-  let total = 0;
-  for (let y = 0; y < gray.height; y += 2) {
-    for (let x = 0; x < gray.width; x += 2, total++) counts[gray.data[y * gray.width + x]]++;
-  }
-  const ranked = (/** @type {number} */ rank) => {
-    let level = 0;
-    for (let below = counts[0]; below <= rank; below += counts[level]) level++;
-    return level;
-  };
-  const levels = THRESHOLD_QUANTILES.map((share) => {
-    const place = share * (total - 1);
-    const low = Math.floor(place);
-    const [one, other] = [ranked(low), ranked(Math.min(low + 1, total - 1))];
-    return one + (other - one) * (place - low);
-  });
+  const levels = THRESHOLD_QUANTILES.map(quantilesOfEvery(gray, 2));
   const otsu = withMats((keep) =>
     cv.threshold(keep(matOf(gray)), keep(new cv.Mat()), 0, 255, cv.THRESH_BINARY | cv.THRESH_OTSU),
   );

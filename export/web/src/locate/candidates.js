@@ -1,0 +1,162 @@
+/**
+ * Rank the quadrilaterals of a photograph by how likely each is to bound a lit display.
+ *
+ * Quadrilaterals come from straight lines and outlines on a small copy of the image, their sides
+ * snap to edges, and a score ranks them by what the image shows along their sides. Ratex patches
+ * play no part here.
+ */
+
+import { blurred } from "../image/blur.js";
+import { resizeArea } from "../image/shrink.js";
+import { edgeLevels, sideFeatures, snapToEdges } from "./edges.js";
+import {
+  SAME_PX,
+  distinct,
+  isNested,
+  isSound,
+  lineSteps,
+  outlineSteps,
+  upright,
+} from "./quads.js";
+import { runToEnd } from "./steps.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/geometry.js").Point} Point */
+/** @typedef {import("./quads.js").Quad} Quad */
+/**
+ * @template Result
+ * @typedef {import("./steps.js").Steps<Result>} Steps
+ */
+
+/** Longer side, in pixels, of the small copy on which quadrilaterals are sought. */
+export const WORK_PX = 640;
+/** Distance, in pixels of the small copy, that a side may move onto an edge. */
+const SNAP_PX = 5.0;
+/** Largest number of quadrilaterals that are taken from straight lines. */
+const LINE_QUADS = 70;
+/** Largest number of candidates that are looked at more closely. */
+const CANDIDATES = 20;
+/** Units of work of moving all quadrilaterals onto edges, and of looking at all their sides. */
+const SNAP_WORK = 8;
+const FEATURES_WORK = 7;
+/**
+ * Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
+ * for the display.
+ */
+const NEAR = 3.0;
+/** Log-odds per unit of each of `sideFeatures`, fitted on simulated photographs. */
+const WEIGHTS = [11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79];
+/** Log-odds of a quadrilateral whose features are all 0, fitted with `WEIGHTS`. */
+const BIAS = -22.02;
+/** Size, in pixels of the small copy, of the cells in which corners of alike quadrilaterals lie. */
+const ALIKE_PX = 1.5;
+
+/**
+ * A display found in an image.
+ *
+ * @typedef {object} Located
+ * @property {Quad} corners - pixels, top-left of the displayed picture first where ratex patches
+ *   told the orientation, else the corner order nearest to upright in the image
+ * @property {number} score - how sure the display is, in [0, 1]: where ratex patches were sought
+ *   how well they are seen, else a logistic score of `sideFeatures`
+ */
+
+/**
+ * List quadrilaterals that may bound a lit display, the likeliest first.
+ *
+ * @param {BytePlane} image
+ * @param {number} [limit] - largest number returned
+ * @returns {Located[]} corners to about 2 px of an image of 640, with scores without regard to
+ *   patches
+ */
+export function displayCandidates(image, limit = CANDIDATES) {
+  return runToEnd(candidateSteps(image, limit));
+}
+
+/**
+ * List quadrilaterals that may bound a lit display, step by step.
+ *
+ * @param {BytePlane} image
+ * @param {number} [limit] - largest number returned
+ * @returns {Steps<Located[]>} what `displayCandidates` returns
+ */
+export function* candidateSteps(image, limit = CANDIDATES) {
+  const { copy, scale } = smallCopy(image);
+  const quads = yield* gatheringSteps(copy);
+  if (!quads.length) return [];
+  const levels = edgeLevels(copy);
+  const odds = quads.map((quad) =>
+    sideFeatures(copy, quad, levels).reduce((sum, value, i) => sum + value * WEIGHTS[i], BIAS),
+  );
+  const top = Math.max(...odds);
+  let first = odds.indexOf(top);
+  // a light bezel's outline may show more edges than the picture within
+  for (;;) {
+    const outer = quads[first];
+    let inner = -1;
+    quads.forEach((quad, i) => {
+      if (odds[i] <= top - NEAR || (inner >= 0 && odds[i] <= odds[inner])) return;
+      if (isNested(quad, outer)) inner = i;
+    });
+    if (inner < 0) break;
+    first = inner;
+  }
+  odds[first] = top + 1e-6;
+  const chosen = distinct(quads, odds, limit, SAME_PX);
+  yield FEATURES_WORK;
+  return chosen.map((i) => ({
+    corners: onFullImage(quads[i], scale),
+    score: 1 / (1 + Math.exp(-odds[i])),
+  }));
+}
+
+/**
+ * Collect all quadrilaterals that lines, outlines and edges make.
+ *
+ * @param {BytePlane} small - a small copy of the image
+ * @returns {Steps<Quad[]>} pixels of the copy
+ */
+function* gatheringSteps(small) {
+  const lines = yield* lineSteps(small, LINE_QUADS);
+  const outlines = yield* outlineSteps(small);
+  const rough = [...lines, ...outlines];
+  if (!rough.length) return [];
+  const smooth = blurred(small, 0.7);
+  const snapped = rough.map((quad) => snapToEdges(smooth, quad, SNAP_PX));
+  yield SNAP_WORK;
+  /** @type {Map<string, Quad>} */
+  const different = new Map(); // many snap to the same edges
+  for (const quad of [...snapped, ...rough]) {
+    if (!isSound(quad, small.width, small.height)) continue;
+    const turned = upright(quad);
+    const key = turned.flat().map((value) => Math.round(value / ALIKE_PX)).join();
+    if (!different.has(key)) different.set(key, turned);
+  }
+  return [...different.values()];
+}
+
+/**
+ * Shrink an image until its longer side has `WORK_PX` pixels; a smaller one keeps its size.
+ *
+ * @param {BytePlane} image
+ * @returns {{ copy: BytePlane, scale: Point }} the copy, and pixels of the image in one of it, on
+ *   both axes
+ */
+export function smallCopy(image) {
+  const factor = Math.max(1, Math.max(image.height, image.width) / WORK_PX);
+  const width = Math.max(1, Math.round(image.width / factor));
+  const height = Math.max(1, Math.round(image.height / factor));
+  const copy = resizeArea(image, width, height);
+  return { copy, scale: [image.width / width, image.height / height] };
+}
+
+/**
+ * Move points from the small copy to the image.
+ *
+ * @param {Quad} points
+ * @param {Point} scale - of `smallCopy`
+ * @returns {Quad}
+ */
+export function onFullImage(points, [scaleX, scaleY]) {
+  return points.map(([x, y]) => [(x + 0.5) * scaleX - 0.5, (y + 0.5) * scaleY - 0.5]);
+}

@@ -1,0 +1,380 @@
+/**
+ * Seek the ratex patches near a coarse quadrilateral, and move its corners to where they are.
+ *
+ * Patches tell which way up the display is and, four of them in the corners, where its corners
+ * are, whatever the picture shows and whatever surrounds it.
+ */
+
+import { shrunkByWhole } from "../image/shrink.js";
+import { warped } from "../image/warp.js";
+import {
+  homographyFromCorners,
+  homographyFromPoints,
+  inImage,
+  transform,
+} from "../link/geometry.js";
+import { multiply3 } from "../link/linear.js";
+import { TILES } from "../link/ratex.js";
+import { reweighted, ridgeSolution } from "../link/robust.js";
+import { pointsByCorners } from "./cornerMotion.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/geometry.js").Point} Point */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+/** @typedef {import("./quads.js").Quad} Quad */
+/**
+ * Gray levels of an image at 1, 1/2, 1/4, ... of its size.
+ *
+ * @typedef {BytePlane[]} Pyramid
+ */
+/**
+ * Where a patch's centre was found, in display units from 0 to 1, and the correlation there.
+ *
+ * @typedef {[x: number, y: number, match: number]} FoundPatch
+ */
+
+/** Pixels along each axis of a tile where patches are sought. */
+const TILE_PX = 4;
+/** Reach of the search on each axis, as a share of the display's side. */
+const SEARCH = 0.09;
+/** Expected error of a coarse corner, as a share of the display's side. */
+const SEARCH_ERROR = 0.04;
+/** Expected error of a patch found, as a share of the display's side. */
+const PLACE_ERROR = 0.006;
+/** Smallest number of patches that must be seen where a layout has so many. */
+const LEAST_PATCHES = 3;
+/** Largest number of patches that may be out of view or covered. */
+const MISSED_PATCHES = 2;
+/** Visibility that is taken off where patches that are not seen are left out of the mean. */
+const COVERED_LOSS = 0.08;
+/** Corners of the display, in display units. */
+const SQUARE = /** @type {Quad} */ ([
+  [0, 0],
+  [1, 0],
+  [1, 1],
+  [0, 1],
+]);
+
+/**
+ * Halve a gray image again and again, until it has about 80 px on a side.
+ *
+ * @param {BytePlane} gray
+ * @returns {Pyramid}
+ */
+export function imagePyramid(gray) {
+  const levels = [gray];
+  for (;;) {
+    const last = levels[levels.length - 1];
+    if (Math.min(last.width, last.height) < 160) return levels;
+    levels.push(shrunkByWhole(last, 2));
+  }
+}
+
+/**
+ * Express corners, in pixels of the image, in pixels of a level of its pyramid.
+ *
+ * @param {Quad} corners
+ * @param {number} level
+ * @returns {Quad}
+ */
+export function atLevel(corners, level) {
+  return corners.map(([x, y]) => [(x + 0.5) / 2 ** level - 0.5, (y + 0.5) / 2 ** level - 0.5]);
+}
+
+/**
+ * Choose the level of a pyramid on which a display is looked at.
+ *
+ * @param {Quad} corners - pixels of the image
+ * @param {number} width - samples across the display
+ * @param {number} height - samples down the display
+ * @param {number} levels - number of levels in the pyramid
+ * @returns {number} the level whose pixels are about as fine as the samples, or up to half as fine
+ *   again
+ */
+export function levelFor(corners, width, height, levels) {
+  const [top, right, bottom, left] = sideLengths(corners);
+  const ratio = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
+  const level = Math.floor(Math.log2(Math.max(ratio, 1e-3) / 1.2) + 0.5);
+  return Math.min(Math.max(level, 0), levels - 1);
+}
+
+/**
+ * Measure the sides of a quadrilateral: top, right, bottom and left, in pixels.
+ *
+ * @param {Quad} corners
+ * @returns {number[]}
+ */
+export function sideLengths(corners) {
+  return corners.map(([x, y], i) => {
+    const [nextX, nextY] = corners[(i + 1) & 3];
+    return Math.hypot(nextX - x, nextY - y);
+  });
+}
+
+/**
+ * Find the centres of the patches on the display, in [0, 1].
+ *
+ * @param {Layout} layout
+ * @returns {Point[]}
+ */
+export function patchCentres(layout) {
+  return layout.ratex.map(([row, col]) => [(col + 0.5) / layout.cols, (row + 0.5) / layout.rows]);
+}
+
+/**
+ * Tell which patches lie wholly in the image.
+ *
+ * @param {Quad} corners - pixels of the image
+ * @param {Layout} layout - with patches
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @returns {Uint8Array} (patches,) 1 for each that does
+ */
+export function patchesInView(corners, layout, width, height) {
+  const H = homographyFromCorners(corners, layout.width, layout.height);
+  return Uint8Array.from(layout.ratex, ([row, col]) => {
+    const [top, bottom, left, right] = layout.cellBox(row, col).map((end) => end - 0.5);
+    return allIn(transform(H, boxCorners(left, top, right, bottom)), width, height);
+  });
+}
+
+/**
+ * @param {number} left
+ * @param {number} top
+ * @param {number} right
+ * @param {number} bottom
+ * @returns {Quad}
+ */
+function boxCorners(left, top, right, bottom) {
+  return [
+    [left, top],
+    [right, top],
+    [right, bottom],
+    [left, bottom],
+  ];
+}
+
+/**
+ * @param {Point[]} points
+ * @param {number} width
+ * @param {number} height
+ * @returns {0 | 1}
+ */
+function allIn(points, width, height) {
+  return inImage(points, width, height).every((inside) => inside === 1) ? 1 : 0;
+}
+
+/**
+ * Tell how well a rectified frame shows the patches, some of which may be hidden.
+ *
+ * @param {ArrayLike<number>} match - (patches,) correlations, from `matchPatches`
+ * @param {ArrayLike<number>} inView - (patches,) which patches the image holds, from
+ *   `patchesInView`
+ * @returns {number} mean correlation of all patches; or, where that is more, that of the patches
+ *   that are seen best, less `COVERED_LOSS`. At most `MISSED_PATCHES` are left out, and
+ *   `LEAST_PATCHES` must be in view, or the value is -1.
+ */
+export function seenVisibility(match, inView) {
+  const all = Array.from(match);
+  const seen = all.filter((_, patch) => inView[patch]).sort((one, other) => other - one);
+  const needed = Math.min(all.length, Math.max(LEAST_PATCHES, all.length - MISSED_PATCHES));
+  if (seen.length < needed) return -1;
+  const best = mean(seen.slice(0, needed)) - COVERED_LOSS;
+  return seen.length === all.length ? Math.max(mean(all), best) : best;
+}
+
+/** @param {number[]} values */
+function mean(values) {
+  return values.reduce((sum, value) => sum + value, 0) / values.length;
+}
+
+/**
+ * Look for each patch around the place where the corners put it.
+ *
+ * @param {Pyramid} pyramid - `imagePyramid` of the image
+ * @param {Quad} corners - coarse, in the corner order to be tried
+ * @param {Layout} layout - with patches
+ * @param {number} [share] - distance on each axis that is searched, as a share of the display's
+ *   side
+ * @returns {{ promise: number, found: FoundPatch[] }} mean over the patches in view of the best
+ *   correlation in reach, in [-1, 1], or -1 where too few are in view; and where each patch was
+ *   found, with correlation 0 for one out of view
+ */
+export function searchPatches(pyramid, corners, layout, share = SEARCH) {
+  const size = TILES * TILE_PX;
+  const width = layout.cols * size;
+  const height = layout.rows * size;
+  const reachX = Math.max(3, Math.round(share * width));
+  const reachY = Math.max(3, Math.round(share * height));
+  const level = levelFor(corners, width, height, pyramid.length);
+  const H = homographyFromCorners(atLevel(corners, level), width, height);
+  const shifted = multiply3(H, [1, 0, -reachX, 0, 1, -reachY, 0, 0, 1]);
+  const seen = warped(pyramid[level], shifted, width + 2 * reachX, height + 2 * reachY);
+  /** @type {FoundPatch[]} */
+  const found = layout.ratex.map(([row, col], patch) => {
+    const template = templateOf(layout.tileLevelsToggled[patch]);
+    const best = bestPlace(seen, col * size, row * size, reachX, reachY, template);
+    return [
+      ((col + 0.5) * size + best.x - reachX) / width,
+      ((row + 0.5) * size + best.y - reachY) / height,
+      best.match,
+    ];
+  });
+  const [whole] = pyramid;
+  if (allIn(corners, whole.width, whole.height)) {
+    return { promise: mean(found.map(([, , match]) => match)), found };
+  }
+  const [halfX, halfY] = [0.5 / layout.cols, 0.5 / layout.rows];
+  const inView = found.map(([x, y]) => {
+    const box = boxCorners(x - halfX, y - halfY, x + halfX, y + halfY);
+    /** @type {Quad} */
+    const ends = box.map(([u, v]) => [u * width - 0.5, v * height - 0.5]);
+    return allIn(transform(H, ends), pyramid[level].width, pyramid[level].height);
+  });
+  const centres = patchCentres(layout);
+  inView.forEach((inside, patch) => {
+    if (!inside) found[patch] = [...centres[patch], 0];
+  });
+  const matches = found.filter((_, patch) => inView[patch]).map(([, , match]) => match);
+  const enough = matches.length >= Math.min(LEAST_PATCHES, found.length);
+  return { promise: enough ? mean(matches) : -1, found };
+}
+
+/**
+ * A patch as it is drawn, less its mean, and the root of the sum of its squares.
+ *
+ * @typedef {{ levels: Float64Array, norm: number }} Template
+ */
+
+/** @type {WeakMap<number[], Template>} */
+const templates = new WeakMap();
+
+/**
+ * Draw a patch with `TILE_PX` pixels along each axis of a tile.
+ *
+ * @param {number[]} tiles - levels of the patch's tiles
+ * @returns {Template}
+ */
+function templateOf(tiles) {
+  let template = templates.get(tiles);
+  if (!template) {
+    const size = TILES * TILE_PX;
+    const centre = mean(tiles);
+    const levels = Float64Array.from({ length: size * size }, (_, at) => {
+      const row = Math.floor(at / size / TILE_PX);
+      const col = Math.floor((at % size) / TILE_PX);
+      return tiles[row * TILES + col] - centre;
+    });
+    const norm = Math.sqrt(levels.reduce((sum, level) => sum + level * level, 0));
+    template = { levels, norm };
+    templates.set(tiles, template);
+  }
+  return template;
+}
+
+/**
+ * Find where a patch correlates best with a part of an image, as `cv2.matchTemplate` does.
+ *
+ * @param {BytePlane} image
+ * @param {number} left - of the places that are tried
+ * @param {number} top - of the places that are tried
+ * @param {number} reachX - half the number of places across
+ * @param {number} reachY - half the number of places down
+ * @param {Template} template
+ * @returns {{ x: number, y: number, match: number }} shift from left and top, and correlation
+ */
+function bestPlace({ width, data }, left, top, reachX, reachY, { levels, norm }) {
+  const size = TILES * TILE_PX;
+  const across = size + 2 * reachX;
+  // of `size` rows: sums and sums of squares of each column
+  const sums = new Float64Array(across);
+  const squares = new Float64Array(across);
+  const best = { x: 0, y: 0, match: -Infinity };
+  for (let y = 0; y <= 2 * reachY; y++) {
+    const start = (top + y) * width + left;
+    for (let row = y === 0 ? 0 : size - 1; row < size; row++) {
+      for (let x = 0, at = start + row * width; x < across; x++, at++) {
+        const gone = y === 0 ? 0 : data[at - size * width];
+        sums[x] += data[at] - gone;
+        squares[x] += data[at] * data[at] - gone * gone;
+      }
+    }
+    let sum = 0;
+    let square = 0;
+    for (let x = 0; x < size - 1; x++) {
+      sum += sums[x];
+      square += squares[x];
+    }
+    for (let x = 0; x <= 2 * reachX; x++) {
+      sum += sums[x + size - 1];
+      square += squares[x + size - 1];
+      let product = 0;
+      for (let row = 0, tile = 0, at = start + x; row < size; row++, at += width) {
+        for (let col = 0; col < size; col++) product += data[at + col] * levels[tile++];
+      }
+      const spread = square - (sum * sum) / (size * size);
+      const match = spread > 1e-6 ? product / (Math.sqrt(spread) * norm) : 0;
+      if (match > best.match) {
+        best.x = x;
+        best.y = y;
+        best.match = match;
+      }
+      sum -= sums[x];
+      square -= squares[x];
+    }
+  }
+  return best;
+}
+
+/**
+ * Move corners so that the patches lie where they were found.
+ *
+ * Least squares on the corners' motion in the display's frame, with a ridge: patches of low
+ * correlation count little, and a corner that no patch tells about stays. A patch that was found
+ * in a wrong place disagrees with the others and counts little, too.
+ *
+ * @param {Quad} corners - pixels of the image
+ * @param {FoundPatch[]} found - as `searchPatches` returns them
+ * @param {Layout} layout - with patches
+ * @returns {Quad} pixels of the image
+ */
+export function cornersFromPatches(corners, found, layout) {
+  const nominal = patchCentres(layout);
+  const places = nominal.flat();
+  const weight = found.map(([, , match]) =>
+    match === 0 ? 0 : Math.min(Math.max(match, 0.05), 1) ** 8 / PLACE_ERROR ** 2,
+  );
+  const hold = 1 / SEARCH_ERROR ** 2;
+  const ridge = new Float64Array(64);
+  for (let i = 0; i < 8; i++) ridge[i * 9] = hold;
+
+  /** Two Gauss-Newton steps from the unit square. */
+  const solve = (/** @type {Float64Array} */ robust) => {
+    let target = SQUARE;
+    for (let round = 0; round < 2; round++) {
+      const { at, byCorners } = pointsByCorners(SQUARE, target, places);
+      const step = ridgeSolution(
+        byCorners,
+        Float64Array.from(at, (value, n) => found[n >> 1][n & 1] - value),
+        Float64Array.from(at, (_, n) => weight[n >> 1] * robust[n >> 1]),
+        ridge,
+        target.flatMap(([x, y], i) => [hold * (SQUARE[i][0] - x), hold * (SQUARE[i][1] - y)]),
+      );
+      target = target.map(([x, y], i) => [x + step[2 * i], y + step[2 * i + 1]]);
+    }
+    return target;
+  };
+  const { solution } = reweighted({
+    solve,
+    residualsOf: (target) => {
+      const there = transform(homographyFromPoints(SQUARE, target), nominal);
+      return Float64Array.from(there, ([x, y], patch) =>
+        Math.hypot(found[patch][0] - x, found[patch][1] - y),
+      );
+    },
+    scaleOf: () => 2 * PLACE_ERROR,
+    rounds: 4,
+    weights: new Float64Array(found.length).fill(1),
+  });
+  return transform(homographyFromPoints(SQUARE, corners), solution);
+}

@@ -1,0 +1,178 @@
+/**
+ * Move corners that are a few per cent off onto the ratex patches, or onto the display's edges.
+ *
+ * The page has no use for Python's `refine_corners`, which is left out.
+ */
+
+import { blurred } from "../image/blur.js";
+import { homographyFromCorners, rectify } from "../link/geometry.js";
+import { matchPatches } from "../link/ratex.js";
+import { alignSteps } from "./align.js";
+import { fitEdges } from "./edges.js";
+import {
+  cornersFromPatches,
+  patchesInView,
+  searchPatches,
+  seenVisibility,
+} from "./patches.js";
+import { SLACK, isSound } from "./quads.js";
+import { runToEnd } from "./steps.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+/** @typedef {import("./patches.js").Pyramid} Pyramid */
+/** @typedef {import("./quads.js").Quad} Quad */
+/**
+ * @template Result
+ * @typedef {import("./steps.js").Steps<Result>} Steps
+ */
+/**
+ * Corners in pixels of the image, and how well the patches are seen there: `seenVisibility`, or -1
+ * where the corners make no display.
+ *
+ * @typedef {{ corners: Quad, seen: number }} OnPatches
+ */
+
+/**
+ * Reach of each of the searches for patches before corners are aligned to them, as a share of the
+ * display's side: what is found first brings the others into reach.
+ */
+const SEARCHES = [0.09, 0.09, 0.03];
+/** Smallest visibility of a display that shows one patch, and two. */
+const MIN_VISIBILITY = new Map([
+  [1, 0.88],
+  [2, 0.85],
+]);
+/** Smallest visibility of a display that shows three patches or more. */
+const USUAL_VISIBILITY = 0.8;
+/**
+ * Distance by which a corner of a display that is partly in view may lie outside the image, as a
+ * share of the image's longer side.
+ */
+export const OUTSIDE = 0.25;
+/**
+ * Smallest correlation of a patch at which it counts as seen: nothing covers it, and the image
+ * does not cut it off.
+ */
+const CLEAR_MATCH = 0.8;
+/**
+ * Expected errors of the corners, as shares of the display's side, in the further alignments of a
+ * display that is partly in view: what lies beyond the patches is known less well.
+ */
+const PARTLY_SPREADS = [0.1, 0.1];
+/** Smallest distance, in pixels, at which corners move onto edges in the second round. */
+const FINE_REACH_PX = 4.0;
+/** Units of work of the searches for patches, and of looking at them. */
+const SEARCH_WORK = 4;
+const LOOK_WORK = 2;
+
+/**
+ * Say how visible a layout's patches must be, in [0, 1], for corners to be believed.
+ *
+ * @param {Layout} layout
+ * @returns {number}
+ */
+export function neededVisibility(layout) {
+  return MIN_VISIBILITY.get(layout.ratex.length) ?? USUAL_VISIBILITY;
+}
+
+/**
+ * Move corners so that the image shows the ratex patches where the layout has them.
+ *
+ * Patches may be out of view, or covered, as `seenVisibility` allows.
+ *
+ * @param {BytePlane} image
+ * @param {Pyramid} pyramid - `imagePyramid` of it
+ * @param {Quad} corners - within about 9 % of the side, in the corner order to be tried
+ * @param {Layout} layout - with patches
+ * @returns {OnPatches}
+ */
+export function cornersOnPatches(image, pyramid, corners, layout) {
+  return runToEnd(cornersOnPatchesSteps(image, pyramid, corners, layout));
+}
+
+/**
+ * Move corners as `cornersOnPatches` does, step by step.
+ *
+ * @param {BytePlane} image
+ * @param {Pyramid} pyramid
+ * @param {Quad} corners
+ * @param {Layout} layout
+ * @returns {Steps<OnPatches>}
+ */
+export function* cornersOnPatchesSteps(image, pyramid, corners, layout) {
+  for (const reach of SEARCHES) {
+    const { found } = searchPatches(pyramid, corners, layout, reach);
+    corners = cornersFromPatches(corners, found, layout);
+  }
+  yield SEARCH_WORK;
+  corners = yield* alignSteps(pyramid, corners, layout);
+  let judged = judge(image, corners, layout);
+  yield LOOK_WORK;
+  const clear = judged.match.map((match) => Number(match >= CLEAR_MATCH));
+  if (judged.seen >= neededVisibility(layout) && clear.includes(0)) {
+    // a patch that is cut off or covered must not hold the corners
+    corners = judged.corners;
+    for (const spread of PARTLY_SPREADS) {
+      corners = yield* alignSteps(pyramid, corners, layout, spread, clear);
+    }
+    judged = judge(image, corners, layout);
+  }
+  return { corners: judged.corners, seen: judged.seen };
+}
+
+/**
+ * Clip corners that lie a little outside, and look at the patches.
+ *
+ * @param {BytePlane} image
+ * @param {Quad} corners
+ * @param {Layout} layout
+ * @returns {OnPatches & { match: number[] }} corners, what each patch and what all are seen by
+ */
+function judge(image, corners, layout) {
+  const { width, height } = image;
+  const clipped = clippedToImage(corners, width, height);
+  const outside = Math.max(
+    ...corners.flatMap(([x, y], i) => [Math.abs(x - clipped[i][0]), Math.abs(y - clipped[i][1])]),
+  );
+  if (outside <= SLACK * Math.max(width, height)) corners = clipped;
+  if (!isSound(corners, width, height, OUTSIDE)) {
+    return { corners, match: layout.ratex.map(() => 0), seen: -1 };
+  }
+  const H = homographyFromCorners(corners, layout.width, layout.height);
+  const rectified = rectify(image, H, layout.width, layout.height);
+  const match = Array.from(matchPatches(rectified, layout).correlation);
+  const inView = patchesInView(corners, layout, width, height);
+  return { corners, match, seen: seenVisibility(match, inView) };
+}
+
+/**
+ * Move corners so that the sides lie on edges of the image, first coarsely and then finely.
+ *
+ * @param {BytePlane} gray
+ * @param {Quad} corners - clockwise
+ * @param {number} reach - pixels that a side may move at either end
+ * @returns {Quad} a side without an edge in reach stays
+ */
+export function cornersOnEdges(gray, corners, reach) {
+  const smooth = blurred(gray, 1.0);
+  for (const pixels of [reach, Math.min(reach, FINE_REACH_PX)]) {
+    corners = fitEdges(smooth, corners, pixels);
+  }
+  return corners;
+}
+
+/**
+ * Move corners that lie outside an image to its border.
+ *
+ * @param {Quad} corners
+ * @param {number} width - of the image, pixels
+ * @param {number} height - of the image, pixels
+ * @returns {Quad}
+ */
+export function clippedToImage(corners, width, height) {
+  return corners.map(([x, y]) => [
+    Math.min(Math.max(x, -0.5), width - 0.5),
+    Math.min(Math.max(y, -0.5), height - 0.5),
+  ]);
+}
