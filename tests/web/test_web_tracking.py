@@ -4,13 +4,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 from web_fixtures import run_node_tests, write_fixture
 
 from export.receive.tracking.follow import Follower
 from export.web.tables import layout_table
-from link.geometry import homography_from_corners, rectify
+from link.geometry import homography_from_corners
 from link.layout import Layout, make_layout
 from link.ratex import draw_patches
 
@@ -49,7 +48,7 @@ def hand(start: Array, number: int) -> Array:
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     growth = 1 + 0.004 * number
     moved = (start - middle) @ turn * growth + middle
-    return np.asarray(moved + [4 * np.sin(number / 2), 2.5 * number / 3])
+    return np.asarray(moved + np.array([4 * np.sin(number / 2), 2.5 * number / 3]))
 
 
 def followed(layout: Layout, start: Array, changed_after: int = 99) -> dict[str, object]:

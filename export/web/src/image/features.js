@@ -5,11 +5,13 @@
 
 /** Finds points as OpenCV's `goodFeaturesToTrack` does; the strengths of an image count once. */
 export class Features {
+  #strengths;
+
   /** @param {BytePlane} image */
   constructor(image) {
     this.width = image.width;
     this.height = image.height;
-    this._strengths = strengths(image);
+    this.#strengths = strengths(image);
   }
 
   /**
@@ -22,7 +24,8 @@ export class Features {
    * @returns {Point[]} the strongest first
    */
   choose(count, quality, apart, mask = null) {
-    const { width, height, _strengths: strength } = this;
+    const { width, height } = this;
+    const strength = this.#strengths;
     let most = 0;
     for (let at = 0; at < strength.length; at++) {
       if (strength[at] > most && (!mask || mask[at])) most = strength[at];
@@ -44,7 +47,7 @@ export class Features {
       }
     }
     tops.sort((one, other) => strength[other] - strength[one] || other - one);
-    return this._spread(tops, count, apart);
+    return this.#spread(tops, count, apart);
   }
 
   /**
@@ -55,7 +58,7 @@ export class Features {
    * @param {number} apart
    * @returns {Point[]}
    */
-  _spread(tops, count, apart) {
+  #spread(tops, count, apart) {
     const cell = Math.max(1, Math.round(apart));
     const cols = Math.ceil(this.width / cell);
     const rows = Math.ceil(this.height / cell);

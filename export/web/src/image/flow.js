@@ -41,6 +41,18 @@ const SQUARED_UNIT = 1 / (1 << 20);
 
 /** Follows points of a reference image. */
 export class Flow {
+  #windowPx;
+  #halvings;
+  /** @type {Level[]} */
+  #pyramid = [];
+  #surroundings;
+  /** Left of the window of the last point that `#step` moved. */
+  #x = 0;
+  /** Top of that window. */
+  #y = 0;
+  /** Whether that window remained in the image. */
+  #inside = true;
+
   /**
    * @param {BytePlane} reference
    * @param {Point[]} points - pixels of the reference
@@ -50,13 +62,10 @@ export class Flow {
   constructor(reference, points, windowPx, halvings) {
     /** Points that are followed. */
     this.points = points;
-    this._windowPx = windowPx;
-    this._halvings = halvings;
-    /** @type {Level[]} */
-    this._pyramid = [];
-    /** @type {Surroundings[]} */
-    this._surroundings = this._filled(reference).map((level, halved) =>
-      this._surroundingsOn(level, halved),
+    this.#windowPx = windowPx;
+    this.#halvings = halvings;
+    this.#surroundings = this.#filled(reference).map((level, halved) =>
+      this.#surroundingsOn(level, halved),
     );
   }
 
@@ -69,8 +78,8 @@ export class Flow {
    *   that was followed to there
    */
   follow(image, guess = this.points) {
-    const pyramid = this._filled(image);
-    const half = (this._windowPx - 1) / 2;
+    const pyramid = this.#filled(image);
+    const half = (this.#windowPx - 1) / 2;
     const found = new Uint8Array(this.points.length).fill(1);
     /** @type {Point[]} */
     const moved = new Array(this.points.length);
@@ -79,16 +88,16 @@ export class Flow {
       let x = guess[point][0] / scale;
       let y = guess[point][1] / scale;
       for (let halved = pyramid.length - 1; halved >= 0; halved--) {
-        const { usable } = this._surroundings[halved];
+        const { usable } = this.#surroundings[halved];
         if (usable[point]) {
-          this._step(pyramid[halved], halved, point, x - half, y - half);
-          x = this._x + half;
-          y = this._y + half;
+          this.#step(pyramid[halved], halved, point, x - half, y - half);
+          x = this.#x + half;
+          y = this.#y + half;
         }
         if (halved > 0) {
           x *= 2;
           y *= 2;
-        } else if (!usable[point] || !this._inside) {
+        } else if (!usable[point] || !this.#inside) {
           found[point] = 0;
         }
       }
@@ -96,12 +105,6 @@ export class Flow {
     }
     return { moved, found };
   }
-
-  /** Place of the window of the last point that `_step` moved. */
-  _x = 0;
-  _y = 0;
-  /** Whether that point remained in the image. */
-  _inside = true;
 
   /**
    * Move a point's window on one level until it fits.
@@ -112,21 +115,21 @@ export class Flow {
    * @param {number} x - left of the window
    * @param {number} y - top of the window
    */
-  _step({ width, height, stride, data }, halved, point, x, y) {
-    const side = this._windowPx;
-    const around = this._surroundings[halved];
+  #step({ width, height, stride, data }, halved, point, x, y) {
+    const side = this.#windowPx;
+    const around = this.#surroundings[halved];
     const { levels, gradientX, gradientY } = around;
     const [inverse11, inverse12, inverse22] = around.inverted.subarray(3 * point, 3 * point + 3);
     const start = point * side * side;
     const rounding = 1 << (SHARE_BITS - LEVEL_BITS - 1);
     let beforeX = 0;
     let beforeY = 0;
-    this._inside = true;
+    this.#inside = true;
     for (let step = 0; step < STEPS; step++) {
       const left = Math.floor(x);
       const top = Math.floor(y);
       if (!(left >= -side && left < width && top >= -side && top < height)) {
-        this._inside = false;
+        this.#inside = false;
         break;
       }
       const partX = x - left;
@@ -180,13 +183,13 @@ export class Flow {
       beforeX = stepX;
       beforeY = stepY;
     }
-    if (halved === 0 && this._inside) {
+    if (halved === 0 && this.#inside) {
       const left = Math.floor(x);
       const top = Math.floor(y);
-      this._inside = left >= -side && left < width && top >= -side && top < height;
+      this.#inside = left >= -side && left < width && top >= -side && top < height;
     }
-    this._x = x;
-    this._y = y;
+    this.#x = x;
+    this.#y = y;
   }
 
   /**
@@ -196,8 +199,8 @@ export class Flow {
    * @param {number} halved - number of the level
    * @returns {Surroundings}
    */
-  _surroundingsOn({ width, height, stride, data }, halved) {
-    const side = this._windowPx;
+  #surroundingsOn({ width, height, stride, data }, halved) {
+    const side = this.#windowPx;
     const area = side * side;
     const count = this.points.length;
     const around = {
@@ -279,15 +282,15 @@ export class Flow {
    * @param {BytePlane} image
    * @returns {Level[]}
    */
-  _filled(image) {
-    const pad = this._windowPx;
-    for (let halved = 0; halved <= this._halvings; halved++) {
-      const last = this._pyramid[halved - 1];
+  #filled(image) {
+    const pad = this.#windowPx;
+    for (let halved = 0; halved <= this.#halvings; halved++) {
+      const last = this.#pyramid[halved - 1];
       const width = last ? (last.width + 1) >> 1 : image.width;
       const height = last ? (last.height + 1) >> 1 : image.height;
       if (last && (width <= pad || height <= pad)) break;
       const stride = width + 2 * pad;
-      const level = (this._pyramid[halved] ??= {
+      const level = (this.#pyramid[halved] ??= {
         ...{ width, height, stride },
         data: new Uint8Array(stride * (height + 2 * pad)),
       });
@@ -300,7 +303,7 @@ export class Flow {
       }
       reflectBorder(level, pad);
     }
-    return this._pyramid;
+    return this.#pyramid;
   }
 }
 

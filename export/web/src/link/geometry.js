@@ -128,6 +128,17 @@ export function homographyFromPoints(from, to) {
 }
 
 /**
+ * Find where the pixels of an image lie once it is resized: corners go to corners.
+ *
+ * @param {number} x - factor by which the image becomes wider
+ * @param {number} y - factor by which the image becomes taller
+ * @returns {number[]} HResizedFromImage, nine numbers
+ */
+export function resizedHomography(x, y) {
+  return [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
+}
+
+/**
  * Apply a homography to points.
  *
  * @param {Homography} H - nine numbers
@@ -162,9 +173,6 @@ export function rectify(image, HCapturedFromDisplay, width, height) {
   const finer = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
   const factor = Math.floor(finer);
   if (!(factor >= 2)) return warped(image, HCapturedFromDisplay, width, height);
-  // a pixel centre x of the small image lies at factor * x + (factor - 1) / 2 of the large one
-  const offset = (factor - 1) / 2;
-  const HFullFromSmall = [factor, 0, offset, 0, factor, offset, 0, 0, 1];
-  const H = multiply3(inverse(HFullFromSmall), HCapturedFromDisplay);
+  const H = multiply3(inverse(resizedHomography(factor, factor)), HCapturedFromDisplay);
   return warped(shrunkByWhole(image, factor), H, width, height);
 }

@@ -39,6 +39,14 @@ const HALVINGS = 2;
 const MEAN = 128;
 const DEVIATION = 50;
 
+/** @type {Point[]} */
+const STILL = [
+  [0, 0],
+  [0, 0],
+  [0, 0],
+  [0, 0],
+];
+
 /**
  * Follows the display by optical flow to a rectified reference, so that errors do not add up.
  *
@@ -46,6 +54,10 @@ const DEVIATION = 50;
  * has changed (a video): points on ratex patches then hold the geometry.
  */
 export class Follower {
+  #motion = STILL;
+  /** @type {Flow | null} */
+  #flow = null;
+
   /** @param {Layout} layout - of the display */
   constructor(layout) {
     this.layout = layout;
@@ -55,10 +67,6 @@ export class Follower {
      * @type {Point[] | null}
      */
     this.corners = null;
-    /** @type {Point[]} */
-    this._motion = STILL;
-    /** @type {Flow | null} */
-    this._flow = null;
   }
 
   /**
@@ -82,12 +90,12 @@ export class Follower {
    * @param {BytePlane} rectified
    */
   begin(image, corners, rectified) {
-    if (this.corners === null) this._motion = STILL;
+    if (this.corners === null) this.#motion = STILL;
     this.corners = corners;
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
     const copy = { ...rectified, data: rectified.data.slice() };
     const reference = stretched(copy, MEAN, DEVIATION);
-    this._flow = this._flowFrom(reference, this._viewMask(H, image.width, image.height));
+    this.#flow = this.#flowFrom(reference, this.#viewMask(H, image.width, image.height));
   }
 
   /**
@@ -98,7 +106,7 @@ export class Follower {
   advance(corners) {
     const before = this.corners;
     if (before) {
-      this._motion = corners.map(([x, y], i) => {
+      this.#motion = corners.map(([x, y], i) => {
         return [0.5 * (x - before[i][0]), 0.5 * (y - before[i][1])];
       });
     }
@@ -119,10 +127,10 @@ export class Follower {
    *   is lost
    */
   step(image) {
-    const flow = this._flow;
+    const flow = this.#flow;
     if (this.corners === null || flow === null || flow.points.length < MIN_INLIERS) return null;
     const { width, height } = this.layout;
-    const motion = this._motion;
+    const motion = this.#motion;
     /** @type {Point[]} */
     const guess = this.corners.map(([x, y], i) => [x + motion[i][0], y + motion[i][1]]);
     const HCapturedFromGuess = homographyFromCorners(guess, width, height);
@@ -150,7 +158,7 @@ export class Follower {
    * @param {number} imageHeight
    * @returns {Uint8Array | null} null where all do
    */
-  _viewMask(HCapturedFromDisplay, imageWidth, imageHeight) {
+  #viewMask(HCapturedFromDisplay, imageWidth, imageHeight) {
     const { width, height } = this.layout;
     const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
     if (inImage(corners, imageWidth, imageHeight).every(Boolean)) return null;
@@ -175,7 +183,7 @@ export class Follower {
    * @param {Uint8Array | null} seen - nonzero where points may lie; null where they may everywhere
    * @returns {Flow}
    */
-  _flowFrom(reference, seen) {
+  #flowFrom(reference, seen) {
     const { width, height } = reference;
     const { layout } = this;
     const patches = new Uint8Array(width * height);
@@ -200,14 +208,6 @@ export class Follower {
     return new Flow(reference, inside, WINDOW_PX, HALVINGS);
   }
 }
-
-/** @type {Point[]} */
-const STILL = [
-  [0, 0],
-  [0, 0],
-  [0, 0],
-  [0, 0],
-];
 
 /**
  * Keep the pixels of a mask around which all others are marked; beyond the border all count so.

@@ -1,0 +1,107 @@
+/** Find the blocks that something in front of the display covers; they become erasures. */
+
+import { resizeArea } from "../image/shrink.js";
+import { median } from "../locate/pilots/order.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+
+/** Pixels of a block, along each axis, in the thumbnails that are compared. */
+const BLOCK_PX = 6;
+/** Number of original frames whose median shows the picture without what passes by. */
+const HISTORY = 9;
+/** Residual at which a block is covered, in medians over all blocks. */
+const STANDS_OUT = 5.0;
+/** Smallest residual of a covered block, in gray levels, after exposure is matched. */
+const MIN_LEVELS = 8.0;
+/** Share of blocks above which the picture has changed, and nothing is covered. */
+const MAX_COVERED = 0.5;
+
+/** Compares each original frame with the median of the last ones. */
+export class Occlusion {
+  /** @type {Uint8Array[]} */
+  #history = [];
+
+  /** @param {Layout} layout - of the display */
+  constructor(layout) {
+    this.layout = layout;
+  }
+
+  /**
+   * Tell which message blocks are covered in the next original frame.
+   *
+   * @param {BytePlane} original - rectified
+   * @returns {Uint8Array} (nBits,) of 0 and 1
+   */
+  covered(original) {
+    const { rows, cols, messageBlocks } = this.layout;
+    const small = resizeArea(original, cols * BLOCK_PX, rows * BLOCK_PX).data;
+    this.#history.push(small);
+    if (this.#history.length > HISTORY) this.#history.shift();
+    const twice = twiceMedians(this.#history);
+    const gain = (2 * middleOf(small, 256)) / Math.max(middleOf(twice, 511), 2);
+    const residual = new Float64Array(rows * cols);
+    const half = gain / 2;
+    for (let y = 0, at = 0; y < rows * BLOCK_PX; y++) {
+      const row = Math.floor(y / BLOCK_PX) * cols;
+      for (let col = 0; col < cols; col++) {
+        let sum = 0;
+        for (let x = 0; x < BLOCK_PX; x++, at++) sum += Math.abs(small[at] - half * twice[at]);
+        residual[row + col] += sum;
+      }
+    }
+    for (let block = 0; block < residual.length; block++) residual[block] /= BLOCK_PX * BLOCK_PX;
+    const limit = Math.max(MIN_LEVELS, STANDS_OUT * median(residual));
+    const count = residual.reduce((sum, value) => sum + Number(value > limit), 0);
+    if (count / residual.length > MAX_COVERED) {
+      this.#history = [small];
+      return new Uint8Array(messageBlocks.length);
+    }
+    return Uint8Array.from(messageBlocks, (block) => Number(residual[block] > limit));
+  }
+}
+
+/**
+ * Find the median of each pixel over some images, doubled so that it is a whole number.
+ *
+ * @param {Uint8Array[]} images - at least one, all of one size
+ * @returns {Uint16Array}
+ */
+function twiceMedians(images) {
+  const count = images.length;
+  const twice = new Uint16Array(images[0].length);
+  const sorted = new Uint8Array(count);
+  const high = count >> 1;
+  const low = (count - 1) >> 1;
+  for (let at = 0; at < twice.length; at++) {
+    for (let i = 0; i < count; i++) {
+      const value = images[i][at];
+      let place = i;
+      while (place > 0 && sorted[place - 1] > value) {
+        sorted[place] = sorted[place - 1];
+        place--;
+      }
+      sorted[place] = value;
+    }
+    twice[at] = sorted[low] + sorted[high];
+  }
+  return twice;
+}
+
+/**
+ * Find the median of whole numbers by counting them.
+ *
+ * @param {Uint8Array | Uint16Array} values
+ * @param {number} bound - above all values
+ * @returns {number}
+ */
+function middleOf(values, bound) {
+  const counts = new Uint32Array(bound);
+  for (let at = 0; at < values.length; at++) counts[values[at]]++;
+  const ranked = (/** @type {number} */ rank) => {
+    let value = 0;
+    for (let below = counts[0]; below <= rank; below += counts[value]) value++;
+    return value;
+  };
+  return (ranked((values.length - 1) >> 1) + ranked(values.length >> 1)) / 2;
+}

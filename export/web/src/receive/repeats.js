@@ -1,0 +1,148 @@
+/**
+ * Recognise frames that show again what the frame before showed, because a camera repeated it.
+ *
+ * A camera that is late, and a program that evens out the rate of a film, hand over the same image
+ * twice. The second one was not exposed at the time that it bears. It differs from the first far
+ * less than two exposures would: sensor noise alone makes these differ everywhere.
+ *
+ * Where frames are free of noise, as in a recording of the screen, equal frames are no repeats: the
+ * display stood still. There is no floor of noise then, and nothing counts as repeated.
+ */
+
+import { quantile } from "../locate/pilots/order.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+
+/** Pixels along each side of the cells that are compared. */
+const CELL_PX = 8;
+/** Number of cells along each axis. */
+const CELLS = 24;
+/**
+ * Quantiles, over the cells, of the differences within them. The first tells how noisy the
+ * stillest cells are: in a screen's recording those that no bit changes, about a half. The last is
+ * the largest difference in any cell.
+ */
+const QUANTILES = [0.3, 0.5, 0.9, 1.0];
+/**
+ * Largest difference of a repeated frame at each of `QUANTILES`, as a share of the usual one; a
+ * codec corrects an image a little when it repeats it.
+ */
+const REPEATED = [1.0, 0.3, 0.55, 0.35];
+/**
+ * Smallest noise of the stillest cells, in gray levels, at which repeats are sought; with less the
+ * film is free of noise, or a codec copies most of an image from the one before.
+ */
+const MIN_NOISE_LEVELS = 0.2;
+/** Number of differences from which the usual one is taken. */
+const HISTORY = 16;
+/** Number of differences that must be known before a frame counts as repeated. */
+const FIRST = 6;
+
+/**
+ * Small squares of pixels, spread evenly over an image, cell by cell.
+ *
+ * @typedef {{ cells: number, across: number, down: number, area: number, levels: Uint8Array }}
+ *   Cells
+ */
+
+/** Compares each frame with the one before. */
+export class Repeats {
+  /** @type {Cells | null} */
+  #before = null;
+  /** Differences of the last frames at each of `QUANTILES`. @type {number[][]} */
+  #changes = [];
+
+  constructor() {
+    /** Number of repeated frames so far. */
+    this.count = 0;
+  }
+
+  /**
+   * Tell whether a frame shows again what the frame before showed.
+   *
+   * @param {BytePlane} image - the next frame of the film
+   * @returns {boolean}
+   */
+  isRepeat(image) {
+    const now = sampleCells(image);
+    const before = this.#before;
+    this.#before = now;
+    if (
+      before === null ||
+      before.levels.length !== now.levels.length ||
+      before.across !== now.across ||
+      before.area !== now.area
+    ) {
+      this.#changes = [];
+      return false;
+    }
+    const spread = spreads(now, before);
+    const change = QUANTILES.map((share) => quantile(spread, share));
+    if (this.#changes.length >= FIRST) {
+      const usual = QUANTILES.map((_, i) =>
+        quantile(
+          this.#changes.map((values) => values[i]),
+          0.5,
+        ),
+      );
+      const same = change.every((value, i) => value <= REPEATED[i] * usual[i]);
+      if (usual[0] >= MIN_NOISE_LEVELS && same) {
+        this.count++;
+        return true;
+      }
+    }
+    this.#changes.push(change);
+    if (this.#changes.length > HISTORY) this.#changes.shift();
+    return false;
+  }
+}
+
+/**
+ * Take small squares of pixels, spread evenly over an image.
+ *
+ * @param {BytePlane} image
+ * @returns {Cells}
+ */
+function sampleCells({ width, height, data }) {
+  const stepY = Math.max(1, Math.floor(height / CELLS));
+  const stepX = Math.max(1, Math.floor(width / CELLS));
+  const down = Math.floor(height / stepY);
+  const across = Math.floor(width / stepX);
+  const tall = Math.min(CELL_PX, stepY);
+  const wide = Math.min(CELL_PX, stepX);
+  const area = tall * wide;
+  const levels = new Uint8Array(down * across * area);
+  for (let row = 0, to = 0; row < down; row++) {
+    for (let col = 0; col < across; col++) {
+      for (let y = 0; y < tall; y++) {
+        const from = (row * stepY + y) * width + col * stepX;
+        for (let x = 0; x < wide; x++) levels[to++] = data[from + x];
+      }
+    }
+  }
+  return { cells: down * across, across, down, area, levels };
+}
+
+/**
+ * Find the standard deviation of the differences within each cell: a bit, or a change of exposure,
+ * moves all of its pixels alike.
+ *
+ * @param {Cells} now
+ * @param {Cells} before
+ * @returns {Float64Array} gray levels
+ */
+function spreads(now, before) {
+  const spread = new Float64Array(now.cells);
+  for (let cell = 0, at = 0; cell < now.cells; cell++) {
+    let sum = 0;
+    let squares = 0;
+    for (let end = at + now.area; at < end; at++) {
+      const change = now.levels[at] - before.levels[at];
+      sum += change;
+      squares += change * change;
+    }
+    const mean = sum / now.area;
+    spread[cell] = Math.sqrt(Math.max(0, squares / now.area - mean * mean));
+  }
+  return spread;
+}

@@ -1,0 +1,275 @@
+/**
+ * Say where the display lies in its rectified image, as its decoded blocks tell.
+ *
+ * Once a frame pair is decoded, the change of many blocks is known, and so where the grid must lie
+ * for the change that was seen. Each frame pair tells little where the message is faint, so they
+ * add up: the eight numbers of a homography are followed by a Kalman filter, whose measurement is
+ * the change of every pixel, linear in small motions of what should be there (Lucas & Kanade 1981).
+ */
+
+import { blurred } from "../../image/blur.js";
+import { resizeArea } from "../../image/shrink.js";
+import { transform } from "../../link/geometry.js";
+import { identity, inverse, multiply3, solve } from "../../link/linear.js";
+import { mapSize, withoutSlope } from "../../locate/pilots/corners.js";
+import { pilotSigns } from "../../locate/pilots/evidence.js";
+import { drawnBlocks } from "../../locate/pilots/partMatches.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+
+/** Standard deviation of the corners before anything is decoded, in blocks. */
+const FIRST_BLOCKS = 0.4;
+/** Share of what is known of the corners that the next frame pair finds still true. */
+const KEPT = 0.9;
+/**
+ * Standard deviation, in blocks, over which expected changes are smoothed, so that they lead back
+ * from afar.
+ */
+const SPAN = 0.4;
+/** Gradient of the picture, in gray levels a pixel of the maps, at which a pixel counts half. */
+const STEEP = 4.0;
+/**
+ * Smallest toggling seen with the expected signs, in standard errors, from which corners are
+ * moved: what does not toggle tells of no corner.
+ */
+const LEAST_TOGGLING = 1.0;
+/** Largest move of a corner, in blocks, that one frame pair may bring. */
+const FAR_BLOCKS = 1.0;
+/** Numbers of a homography that are followed. */
+const NUMBERS = 8;
+/** Corners of a display from -1 to 1. @type {Point[]} */
+const UNIT_CORNERS = [
+  [-1, -1],
+  [1, -1],
+  [1, 1],
+  [-1, 1],
+];
+
+/** Compares decoded frame pairs with what was seen. */
+export class CornerShift {
+  /** @type {Float64Array | null} */
+  #shift = null;
+  #size;
+  #information;
+
+  /** @param {Layout} layout - of the display; without pilots it is never moved */
+  constructor(layout) {
+    this.layout = layout;
+    this.#size = mapSize(layout);
+    const block = 2 * Math.max(1 / layout.cols, 1 / layout.rows);
+    this.#information = identity(NUMBERS).map((value) => value / (FIRST_BLOCKS * block) ** 2);
+  }
+
+  /**
+   * Take a frame pair and its scores.
+   *
+   * @param {BytePlane} original - rectified
+   * @param {BytePlane} embedded - rectified, of the size of `original`
+   * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
+   */
+  take(original, embedded, scores) {
+    const { layout } = this;
+    const [width, height] = this.#size;
+    if (layout.pilotBlocks.length === 0) return;
+    const [first, second] = [original, embedded].map(
+      (image) => resizeArea(image, width, height).data,
+    );
+    const expected = this.#expected(scores);
+    const block = [width / layout.cols, height / layout.rows];
+    const pixels = width * height;
+    const difference = new Float32Array(pixels);
+    const mean = new Float32Array(pixels);
+    for (let at = 0; at < pixels; at++) {
+      difference[at] = second[at] - first[at];
+      mean[at] = (first[at] + second[at]) / 2;
+    }
+    const change = withoutSlope({ width, height, data: difference }, block).data;
+    const weight = evenness({ width, height, data: mean });
+    let [power, along, total] = [0, 0, 0];
+    for (let at = 0; at < pixels; at++) {
+      power += weight[at] * expected.data[at] ** 2;
+      along += weight[at] * expected.data[at] * change[at];
+      total += weight[at];
+    }
+    const amplitude = along / Math.max(power, 1e-9);
+    const residual = change;
+    let squares = 0;
+    for (let at = 0; at < pixels; at++) {
+      residual[at] = change[at] - amplitude * expected.data[at];
+      squares += weight[at] * residual[at] ** 2;
+    }
+    // noise is alike over a block, which so counts once
+    const variance = (squares / total) * block[0] * block[1];
+    if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
+    const right = this.#learn(expected, amplitude, weight, residual, Math.max(variance, 1e-6));
+    const move = solve(this.#information, right).map((value) => -value);
+    const shift = this.#homography(move);
+    const moved = transform(unitHomography(move), UNIT_CORNERS);
+    const near = moved.every(
+      ([x, y], i) =>
+        Math.abs(x - UNIT_CORNERS[i][0]) < (2 * FAR_BLOCKS) / layout.cols &&
+        Math.abs(y - UNIT_CORNERS[i][1]) < (2 * FAR_BLOCKS) / layout.rows,
+    );
+    if (near) this.#shift = shift;
+  }
+
+  /**
+   * Return, once, the homography `HOldFromNew` in layout pixels that is known anew.
+   *
+   * @returns {Float64Array | null}
+   */
+  shift() {
+    const shift = this.#shift;
+    this.#shift = null;
+    return shift;
+  }
+
+  /**
+   * Add to what is known of the corners what each pixel tells of the eight numbers.
+   *
+   * @param {FloatPlane} expected
+   * @param {number} amplitude - of what toggles as expected
+   * @param {Float32Array} weight - of each pixel
+   * @param {Float32Array} residual - of each pixel
+   * @param {number} variance - of a pixel of weight 1
+   * @returns {Float64Array} (8,) what the residuals ask for, in units of the information
+   */
+  #learn({ width, height, data }, amplitude, weight, residual, variance) {
+    const scaleX = (amplitude * width) / 16;
+    const scaleY = (amplitude * height) / 16;
+    const right = new Float64Array(NUMBERS);
+    const added = new Float64Array(NUMBERS * NUMBERS);
+    const columns = new Float64Array(NUMBERS);
+    for (let row = 0, at = 0; row < height; row++) {
+      const y = height > 1 ? (2 * row) / (height - 1) - 1 : -1;
+      const above = reflected(row - 1, height) * width;
+      const here = row * width;
+      const below = reflected(row + 1, height) * width;
+      for (let col = 0; col < width; col++, at++) {
+        const left = reflected(col - 1, width);
+        const next = reflected(col + 1, width);
+        const ahead = data[above + next] + 2 * data[here + next] + data[below + next];
+        const behind = data[above + left] + 2 * data[here + left] + data[below + left];
+        const under = data[below + left] + 2 * data[below + col] + data[below + next];
+        const over = data[above + left] + 2 * data[above + col] + data[above + next];
+        const slopeX = scaleX * (ahead - behind);
+        const slopeY = scaleY * (under - over);
+        const x = width > 1 ? (2 * col) / (width - 1) - 1 : -1;
+        // motions of a pixel, in maps as wide as 2, by each of the eight numbers
+        columns[0] = slopeX * x;
+        columns[1] = slopeX * y;
+        columns[2] = slopeX;
+        columns[3] = slopeY * x;
+        columns[4] = slopeY * y;
+        columns[5] = slopeY;
+        columns[6] = -x * (slopeX * x + slopeY * y);
+        columns[7] = -y * (slopeX * x + slopeY * y);
+        const share = weight[at] / variance;
+        const asked = share * residual[at];
+        for (let i = 0; i < NUMBERS; i++) {
+          const weighed = share * columns[i];
+          right[i] += asked * columns[i];
+          for (let j = i; j < NUMBERS; j++) added[i * NUMBERS + j] += weighed * columns[j];
+        }
+      }
+    }
+    for (let i = 0; i < NUMBERS; i++) {
+      for (let j = 0; j < NUMBERS; j++) {
+        const sum = added[Math.min(i, j) * NUMBERS + Math.max(i, j)];
+        this.#information[i * NUMBERS + j] = KEPT * this.#information[i * NUMBERS + j] + sum;
+      }
+    }
+    return right;
+  }
+
+  /**
+   * Draw the expected change of every block, smooth, without slope, in units of kappa.
+   *
+   * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
+   * @returns {FloatPlane}
+   */
+  #expected(scores) {
+    const { layout } = this;
+    const [width, height] = this.#size;
+    const antipodal = layout.modulation === "antipodal";
+    const middle = antipodal ? 0 : 0.5;
+    const half = antipodal ? 1 : 0.5;
+    const blocks = new Float32Array(layout.rows * layout.cols).fill(middle);
+    layout.messageBlocks.forEach((block, bit) => {
+      const score = Math.min(Math.max(scores[bit], -20), 20);
+      blocks[block] = middle + half * Math.tanh(score / 2);
+    });
+    const signs = pilotSigns(layout);
+    layout.pilotBlocks.forEach((block, i) => (blocks[block] = middle + half * signs[i]));
+    const drawn = drawnBlocks(blocks, layout.rows, layout.cols, width, height);
+    const block = [width / layout.cols, height / layout.rows];
+    return withoutSlope(blurred(drawn, SPAN * Math.min(...block)), block);
+  }
+
+  /**
+   * Express the eight numbers as a homography of layout pixels.
+   *
+   * @param {Float64Array} move
+   * @returns {Float64Array}
+   */
+  #homography(move) {
+    const { width, height } = this.layout;
+    const x = width / 2;
+    const y = height / 2;
+    const fromUnit = [x, 0, x - 0.5, 0, y, y - 0.5, 0, 0, 1];
+    return multiply3(multiply3(fromUnit, unitHomography(move)), inverse(fromUnit));
+  }
+}
+
+/**
+ * Make the homography that moves each point by the eight numbers, of a display from -1 to 1.
+ *
+ * @param {Float64Array} move
+ * @returns {Float64Array}
+ */
+function unitHomography(move) {
+  const H = identity(3);
+  for (let i = 0; i < NUMBERS; i++) H[i] += move[i];
+  return H;
+}
+
+/**
+ * Give pixels a weight that falls with the gradient of the picture.
+ *
+ * @param {FloatPlane} image
+ * @returns {Float32Array} in (0, 1]
+ */
+function evenness({ width, height, data }) {
+  const weight = new Float32Array(width * height);
+  for (let row = 0, at = 0; row < height; row++) {
+    const above = reflected(row - 1, height) * width;
+    const here = row * width;
+    const below = reflected(row + 1, height) * width;
+    for (let col = 0; col < width; col++, at++) {
+      const left = reflected(col - 1, width);
+      const next = reflected(col + 1, width);
+      const ahead = data[above + next] + 2 * data[here + next] + data[below + next];
+      const behind = data[above + left] + 2 * data[here + left] + data[below + left];
+      const under = data[below + left] + 2 * data[below + col] + data[below + next];
+      const over = data[above + left] + 2 * data[above + col] + data[above + next];
+      const squared = ((ahead - behind) / 8) ** 2 + ((under - over) / 8) ** 2;
+      weight[at] = 1 / (1 + squared / STEEP ** 2);
+    }
+  }
+  return weight;
+}
+
+/**
+ * Find the pixel that stands for one beyond the border: the image is mirrored.
+ *
+ * @param {number} at
+ * @param {number} length
+ * @returns {number}
+ */
+function reflected(at, length) {
+  if (at >= 0 && at < length) return at;
+  return length === 1 ? 0 : at < 0 ? -at : 2 * length - 2 - at;
+}

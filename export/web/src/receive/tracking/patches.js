@@ -1,0 +1,206 @@
+/**
+ * Follow the display from frame to frame; find it again when it was lost.
+ *
+ * A part of the display may lie outside the image. A search for a lost display takes the time of
+ * many frames, so it goes in steps (locate/steps.js), of which each frame takes some. What it finds
+ * in the frame with which it began is then looked for once more in the frame at hand.
+ */
+
+import { resizeArea } from "../../image/shrink.js";
+import { InputError } from "../../link/errors.js";
+import { frameCorners } from "../../link/geometry.js";
+import { matchPatches } from "../../link/ratex.js";
+import { searchSteps } from "../../locate/find.js";
+import { imagePyramid, patchesInView, seenVisibility } from "../../locate/patches.js";
+import { cornersOnPatches, neededVisibility } from "../../locate/refine.js";
+import { Follower } from "./follow.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+
+/** Smallest `seenVisibility` of a followed display. */
+const MIN_VISIBILITY = 0.7;
+/**
+ * Units of work (locate/steps.js) after which a frame takes no further step of a search, in the
+ * frames of the first search for a display.
+ */
+const FIRST_WORK = 90;
+/** Units of work, in the frames of the next searches. */
+const WORK = 50;
+/** Units of work, after `PATIENCE` searches in vain, while the image stays as it is. */
+const SLOW_WORK = 8;
+/** Number of searches in vain after which the image must change for the search to be quick. */
+const PATIENCE = 3;
+/** Width and height, in pixels, of the thumbnails that tell whether the image has changed. */
+const THUMBNAIL_PX = 32;
+/** Distance, in pixels, of the image's rows and columns that thumbnails are made of. */
+const THUMBNAIL_STEP = 4;
+/** Gray levels by which a thumbnail's pixel differs where something has changed. */
+const CHANGED_LEVELS = 16;
+/**
+ * Share of changed pixels at which the image counts as changed: the smallest display that is found
+ * covers as much.
+ */
+const CHANGED_SHARE = 0.03;
+
+/**
+ * The display in one camera frame: its corners in pixels of the frame, in corner order, and its
+ * rectified image, of the layout's size.
+ *
+ * @typedef {{ corners: Point[], rectified: BytePlane }} Tracked
+ */
+
+/** Finds a display by its ratex patches, and follows it as long as these are seen. */
+export class Tracker {
+  #follower;
+  /** @type {ReturnType<typeof searchSteps> | null} */
+  #search = null;
+  #searchedWidth = 0;
+  #searchedHeight = 0;
+  #vain = 0;
+  /** @type {Uint8Array | null} */
+  #thumbnail = null;
+
+  /** @param {Layout} layout - with at least one ratex patch */
+  constructor(layout) {
+    if (layout.ratex.length === 0) {
+      throw new InputError("a receiver needs ratex patches to find and follow the display");
+    }
+    this.layout = layout;
+    this.#follower = new Follower(layout);
+  }
+
+  /**
+   * Find the display in the next frame.
+   *
+   * @param {BytePlane} image - gray
+   * @returns {Tracked | null} the display, or null where it is not in view
+   */
+  follow(image) {
+    if (this.#follower.corners !== null) {
+      const step = this.#follower.step(image);
+      const found = step === null ? null : this.#accept(image, step.corners, step.fresh);
+      if (found !== null) return found;
+      this.#follower.forget();
+      this.#search = null;
+      this.#vain = 0;
+    }
+    return this.#look(image);
+  }
+
+  /**
+   * Take some steps of a search, and begin one where none is under way.
+   *
+   * @param {BytePlane} image
+   * @returns {Tracked | null}
+   */
+  #look(image) {
+    if (this.#searchedWidth !== image.width || this.#searchedHeight !== image.height) {
+      this.#search = null;
+    }
+    const fresh = this.#search === null;
+    if (fresh) {
+      this.#searchedWidth = image.width;
+      this.#searchedHeight = image.height;
+      const whole = frameCorners(image.width, image.height); // a screenshot, or rectified
+      const found = this.#accept(image, whole, true);
+      if (found !== null) return found;
+    }
+    let search = (this.#search ??= this.#begun(image));
+    const limit = this.#workLimit(image);
+    search = this.#search;
+    for (let work = 0; work < limit; ) {
+      const step = search.next();
+      if (!step.done) {
+        work += step.value;
+        continue;
+      }
+      this.#search = null;
+      this.#vain++;
+      if (step.value === null) return null;
+      let { corners } = step.value;
+      if (!fresh) {
+        // the camera has moved since
+        const found = cornersOnPatches(image, imagePyramid(image), corners, this.layout);
+        if (found.seen < neededVisibility(this.layout)) return null;
+        ({ corners } = found);
+      }
+      return this.#accept(image, corners, true);
+    }
+    return null;
+  }
+
+  /**
+   * Begin a search in a frame, which is copied.
+   *
+   * @param {BytePlane} image
+   */
+  #begun(image) {
+    return searchSteps({ ...image, data: image.data.slice() }, this.layout);
+  }
+
+  /**
+   * Say after how many units of work this frame takes no further step of the search.
+   *
+   * @param {BytePlane} image
+   * @returns {number}
+   */
+  #workLimit(image) {
+    if (this.#vain === 0) return FIRST_WORK;
+    if (this.#vain <= PATIENCE) {
+      this.#thumbnail = null;
+      return WORK;
+    }
+    const thumbnail = thumbnailOf(image);
+    const before = this.#thumbnail;
+    this.#thumbnail = thumbnail;
+    if (before === null) return SLOW_WORK;
+    const differs = (/** @type {number} */ level, /** @type {number} */ at) =>
+      Math.abs(level - before[at]) > CHANGED_LEVELS;
+    if (thumbnail.filter(differs).length / thumbnail.length < CHANGED_SHARE) {
+      this.#thumbnail = before;
+      return SLOW_WORK;
+    }
+    // what was looked at is no longer what is seen
+    this.#search = this.#begun(image);
+    this.#vain = 1;
+    return WORK;
+  }
+
+  /**
+   * Believe that the display is there if its patches are seen.
+   *
+   * @param {BytePlane} image
+   * @param {Point[]} corners
+   * @param {boolean} fresh - whether the frame becomes the reference
+   * @returns {Tracked | null}
+   */
+  #accept(image, corners, fresh) {
+    const rectified = this.#follower.rectified(image, corners);
+    if (rectified === null) return null;
+    const inView = patchesInView(corners, this.layout, image.width, image.height);
+    const seen = seenVisibility(matchPatches(rectified, this.layout).correlation, inView);
+    if (seen < MIN_VISIBILITY) return null;
+    if (this.#follower.corners !== null) this.#follower.advance(corners);
+    if (fresh) this.#follower.begin(image, corners, rectified);
+    return { corners, rectified };
+  }
+}
+
+/**
+ * Shrink an image to a few pixels.
+ *
+ * @param {BytePlane} image
+ * @returns {Uint8Array}
+ */
+function thumbnailOf({ width, height, data }) {
+  const across = Math.ceil(width / THUMBNAIL_STEP);
+  const down = Math.ceil(height / THUMBNAIL_STEP);
+  const picked = new Uint8Array(across * down);
+  for (let y = 0, to = 0; y < height; y += THUMBNAIL_STEP) {
+    for (let x = 0; x < width; x += THUMBNAIL_STEP, to++) picked[to] = data[y * width + x];
+  }
+  const thinned = { width: across, height: down, data: picked };
+  return resizeArea(thinned, THUMBNAIL_PX, THUMBNAIL_PX).data;
+}

@@ -1,0 +1,129 @@
+/** Find a display by its pilots, follow it, and notice when it is no longer the display. */
+
+import { identity, multiply3 } from "../../link/linear.js";
+import { movedCorners } from "../../locate/pilots/corners.js";
+import { pilotEvidence, pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
+import { PilotSearch } from "../../locate/pilots/search.js";
+import { Follower } from "./follow.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../link/geometry.js").Homography} Homography */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+/** @typedef {import("./patches.js").Tracked} Tracked */
+
+/** Number of frames over which the pilots of a followed display are watched. */
+export const WATCHED = 48;
+/** Number of frames from one look at the pilots to the next. */
+export const CHECK_EVERY = 24;
+/** Smallest evidence (`pilotEvidence`) at which the pilots are still seen. */
+export const LEAST_EVIDENCE = 4.0;
+/** Number of looks in a row without evidence after which the display counts as lost. */
+export const PATIENCE = 3;
+
+/** Finds a display that shows one of several layouts with pilots, and follows it. */
+export class PilotTracker {
+  #search;
+  #follower;
+  /** @type {Homography} */
+  #HFollowedFromShown = identity(3);
+  /** @type {Float32Array[]} */
+  #values = [];
+  #count = 0;
+  #missed = 0;
+
+  /**
+   * @param {Layout[]} layouts - those that are looked for, at least one, each with pilots
+   * @param {number} fps - nominal number of frames of the camera in a second
+   */
+  constructor(layouts, fps) {
+    this.#search = new PilotSearch(layouts, fps);
+    this.#follower = new Follower(layouts[0]);
+  }
+
+  /** Layout of the display that was found last. */
+  get layout() {
+    return this.#follower.layout;
+  }
+
+  /**
+   * Move the display within its rectified image, from the next frame on.
+   *
+   * @param {Homography} HOldFromNew - in layout pixels; says where points of the display lie in
+   *   the image rectified so far
+   */
+  correct(HOldFromNew) {
+    const H = multiply3(this.#HFollowedFromShown, HOldFromNew);
+    this.#HFollowedFromShown = H.map((value) => value / H[8]);
+  }
+
+  /**
+   * Find the display in the next frame.
+   *
+   * @param {BytePlane} image - gray
+   * @returns {Tracked | null} the display, or null where it is not in view
+   */
+  follow(image) {
+    if (this.#follower.corners === null) return this.#look(image);
+    const step = this.#follower.step(image);
+    const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
+    if (tracked === null || !this.#stillThere(tracked)) {
+      this.#follower.forget();
+      return null;
+    }
+    return tracked;
+  }
+
+  /**
+   * @param {BytePlane} image
+   * @returns {Tracked | null}
+   */
+  #look(image) {
+    const found = this.#search.push(image);
+    if (found === null) return null;
+    this.#follower = new Follower(found.layout);
+    this.#HFollowedFromShown = identity(3);
+    this.#values = [];
+    this.#count = this.#missed = 0;
+    return this.#accept(image, found.corners, true);
+  }
+
+  /**
+   * Rectify the display where the motion of its points puts it.
+   *
+   * @param {BytePlane} image
+   * @param {Point[]} corners
+   * @param {boolean} fresh - whether the frame becomes the reference
+   * @returns {Tracked | null}
+   */
+  #accept(image, corners, fresh) {
+    const follower = this.#follower;
+    const shown = movedCorners(corners, this.#HFollowedFromShown, follower.layout);
+    const rectified = follower.rectified(image, shown);
+    if (rectified === null) return null;
+    if (follower.corners !== null) follower.advance(corners);
+    if (fresh) {
+      const reference = follower.rectified(image, corners);
+      if (reference === null) return null;
+      follower.begin(image, corners, reference);
+    }
+    return { corners: shown, rectified };
+  }
+
+  /**
+   * Look at the pilots from time to time, and tell whether they are still seen.
+   *
+   * @param {Tracked} tracked
+   * @returns {boolean}
+   */
+  #stillThere(tracked) {
+    const { layout } = this;
+    this.#values.push(pilotValues(tracked.rectified, layout));
+    if (this.#values.length > WATCHED) this.#values.shift();
+    this.#count++;
+    if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
+    const { evidence } = pilotEvidence(this.#values, pilotSigns(layout));
+    this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
+    return this.#missed < PATIENCE;
+  }
+}

@@ -1,0 +1,126 @@
+"""The page fills hidden blocks, finds covered ones, moves corners and skips repeats as Python."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from web_fixtures import run_node_tests, write_fixture
+
+from export.locate.pilots.evidence import pilot_signs
+from export.receive.hidden import fill_hidden, hidden_blocks
+from export.receive.occlusion import Occlusion
+from export.receive.repeats import Repeats
+from export.receive.tracking.corners import CornerShift
+from export.web.tables import layout_table
+from link.layout import Layout, make_layout
+from link.ratex import draw_patches
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+PATCHES = make_layout(9, 11, 250, 190)
+"""Blocks and tiles of unequal sizes."""
+PILOTS = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
+SURE = 4.0
+"""Score of a block that is decoded without doubt, in log-likelihood units."""
+
+
+def smooth(height: int, width: int, seed: int, deviation: float = 25.0) -> Array:
+    noise = np.random.default_rng(seed).normal(0, 1, (height, width))
+    blurred = cv2.GaussianBlur(noise, (0, 0), 8)
+    return np.asarray(130 + deviation * blurred / blurred.std())
+
+
+def noisy(image: Array, seed: int, deviation: float = 2.0) -> Image:
+    noise = np.random.default_rng(seed).normal(0, deviation, image.shape)
+    return np.clip(image + noise + 0.5, 0, 255).astype(np.uint8)
+
+
+def hiding(layout: Layout, cut: bool, hand: bool) -> dict[str, object]:
+    """A frame pair of which some is outside the image, or behind a hand, and the filled images."""
+    images = []
+    for embedded in (False, True):
+        shown = smooth(layout.height, layout.width, 1).astype(np.uint8)
+        draw_patches(shown, layout, 3, embedded=embedded)
+        if hand:
+            shown[:60, :70] = 120
+        images.append(noisy(shown.astype(np.float64), 2 + embedded))
+    purity = np.full((16, 16), 0.9)
+    if cut:
+        purity[:, 13:] = 0
+        purity[7, 6] = 0
+    hidden = hidden_blocks(images[0], images[1], purity, layout)
+    return {
+        "layout": layout_table(layout),
+        "images": images,
+        "purity": purity,
+        "hidden": hidden,
+        "filled": fill_hidden(images, hidden, layout),
+    }
+
+
+def covering() -> dict[str, object]:
+    """A hand passes by, the light changes, and then the picture."""
+    occlusion, images, covered = Occlusion(PATCHES), [], []
+    for number in range(14):
+        shown = smooth(PATCHES.height, PATCHES.width, int(number > 11)) * (1 + 0.03 * number)
+        if 4 < number < 9:
+            shown[20:110, 20 * number : 20 * number + 70] = 30
+        images.append(noisy(shown, number))
+        covered.append(occlusion.covered(images[-1]))
+    assert any(blocks.any() for blocks in covered)
+    return {"layout": layout_table(PATCHES), "images": images, "covered": covered}
+
+
+def shifting() -> dict[str, object]:
+    """Frame pairs that are rectified wrongly, and how Python moves the display's corners."""
+    rng, layout = np.random.default_rng(3), PILOTS
+    shifts, pairs = CornerShift(layout), []
+    H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
+    size = layout.width, layout.height
+    for number in range(4):
+        grid = rng.choice([-1.0, 1.0], (layout.rows, layout.cols))
+        grid.reshape(-1)[layout.pilot_blocks] = pilot_signs(layout)
+        change = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+        picture = smooth(layout.height, layout.width, 5)
+        seen = [cv2.warpPerspective(picture + 4 * s * change, H, size) for s in (-1, 1)]
+        images = [noisy(image, 10 * number + i) for i, image in enumerate(seen)]
+        scores = SURE * grid[layout.message_mask] * (number != 2)
+        shifts.take(images[0], images[1], scores)
+        shift = shifts.shift()
+        pairs.append({"images": images, "scores": scores, "shift": shift})
+    flat = np.full((layout.height, layout.width), 90, np.uint8)
+    shifts.take(flat, flat, np.zeros(layout.n_bits))
+    still = {"images": [flat, flat], "scores": np.zeros(layout.n_bits), "shift": shifts.shift()}
+    pairs.append(still)
+    assert pairs[0]["shift"] is not None
+    return {"layout": layout_table(layout), "pairs": pairs}
+
+
+def repeating() -> list[dict[str, object]]:
+    """Films with noise and without, of odd sizes, in which frames are repeated."""
+    films = []
+    for (height, width), deviation in (((96, 128), 3.0), ((45, 250), 3.0), ((96, 128), 0.0)):
+        base = smooth(height, width, 0)
+        numbers = (0, 1, 2, 3, 4, 5, 6, 7, 7, 8, 9, 9, 10, 11, 11)
+        film = [noisy(base + 3 * (number // 2 % 2), number, deviation) for number in numbers]
+        corrected = np.clip(film[-1] + (np.arange(width) % 7 == 0), 0, 255).astype(np.uint8)
+        repeats = Repeats()
+        images = [*film, corrected, film[0][::-1, : width // 2].copy(), film[0]]
+        films.append({"images": images, "repeated": [repeats.is_repeat(i) for i in images]})
+    assert any(films[0]["repeated"])
+    return films
+
+
+def test_blocks_and_repeats_are_handled_as_in_python(tmp_path: Path) -> None:
+    cases = {
+        "partly out of view": hiding(PATCHES, cut=True, hand=False),
+        "behind a hand": hiding(PATCHES, cut=False, hand=True),
+        "pilots": hiding(PILOTS, cut=True, hand=False),
+        "all seen": hiding(PATCHES, cut=False, hand=False),
+    }
+    write_fixture(tmp_path, "hiding", cases)
+    for part in (covering, shifting, repeating):
+        write_fixture(tmp_path, part.__name__, part())
+    run_node_tests("trackingBlocks", tmp_path)
