@@ -23,6 +23,9 @@ const SLOWEST = 0.1;
 /** Number of frames after which a film's rate is chosen anew. */
 const WATCHED = 10;
 
+/** Factors of a film's rate: where frames were dropped, and where none was. */
+const [SLOWER, FASTER] = [0.75, 1.1];
+
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
 
@@ -300,7 +303,8 @@ async function readFilm(film) {
   } catch (error) {
     if (signal.aborted) return;
     stop();
-    say("The film cannot be read", `${error instanceof Error ? error.message : error}.`);
+    const why = error instanceof Error ? error.message : String(error);
+    say("The film cannot be read", `${why[0].toUpperCase()}${why.slice(1)}.`);
   }
 }
 
@@ -360,25 +364,25 @@ function showPlane({ width, height, data }) {
 async function readVideo(address, signal) {
   video.src = address;
   reception.begin(null);
-  let [taken, dropped] = [0, 0];
+  let [seen, dropped] = [0, 0];
   const slowDown = () => {
-    if (reception.taken + reception.dropped - taken - dropped < WATCHED) return;
-    const late = reception.dropped > dropped;
-    [taken, dropped] = [reception.taken, reception.dropped];
-    video.playbackRate = Math.min(1, Math.max(SLOWEST, video.playbackRate * (late ? 0.75 : 1.1)));
+    if (reception.taken + reception.dropped - seen < WATCHED) return;
+    const change = reception.dropped > dropped ? SLOWER : FASTER;
+    [seen, dropped] = [reception.taken + reception.dropped, reception.dropped];
+    video.playbackRate = Math.min(1, Math.max(SLOWEST, video.playbackRate * change));
   };
   /** @type {import("./frames.js").Take} */
   const take = (pixels, time) => {
-    const measured = reception.fps !== null;
-    const taken = reception.offer(pixels, time);
-    if (!measured && reception.fps !== null) video.currentTime = 0; // read what was measured
+    if (video.seeking) return pixels.frame?.close();
+    const isMeasured = reception.fps !== null;
+    const answer = reception.offer(pixels, time);
+    if (!isMeasured && reception.fps !== null) video.currentTime = 0; // read what was measured
     slowDown();
-    return taken;
+    return answer;
   };
   const broken = new Promise((_, reject) => {
-    video.addEventListener("error", () => reject(new Error("this browser cannot play it")), {
-      signal,
-    });
+    const fail = () => reject(new Error("there is no such film, or this browser cannot play it"));
+    video.addEventListener("error", fail, { signal });
   });
   await Promise.race([video.play(), broken]);
   await Promise.race([videoFrames(video, take, signal), broken]);

@@ -76,9 +76,9 @@ export class Reception {
    * @returns {Promise<unknown> | null} resolves when the worker is done; null where it was dropped
    */
   offer(pixels, time) {
-    if (this.isReady && this.fps === null) this.measure(time);
     if (!this.isReady || this.fps === null || this.answered) {
-      if (this.answered) this.dropped++;
+      if (this.isReady && this.fps === null) this.measure(time);
+      else if (this.answered) this.dropped++;
       pixels.frame?.close();
       return null;
     }

@@ -1,0 +1,172 @@
+/** The page's parts that need no browser: luma, films, recordings, texts, links, advice. */
+
+import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+
+import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
+import { planeOfFrame, planeOfRgba } from "../src/page/planes.js";
+import { recordingFile } from "../src/page/recording.js";
+import { linkOf, textOf } from "../src/page/text.js";
+import { readY4m } from "../src/page/y4m.js";
+import { readFixture } from "./fixtures.js";
+
+/** @param {Uint8Array} bytes @param {number} size @returns {ReadableStream<Uint8Array>} */
+function streamOf(bytes, size) {
+  let at = 0;
+  return new ReadableStream({
+    pull(controller) {
+      if (at >= bytes.length) return controller.close();
+      controller.enqueue(bytes.slice(at, (at += size)));
+    },
+  });
+}
+
+/** @param {Uint8Array} bytes @param {number} size of the stream's chunks */
+async function framesOf(bytes, size) {
+  const frames = [];
+  for await (const frame of readY4m(streamOf(bytes, size))) frames.push(frame);
+  return frames;
+}
+
+test("films without compression are read bit for bit, however their bytes come", async () => {
+  for (const { film, luma, times, fps } of readFixture("y4m")) {
+    for (const size of [7, 1000, film.data.length]) {
+      const frames = await framesOf(film.data, size);
+      assert.equal(frames.length, luma.shape[0]);
+      const { shape, data } = luma;
+      const pixels = shape[1] * shape[2];
+      for (const [number, frame] of frames.entries()) {
+        assert.deepEqual([frame.plane.height, frame.plane.width], shape.slice(1));
+        const expected = data.subarray(number * pixels, (number + 1) * pixels);
+        assert.deepEqual(frame.plane.data, expected);
+        assert.ok(Math.abs(frame.time - times[number]) < 1e-6);
+        assert.ok(Math.abs(frame.fps - fps) < 1e-9);
+      }
+    }
+  }
+});
+
+test("what is no such film is refused in words", async () => {
+  for (const line of [
+    "RIFF",
+    "YUV4MPEG2 W8 H8 F30:1",
+    "YUV4MPEG2 W640 F30:1",
+    "YUV4MPEG2 W640 H480 C420p10",
+    "YUV4MPEG2 W640 H480 Cfoo",
+    `YUV4MPEG2 ${"X".repeat(5000)}`,
+    "",
+  ]) {
+    const bytes = new TextEncoder().encode(`${line}\nFRAME\n`);
+    await assert.rejects(framesOf(bytes, 100), /film/, line);
+  }
+});
+
+/** @param {string} format @param {boolean | null} fullRange @param {Uint8Array} data */
+function frameOf(format, fullRange, data) {
+  const visibleRect = { x: 0, y: 0, width: 3, height: 2 };
+  let isClosed = false;
+  const frame = {
+    format,
+    visibleRect,
+    colorSpace: { fullRange },
+    allocationSize: (/** @type {any} */ options) => (options.format ? 24 : data.length),
+    async copyTo(/** @type {Uint8Array} */ into, /** @type {any} */ options) {
+      if (options.format) {
+        for (let i = 0; i < 24; i++) into[i] = data[i];
+        return [{ offset: 0, stride: 12 }];
+      }
+      into.set(data);
+      return [{ offset: 1, stride: 5 }];
+    },
+    close: () => (isClosed = true),
+    isClosed: () => isClosed,
+  };
+  return /** @type {any} */ (frame);
+}
+
+test("luma is taken from the plane, and stretched only where its range is limited", async () => {
+  const data = Uint8Array.from([9, 16, 126, 235, 0, 0, 17, 0, 255, 0, 0, 80, 80, 80]);
+  const kept = Uint8Array.from([16, 126, 235, 17, 0, 255]);
+  for (const [range, expected] of [
+    [true, kept],
+    [null, kept],
+    [false, Uint8Array.from([0, 128, 255, 1, 0, 255])],
+  ]) {
+    for (const format of ["I420", "NV12"]) {
+      const frame = frameOf(format, /** @type {any} */ (range), data);
+      const plane = await planeOfFrame(frame);
+      assert.deepEqual(plane, { width: 3, height: 2, data: expected });
+      assert.ok(frame.isClosed());
+    }
+  }
+});
+
+test("colours become luma as OpenCV makes it", async () => {
+  const { rgba, luma } = readFixture("colours");
+  const [height, width] = luma.shape;
+  assert.deepEqual(planeOfRgba({ width, height, data: rgba.data }).data, luma.data);
+  const six = rgba.data.slice(0, 24);
+  const plane = await planeOfFrame(frameOf("BGRX", null, six));
+  assert.deepEqual(plane.data, luma.data.slice(0, 6));
+});
+
+test("a recording is an archive of a film and of what is known about it", async () => {
+  const frames = readFixture("recording").map((/** @type {any} */ { luma, time }) => ({
+    plane: { width: luma.shape[1], height: luma.shape[0], data: luma.data },
+    time,
+  }));
+  const file = recordingFile(frames, 29.97, { versions: { a: "1" } }, 1_800_000_000);
+  const folder = String(process.env.FIXTURES);
+  writeFileSync(join(folder, "recording.tar"), new Uint8Array(await file.arrayBuffer()));
+});
+
+test("bytes are shown as Python shows them", () => {
+  for (const { data, text } of readFixture("texts")) assert.equal(textOf(data.data), text);
+});
+
+test("only plain addresses of the web can be opened", () => {
+  for (const [text, host] of [
+    ["https://example.org/a?b#c", "example.org"],
+    [" http://localhost:8000/ \n", "localhost:8000"],
+    ["HTTPS://EXAMPLE.ORG", "example.org"],
+    ["https://\u0430pple.com/", "xn--pple-43d.com"],
+  ]) {
+    assert.equal(linkOf(text)?.host, host);
+  }
+  for (const text of [
+    "javascript:alert(1)",
+    "data:text/html,x",
+    "example.org",
+    "see https://example.org",
+    "https://good.example@evil.example/",
+    "https://",
+    "https://a b",
+    "https:\\\\evil.example",
+    "file:///etc/passwd",
+  ]) {
+    assert.equal(linkOf(text), null, text);
+  }
+});
+
+test("advice says what would help, and waits before it does", () => {
+  const image = { width: 100, height: 100 };
+  const corners = [[10, 10], [90, 10], [90, 90], [10, 90]];
+  const far = [[45, 45], [55, 45], [55, 55], [45, 55]];
+  const sight = { corners, synchronised: true, progress: 0.5, level: 120, clipped: 0, cut: false };
+  assert.ok(Math.abs(shareOf(corners, image) - 0.64) < 1e-12);
+  const lost = { ...sight, corners: null, synchronised: false, progress: 0 };
+  assert.equal(stateOf(lost), "Looking for the display");
+  assert.equal(stateOf({ ...lost, progress: 0.2 }), "Display lost, looking again");
+  assert.equal(stateOf({ ...sight, synchronised: false }), "Display found, waiting for its rhythm");
+  assert.equal(stateOf(sight), "Receiving the message");
+  assert.equal(adviceFor({ ...lost, level: 5 }, 1, image), "");
+  assert.match(adviceFor({ ...lost, level: 5 }, 9, image), /too dark/);
+  assert.match(adviceFor({ ...lost, clipped: 0.5 }, 9, image), /too bright/);
+  assert.match(adviceFor(lost, 9, image), /come closer/);
+  assert.match(adviceFor({ ...sight, corners: far }, 9, image), /small.*closer/);
+  assert.match(adviceFor({ ...sight, cut: true }, 9, image), /outside/);
+  assert.match(adviceFor({ ...sight, synchronised: false }, 9, image), /still/);
+  assert.equal(adviceFor(sight, 9, image), "");
+});
