@@ -97,21 +97,16 @@ class Decoder:
         self, path: Path | str, threads: int = 2, time_limit_s: float = TIME_LIMIT_S
     ) -> None:
         path = Path(path)
-        if not is_file(path):
-            raise InputError(f"{path}: no such model; export one with python -m export.to_onnx RUN")
-        if not 1 <= threads <= MAX_THREADS:
-            raise ParameterError("threads", f"need 1 to {MAX_THREADS}, got {threads}")
+        check_threads(threads)
         self._time_limit_s = time_limit_s
-        data = read_bounded(path, MAX_MODEL_BYTES)
+        data = read_model(path)
         try:
-            check_onnx_file(data)
             self._session = _session(data, threads, time_limit_s)
             self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         except SlowModelError as error:
             raise InputError(f"{path}: {error}") from None
-        except ORT_ERRORS as error:  # an InputError is a ValueError
-            reason = f"not a readable ONNX model; export it again ({_reason(error)})"
-            raise InputError(f"{path}: {reason}") from None
+        except ORT_ERRORS as error:
+            raise _unreadable(path, error) from None
         self.layout: Layout
         """Grid of the message bits that the model decodes."""
         self.features: list[str]
@@ -267,6 +262,36 @@ class Decoder:
                 f"a {width}x{height} frame is too small for {layout.cols}x{layout.rows} blocks"
             )
         return Rectified(frames[0], frames[1], layout)
+
+
+def read_model(path: Path) -> bytes:
+    """Read the bytes of an .onnx file and check them as `export.onnx_file` does.
+
+    Raises:
+        InputError: the file is missing, too large, damaged, or holds what no decoder needs.
+    """
+    if not is_file(path):
+        raise InputError(f"{path}: no such model; export one with python -m export.to_onnx RUN")
+    data = read_bounded(path, MAX_MODEL_BYTES)
+    try:
+        check_onnx_file(data)
+    except InputError as error:
+        raise _unreadable(path, error) from None
+    return data
+
+
+def check_threads(threads: int) -> None:
+    """Check a number of threads of onnxruntime.
+
+    Raises:
+        InputError: it is out of range.
+    """
+    if not 1 <= threads <= MAX_THREADS:
+        raise ParameterError("threads", f"need 1 to {MAX_THREADS}, got {threads}")
+
+
+def _unreadable(path: Path, error: Exception) -> InputError:
+    return InputError(f"{path}: not a readable ONNX model; export it again ({_reason(error)})")
 
 
 def _session(data: bytes, threads: int, time_limit_s: float) -> onnxruntime.InferenceSession:

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 from link.errors import choose
 from link.frames import Rectified, SoftBits
 from link.layout import Layout
+from link.presets import PRESETS
 
 PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
 """Folder of the shipped checkpoint of ``learned`` for layouts with ratex patches; it was trained on
@@ -83,9 +84,22 @@ def shipped_checkpoint(layout: Layout) -> Path:
     return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
 
 
-def shipped_graphs() -> list[Path]:
-    """List the exported decoders that ship with the project: for patches, and for presets."""
-    return [PRETRAINED / "decoder.onnx", *sorted(PRETRAINED_PILOTS.glob("*.onnx"))]
+def shipped_graphs() -> dict[Layout, Path]:
+    """Name the exported decoder that ships with the project for the layout of each preset.
+
+    Returns:
+        .onnx files by layout, from the coarsest grid on.
+
+    >>> [path.name for path in shipped_graphs().values()]
+    ['decoder.onnx', '24x32.onnx', '48x64.onnx', '96x128.onnx']
+    """
+    layouts = {preset.layout for preset in PRESETS.values()}
+    return {
+        layout: PRETRAINED_PILOTS / f"{layout.rows}x{layout.cols}.onnx"
+        if layout.pilots
+        else PRETRAINED / "decoder.onnx"
+        for layout in sorted(layouts, key=lambda layout: layout.rows * layout.cols)
+    }
 
 
 class BlockDecoder(Protocol):

@@ -1,7 +1,6 @@
 """A display with pilots is found, followed, moved, lost and found again; odd frames do no harm."""
 
 from collections.abc import Callable
-from typing import cast
 
 import cv2
 import numpy as np
@@ -17,7 +16,6 @@ from export.locate.pilots.stabilise import WIDTH, Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.receive.receiver import Receiver
 from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
-from export.runtime import Decoder
 from link.errors import InputError
 from link.layout import make_layout
 from link.presets import PRESETS
@@ -161,7 +159,7 @@ ODD: dict[str, Callable[[int], Image]] = {
 @pytest.mark.parametrize("kind", ODD)
 def test_odd_frames_hold_no_display(kind: str) -> None:
     decoders = [BlockMeans(preset.layout) for preset in PRESETS.values()]
-    receiver = Receiver(cast(list[Decoder], decoders), 30.0)
+    receiver = Receiver(decoders, 30.0)
     for number in range(27):
         step = receiver.push(ODD[kind](number), number / 30)
         assert (step.tracked, step.pairs, step.message) == (None, [], None)

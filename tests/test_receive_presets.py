@@ -1,8 +1,9 @@
 """One receiver reads every preset: it finds what is shown, says which, and delivers the message."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +14,9 @@ from pilot_films import BlockMeans, filmed
 from streams import Stream, states_of
 
 import export.receive.__main__ as receive_cli
+import export.receive.decoders as decoders_module
 from export.receive.__main__ import MAX_PRINTED_BITS, pair_values, preset_name
+from export.receive.decoders import ShippedDecoder
 from export.receive.reader import DecodedPair
 from export.receive.receiver import Receiver, make_trackers
 from export.receive.states import DisplayState
@@ -34,7 +37,7 @@ BARE = make_layout(ratex=0)
 
 
 def receiver_of(*layouts: Layout, fps: float = 30.0) -> Receiver:
-    return Receiver(cast(list[Decoder], [BlockMeans(layout) for layout in layouts]), fps)
+    return Receiver([BlockMeans(layout) for layout in layouts], fps)
 
 
 def robust_film(frames: int = 70) -> list[NDArray[np.uint8]]:
@@ -69,7 +72,7 @@ def test_a_film_with_patches_is_read_among_all_presets() -> None:
     """The decoder of the patches is the one that is asked, whatever others there are."""
     decoders = [Decoder(PRETRAINED / "decoder.onnx", threads=1, time_limit_s=60.0)]
     others = [BlockMeans(preset.layout) for preset in PRESETS.values() if preset.layout.pilots]
-    receiver = Receiver([*decoders, *cast(list[Decoder], others)], 30.0)
+    receiver = Receiver([*decoders, *others], 30.0)
     states = states_of(TEXT, PAPER, np.random.default_rng(5))
     message = None
     for time, image, _ in Stream().frames(states, 6, np.random.default_rng(6)):
@@ -119,17 +122,23 @@ def test_by_default_all_shipped_graphs_are_read(
     monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
 ) -> None:
     loaded: list[Path] = []
+    checked: dict[Layout, Path] = {}
 
     def load(path: Path, threads: int) -> BlockMeans:
         loaded.append(path)
         return BlockMeans(PAPER if path == PRETRAINED / "decoder.onnx" else ROBUST)
 
+    def check(path: Path, layout: Layout, threads: int) -> BlockMeans:
+        checked[layout] = path
+        return BlockMeans(layout)
+
     monkeypatch.setattr(receive_cli, "Decoder", load)
+    monkeypatch.setattr(receive_cli, "ShippedDecoder", check)
     write_image(tmp_path / "in" / "a.png", np.full((60, 80, 3), 90, np.uint8))
     done = command(receive_cli.main, tmp_path / "in")
-    assert loaded == shipped_graphs()
-    assert len(loaded) > 2
-    loaded.clear()
+    assert checked == shipped_graphs()
+    assert len(checked) > 2
+    assert loaded == []  # a film without a display needs none of them
     chosen = [PRETRAINED / "decoder.onnx", PRETRAINED_PILOTS / "24x32.onnx"]
     done = command(receive_cli.main, tmp_path / "in", "--model", chosen[0], "--model", chosen[1])
     assert loaded == chosen
@@ -139,6 +148,50 @@ def test_by_default_all_shipped_graphs_are_read(
     twice = command(receive_cli.main, tmp_path / "in", "--model", chosen[1], "--model", chosen[1])
     assert (twice.status, twice.stderr.count("\n")) == (2, 1)
     assert "decoders: two of them read the same layout" in twice.stderr
+
+
+def test_a_shipped_graph_is_loaded_when_it_decodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[Path] = []
+
+    def load(path: Path, threads: int) -> BlockMeans:
+        loaded.append(path)
+        return BlockMeans(PAPER)
+
+    monkeypatch.setattr(decoders_module, "Decoder", load)
+    graph = PRETRAINED / "decoder.onnx"
+    right, wrong = ShippedDecoder(graph, PAPER), ShippedDecoder(graph, ROBUST)
+    assert loaded == []
+    frame = np.full((PAPER.height, PAPER.width), 90, np.uint8)
+    assert not right.decode(frame, frame).scores.any()
+    assert right.decode(frame, frame + 3).scores.all()
+    assert loaded == [graph]
+    with pytest.raises(InputError, match=r"decoder\.onnx: is for another layout than"):
+        wrong.decode(frame, frame)
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda data: data[: len(data) // 2], "not a readable ONNX model; export it again (it is"),
+        (lambda data: b"version https://git-lfs", "not a readable ONNX model; export it again (it"),
+        (None, "no such model"),
+    ],
+    ids=["cut off", "another file", "missing"],
+)
+def test_a_damaged_shipped_graph_is_refused_at_once(
+    damage: Callable[[bytes], bytes] | None,
+    says: str,
+    monkeypatch: pytest.MonkeyPatch,
+    command: Command,
+    tmp_path: Path,
+) -> None:
+    broken = tmp_path / "24x32.onnx"
+    if damage is not None:
+        broken.write_bytes(damage((PRETRAINED_PILOTS / "24x32.onnx").read_bytes()))
+    monkeypatch.setattr(receive_cli, "shipped_graphs", lambda: {ROBUST: broken})
+    done = command(receive_cli.main, tmp_path / "no film")
+    assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
+    assert f"{broken}: {says}" in done.stderr
 
 
 def test_two_images_of_pilots_give_one_line(

@@ -7,17 +7,20 @@ import pytest
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from export.runtime import Decoder
+from link.layout import Layout
 from link.presets import PRESETS
-from models import PRETRAINED, shipped_checkpoint, shipped_graphs
+from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint, shipped_graphs
 from models.neural.checkpoint import load_checkpoint
 from models.neural.methods import decode_with
 
-GRAPHS = shipped_graphs()
+GRAPHS = list(shipped_graphs().values())
 
 
 def test_there_is_a_graph_for_each_preset() -> None:
     assert GRAPHS[0] == PRETRAINED / "decoder.onnx"
+    assert set(shipped_graphs()) == {preset.layout for preset in PRESETS.values()}
     assert len(set(GRAPHS)) == len(GRAPHS) == len({p.layout for p in PRESETS.values()})
+    assert set(GRAPHS[1:]) == set(PRETRAINED_PILOTS.glob("*.onnx"))  # no other ships
     assert all(graph.is_file() for graph in GRAPHS)
     assert [graph.stem for graph in GRAPHS[1:]] == sorted(
         f"{preset.layout.rows}x{preset.layout.cols}"
@@ -27,10 +30,12 @@ def test_there_is_a_graph_for_each_preset() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("graph", GRAPHS, ids=lambda graph: graph.stem)
-def test_a_shipped_graph_reads_a_preset_as_torch_does(graph: Path) -> None:
+@pytest.mark.parametrize(
+    ("layout", "graph"), shipped_graphs().items(), ids=[graph.stem for graph in GRAPHS]
+)
+def test_a_shipped_graph_reads_a_preset_as_torch_does(layout: Layout, graph: Path) -> None:
     decoder = Decoder(graph, time_limit_s=60.0)
-    layout = decoder.layout
+    assert decoder.layout == layout
     assert layout in [preset.layout for preset in PRESETS.values()]
     pair = FramePair(Source(layout), Cell("canon-lg", 0.0, 3), 0).captured.rectified()
     module = load_checkpoint(shipped_checkpoint(layout), layout).eval()

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.find import locate
+from export.receive.decoders import PairDecoder, ShippedDecoder
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox, say
 from export.receive.reader import DecodedPair
@@ -64,7 +65,7 @@ def main() -> None:
     if "" in args.input:
         raise InputError("INPUT: a name is empty; give a folder, a video, images or a camera")
     inbox = Inbox(args.out, make_verifier(args.key, args.max_age))
-    decoders = [Decoder(model, args.threads) for model in args.model or shipped_graphs()]
+    decoders = open_decoders(args.model, args.threads)
     if args.show is not None:
         make_folder(args.show)
     if len(args.input) > 2:
@@ -73,6 +74,17 @@ def main() -> None:
         read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
     else:
         read_stream(decoders, args, inbox)
+
+
+def open_decoders(models: Sequence[Path] | None, threads: int) -> list[PairDecoder]:
+    """Open the models of --model; where there are none, those that ship, each when it is needed.
+
+    Raises:
+        InputError: a file is missing or damaged, or a given one is no decoder.
+    """
+    if models:
+        return [Decoder(model, threads) for model in models]
+    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped_graphs().items()]
 
 
 def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
@@ -89,7 +101,7 @@ def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
 
 
 def read_two_images(
-    decoders: Sequence[Decoder], first: str, second: str, max_megapixels: float | None
+    decoders: Sequence[PairDecoder], first: str, second: str, max_megapixels: float | None
 ) -> None:
     """Decode two images in either order, with the display anywhere in each.
 
@@ -133,7 +145,7 @@ def pair_values(pair: DecodedPair, scores: bool) -> dict[str, Any]:
     return entry
 
 
-def read_stream(decoders: Sequence[Decoder], args: argparse.Namespace, inbox: Inbox) -> None:
+def read_stream(decoders: Sequence[PairDecoder], args: argparse.Namespace, inbox: Inbox) -> None:
     """Receive from a folder, a video or a camera until the message is whole or frames end."""
     source = open_source(args.input[0], args.fps, args.max_megapixels)
     receiver = Receiver(decoders, source.fps)

@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import CLIPPED, CUT
 from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
@@ -26,7 +27,6 @@ from export.receive.timing.synchronise import Synchroniser
 from export.receive.timing.toggles import make_toggles
 from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.patches import Tracked
-from export.runtime import Decoder
 from link.code.collect import Collector, Message
 from link.frames import SoftBits
 
@@ -131,7 +131,7 @@ class DisplayReader:
         InputError: the layout has too few message blocks for a message.
     """
 
-    def __init__(self, decoder: Decoder, fps: float, timing: StageTimes, sight: Sight) -> None:
+    def __init__(self, decoder: PairDecoder, fps: float, timing: StageTimes, sight: Sight) -> None:
         self.decoder = decoder
         self.layout = decoder.layout
         self.timing = timing

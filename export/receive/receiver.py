@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import Observations
 from export.receive.reader import DecodedPair, DisplayReader, Sight, StageTimes
 from export.receive.repeats import Repeats
@@ -19,7 +20,6 @@ from export.receive.states import MESH, DisplayState
 from export.receive.timing.toggles import patch_toggles
 from export.receive.tracking.patches import Tracked, Tracker
 from export.receive.tracking.pilots import PilotTracker
-from export.runtime import Decoder
 from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured
@@ -53,6 +53,7 @@ class Receiver:
         InputError: there is no decoder, two have one layout, a layout has neither patches nor
             pilots, or too few message blocks for a message.
 
+    >>> from export.runtime import Decoder
     >>> from models import PRETRAINED
     >>> receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx"), fps=30)
     >>> step = receiver.push(np.full((240, 320, 3), 90, np.uint8), time=0.0)  # an empty wall
@@ -60,8 +61,8 @@ class Receiver:
     (None, [], None)
     """
 
-    def __init__(self, decoders: Decoder | Sequence[Decoder], fps: float = 30.0) -> None:
-        chosen = [decoders] if isinstance(decoders, Decoder) else list(decoders)
+    def __init__(self, decoders: PairDecoder | Sequence[PairDecoder], fps: float = 30.0) -> None:
+        chosen = list(decoders) if isinstance(decoders, Sequence) else [decoders]
         layouts = [decoder.layout for decoder in chosen]
         if not chosen:
             raise InputError("decoders: need at least one")
@@ -91,7 +92,7 @@ class Receiver:
         return self._reader.layout
 
     @property
-    def decoder(self) -> Decoder:
+    def decoder(self) -> PairDecoder:
         """Decoder of the layout."""
         return self._reader.decoder
 

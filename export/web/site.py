@@ -24,8 +24,6 @@ from models import shipped_graphs
 
 WEB = Path(__file__).parent
 """Folder of the page's sources."""
-GRAPHS = {"paper": "decoder", "robust": "24x32", "hidden": "48x64", "fast": "96x128"}
-"""Name of the shipped graph, without its ending, by the preset that it reads."""
 MARK = "presets.json"
 """Name of a file that every site has; a folder without it is no site, and is not replaced."""
 MAX_GZIP_BYTES = 8_000_000
@@ -118,11 +116,12 @@ def run_node(command: Sequence[str]) -> None:
 
 def write_inputs(folder: Path) -> None:
     """Write what Python gives the page: graphs, the table of presets, and icons."""
-    graphs = {path.stem: path for path in shipped_graphs()}
+    names = {preset.layout: name for name, preset in PRESETS.items()}
     tables = []
-    for name, graph in GRAPHS.items():
+    for layout, graph in shipped_graphs().items():
+        name = names[layout]
         model = f"models/{name}.onnx"
-        write_bytes(folder / model, graphs[graph].read_bytes())
+        write_bytes(folder / model, graph.read_bytes())
         tables.append(preset_table(name, PRESETS[name], model))
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
     for side in ICON_SIDES:

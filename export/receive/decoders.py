@@ -1,0 +1,61 @@
+"""Decoders for a receiver: it may need several, and most films need one, which is then loaded."""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.runtime import Decoder, check_threads, read_model
+from link.errors import InputError
+from link.frames import SoftBits
+from link.layout import Layout
+
+
+class PairDecoder(Protocol):
+    """What a receiver asks of a decoder."""
+
+    layout: Layout
+    """Layout of the displays that it reads."""
+
+    def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8], /) -> SoftBits:
+        """Score the message bits of two rectified frames, (H, W) or (H, W, 3) uint8 encoded RGB."""
+        ...
+
+
+class ShippedDecoder:
+    """A decoder whose layout is known beforehand, and which is loaded when it first decodes.
+
+    Its file is read and checked at once, so that a damaged one is noticed before the film begins.
+
+    Args:
+        path: file that `export.to_onnx` wrote.
+        layout: which the file is for.
+        threads: number of threads of onnxruntime.
+
+    Raises:
+        InputError: the file is missing, or damaged.
+    """
+
+    def __init__(self, path: Path, layout: Layout, threads: int = 2) -> None:
+        check_threads(threads)
+        read_model(path)
+        self.layout = layout
+        self._path = path
+        self._threads = threads
+
+    @cached_property
+    def _decoder(self) -> Decoder:
+        decoder = Decoder(self._path, self._threads)
+        if decoder.layout != self.layout:
+            raise InputError(f"{self._path}: is for another layout than its name says; export it")
+        return decoder
+
+    def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8], /) -> SoftBits:
+        """Score the message bits of two rectified frames, (H, W) or (H, W, 3) uint8 encoded RGB.
+
+        Raises:
+            InputError: the file is no decoder for the layout, or the decoder refuses the frames.
+        """
+        return self._decoder.decode(original, embedded)
