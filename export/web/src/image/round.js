@@ -1,14 +1,14 @@
 /** Rounding as OpenCV rounds. */
 
+/** Number at which neighbouring 64-bit floats are 1 apart; to add it rounds. */
+const COARSE = 1.5 * 2 ** 52;
+
 /**
  * Round a number to the nearest whole one, and halves to the even one.
  *
- * @param {number} value
+ * @param {number} value - smaller than 2 to the power of 51
  * @returns {number}
  */
 export function roundHalfEven(value) {
-  const low = Math.floor(value);
-  const part = value - low;
-  if (part !== 0.5) return part < 0.5 ? low : low + 1;
-  return low % 2 === 0 ? low : low + 1;
+  return value + COARSE - COARSE;
 }

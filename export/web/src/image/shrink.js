@@ -82,60 +82,60 @@ function shrunk(plane, width, height) {
   const data = bytes ? new Uint8Array(width * height) : new Float32Array(width * height);
   const across = overlaps(stride, width);
   const down = overlaps(plane.height, height);
-  const line = new Float32Array(width);
-  const sums = new Float32Array(width);
-  for (let k = 0, y = 0; y < height; y++) {
+  const sums = new Float64Array(stride);
+  for (let y = 0, to = 0; y < height; y++) {
     sums.fill(0);
-    for (; k < down.count && down.to[k] === y; k++) {
-      const start = down.from[k] * stride;
-      const share = down.share[k];
-      line.fill(0);
-      for (let n = 0; n < across.count; n++) {
-        line[across.to[n]] += source[start + across.from[n]] * across.share[n];
-      }
-      for (let x = 0; x < width; x++) sums[x] += share * line[x];
+    let from = down.first[y] * stride;
+    for (let n = down.start[y]; n < down.start[y + 1]; n++, from += stride) {
+      const share = down.share[n];
+      for (let x = 0; x < stride; x++) sums[x] += share * source[from + x];
     }
-    const to = y * width;
-    if (bytes) for (let x = 0; x < width; x++) data[to + x] = roundHalfEven(sums[x]);
-    else data.set(sums, to);
+    for (let x = 0, n = 0; x < width; x++, to++) {
+      let at = across.first[x];
+      let sum = 0;
+      for (const end = across.start[x + 1]; n < end; n++, at++) sum += sums[at] * across.share[n];
+      // as floats of 32 bits, sums that should end on a half mostly do
+      data[to] = bytes ? roundHalfEven(Math.fround(sum)) : sum;
+    }
   }
   return { width, height, data };
 }
 
 /**
- * List which pixels of an axis lie in each pixel of a shorter one, in order, and by which share.
+ * Which pixels of an axis lie in each pixel of a shorter one: the first of them, and the shares
+ * of it and of those that follow, which begin and end at `start`.
  *
+ * @typedef {{ first: Int32Array, start: Int32Array, share: Float64Array }} Overlaps
+ */
+
+/**
  * @param {number} length
  * @param {number} shorter
+ * @returns {Overlaps}
  */
 function overlaps(length, shorter) {
   const scale = length / shorter;
-  const most = length + 2 * shorter;
-  const from = new Int32Array(most);
-  const to = new Int32Array(most);
-  const share = new Float32Array(most);
+  const first = new Int32Array(shorter);
+  const start = new Int32Array(shorter + 1);
+  const share = new Float64Array(length + 2 * shorter);
   let count = 0;
-  /**
-   * @param {number} source
-   * @param {number} at
-   * @param {number} part
-   */
-  const add = (source, at, part) => {
-    from[count] = source;
-    to[count] = at;
-    share[count++] = part;
-  };
   for (let at = 0; at < shorter; at++) {
-    const start = at * scale;
-    const end = start + scale;
-    const cell = Math.min(scale, length - start);
+    const begin = at * scale;
+    const end = begin + scale;
+    const cell = Math.min(scale, length - begin);
     const last = Math.min(Math.floor(end), length - 1);
-    const first = Math.min(Math.ceil(start), last);
-    if (first - start > 1e-3) add(first - 1, at, (first - start) / cell);
-    for (let source = first; source < last; source++) add(source, at, 1 / cell);
-    if (end - last > 1e-3) add(last, at, Math.min(Math.min(end - last, 1), cell) / cell);
+    const whole = Math.min(Math.ceil(begin), last);
+    first[at] = whole;
+    if (whole - begin > 1e-3) {
+      first[at]--;
+      share[count++] = Math.fround((whole - begin) / cell);
+    }
+    share.fill(Math.fround(1 / cell), count, count + last - whole);
+    count += last - whole;
+    if (end - last > 1e-3) share[count++] = Math.fround(Math.min(end - last, 1, cell) / cell);
+    start[at + 1] = count;
   }
-  return { from, to, share, count };
+  return { first, start, share };
 }
 
 /**

@@ -13,16 +13,12 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
+import { OUTSIDE } from "../../locate/refine.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 
-/**
- * Distance by which a corner of a display that is partly in view may lie outside the image, as a
- * share of the image's longer side.
- */
-export const OUTSIDE = 0.25;
 /** Number of points that are followed, half of them on ratex patches where there are any. */
 const FEATURES = 160;
 /** Smallest number of points that must move as one for the display to count as followed. */
