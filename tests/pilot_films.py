@@ -43,18 +43,27 @@ def filmed(
     hold: int = 2,
     kappa: float = 8.0,
     dark: bool = False,
+    night: bool = False,
     message: NDArray[np.integer] | None = None,
 ) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
     """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
 
-    The display's edges cannot be seen where it is ``dark`` around. Each state is shown for ``hold``
-    frames. The blocks of a pair show the next row of ``message``, (rows, n_bits), or random bits.
+    The display's edges cannot be seen where it is ``dark`` around. At ``night`` wall and picture
+    have a few gray levels, and bright signs on both have the only clear edges. Each state is shown
+    for ``hold`` frames. The blocks of a pair show the next row of ``message``, (rows, n_bits), or
+    random bits.
     """
     rng = np.random.default_rng(seed)
     wall = 60 + 8 * texture((480, 640), seed)
     picture = 150 + 20 * texture((layout.height, layout.width), seed + 1)
     if dark:
         wall[:] = float(picture.mean())
+    if night:
+        wall += 50
+        for x in range(60, 440, 40):
+            picture[60:90, x : x + 20] = picture[200:215, x : x + 30] = 1700
+        for y in range(60, 460, 40):
+            wall[y : y + 20, 560:600] = 2000
     H = homography_from_corners(CORNERS, layout.width, layout.height)
     images, corners = [], np.zeros((0, 4, 2))
     for number in range(frames):
@@ -76,7 +85,10 @@ def filmed(
         view = cv2.warpPerspective(shown, motion @ H, (640, 480))
         mask = cv2.warpPerspective(np.ones_like(shown), motion @ H, (640, 480))
         room = cv2.warpPerspective(wall, motion, (640, 480), borderMode=cv2.BORDER_REPLICATE)
-        image = mask * view + (1 - mask) * room + rng.normal(0, 1, (480, 640))
+        image = mask * view + (1 - mask) * room
+        if night:
+            image *= 0.06
+        image = image + rng.normal(0, 1, (480, 640))
         images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
         corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
     return images, corners

@@ -39,6 +39,15 @@ def test_finds_the_display_its_layout_and_its_corners() -> None:
     assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
+@pytest.mark.slow
+def test_finds_a_dark_picture_by_faint_edges() -> None:
+    images, corners = filmed(FINE, 48, seed=9, kappa=12.0, night=True)
+    found = search(images, [FINE])
+    assert found is not None
+    number, display = found
+    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
 def test_tells_which_way_up() -> None:
     images, corners = filmed(FINE, 30, seed=1)
     found = search([np.ascontiguousarray(image[::-1, ::-1]) for image in images], [FINE])

@@ -1,10 +1,10 @@
 """Find a display by its pilots, over some frames of a film: nothing visible marks it.
 
-The frames of some tenths of a second are held still against the camera's motion (`stabilise`). Two
-sources propose where the display may be: the edges of the first frame, and what toggles
-(`toggle_map`). Corners then move to where the pilots fit the grid (`corners`), and the display is
-believed if its blocks toggle with the pilots' signs beyond doubt (`evidence`). That also tells
-which way up it is and which of several grids it shows.
+The frames of some tenths of a second are held still against the camera's motion (`stabilise`).
+Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
+the pilots fit the grid (`corners`), and the display is believed if its blocks toggle with the
+pilots' signs beyond doubt (`evidence`). That also tells which way up it is and which of several
+grids it shows.
 
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
@@ -135,6 +135,7 @@ class PilotSearch:
         self._frames: list[tuple[Gray, Array]] = []
         self._newest: tuple[Gray, Array]
         self._reference: NDArray[np.uint8]
+        self._sum: NDArray[np.float32]
         self._watched: list[Array] = []
         self._values: list[list[NDArray[np.float32]]] = []
         self._proposed: list[_Proposal] = []
@@ -177,6 +178,7 @@ class PilotSearch:
     def _begin(self) -> None:
         """Propose quadrilaterals in the reference, now that the film can be held still."""
         self._map = ToggleMap(self._stabiliser.shape, self._window)
+        self._sum = np.zeros(self._stabiliser.shape, np.float32)
         self._watched = [
             np.roll(candidate.corners, -turn, axis=0)
             for candidate in display_candidates(self._reference, CANDIDATES)
@@ -188,7 +190,9 @@ class PilotSearch:
     def _watch(self, gray: Gray, H: Array) -> None:
         """Record what this frame shows, and propose what looks promising after some frames."""
         self._frames.append((gray, H))
-        self._map.add(self._stabiliser.still(gray, H))
+        still = self._stabiliser.still(gray, H)
+        self._map.add(still)
+        self._sum = self._sum + still
         size = 2 * self._finest.cols, 2 * self._finest.rows
         for corners, values in zip(self._watched, self._values, strict=True):
             view = _rectified(gray, transform(H, corners), self._largest)
@@ -223,7 +227,8 @@ class PilotSearch:
             yield from self._settle(self._proposed.pop(0))
         while len(self._frames) < self._window:
             yield None
-        quads = []
+        quads = self._lifted_edges()
+        yield None
         for frequency in self._frequencies:
             outline = self._map.outline(frequency)
             yield None
@@ -236,6 +241,16 @@ class PilotSearch:
                 yield None
                 if proposal is not None:
                     yield from self._settle(proposal)
+
+    def _lifted_edges(self) -> list[Array]:
+        """Propose quadrilaterals in the mean of all frames, with its dark parts made brighter.
+
+        The mean has less noise than a frame, and the square root of its levels shows the edges of a
+        dark picture in a dark frame.
+        """
+        lifted = np.sqrt(255 * self._sum / len(self._frames)).astype(np.uint8)
+        found = display_candidates(lifted, CANDIDATES)
+        return [self._stabiliser.on_image(candidate.corners) for candidate in found]
 
     def _first_fit(self, quad: Array) -> _Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral; the best, if any fits."""
