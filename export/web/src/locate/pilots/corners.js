@@ -1,0 +1,372 @@
+/**
+ * Move the corners of a display so that its blocks lie where the grid says they lie.
+ *
+ * What toggles in the rectified image is compared with what should toggle: pilots whose signs are
+ * known, or all blocks once they have been decoded. Where corners may be off by blocks, parts of
+ * the display are shifted by themselves, and a transform is fitted to their shifts (`coarseShift`).
+ * Where they are off by less than a block, the whole display is fitted at once (`fineShift`, by
+ * `cv.findTransformECC`; Evangelidis & Psarakis 2008).
+ *
+ * All transforms are homographies `HOldFromNew` in layout pixels: where a point of the display, as
+ * it should have been rectified, lies in the image as it was.
+ */
+
+import { cv, matOf, withMats } from "../../image/opencv.js";
+import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
+import { inverse, multiply3 } from "../../link/linear.js";
+import { lessMeanAround } from "./around.js";
+import { median } from "./order.js";
+import { drawnBlocks, matchParts } from "./partMatches.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
+/** @typedef {import("../../link/geometry.js").Homography} Homography */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+/** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
+
+/** Smallest side of a block, in pixels, in the maps that are compared. */
+export const MAP_PX = 4.0;
+/**
+ * Numbers of parts, from top to bottom and from left to right, that are shifted by themselves.
+ * Small parts tell more of the shape; large ones stand out of more noise, and are tried next. The
+ * later ones are made of whole parts of the first.
+ *
+ * @type {[number, number][]}
+ */
+export const PARTS = [
+  [4, 6],
+  [2, 3],
+  [1, 1],
+];
+/** Width and height of the maps in which parts are shifted. @type {[number, number]} */
+export const COARSE_SIZE = [256, 192];
+/** Largest shift of a part that is looked for, in blocks. */
+export const REACH_BLOCKS = 3.0;
+/** Largest shift, as a share of the display's width, where that is more and far is looked. */
+export const REACH_SHARE = 0.1;
+/**
+ * Height of a part's best match, as a multiple of the mean of its other matches, from which on it
+ * is believed; chance exceeds it once in some hundred thousand parts.
+ */
+export const CLEAR = 20.0;
+/**
+ * Half the median of a squared normal variable: of squared real matches, a median more is so many
+ * times rarer, as a power of e.
+ */
+export const HALF_REAL = 0.2275;
+/** Number of clear parts from which on an affine transform is fitted. */
+export const FEW = 4;
+/** Number of clear parts from which on a homography is fitted. */
+export const MANY = 10;
+/** Distance, in blocks, within which parts' shifts agree with a transform. */
+export const SAME_BLOCKS = 0.6;
+/** Largest number of steps of the fine fit. */
+export const ROUNDS = 30;
+/** Rise of the correlation below which the fine fit stops. */
+export const STEP = 1e-4;
+/** Correlation of what toggles with what should, below which the fine fit is not believed. */
+export const LEAST_CORRELATION = 0.1;
+
+/**
+ * Give width and height of the maps of what toggles, for a layout.
+ *
+ * @param {Layout} layout
+ * @returns {[number, number]}
+ */
+export function mapSize(layout) {
+  const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
+  const factor = Math.min(4, Math.max(1, Math.floor(side / MAP_PX)));
+  return [Math.floor(layout.width / factor), Math.floor(layout.height / factor)];
+}
+
+/**
+ * Find the corners, in the image, of a display that lies elsewhere in its own rectified image.
+ *
+ * @param {Point[]} corners - pixels of the image, by which the display was rectified
+ * @param {Homography} HOldFromNew - in layout pixels
+ * @param {Layout} layout - of the display
+ * @returns {Point[]}
+ */
+export function movedCorners(corners, HOldFromNew, { width, height }) {
+  const HCapturedFromOld = homographyFromCorners(corners, width, height);
+  return transform(multiply3(HCapturedFromOld, HOldFromNew), frameCorners(width, height));
+}
+
+/**
+ * Find where the parts of a display lie that toggle as they should.
+ *
+ * @param {Amplitudes} change - at one frequency of the rectified display, in a map such as of
+ *   `COARSE_SIZE`, each pixel divided by its usual deviation; of any phase
+ * @param {ArrayLike<number>} blocks - (rows * cols,) expected change of each block, 0 where it is
+ *   not known
+ * @param {Layout} layout - of the display
+ * @param {boolean} [far] - whether to look farther than `REACH_BLOCKS`
+ * @returns {{ HOldFromNew: Float64Array, parts: number } | null} the transform, and the number of
+ *   parts that clearly match and agree with it; null where there are none
+ */
+export function coarseShift(change, blocks, layout, far = false) {
+  const { width, height } = change;
+  /** @type {[number, number]} */
+  const block = [width / layout.cols, height / layout.rows];
+  const least = far ? REACH_SHARE * width : 0;
+  const [reachX, reachY] = block.map((side) => Math.ceil(Math.max(REACH_BLOCKS * side, least)));
+  const real = withoutSlope({ width, height, data: change.real }, block).data;
+  const imaginary = withoutSlope({ width, height, data: change.imaginary }, block).data;
+  // of the matches that chance makes, so many medians are one e-th as frequent as the median
+  const unit = imaginary.some((value) => value !== 0) ? Math.log(2) : HALF_REAL;
+  const [down, across] = PARTS[0];
+  const smallest = matchParts(
+    { width, height, real, imaginary },
+    blocks,
+    layout.rows,
+    layout.cols,
+    divided(height, down),
+    divided(width, across),
+    [reachX, reachY],
+  );
+  for (const parts of PARTS) {
+    const found = shiftsOfParts(joined(smallest, parts), change, parts, [reachX, reachY], unit);
+    const fit = fittedShift(found, layout, change);
+    if (fit !== null) return fit;
+  }
+  return null;
+}
+
+/**
+ * Fit, to parts of a pixel, where a display lies that toggles as it should.
+ *
+ * @param {FloatPlane} change - of `mapSize`: how the rectified display changed, with the sign of
+ *   `blocks`; noisy pixels weigh less
+ * @param {ArrayLike<number>} blocks - (rows * cols,) expected change of each block, 0 where it is
+ *   not known
+ * @param {Layout} layout - of the display
+ * @returns {Float64Array | null} HOldFromNew, or null where the fit fails
+ */
+export function fineShift(change, blocks, layout) {
+  const { width, height } = change;
+  const { rows, cols } = layout;
+  /** @type {[number, number]} */
+  const block = [width / cols, height / rows];
+  const H = withMats((keep) => {
+    const smooth = keep(matOf(drawnBlocks(blocks, rows, cols, width, height)));
+    cv.GaussianBlur(smooth, smooth, new cv.Size(0, 0), 0.25 * Math.min(...block));
+    const known = drawnBlocks(aroundKnown(blocks, rows, cols), rows, cols, width, height);
+    const mask = keep(matOf({ width, height, data: Uint8Array.from(known.data) }));
+    const fitted = keep(cv.matFromArray(3, 3, cv.CV_32F, [1, 0, 0, 0, 1, 0, 0, 0, 1]));
+    let correlation = 0;
+    try {
+      correlation = cv.findTransformECC(
+        smooth,
+        keep(matOf(withoutSlope(change, block))),
+        fitted,
+        cv.MOTION_HOMOGRAPHY,
+        new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, ROUNDS, STEP),
+        mask,
+        3,
+      );
+    } catch (error) {
+      // OpenCV throws the address of its error
+      if (typeof error !== "number" || cv.exceptionFromPtr(error).code !== cv.StsNoConv) throw error;
+    }
+    return correlation >= LEAST_CORRELATION ? Float64Array.from(fitted.data32F) : null;
+  });
+  if (H === null) return null;
+  const toLayout = scaling(layout.width / width, layout.height / height);
+  return multiply3(multiply3(toLayout, H), inverse(toLayout));
+}
+
+/**
+ * Take off the mean around each pixel, over three blocks.
+ *
+ * @param {FloatPlane} change - by how much the pixels of the rectified display changed
+ * @param {ArrayLike<number>} block - width and height of a block, in pixels of `change`
+ * @returns {FloatPlane}
+ */
+export function withoutSlope(change, block) {
+  return lessMeanAround(change, Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1);
+}
+
+/**
+ * What is known of some parts' shifts: where each lies in the layout and where it was seen, in
+ * pixels of the map, and how clearly.
+ *
+ * @typedef {{ places: Point[], seen: Point[], heights: number[] }} Shifts
+ */
+
+/**
+ * Shift each part by itself to where it matches best.
+ *
+ * @param {Float64Array[]} matches - of each part, as `matchParts` gives them
+ * @param {{ width: number, height: number }} map
+ * @param {[number, number]} parts - their number from top to bottom, and from left to right
+ * @param {[number, number]} reach - largest shift along x and y, pixels of the map
+ * @param {number} unit - power of e by which a match of a median more is rarer
+ * @returns {Shifts}
+ */
+function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
+  const ys = divided(map.height, down);
+  const xs = divided(map.width, across);
+  const wide = 2 * reachX + 1;
+  /** @type {Shifts} */
+  const found = { places: [], seen: [], heights: [] };
+  matches.forEach((match, part) => {
+    const squared = new Float32Array(match.length / 2);
+    let best = 0;
+    for (let i = 0; i < squared.length; i++) {
+      squared[i] = match[2 * i] ** 2 + match[2 * i + 1] ** 2;
+      if (squared[i] > squared[best]) best = i;
+    }
+    found.heights.push((unit * squared[best]) / (median(squared) + 1e-12));
+    const row = Math.floor(part / across);
+    const col = part % across;
+    const x = best % wide;
+    const y = Math.floor(best / wide);
+    const placeX = (xs[col] + xs[col + 1] - 1) / 2;
+    const placeY = (ys[row] + ys[row + 1] - 1) / 2;
+    const line = squared.subarray(y * wide, (y + 1) * wide);
+    const column = Float32Array.from({ length: 2 * reachY + 1 }, (_, k) => squared[k * wide + x]);
+    found.places.push([placeX, placeY]);
+    found.seen.push([
+      placeX + x - reachX + peakOffset(line, x),
+      placeY + y - reachY + peakOffset(column, y),
+    ]);
+  });
+  return found;
+}
+
+/**
+ * Fit a transform to the shifts of clear parts.
+ *
+ * @param {Shifts} shifts
+ * @param {Layout} layout
+ * @param {{ width: number, height: number }} map
+ * @returns {{ HOldFromNew: Float64Array, parts: number } | null} as `coarseShift`
+ */
+function fittedShift({ places, seen, heights }, layout, map) {
+  const scale = scaling(layout.width / map.width, layout.height / map.height);
+  const clear = heights.map((_, i) => i).filter((i) => heights[i] > CLEAR);
+  const place = transform(
+    scale,
+    clear.map((i) => places[i]),
+  );
+  const old = transform(
+    scale,
+    clear.map((i) => seen[i]),
+  );
+  const same = SAME_BLOCKS * Math.min(layout.width / layout.cols, layout.height / layout.rows);
+  const count = clear.length;
+  if (count === 0) return null;
+  if (count >= FEW && heights.length > 1) return ransac(place, old, same, count < MANY);
+  let best = 0;
+  for (let i = 1; i < count; i++) if (heights[clear[i]] > heights[clear[best]]) best = i;
+  const shifts = old.map(([x, y], i) => [x - place[i][0], y - place[i][1]]);
+  const [shiftX, shiftY] = shifts[best];
+  const agree = shifts.filter(([x, y]) => Math.hypot(x - shiftX, y - shiftY) < same).length;
+  if (heights.length > 1 && agree < 2) return null;
+  return { HOldFromNew: Float64Array.of(1, 0, shiftX, 0, 1, shiftY, 0, 0, 1), parts: agree };
+}
+
+/**
+ * Fit an affine transform or a homography that most points agree with.
+ *
+ * @param {Point[]} from
+ * @param {Point[]} to
+ * @param {number} same - distance, in pixels, within which a point agrees
+ * @param {boolean} affine
+ * @returns {{ HOldFromNew: Float64Array, parts: number } | null}
+ */
+function ransac(from, to, same, affine) {
+  return withMats((keep) => {
+    const [source, target] = [from, to].map((points) =>
+      keep(cv.matFromArray(points.length, 1, cv.CV_64FC2, points.flat())),
+    );
+    const inliers = keep(new cv.Mat());
+    const fitted = keep(
+      affine
+        ? cv.estimateAffine2D(source, target, inliers, cv.RANSAC, same)
+        : cv.findHomography(source, target, cv.RANSAC, same, inliers),
+    );
+    if (fitted.rows === 0) return null;
+    const parts = cv.countNonZero(inliers);
+    if (parts < FEW) return null;
+    const numbers = Float64Array.from(fitted.data64F);
+    return { HOldFromNew: affine ? Float64Array.of(...numbers, 0, 0, 1) : numbers, parts };
+  });
+}
+
+/**
+ * Add up the matches of the smallest parts to those of larger ones.
+ *
+ * @param {Float64Array[]} smallest - of `PARTS[0]`
+ * @param {[number, number]} parts - one of `PARTS`
+ * @returns {Float64Array[]}
+ */
+function joined(smallest, [down, across]) {
+  const [rows, cols] = PARTS[0];
+  if (down === rows && across === cols) return smallest;
+  const sums = Array.from({ length: down * across }, () => new Float64Array(smallest[0].length));
+  smallest.forEach((match, part) => {
+    const row = Math.floor((Math.floor(part / cols) * down) / rows);
+    const col = Math.floor(((part % cols) * across) / cols);
+    const sum = sums[row * across + col];
+    for (let i = 0; i < sum.length; i++) sum[i] += match[i];
+  });
+  return sums;
+}
+
+/**
+ * @param {number} length - pixels
+ * @param {number} count - of parts
+ * @returns {number[]} where the parts begin and end
+ */
+function divided(length, count) {
+  return Array.from({ length: count + 1 }, (_, i) => Math.floor((i * length) / count));
+}
+
+/**
+ * Say which blocks are known, or lie beside one that is.
+ *
+ * @param {ArrayLike<number>} blocks - (rows * cols,), 0 where a block is not known
+ * @param {number} rows
+ * @param {number} cols
+ * @returns {Float32Array} (rows * cols,) of 0 and 1
+ */
+function aroundKnown(blocks, rows, cols) {
+  const known = new Float32Array(rows * cols);
+  for (let row = 0; row < rows; row++) {
+    for (let col = 0; col < cols; col++) {
+      if (!blocks[row * cols + col]) continue;
+      for (let y = Math.max(0, row - 1); y <= Math.min(rows - 1, row + 1); y++) {
+        for (let x = Math.max(0, col - 1); x <= Math.min(cols - 1, col + 1); x++) {
+          known[y * cols + x] = 1;
+        }
+      }
+    }
+  }
+  return known;
+}
+
+/**
+ * Find the homography from pixels of a map to those of a larger image of the same display.
+ *
+ * @param {number} x - pixels of the image in one of the map, along x
+ * @param {number} y - pixels of the image in one of the map, along y
+ * @returns {Homography}
+ */
+function scaling(x, y) {
+  return [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
+}
+
+/**
+ * Find the offset, within half a step, of a parabola's top through a maximum and its neighbours.
+ *
+ * @param {ArrayLike<number>} values
+ * @param {number} at
+ * @returns {number}
+ */
+function peakOffset(values, at) {
+  if (!(at > 0 && at < values.length - 1)) return 0;
+  const [before, here, after] = [values[at - 1], values[at], values[at + 1]];
+  const bend = before - 2 * here + after;
+  return bend < 0 ? (0.5 * (before - after)) / bend : 0;
+}

@@ -1,0 +1,170 @@
+/** Frames of a film that are kept, and what they show of a display. */
+
+import { resizeArea } from "../../image/shrink.js";
+import { warped } from "../../image/warp.js";
+import { contourArea, homographyFromCorners, rectify, transform } from "../../link/geometry.js";
+import { inverse, multiply3 } from "../../link/linear.js";
+import { isConvex } from "./convex.js";
+import { LEAST_DEVIATION } from "./evidence.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
+/** @typedef {import("../../link/geometry.js").Homography} Homography */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+/** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
+
+/** Share of the image's size by which a corner may lie outside of it. */
+export const FAR_OUTSIDE = 0.5;
+/** Smallest share of the image that a display covers. */
+export const LEAST_AREA = 0.005;
+
+/** One frame, and how the camera has moved since a reference frame. */
+export class FilmFrame {
+  /** Copies of the frame, averaged down by whole factors. @type {Map<number, FloatPlane>} */
+  #copies = new Map();
+
+  /**
+   * @param {BytePlane} gray - is kept
+   * @param {Homography} HFrameFromReference
+   */
+  constructor(gray, HFrameFromReference) {
+    this.gray = gray;
+    this.HFrameFromReference = HFrameFromReference;
+  }
+
+  /**
+   * Show a display as it would be seen from the front, in a map of a size.
+   *
+   * Python rectifies to the layout's size and averages down to the map's. Where the camera sees the
+   * display finer than half the layout's size, the frame is averaged down first, and rectified to
+   * that half: a quarter of the work, and every pixel still counts.
+   *
+   * @param {Point[]} corners - of the display, in the reference frame
+   * @param {Layout} layout - of the display
+   * @param {number} width - of the map, no more than the layout's
+   * @param {number} height - of the map, no more than the layout's
+   * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
+   */
+  view(corners, layout, width, height) {
+    const quad = transform(this.HFrameFromReference, corners);
+    if (!isNear(quad, this.gray.width, this.gray.height)) return null;
+    const halfWidth = layout.width >> 1;
+    const halfHeight = layout.height >> 1;
+    const factor = Math.floor(pixelsInOne(quad, halfWidth, halfHeight));
+    if (width > halfWidth || height > halfHeight || factor < 2) {
+      const H = homographyFromCorners(quad, layout.width, layout.height);
+      const { data } = rectify(this.gray, H, layout.width, layout.height);
+      const full = { width: layout.width, height: layout.height, data: Float32Array.from(data) };
+      return resizeArea(full, width, height);
+    }
+    const offset = (factor - 1) / 2;
+    const toCopy = inverse([factor, 0, offset, 0, factor, offset, 0, 0, 1]);
+    const H = multiply3(toCopy, homographyFromCorners(quad, halfWidth, halfHeight));
+    const half = warped(this.#copy(factor), H, halfWidth, halfHeight);
+    return width === halfWidth && height === halfHeight ? half : resizeArea(half, width, height);
+  }
+
+  /**
+   * Average the frame down, without rounding.
+   *
+   * @param {number} factor - whole
+   * @returns {FloatPlane}
+   */
+  #copy(factor) {
+    const known = this.#copies.get(factor);
+    if (known) return known;
+    const { width: stride, data: source } = this.gray;
+    const width = Math.floor(stride / factor);
+    const height = Math.floor(this.gray.height / factor);
+    const data = new Float32Array(width * height);
+    const share = 1 / factor ** 2;
+    for (let y = 0, to = 0; y < height; y++) {
+      for (let x = 0; x < width; x++, to++) {
+        let sum = 0;
+        for (let row = 0, at = y * factor * stride + x * factor; row < factor; row++, at += stride) {
+          for (let k = 0; k < factor; k++) sum += source[at + k];
+        }
+        data[to] = sum * share;
+      }
+    }
+    const copy = { width, height, data };
+    this.#copies.set(factor, copy);
+    return copy;
+  }
+}
+
+/**
+ * Find how maps toggle over time, each pixel divided by its deviation.
+ *
+ * @param {readonly FloatPlane[]} views - of evenly spaced frames, at least one, all of one size
+ * @param {readonly number[]} frequencies - in periods for each frame
+ * @returns {Amplitudes[]} at each of the frequencies
+ */
+export function amplitudes(views, frequencies) {
+  const { width, height } = views[0];
+  const count = views.length;
+  const mean = new Float64Array(width * height);
+  const scale = new Float64Array(width * height);
+  for (const { data } of views) {
+    for (let i = 0; i < mean.length; i++) {
+      mean[i] += data[i];
+      scale[i] += data[i] * data[i];
+    }
+  }
+  for (let i = 0; i < mean.length; i++) {
+    mean[i] /= count;
+    const variance = Math.max(0, scale[i] / count - mean[i] * mean[i]);
+    scale[i] = 1 / (Math.sqrt(variance) + LEAST_DEVIATION);
+  }
+  return frequencies.map((frequency) => {
+    const real = new Float32Array(width * height);
+    const imaginary = new Float32Array(width * height);
+    views.forEach(({ data }, frame) => {
+      const cosine = Math.cos(2 * Math.PI * frequency * frame);
+      const sine = -Math.sin(2 * Math.PI * frequency * frame);
+      for (let i = 0; i < data.length; i++) {
+        const apart = data[i] - mean[i];
+        real[i] += cosine * apart;
+        imaginary[i] += sine * apart;
+      }
+    });
+    for (let i = 0; i < real.length; i++) {
+      real[i] *= scale[i];
+      imaginary[i] *= scale[i];
+    }
+    return { width, height, real, imaginary };
+  });
+}
+
+/**
+ * Tell whether corners make a sound quadrilateral that is near the image.
+ *
+ * @param {Point[]} quad - pixels of the image
+ * @param {number} width - of the image
+ * @param {number} height - of the image
+ * @returns {boolean}
+ */
+function isNear(quad, width, height) {
+  for (const [x, y] of quad) {
+    if (!(x > -FAR_OUTSIDE * width && x < (1 + FAR_OUTSIDE) * width)) return false;
+    if (!(y > -FAR_OUTSIDE * height && y < (1 + FAR_OUTSIDE) * height)) return false;
+  }
+  return isConvex(quad) && contourArea(quad) >= LEAST_AREA * width * height;
+}
+
+/**
+ * Count the pixels of the image in one of a map, along the side where they are fewest.
+ *
+ * @param {Point[]} quad - pixels of the image
+ * @param {number} width - of the map
+ * @param {number} height - of the map
+ * @returns {number}
+ */
+function pixelsInOne(quad, width, height) {
+  const sides = quad.map(([x, y], i) => {
+    const [nextX, nextY] = quad[(i + 1) % 4];
+    return Math.hypot(nextX - x, nextY - y);
+  });
+  return Math.min(sides[0] / width, sides[2] / width, sides[1] / height, sides[3] / height);
+}

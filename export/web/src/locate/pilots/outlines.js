@@ -1,0 +1,215 @@
+/** Quadrilaterals around the largest part of a mask, and how they are fitted to a map. */
+
+import { cv, matOf, withMats } from "../../image/opencv.js";
+import { roundHalfEven } from "../../image/round.js";
+import { resizeArea } from "../../image/shrink.js";
+import { isConvex } from "./convex.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+
+/** Size, in pixels of the map, of holes that are closed. */
+export const CLOSED_PX = 45;
+/** Size, in pixels of the map, of specks that are dropped. */
+export const OPENED_PX = 31;
+/** Number of pixels of the map, along each axis, in one of the copy to which outlines are fitted. */
+export const FIT_PX = 4;
+/** Distances, in pixels of the map, by which corners are tried to be moved. */
+export const FIT_STEPS = [24.0, 12.0, 6.0, 3.0];
+/** Directions in which corners are tried to be moved. */
+export const MOVES = [-1, 0, 1]
+  .flatMap((x) => [-1, 0, 1].map((y) => [x, y]))
+  .filter(([x, y]) => x || y);
+/** Smallest share of the image that a toggling display covers. */
+export const LEAST_SHARE = 0.01;
+
+/**
+ * Bound the largest part of a mask, specks dropped and holes closed.
+ *
+ * @param {BytePlane} mask - of 0 and 1
+ * @returns {Point[][]} the smallest quadrilateral and the smallest rectangle around it, pixels;
+ *   none where no part is large enough
+ */
+export function outlines(mask) {
+  const margin = CLOSED_PX;
+  let around = padded(mask, margin);
+  around = eroded(dilated(around, CLOSED_PX), CLOSED_PX);
+  around = dilated(eroded(around, OPENED_PX), OPENED_PX);
+  return withMats((keep) => {
+    const contours = keep(new cv.MatVector());
+    const tree = keep(new cv.Mat());
+    cv.findContours(
+      keep(matOf(around)),
+      contours,
+      tree,
+      cv.RETR_EXTERNAL,
+      cv.CHAIN_APPROX_NONE,
+    );
+    let area = LEAST_SHARE * mask.width * mask.height;
+    let largest = null;
+    for (let i = 0; i < contours.size(); i++) {
+      const contour = keep(contours.get(i));
+      const here = cv.contourArea(contour);
+      if (largest === null ? here < area : here <= area) continue;
+      area = here;
+      largest = contour;
+    }
+    if (largest === null) return [];
+    const hull = keep(new cv.Mat());
+    cv.convexHull(largest, hull);
+    const quad = keep(new cv.Mat());
+    cv.approxPolyN(hull, quad, 4, -1, true);
+    const numbers = quad.depth() === cv.CV_32F ? quad.data32F : quad.data32S;
+    const corners = [0, 1, 2, 3].map((i) => [numbers[2 * i], numbers[2 * i + 1]]);
+    return [corners, boxCorners(cv.minAreaRect(largest))].map((points) =>
+      points.map(([x, y]) => /** @type {Point} */ ([x - margin, y - margin])),
+    );
+  });
+}
+
+/**
+ * Move the corners of a quadrilateral, one by one, while that adds to the sum within it.
+ *
+ * @param {Point[]} quad - pixels of the map
+ * @param {FloatPlane} gain - what each pixel adds
+ * @returns {{ corners: Point[], sum: number }}
+ */
+export function fittedOutline(quad, gain) {
+  const small = resizeArea(
+    gain,
+    roundHalfEven(gain.width / FIT_PX),
+    roundHalfEven(gain.height / FIT_PX),
+  );
+  return withMats((keep) => {
+    const mask = keep(new cv.Mat(small.height, small.width, cv.CV_8UC1));
+    const points = keep(new cv.Mat(4, 1, cv.CV_32SC2));
+    const one = new cv.Scalar(1);
+    const worth = (/** @type {Point[]} */ corners) => {
+      if (!isConvex(corners)) return -Infinity;
+      const drawn = mask.data;
+      drawn.fill(0);
+      points.data32S.set(corners.flat().map((value) => roundHalfEven((value / FIT_PX) * 16)));
+      cv.fillConvexPoly(mask, points, one, cv.LINE_8, 4);
+      let sum = 0;
+      for (let i = 0; i < drawn.length; i++) if (drawn[i]) sum += small.data[i];
+      return sum;
+    };
+    let corners = quad;
+    let best = worth(quad);
+    for (const step of FIT_STEPS) {
+      for (let improved = true; improved; ) {
+        improved = false;
+        for (let corner = 0; corner < 4; corner++) {
+          for (const [x, y] of MOVES) {
+            const tried = corners.slice();
+            tried[corner] = [corners[corner][0] + step * x, corners[corner][1] + step * y];
+            const now = worth(tried);
+            if (!(now > best + 1e-6)) continue;
+            [best, corners, improved] = [now, tried, true];
+          }
+        }
+      }
+    }
+    return { corners, sum: best };
+  });
+}
+
+/**
+ * List the corners of OpenCV's rotated rectangle, in the order of `cv2.boxPoints`.
+ *
+ * @param {{ center: { x: number, y: number }, size: { width: number, height: number },
+ *   angle: number }} box
+ * @returns {number[][]}
+ */
+function boxCorners({ center, size, angle }) {
+  const turn = (angle * Math.PI) / 180;
+  const [b, a] = [Math.cos(turn) / 2, Math.sin(turn) / 2];
+  const first = [
+    center.x - a * size.height - b * size.width,
+    center.y + b * size.height - a * size.width,
+  ];
+  const second = [
+    center.x + a * size.height - b * size.width,
+    center.y - b * size.height - a * size.width,
+  ];
+  const opposite = (/** @type {number[]} */ [x, y]) => [2 * center.x - x, 2 * center.y - y];
+  return [first, second, opposite(first), opposite(second)];
+}
+
+/**
+ * @param {BytePlane} plane
+ * @param {number} margin - pixels of 0 on all sides
+ * @returns {BytePlane}
+ */
+function padded(plane, margin) {
+  const width = plane.width + 2 * margin;
+  const height = plane.height + 2 * margin;
+  const data = new Uint8Array(width * height);
+  for (let y = 0; y < plane.height; y++) {
+    const row = plane.data.subarray(y * plane.width, (y + 1) * plane.width);
+    data.set(row, (y + margin) * width + margin);
+  }
+  return { width, height, data };
+}
+
+/**
+ * Grow what is 1 by OpenCV's ellipse of a size; a row of it at a time, as `cv2.dilate` is slow.
+ *
+ * @param {BytePlane} mask - of 0 and 1
+ * @param {number} size - of the ellipse, pixels, odd
+ * @returns {BytePlane}
+ */
+function dilated(mask, size) {
+  const { width, height } = mask;
+  const radius = size >> 1;
+  const apart = distances(mask);
+  const data = new Uint8Array(width * height);
+  for (let dy = -radius; dy <= radius; dy++) {
+    const reach = roundHalfEven(radius * Math.sqrt((radius ** 2 - dy ** 2) / radius ** 2));
+    const first = Math.max(0, -dy);
+    const last = Math.min(height, height - dy);
+    const shift = dy * width;
+    for (let i = first * width; i < last * width; i++) {
+      // 1 where the distance is no larger than the reach
+      data[i] |= (apart[i + shift] - reach - 1) >>> 31;
+    }
+  }
+  return { width, height, data };
+}
+
+/**
+ * Shrink what is 1 by OpenCV's ellipse of a size.
+ *
+ * @param {BytePlane} mask - of 0 and 1
+ * @param {number} size - of the ellipse, pixels, odd
+ * @returns {BytePlane}
+ */
+function eroded(mask, size) {
+  const { width, height } = mask;
+  const grown = dilated({ width, height, data: mask.data.map((value) => 1 - value) }, size);
+  return { width, height, data: grown.data.map((value) => 1 - value) };
+}
+
+/**
+ * Find the distance of each pixel from the nearest 1 of its row, 255 at most.
+ *
+ * @param {BytePlane} mask
+ * @returns {Uint8Array}
+ */
+function distances({ width, height, data }) {
+  const apart = new Uint8Array(width * height);
+  for (let y = 0; y < height; y++) {
+    let far = 255;
+    for (let i = y * width; i < (y + 1) * width; i++) {
+      far = data[i] ? 0 : Math.min(255, far + 1);
+      apart[i] = far;
+    }
+    far = 255;
+    for (let i = (y + 1) * width - 1; i >= y * width; i--) {
+      far = data[i] ? 0 : Math.min(255, far + 1);
+      if (far < apart[i]) apart[i] = far;
+    }
+  }
+  return apart;
+}

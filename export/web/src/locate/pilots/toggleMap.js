@@ -1,0 +1,214 @@
+/**
+ * Where in the image something toggles: a map that separates a display from the room around it.
+ *
+ * Frames are held still by the camera's motion first. A display that shows a message has far more
+ * power at its toggling rate than at the frequencies beside it, and a room has not. Python sums up
+ * the amplitudes as frames come; here they are summed up when an outline is asked for, so that the
+ * frames of a camera are not kept waiting, and only where no edges gave the display away.
+ */
+
+import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
+import { roundHalfEven } from "../../image/round.js";
+import { upright } from "../quads.js";
+import { median, quantile } from "./order.js";
+import { fittedOutline, outlines } from "./outlines.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
+/** @typedef {import("../../link/geometry.js").Point} Point */
+
+/**
+ * Number of periods in a window below which no display is looked for: motion and exposure drift
+ * slowly, displays do not.
+ */
+export const SLOWEST = 3;
+/**
+ * Numbers of periods by which the frequencies differ whose power tells what is usual: a wave that
+ * does not fit the window leaks into the next ones.
+ */
+export const BESIDE = [2, 3, 4];
+/** Standard deviations, in pixels of the maps, of the band of sizes that is looked at. */
+export const FINE_PX = 1.0;
+export const COARSE_PX = 4.0;
+/** Standard deviation, in pixels of the maps, over which power is averaged. */
+export const SMOOTH_PX = 7.0;
+/** Logarithm of power over the usual, above which more does not count. */
+export const CEILING = 1.5;
+/** Standard deviation, in pixels of the maps, over which that logarithm is averaged. */
+export const EVEN_PX = 9.0;
+/**
+ * Smallest averaged logarithm at which a place toggles; half of what the clearest places have is
+ * needed as well.
+ */
+export const LEAST_EXCESS = 0.25;
+/** Averaged logarithm above the usual one at which a place speaks for lying within the outline. */
+export const FAINT = 0.12;
+/** Number of frames that are summed up in one pass over the pixels. */
+const AT_ONCE = 4;
+
+/** Tells how much each pixel toggles at each frequency of a window of frames. */
+export class ToggleMap {
+  /** @type {Uint8Array[]} */
+  #stills = [];
+  /** @type {Map<number, FloatPlane>} */
+  #logs = new Map();
+
+  /**
+   * @param {number} width - of the frames that will come
+   * @param {number} height - of the frames that will come
+   * @param {number} frames - in the window
+   */
+  constructor(width, height, frames) {
+    this.width = width;
+    this.height = height;
+    this.frames = frames;
+  }
+
+  /**
+   * Take the next frame, aligned with those before.
+   *
+   * @param {BytePlane} still - is kept
+   */
+  add(still) {
+    this.#stills.push(still.data);
+  }
+
+  /**
+   * Work out, step by step, what `outline` needs for a frequency, so that it does not take long.
+   *
+   * @param {number} frequency - in periods for each frame
+   * @returns {Generator<void, void>}
+   */
+  *prepare(frequency) {
+    for (const number of this.#needed(frequency)) {
+      if (this.#logs.has(number)) continue;
+      this.logPower(number);
+      yield;
+    }
+  }
+
+  /**
+   * Outline what toggles at a frequency.
+   *
+   * @param {number} frequency - in periods for each frame
+   * @returns {Point[] | null} pixels of the map, in corner order nearest to upright; null where
+   *   nothing toggles there, or the window is not full
+   */
+  outline(frequency) {
+    const [at, ...beside] = this.#needed(frequency);
+    if (at === undefined) return null;
+    const { width, height } = this;
+    const over = new Float32Array(width * height);
+    for (const number of beside) {
+      const { data } = this.logPower(number);
+      for (let i = 0; i < over.length; i++) over[i] += data[i];
+    }
+    const { data: here } = this.logPower(at);
+    for (let i = 0; i < over.length; i++) {
+      over[i] = Math.min(CEILING, Math.max(0, here[i] - over[i] / beside.length));
+    }
+    const excess = blurred({ width, height, data: over }, EVEN_PX).data;
+    const usual = median(excess);
+    const clear = Math.max(LEAST_EXCESS, 0.5 * quantile(excess, 0.98));
+    const gain = excess.map((value) =>
+      Math.min(2 * FAINT, Math.max(-FAINT, value - usual - FAINT)),
+    );
+    const mask = Uint8Array.from(excess, (value) => Number(value > clear));
+    let most = -Infinity;
+    /** @type {Point[] | null} */
+    let best = null;
+    for (const start of outlines({ width, height, data: mask })) {
+      const { corners, sum } = fittedOutline(start, { width, height, data: gain });
+      if (sum <= most && best !== null) continue;
+      most = sum;
+      best = corners;
+    }
+    return best && upright(best);
+  }
+
+  /**
+   * Find the logarithm of the smoothed power at one of the frequencies.
+   *
+   * @param {number} number - of periods in the window, from 1
+   * @returns {FloatPlane}
+   */
+  logPower(number) {
+    const known = this.#logs.get(number);
+    if (known) return known;
+    const { width, height } = this;
+    const [real, imaginary] = this.#amplitudes(number).map((data) =>
+      band({ width, height, data }),
+    );
+    for (let i = 0; i < real.length; i++) real[i] = real[i] ** 2 + imaginary[i] ** 2;
+    const power = blurred({ width, height, data: real }, SMOOTH_PX);
+    const least = 0.05 * median(power.data) + 1e-6;
+    for (let i = 0; i < real.length; i++) power.data[i] = Math.log(power.data[i] + least);
+    this.#logs.set(number, power);
+    return power;
+  }
+
+  /**
+   * List the numbers of periods whose power an outline needs; its own first.
+   *
+   * @param {number} frequency
+   * @returns {number[]} none where no outline can be had
+   */
+  #needed(frequency) {
+    const last = Math.floor(this.frames / 2);
+    const at = roundHalfEven(frequency * this.frames);
+    if (this.#stills.length < this.frames || at < SLOWEST || at > last) return [];
+    const beside = BESIDE.flatMap((step) => [at - step, at + step]);
+    return [at, ...beside.filter((number) => number >= 2 && number <= last)];
+  }
+
+  /**
+   * Sum up the frames' amplitudes at one of the frequencies.
+   *
+   * @param {number} number - of periods in the window
+   * @returns {Float32Array[]} the real and the imaginary part
+   */
+  #amplitudes(number) {
+    const real = new Float32Array(this.width * this.height);
+    const imaginary = new Float32Array(real.length);
+    const turns = this.#stills.map((_, t) => (2 * Math.PI * ((number * t) % this.frames)) / this.frames);
+    for (let t = 0; t < this.frames; t += AT_ONCE) {
+      const frames = [0, 1, 2, 3].map((k) => this.#stills[Math.min(t + k, this.frames - 1)]);
+      const [a, b, c, d] = frames;
+      const weight = (/** @type {(turn: number) => number} */ part) =>
+        [0, 1, 2, 3].map((k) => (t + k < this.frames ? part(turns[t + k]) : 0));
+      const [a0, b0, c0, d0] = weight(Math.cos);
+      const [a1, b1, c1, d1] = weight((turn) => -Math.sin(turn));
+      for (let i = 0; i < real.length; i++) {
+        real[i] += a0 * a[i] + b0 * b[i] + c0 * c[i] + d0 * d[i];
+        imaginary[i] += a1 * a[i] + b1 * b[i] + c1 * c[i] + d1 * d[i];
+      }
+    }
+    return [real, imaginary];
+  }
+}
+
+/**
+ * Keep details of the sizes between `FINE_PX` and `COARSE_PX`.
+ *
+ * @param {FloatPlane} plane
+ * @returns {Float32Array}
+ */
+function band(plane) {
+  const { data } = blurred(plane, FINE_PX);
+  const coarse = blurred(plane, COARSE_PX).data;
+  for (let i = 0; i < data.length; i++) data[i] -= coarse[i];
+  return data;
+}
+
+/**
+ * @param {FloatPlane} plane
+ * @param {number} sigma - pixels
+ * @returns {FloatPlane}
+ */
+function blurred(plane, sigma) {
+  return withMats((keep) => {
+    const smooth = keep(new cv.Mat());
+    cv.GaussianBlur(keep(matOf(plane)), smooth, new cv.Size(0, 0), sigma);
+    return floatPlane(smooth);
+  });
+}

@@ -1,0 +1,55 @@
+/** A display is found by its pilots in a film as Python finds it, and no frame takes long. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { loadOpenCv } from "../src/image/opencv.js";
+import { Layout } from "../src/link/layout.js";
+import { PilotSearch } from "../src/locate/pilots/search.js";
+import { pointsOf } from "./comparison.js";
+import { readFixture } from "./fixtures.js";
+
+/** Largest number of frames by which the page may find a display later, or sooner. */
+const LATER = 3;
+/** Distance, in pixels, of corners from Python's that is as good as none. */
+const SAME_PX = 1.0;
+
+await loadOpenCv();
+const { fps, images, truth, layouts, python } = readFixture("film");
+const [count, height, width] = images.shape;
+
+test("a film", () => {
+  const known = layouts.map((/** @type {any} */ table) => new Layout(table));
+  const search = new PilotSearch(known, fps);
+  const gray = { width, height, data: new Uint8Array(width * height) };
+  for (let frame = 0; frame < count; frame++) {
+    // a frame's memory is used again, as a page may
+    gray.data.set(images.data.subarray(frame * gray.data.length, (frame + 1) * gray.data.length));
+    const found = search.push(gray);
+    if (found === null) continue;
+    assert.ok(python, `found ${JSON.stringify(found.corners)} where there is no display`);
+    assert.ok(Math.abs(frame - python.frame) <= LATER, `frame ${frame}, not ${python.frame}`);
+    assert.equal(found.layout, known[python.layout]);
+    const there = { shape: [4, 2], data: truth.data.subarray(8 * frame) };
+    const off = farthest(found.corners, pointsOf(there));
+    const pythonThere = { shape: [4, 2], data: truth.data.subarray(8 * python.frame) };
+    const pythonOff = farthest(pointsOf(python.corners), pointsOf(pythonThere));
+    assert.ok(off <= pythonOff + SAME_PX, `corners are off by ${off} px, Python's by ${pythonOff}`);
+    return;
+  }
+  assert.equal(python, null);
+});
+
+test("layouts need pilots", () => {
+  const plain = new Layout({ ...layouts[0], pilots: 0, pilot_blocks: [], pilot_bits: [] });
+  assert.throws(() => new PilotSearch([plain]), /pilots/);
+});
+
+/**
+ * @param {[number, number][]} points
+ * @param {[number, number][]} others
+ * @returns {number} the largest difference of a coordinate, pixels
+ */
+function farthest(points, others) {
+  return Math.max(...points.flat().map((value, i) => Math.abs(value - others.flat()[i])));
+}

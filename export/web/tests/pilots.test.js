@@ -1,0 +1,162 @@
+/** Pilots are weighed, what toggles is mapped, frames are held still and corners move as in Python. */
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { loadOpenCv } from "../src/image/opencv.js";
+import { transform } from "../src/link/geometry.js";
+import { Layout } from "../src/link/layout.js";
+import { climbToPilots } from "../src/locate/pilots/climb.js";
+import {
+  coarseShift,
+  fineShift,
+  mapSize,
+  movedCorners,
+  withoutSlope,
+} from "../src/locate/pilots/corners.js";
+import {
+  pilotEvidence,
+  pilotSigns,
+  pilotValues,
+  standingOut,
+} from "../src/locate/pilots/evidence.js";
+import { median, quantile } from "../src/locate/pilots/order.js";
+import { Stabiliser } from "../src/locate/pilots/stabilise.js";
+import { ToggleMap } from "../src/locate/pilots/toggleMap.js";
+import { close, differences, planeOf, pointsOf } from "./comparison.js";
+import { readFixture } from "./fixtures.js";
+
+await loadOpenCv();
+
+/**
+ * Fail unless two homographies move all of an image's points alike.
+ *
+ * @param {ArrayLike<number> | null | undefined} found
+ * @param {any} expected - a fixture of nine numbers
+ * @param {[number, number]} size - of the image
+ * @param {number} tolerance - pixels
+ */
+function sameMotion(found, expected, [width, height], tolerance) {
+  assert.ok(found);
+  /** @type {[number, number][]} */
+  const points = [0, 1, 2].flatMap((x) =>
+    [0, 1, 2].map((y) => /** @type {[number, number]} */ ([(x * width) / 2, (y * height) / 2])),
+  );
+  close(transform(found, points).flat(), transform(expected.data, points).flat(), tolerance);
+}
+
+/**
+ * @param {Layout} layout
+ * @returns {Float64Array} the pilots' signs in their blocks
+ */
+function expectedBlocks(layout) {
+  const blocks = new Float64Array(layout.rows * layout.cols);
+  pilotSigns(layout).forEach((sign, i) => (blocks[layout.pilotBlocks[i]] = sign));
+  return blocks;
+}
+
+test("medians and quantiles", () => {
+  assert.equal(median([3, 1, 2]), 2);
+  assert.equal(median(Float32Array.of(4, 1, 2, 2, 9, 3)), 2.5);
+  const values = Float64Array.from({ length: 101 }, (_, i) => (i * 37) % 101);
+  assert.equal(quantile(values, 0.98), 98);
+  assert.ok(Math.abs(quantile(values, 0.123) - 12.3) < 1e-12);
+});
+
+test("evidence of pilots", () => {
+  const { signs, layout, cases, grays } = readFixture("evidence");
+  assert.deepEqual(pilotSigns(new Layout(layout)), signs.data);
+  for (const { values, found } of cases) {
+    const [frames, pilots] = values.shape;
+    const series = Array.from({ length: frames }, (_, t) =>
+      values.data.subarray(t * pilots, (t + 1) * pilots),
+    );
+    const { evidence, frequency } = pilotEvidence(series, signs.data);
+    close([evidence, frequency], found, 1e-6);
+  }
+  for (const { gray, blocks, pilots, ...fixture } of grays) {
+    const table = new Layout(fixture.layout);
+    close(standingOut(planeOf(gray), table), blocks.data, 1e-4);
+    close(pilotValues(planeOf(gray), table), pilots.data, 1e-4);
+  }
+});
+
+test("corners move by parts of a display", () => {
+  const layout = new Layout(readFixture("evidence").layout);
+  const blocks = expectedBlocks(layout);
+  for (const { real, imaginary, far, H, parts } of readFixture("coarse")) {
+    const [height, width] = real.shape;
+    const change = { width, height, real: real.data, imaginary: imaginary.data };
+    const fit = coarseShift(change, blocks, layout, far);
+    assert.equal(fit?.parts ?? null, parts);
+    if (H !== null) sameMotion(fit?.HOldFromNew, H, [layout.width, layout.height], 0.1);
+  }
+});
+
+test("corners move by the whole display", () => {
+  for (const { size, change, slopeless, H, ...fixture } of readFixture("fine")) {
+    const layout = new Layout(fixture.layout);
+    assert.deepEqual(mapSize(layout), size);
+    const [width, height] = size;
+    const flat = withoutSlope(planeOf(change), [width / layout.cols, height / layout.rows]);
+    close(flat.data, slopeless.data, 1e-4);
+    const found = fineShift(planeOf(change), expectedBlocks(layout), layout);
+    if (H === null) assert.equal(found, null);
+    else sameMotion(found, H, [layout.width, layout.height], 0.1);
+  }
+});
+
+test("corners climb to the pilots", () => {
+  const { real, imaginary, H, ...fixture } = readFixture("climb");
+  const layout = new Layout(fixture.layout);
+  const [height, width] = real.shape;
+  const change = { width, height, real: real.data, imaginary: imaginary.data };
+  const found = climbToPilots(change, layout);
+  sameMotion(found, H, [layout.width, layout.height], 0.1);
+});
+
+test("corners of what lies elsewhere in its rectified image", () => {
+  const { corners, H, layout, moved } = readFixture("moved");
+  const found = movedCorners(pointsOf(corners), H.data, new Layout(layout));
+  close(found.flat(), moved.data, 1e-3);
+});
+
+test("what toggles is mapped and outlined", () => {
+  const { stills, logs, frequencies, outlines } = readFixture("toggling");
+  const [frames, height, width] = stills.shape;
+  const map = new ToggleMap(width, height, frames);
+  for (let at = 0; at < stills.data.length; at += width * height) {
+    assert.equal(map.outline(0.25), null);
+    map.add({ width, height, data: stills.data.subarray(at, at + width * height) });
+  }
+  assert.equal([...map.prepare(0.25)].length, 7);
+  assert.equal([...map.prepare(0.25)].length, 0);
+  [6, 12].forEach((number, i) => {
+    const { most } = differences(map.logPower(number), logs[i]);
+    assert.ok(most < 1e-4, `logarithms differ by ${most}`);
+  });
+  frequencies.forEach((/** @type {number} */ frequency, /** @type {number} */ i) => {
+    const outline = map.outline(frequency);
+    if (outlines[i] === null) assert.equal(outline, null);
+    else close(outline?.flat() ?? [], outlines[i].data, 0.01);
+  });
+});
+
+test("frames are held still", () => {
+  const { frames, H, still, points } = readFixture("stabilising");
+  const stabiliser = new Stabiliser();
+  assert.equal(stabiliser.follow(planeOf(frames[0])), null);
+  stabiliser.begin(planeOf(frames[0]));
+  assert.deepEqual([stabiliser.height, stabiliser.width], still.shape);
+  frames.forEach((/** @type {any} */ frame, /** @type {number} */ i) => {
+    const found = stabiliser.follow(planeOf(frame));
+    if (H[i] === null) assert.equal(found, null);
+    else sameMotion(found, H[i], [960, 540], 0.1);
+  });
+  const { mean } = differences(stabiliser.still(planeOf(frames[1]), H[1].data), still);
+  assert.ok(mean < 0.3, `still frames differ by ${mean}`);
+  close(stabiliser.onImage([[0, 0], [100, 50]]).flat(), points.data, 1e-9);
+  assert.equal(stabiliser.follow({ width: 4, height: 3, data: new Uint8Array(12) }), null);
+  stabiliser.forget();
+  assert.equal(stabiliser.follow(planeOf(frames[0])), null);
+});
