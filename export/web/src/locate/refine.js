@@ -6,7 +6,7 @@
 
 import { blurred } from "../image/blur.js";
 import { homographyFromCorners, rectify } from "../link/geometry.js";
-import { matchPatches } from "../link/ratex.js";
+import { CLEAR_MATCH, matchPatches } from "../link/ratex.js";
 import { alignSteps } from "./align.js";
 import { fitEdges } from "./edges.js";
 import {
@@ -51,16 +51,11 @@ const USUAL_VISIBILITY = 0.8;
  */
 export const OUTSIDE = 0.25;
 /**
- * Smallest correlation of a patch at which it counts as seen: nothing covers it, and the image
- * does not cut it off.
- */
-const CLEAR_MATCH = 0.8;
-/**
  * Expected errors of the corners, as shares of the display's side, in the further alignments of a
  * display that is partly in view: what lies beyond the patches is known less well.
  */
 const PARTLY_SPREADS = [0.1, 0.1];
-/** Smallest distance, in pixels, at which corners move onto edges in the second round. */
+/** Largest distance, in pixels, that corners move onto edges in the second round. */
 const FINE_REACH_PX = 4.0;
 /** Units of work of the searches for patches, and of looking at them. */
 const SEARCH_WORK = 4;

@@ -1,0 +1,218 @@
+/**
+ * Find the lit display in a photograph: candidates first, then the ratex patches decide.
+ *
+ * Where the layout has ratex patches, these tell which candidate is the display, which way up it
+ * is, and where its corners are to sub-pixels. Without patches the likeliest candidate is taken.
+ */
+
+import {
+  WORK_PX,
+  candidateSteps,
+  onFullImage,
+  smallCopy,
+} from "./candidates.js";
+import { imagePyramid, searchPatches } from "./patches.js";
+import { isSound, lineSteps, rolled, upright } from "./quads.js";
+import {
+  OUTSIDE,
+  clippedToImage,
+  cornersOnEdges,
+  cornersOnPatchesSteps,
+  neededVisibility,
+} from "./refine.js";
+import { MAX_OUTSIDE, cornerCells, partialSteps, spotSteps, wholeSteps } from "./spots.js";
+import { runToEnd } from "./steps.js";
+
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
+/** @typedef {import("../link/layout.js").Layout} Layout */
+/** @typedef {import("./candidates.js").Located} Located */
+/** @typedef {import("./patches.js").Pyramid} Pyramid */
+/** @typedef {import("./quads.js").Quad} Quad */
+/**
+ * @template Result
+ * @typedef {import("./steps.js").Steps<Result>} Steps
+ */
+
+/**
+ * Error of a candidate's side, in pixels of the small copy; farther off, another edge may be
+ * stronger.
+ */
+const SMALL_ERROR_PX = 2.0;
+/**
+ * Number of candidates whose patches are sought before quadrilaterals are made from patches alone.
+ */
+const LIKELY = 6;
+/** Largest number of quadrilaterals of a display in view that are made from patches alone. */
+const SPOT_QUADS = 30;
+/** Largest number of quadrilaterals of a display partly in view that are made from patches. */
+const PARTIAL_QUADS = 8;
+/** Quarter turns by which a corner order may differ from the displayed picture's. */
+const ALL_TURNS = [0, 1, 2, 3];
+/** Visibility of the patches at which no further candidate is tried. */
+const SURE_VISIBILITY = 0.93;
+/**
+ * Mean correlation of single patches near their places that is worth aligning: true displays had
+ * 0.69 and more, turned ones up to 0.65.
+ */
+const PROMISING = 0.55;
+/** Largest number of turns of one quadrilateral that are aligned. */
+const ALIGNED_TURNS = 2;
+/** Largest number of quadrilaterals of lines that leave the image. */
+const LEAVING_QUADS = 6;
+/** Mean correlation of the patches in view that is worth aligning where some are out of view. */
+const PROMISING_PARTLY = 0.65;
+/**
+ * Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
+ * the small copy has fewer than 16 rows or columns.
+ */
+const MAX_ASPECT = 40;
+/** Smallest score of a display without patches. */
+const MIN_SCORE = 0.04;
+
+/**
+ * Find the lit display in an image.
+ *
+ * @param {BytePlane} image
+ * @param {Layout | null} [layout] - of what is displayed; its ratex patches tell the orientation
+ * @returns {Located | null} null where nothing looks like a display, or shows the patches
+ */
+export function locate(image, layout = null) {
+  return runToEnd(searchSteps(image, layout));
+}
+
+/**
+ * Find the lit display in an image step by step.
+ *
+ * @param {BytePlane} image - it must stay as it is until the end
+ * @param {Layout | null} [layout] - of what is displayed; its ratex patches tell the orientation
+ * @param {boolean} [partly] - whether a display that is partly in view, or whose patches are partly
+ *   covered, is sought, too
+ * @returns {Steps<Located | null>} what `locate` returns
+ */
+export function* searchSteps(image, layout = null, partly = true) {
+  const { width, height } = image;
+  if (Math.max(width, height) > MAX_ASPECT * Math.min(width, height)) return null;
+  const candidates = yield* candidateSteps(image);
+  if (!layout?.ratex.length) return likeliest(image, candidates);
+  const seek = new PatchSearch(image, layout);
+  const corners = candidates.map((candidate) => candidate.corners);
+  let found = yield* seek.best(corners.slice(0, LIKELY), ALL_TURNS);
+  if (found) return found;
+  const { copy, scale } = smallCopy(image);
+  if (cornerCells(layout).length) {
+    const spots = yield* spotSteps(copy, layout);
+    const whole = yield* wholeSteps(spots, layout, copy, SPOT_QUADS);
+    found = yield* seek.best(whole.map((quad) => onFullImage(quad, scale)), [0]);
+    if (found) return found;
+    if (partly) {
+      const bent = yield* partialSteps(spots, layout, copy, PARTIAL_QUADS);
+      found = yield* seek.bestPartial(
+        bent.map((guesses) => guesses.map((quad) => onFullImage(quad, scale))),
+      );
+      if (found) return found;
+    }
+  }
+  found = yield* seek.best(corners.slice(LIKELY), ALL_TURNS);
+  if (found || !partly) return found;
+  const leaving = yield* lineSteps(copy, LEAVING_QUADS, OUTSIDE);
+  return yield* seek.best(leaving.map((quad) => onFullImage(quad, scale)), ALL_TURNS);
+}
+
+/**
+ * Take the first candidate, with its corners moved onto edges.
+ *
+ * @param {BytePlane} image
+ * @param {Located[]} candidates
+ * @returns {Located | null} null where it is too unlikely
+ */
+function likeliest(image, candidates) {
+  const [first] = candidates;
+  if (!first || first.score < MIN_SCORE) return null;
+  const { width, height } = image;
+  const reach = SMALL_ERROR_PX * Math.max(1, Math.max(width, height) / WORK_PX);
+  const corners = clippedToImage(cornersOnEdges(image, first.corners, reach), width, height);
+  return { corners: upright(corners), score: first.score };
+}
+
+/** Looks for the patches of a layout at quadrilaterals of one image. */
+class PatchSearch {
+  /** @type {BytePlane} */
+  #image;
+  /** @type {Pyramid} */
+  #pyramid;
+  /** @type {Layout} */
+  #layout;
+
+  /**
+   * @param {BytePlane} image
+   * @param {Layout} layout
+   */
+  constructor(image, layout) {
+    this.#image = image;
+    this.#pyramid = imagePyramid(image);
+    this.#layout = layout;
+  }
+
+  /**
+   * Find where the patches are seen best, or the first place where they surely are.
+   *
+   * @param {Quad[]} quads
+   * @param {number[]} turns - quarter turns that are tried
+   * @returns {Steps<Located | null>}
+   */
+  *best(quads, turns) {
+    /** @type {Located | null} */
+    let best = null;
+    for (const quad of quads) {
+      const tried = turns.map((turn) => this.#promising(rolled(quad, turn)));
+      yield turns.length;
+      tried.sort((one, other) => other.promise - one.promise);
+      for (const { corners, promise } of tried.slice(0, ALIGNED_TURNS)) {
+        if (promise >= PROMISING) best = yield* this.#better(corners, best);
+      }
+      if (best && best.score >= SURE_VISIBILITY) break;
+    }
+    return best;
+  }
+
+  /**
+   * Find where the patches of a display that is partly in view are seen.
+   *
+   * @param {Quad[][]} bent - guesses of the perspective of each of some quadrilaterals, whose
+   *   corners need not be finite
+   * @returns {Steps<Located | null>}
+   */
+  *bestPartial(bent) {
+    const { width, height } = this.#image;
+    for (const guesses of bent) {
+      const tried = guesses
+        .filter((quad) => isSound(quad, width, height, MAX_OUTSIDE))
+        .map((quad) => this.#promising(quad));
+      yield tried.length;
+      tried.sort((one, other) => other.promise - one.promise);
+      if (!tried.length || tried[0].promise < PROMISING_PARTLY) continue;
+      const found = yield* this.#better(tried[0].corners, null);
+      if (found) return found;
+    }
+    return null;
+  }
+
+  /** @param {Quad} corners */
+  #promising(corners) {
+    return { corners, promise: searchPatches(this.#pyramid, corners, this.#layout).promise };
+  }
+
+  /**
+   * Align corners, and take them if the patches are seen, and better than before.
+   *
+   * @param {Quad} corners
+   * @param {Located | null} best
+   * @returns {Steps<Located | null>}
+   */
+  *#better(corners, best) {
+    const aligned = yield* cornersOnPatchesSteps(this.#image, this.#pyramid, corners, this.#layout);
+    if (aligned.seen < neededVisibility(this.#layout)) return best;
+    if (best && aligned.seen <= best.score) return best;
+    return { corners: aligned.corners, score: Math.min(1, aligned.seen) };
+  }
+}
