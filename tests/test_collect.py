@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from link.code.collect import MAX_SCORE, Collector, Message
+from link.code.collect import MAX_SCORE, Collector, Message, make_collector
 from link.code.framing import (
     CRC_BYTES,
     LENGTH_BYTES,
@@ -74,7 +74,7 @@ def test_a_changed_message_comes_within_two_loops(kind: str, ber: float, begins:
     first = rng.bytes(40)
     second = other_message(kind, first, rng)
     loops = encode(first, N_BITS), encode(second, N_BITS)
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     came = listen(collector, shown(loops[0], 50, rng, ber))
     assert [(message.data, message.changed) for _, message in came] == [(first, False)]
     at = 0 if begins == "in step" else len(loops[1]) // 3
@@ -88,7 +88,7 @@ def test_a_changed_message_comes_within_two_loops(kind: str, ber: float, begins:
 def test_messages_that_take_turns_come_in_turn() -> None:
     rng = np.random.default_rng(0)
     texts = [b"the first message", b"another message", b"the third message"]
-    collector, count, came = Collector(N_BITS), 0, []
+    collector, count, came = make_collector(N_BITS), 0, []
     for turn in range(9):
         rows = shown(encode(texts[turn % 3], N_BITS), 2, rng)
         came += [message.data for _, message in listen(collector, rows, count)]
@@ -99,7 +99,7 @@ def test_messages_that_take_turns_come_in_turn() -> None:
 @pytest.mark.parametrize("again", ["a signature each frame that counts on", "a run of its own"])
 def test_a_message_that_is_shown_on_is_returned_once(again: str) -> None:
     rng = np.random.default_rng(1)
-    collector, came = Collector(N_BITS), []
+    collector, came = make_collector(N_BITS), []
     for _ in range(20):
         came += listen(collector, shown(encode(b"one and the same", N_BITS), 3, rng))
         assert collector.progress > 0
@@ -152,7 +152,7 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
     """Per frame: how often collecting began afresh for nothing, and how often it was decoded."""
     rng = np.random.default_rng(2)
     loop = encode(rng.bytes(30), N_BITS)
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     assert len(listen(collector, shown(loop, 2, rng))) == 1
     tried, began, count = collector.attempts, 0, 0
     for number in range(DISTURBED_LOOPS):
@@ -177,7 +177,7 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
 def test_a_change_after_a_bad_time_comes_soon(kind: str) -> None:
     rng = np.random.default_rng(3)
     loops = [encode(rng.bytes(30), N_BITS) for _ in range(2)]
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     listen(collector, shown(loops[0], 2, rng))
     for _ in range(3):
         assert listen(collector, disturbed(kind, loops[0], rng)) == []
@@ -216,4 +216,4 @@ def test_a_longer_loop_than_the_message_needs_is_refused() -> None:
     np.testing.assert_array_equal(padded_loop(b"Hello", 4), encode(b"Hello", N_BITS))
     longer = padded_loop(b"Hello", 10)
     assert decode(8.0 * longer - 4) is None
-    assert listen(Collector(N_BITS), [8.0 * row - 4 for row in [*longer] * 5]) == []
+    assert listen(make_collector(N_BITS), [8.0 * row - 4 for row in [*longer] * 5]) == []

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from link.code.collect import Collector, Message
+from link.code.collect import Collector, Message, make_collector
 from link.code.collect_fine import MAX_WAITING, FineCollector
 from link.code.fine import (
     MAX_MESSAGE,
@@ -241,7 +241,7 @@ def listen(
     collector: Collector | None = None,
 ) -> tuple[Message | None, int, float]:
     """The message, the number of frames until it came, and the information of those received."""
-    collector = collector or Collector(bits.shape[1])
+    collector = collector or make_collector(bits.shape[1])
     received = 0
     for step in range(int(loops * len(bits)) + 8):
         if rng.random() < loss:
@@ -284,7 +284,7 @@ def test_covered_blocks_and_lost_bursts_of_frames_do_no_harm() -> None:
     rng = np.random.default_rng(3)
     data = rng.bytes(600)
     bits = encode(data, 2918)
-    collector = Collector(2918)
+    collector = make_collector(2918)
     for step in range(6 * len(bits)):
         scores = noisy(bits[(5 + step) % len(bits)], 0.05, rng)
         scores[: 2918 // 3] = 0  # the upper third is covered
@@ -302,7 +302,7 @@ def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> Non
     rng = np.random.default_rng(2)
     data = rng.bytes(1000)
     bits = encode(data, 730)
-    collector = Collector(730)
+    collector = make_collector(730)
     message = None
     for step in range(4 * len(bits)):
         jumped = step + 11 * (step // 9)
@@ -324,7 +324,7 @@ def test_a_changed_message_comes_within_two_fine_loops(
     rng = np.random.default_rng(4)
     first, other = rng.bytes(1800), rng.bytes(1800 if second == "of equal length" else 900)
     loops = encode(first, n_bits), encode(other, n_bits)
-    collector, count = Collector(n_bits), 0
+    collector, count = make_collector(n_bits), 0
     came: list[tuple[bytes, bool, int]] = []
     for number, many in ((0, 3), (1, 2), (0, 2)):
         for step in range(many * len(loops[number])):
@@ -368,7 +368,7 @@ def test_noise_is_no_fine_message_and_takes_no_memory() -> None:
 def test_nothing_received_is_no_fine_message() -> None:
     assert decode(np.zeros((9, 730))) is None
     assert decode(np.full((9, 730), np.nan)) is None
-    collector = Collector(730)
+    collector = make_collector(730)
     for step in range(3):
         assert collector.add(np.full(730, np.nan), step) is None
     assert collector.progress == 0

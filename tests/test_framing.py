@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from link.code.collect import Collector, Message
+from link.code.collect import Message, make_collector
 from link.code.framing import (
     MAX_FRAMES,
     SIGNATURE,
@@ -95,7 +95,7 @@ def collect(
     loops: float = 6,
     start: int = 0,
 ) -> tuple[Message | None, int]:
-    collector = Collector(bits.shape[1])
+    collector = make_collector(bits.shape[1])
     frames = len(bits)
     for step in range(int(loops * frames) + 4):
         if rng.random() < loss:
@@ -140,7 +140,7 @@ def test_lost_count_is_found_again() -> None:
     rng = np.random.default_rng(2)
     data = rng.bytes(60)
     bits = encode(data, N_BITS)
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     message = None
     for step in range(4 * len(bits)):
         jumped = step + 3 * (step // 9)  # the count slips every ninth frame, unannounced
@@ -153,7 +153,7 @@ def test_lost_count_is_found_again() -> None:
 def test_a_new_message_wins_over_the_old_one() -> None:
     rng = np.random.default_rng(3)
     first, second = rng.bytes(40), rng.bytes(40)
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     got: list[bytes] = []
     for step, bits in enumerate([*encode(first, N_BITS)] * 2 + [*encode(second, N_BITS)] * 40):
         message = collector.add(received(bits, 0.02, rng), step)
@@ -170,7 +170,7 @@ def test_noise_never_makes_a_message() -> None:
     for frames in (3, 5, 9, 17):
         for _ in range(150):
             assert decode(rng.normal(0, rng.uniform(0.5, 8), (frames, N_BITS))) is None
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     for step in range(200):
         assert collector.add(rng.normal(0, 6, N_BITS), step) is None
 
@@ -187,6 +187,6 @@ def test_nothing_received_is_no_message() -> None:
     assert decode(np.zeros((9, N_BITS))) is None
     assert decode(np.full((9, N_BITS), np.nan)) is None
     assert decode(np.zeros((1, SIGNATURE))) is None
-    collector = Collector(N_BITS)
+    collector = make_collector(N_BITS)
     assert collector.add(np.full(N_BITS, np.nan), 0) is None
     assert collector.progress == 0

@@ -16,7 +16,7 @@ from export.receive.receiver import Receiver
 from export.runtime import Decoder
 from export.send.player import write_player
 from link.code import framing
-from link.code.collect import Collector
+from link.code.collect import make_collector
 from link.layout import Layout, make_layout
 from link.loop import Loop
 
@@ -416,7 +416,7 @@ def test_screenshots_decode_to_the_message(
 ) -> None:
     page = open_window(640, 480)
     start(page, slow_player)
-    collector, message = Collector(decoder.layout.n_bits), None
+    collector, message = make_collector(decoder.layout.n_bits), None
     shots: dict[int, NDArray[np.uint8]] = {}
     deadline = time.monotonic() + PATIENCE_S
     while message is None and time.monotonic() < deadline:

@@ -26,7 +26,7 @@ from export.send.player import write_player
 from export.send.write import write_states
 from link.code import framing
 from link.code.authenticate import sign, verify
-from link.code.collect import Collector
+from link.code.collect import make_collector
 from link.embed import with_head_room
 from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
@@ -199,7 +199,7 @@ def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Co
     said = report(done)
     assert json.loads((out / "sent.json").read_text()) | {"out": str(out)} == said
     assert said["state_hz"] == 10
-    collector = Collector(LAYOUT.n_bits)
+    collector = make_collector(LAYOUT.n_bits)
     received = None
     for count, pair in enumerate(pairs_of(folder_states(out))):
         received = received or collector.add(

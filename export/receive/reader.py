@@ -27,7 +27,7 @@ from export.receive.timing.synchronise import Synchroniser
 from export.receive.timing.toggles import make_toggles
 from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.patches import Tracked
-from link.code.collect import Collector, Message
+from link.code.collect import Message, make_collector
 from link.frames import SoftBits
 
 BUFFER = 256
@@ -137,7 +137,7 @@ class DisplayReader:
         self.timing = timing
         self.decoded = 0
         """Number of frame pairs decoded."""
-        self.collector = Collector(self.layout.n_bits)
+        self.collector = make_collector(self.layout.n_bits)
         """Turns the scores of frame pairs into messages."""
         self._fps = fps
         self._sight = sight

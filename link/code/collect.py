@@ -1,8 +1,10 @@
 """The collector turns scores of frames, in the order they were seen, into their loop's message.
 
 Coarse and fine grids are framed in different ways, and the number of message blocks of a frame says
-in which (`link.code.framing`). So there is a collector for each, and this one hands over to it.
+in which (`link.code.framing`). So there is a collector for each.
 """
+
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,31 +16,11 @@ from link.code.message import MAX_SCORE as MAX_SCORE
 from link.code.message import Message as Message
 
 
-class Collector:
+class Collector(Protocol):
     """Collects frames until the message is whole, and then until another one is.
 
     A message is returned once. It is returned again only after another one was.
-
-    Args:
-        n_bits: message blocks of a frame.
-
-    Raises:
-        InputError: the frames have too few blocks for a signature.
-
-    The receiver joins the loop at its third frame and does not know how long the loop is:
-
-    >>> from link.code.framing import encode
-    >>> loop = encode(b"Hello", n_bits=59)
-    >>> collector, message = Collector(n_bits=59), None
-    >>> for count in range(len(loop)):
-    ...     message = message or collector.add(9.0 * loop[(count + 2) % len(loop)] - 4.5, count)
-    >>> message.text
-    'Hello'
     """
-
-    def __init__(self, n_bits: int) -> None:
-        kind = FineCollector if is_fine(n_bits) else CoarseCollector
-        self._collector: FineCollector | CoarseCollector = kind(n_bits)
 
     @property
     def progress(self) -> float:
@@ -46,21 +28,21 @@ class Collector:
 
         It is 1 while the display goes on showing a message that was returned.
         """
-        return self._collector.progress
+        ...
 
     @property
     def attempts(self) -> int:
         """Number of times that decoding was tried."""
-        return self._collector.attempts
+        ...
 
     @property
     def collecting(self) -> bool:
         """Whether scores are kept that may be those of a message not returned yet."""
-        return self._collector.collecting
+        ...
 
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
-        self._collector.start_run()
+        ...
 
     def add(self, scores: NDArray[np.float64], count: int) -> Message | None:
         """Add one frame, and try to decode.
@@ -72,4 +54,26 @@ class Collector:
         Returns:
             the message where it is whole now and not the one that was returned last, else None.
         """
-        return self._collector.add(scores, count)
+        ...
+
+
+def make_collector(n_bits: int) -> Collector:
+    """Make the collector for frames of a number of message blocks.
+
+    Args:
+        n_bits: message blocks of a frame.
+
+    Raises:
+        InputError: the frames have too few blocks for a signature.
+
+    The receiver joins the loop at its third frame and does not know how long the loop is:
+
+    >>> from link.code.framing import encode
+    >>> loop = encode(b"Hello", n_bits=59)
+    >>> collector, message = make_collector(n_bits=59), None
+    >>> for count in range(len(loop)):
+    ...     message = message or collector.add(9.0 * loop[(count + 2) % len(loop)] - 4.5, count)
+    >>> message.text
+    'Hello'
+    """
+    return FineCollector(n_bits) if is_fine(n_bits) else CoarseCollector(n_bits)

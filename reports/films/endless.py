@@ -28,7 +28,7 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
-from link.code.collect import Collector
+from link.code.collect import make_collector
 from link.code.framing import encode
 from link.embed import embed
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
@@ -235,7 +235,7 @@ def false_starts(wrong: float, noisy_loops: bool, frames: int, seed: int) -> Fal
     rng = np.random.default_rng([seed, round(1000 * wrong), noisy_loops])
     n_bits = make_layout().n_bits
     loop = encode(rng.bytes(N_BYTES), n_bits)
-    collector = Collector(n_bits)
+    collector = make_collector(n_bits)
     delivered = starts = collected = again = attempts = count = 0
     while delivered < frames:
         noise = noisy_loops and count // len(loop) % NOISY_LOOP == NOISY_LOOP - 1
@@ -262,7 +262,7 @@ def loops_until_changed(wrong: float, changes: int, seed: int) -> list[float]:
     """
     rng = np.random.default_rng([seed, round(1000 * wrong), 2])
     n_bits = make_layout().n_bits
-    collector, shown = Collector(n_bits), encode(rng.bytes(N_BYTES), n_bits)
+    collector, shown = make_collector(n_bits), encode(rng.bytes(N_BYTES), n_bits)
     found, count = [], 0
     for change in range(changes + 1):
         if change:

@@ -10,7 +10,7 @@ from conftest import slow
 from numpy.typing import NDArray
 from web_fixtures import run_node_tests, write_fixture
 
-from link.code.collect import Collector
+from link.code.collect import make_collector
 from link.code.framing import encode
 
 Scores = NDArray[np.float32]
@@ -44,7 +44,7 @@ def heard(rows: Scores, starts: Iterable[int] = (), counts: Iterable[int] = ()) 
         starts: rows before which a run starts.
         counts: of all frames; by default those from 1000 on.
     """
-    collector = Collector(rows.shape[1])
+    collector = make_collector(rows.shape[1])
     counts, starts = list(counts) or [*range(1000, 1000 + len(rows))], list(starts)
     steps, messages = [], []
     for at, (row, count) in enumerate(zip(rows, counts, strict=True)):
