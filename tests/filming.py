@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, switch_off
+from data_gen.film.scenes import SceneSettings
 from data_gen.pairs import CAMERAS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
 from link.embed import embed
@@ -15,6 +16,16 @@ from link.frames import Captured, Displayed
 from link.layout import Layout, make_layout
 
 SMALL = make_layout(4, 4, 128, 96, 2)
+ROOM = SceneSettings(
+    size=(160, 96),
+    coverage=0.3,
+    turn=0.0,
+    room="dark",
+    window=False,
+    second_display=False,
+    margin_px=8,
+)
+"""A small dark room with one upright display, for films."""
 PLAIN = replace(
     CAMERAS["canon"],
     name="plain",

@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from filming import only
+from filming import ROOM, SMALL, only
 from numpy.typing import NDArray
 
 from data_gen.film.frame import VideoFrame
@@ -18,25 +18,13 @@ from data_gen.film.phone import (
     map_tones_locally,
     undistort,
 )
-from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from link.errors import InputError
 from link.geometry import frame_corners, transform
-from link.layout import make_layout
 
-LAYOUT = make_layout(4, 4, 128, 96, 2)
-DISPLAY = LAYOUT.width, LAYOUT.height
-ROOM = SceneSettings(
-    size=(160, 96),
-    coverage=0.3,
-    turn=0.0,
-    room="dark",
-    window=False,
-    second_display=False,
-    margin_px=8,
-)
+DISPLAY = SMALL.width, SMALL.height
 SHORT = VideoSettings(scene=ROOM, seconds=0.3, clock_error=0.0, start_s=0.0)
 WHITE, GRAY = (np.full((96, 128, 3), level, np.uint8) for level in (255, 120))
 QUIET = only("canon-lg", "perspective")
@@ -55,7 +43,7 @@ def stream(
     states: Sequence[NDArray[np.uint8]] = (WHITE, GRAY),
     seed: int = 0,
 ) -> list[VideoFrame]:
-    return list(film(states, LAYOUT, pair, 0.0, chosen, np.random.default_rng(seed)))
+    return list(film(states, SMALL, pair, 0.0, chosen, np.random.default_rng(seed)))
 
 
 def pixels(frames: list[VideoFrame]) -> list[bytes]:

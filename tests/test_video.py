@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import Command
-from filming import only
+from filming import ROOM, SMALL, only
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from tolerances import FLOAT32, FLOAT64
 
 from data_gen.channel.composition import Shot
 from data_gen.channel.timing import state_shares
-from data_gen.film.scenes import SceneSettings, draw_scene
+from data_gen.film.scenes import draw_scene
 from data_gen.film.shake import LIMIT, ExposureDrift, Hand, Wander
 from data_gen.film.stream import VideoFrame, VideoSettings, film
 from data_gen.pairs import get_pair
@@ -27,19 +27,8 @@ from data_gen.video import main
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.images import read_image
-from link.layout import make_layout
 from link.video import read_video
 
-LAYOUT = make_layout(4, 4, 128, 96, 2)
-ROOM = SceneSettings(
-    size=(160, 96),
-    coverage=0.3,
-    turn=0.0,
-    room="dark",
-    window=False,
-    second_display=False,
-    margin_px=8,
-)
 STEADY = VideoSettings(
     scene=ROOM, seconds=1.0, clock_error=0.0, start_s=0.0, response_s=0.0, scan_s=0.0, hand=0.0
 )
@@ -58,7 +47,7 @@ def stream(
     pair: Pair = QUIET,
     seed: int = 0,
 ) -> list[VideoFrame]:
-    return list(film(states, LAYOUT, pair, 0.0, chosen, np.random.default_rng(seed)))
+    return list(film(states, SMALL, pair, 0.0, chosen, np.random.default_rng(seed)))
 
 
 def inside(frame: VideoFrame) -> NDArray[np.float64]:
@@ -128,7 +117,7 @@ def test_shares_are_those_of_a_fine_sum(
 
 
 def test_light_is_mixed_linearly_and_row_by_row() -> None:
-    scene = draw_scene(LAYOUT, get_pair("canon-lg"), 20.0, np.random.default_rng(0), ROOM)
+    scene = draw_scene(SMALL, get_pair("canon-lg"), 20.0, np.random.default_rng(0), ROOM)
     view = scene.viewpoint(np.random.default_rng(1))
     shot = Shot(view, scene.H_captured_from_display, phase=0.3)
     frames = np.random.default_rng(2).integers(0, 200, (2, 96, 128, 3), dtype=np.uint8)
@@ -282,7 +271,7 @@ def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
 
     endless = film(
         states,
-        LAYOUT,
+        SMALL,
         QUIET,
         0.0,
         replace(STEADY, seconds=None, state_hz=30.0),
