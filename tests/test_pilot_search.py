@@ -72,15 +72,15 @@ def test_does_not_find_what_is_not_there(kind: str) -> None:
 @pytest.mark.parametrize("frames_a_period", [4, 2])
 def test_evidence_is_no_surer_than_chance(frames_a_period: int) -> None:
     """Whatever toggles, signs that it does not keep to are believed as rarely as evidence says."""
-    rng, signs = np.random.default_rng(5), pilot_signs(FINE)
+    rng = np.random.default_rng(5)
     wave = np.cos(2 * np.pi * np.arange(24) / frames_a_period)
     evidence = np.array(
         [
-            pilot_evidence(list(wave[:, None] * rng.standard_normal(len(signs)) * 9), signs)[0]
+            pilot_evidence(wave[:, None] * rng.standard_normal(FINE.pilots) * 9, FINE)[0]
             for _ in range(1000)
         ]
     )
-    paid = np.log(11)  # of the frequencies that were looked at, only one holds anything
+    paid = np.log(11)  # of the frequencies that are looked at, only one holds anything
     for rare in (1.0, 2.0):
         usual = 1000 * np.exp(-rare - paid)
         assert (evidence >= rare).sum() <= usual + 4 * np.sqrt(usual)

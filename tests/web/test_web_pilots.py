@@ -41,12 +41,12 @@ def drawn(layout: Layout, size: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def evidence() -> dict[str, object]:
-    rng, signs, cases = np.random.default_rng(0), pilot_signs(FINE), []
+    rng, cases = np.random.default_rng(0), []
     for frames, strength in ((24, 0.0), (24, 0.6), (37, 1.5), (3, 1.0)):
         noise = rng.standard_normal((frames, len(signs)))
         wave = np.sign(np.cos(np.pi * (np.arange(frames) + 0.5) / 2))
         values = noise + strength * wave[:, None] * signs
-        cases.append({"values": values, "found": pilot_evidence(list(values), signs)})
+        cases.append({"values": values, "found": pilot_evidence(list(values), FINE)})
     grays = []
     for layout, (width, height) in ((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60))):
         gray = rng.integers(0, 256, (height, width), dtype=np.uint8)

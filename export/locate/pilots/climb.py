@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.corners import without_slope
-from export.locate.pilots.evidence import pilot_signs
+from export.locate.pilots.evidence import signed_phases
 from link.geometry import (
     frame_corners,
     homography_from_corners,
@@ -35,7 +35,8 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
     """Find corners at which the pilots of a display toggle most surely.
 
     What is raised is the share of the power of all pilots that has their signs,
-    |sum of s_p X_p|^2 / (P sum of |X_p|^2) with the complex amplitudes X_p at P pilots.
+    |sum of s_p X_p|^2 / (P sum of |X_p|^2) with the complex amplitudes X_p at P pilots, whose
+    phases may slope across the display as `export.locate.pilots.evidence.PHASE_SLOPES` says.
 
     Args:
         change: (h, w) amplitude at one frequency of the rectified display, each pixel divided by
@@ -53,7 +54,7 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
         cv2.blur(without_slope(part, block), spans, borderType=cv2.BORDER_CONSTANT)
         for part in (change.real, change.imag)
     ]
-    signs = pilot_signs(layout)
+    phases = signed_phases(layout)
     rows, cols = np.divmod(layout.pilot_blocks, layout.cols)
     centres = np.column_stack([cols + 0.5, rows + 0.5]) * block - 0.5
 
@@ -63,8 +64,9 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
         real, imaginary = (
             cv2.remap(part, points[:, :1], points[:, 1:], cv2.INTER_LINEAR)[:, 0] for part in maps
         )
-        power = float((real**2 + imaginary**2).sum()) * len(signs)
-        return float((signs @ real) ** 2 + (signs @ imaginary) ** 2) / (power + 1e-12)
+        power = float((real**2 + imaginary**2).sum()) * layout.pilots
+        along = np.abs(phases @ (real + 1j * imaginary)).max()
+        return float(along) ** 2 / (power + 1e-12)
 
     corners = frame_corners(width, height)
     best = share(corners)

@@ -7,6 +7,7 @@ follows from how well its blocks keep to these signs. Rate and phase need not be
 """
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -22,6 +23,13 @@ LEAST_DEVIATION = 0.3
 SLOWEST = 2
 """Number of periods in a window below which a frequency is not looked at: motion and exposure drift
 slowly, the display does not."""
+PHASE_STEPS = np.pi / 2 * np.arange(-3, 4)
+"""Differences of phase across the display, in radians, that are tried: camera and panel go through
+their rows one after the other, so that one side toggles later than the other."""
+PHASE_SLOPES = np.array(
+    [(0.0, step) for step in PHASE_STEPS] + [(step, 0.0) for step in PHASE_STEPS if step]
+)
+"""(slopes, 2) differences of phase from left to right and from top to bottom, radians."""
 
 
 def pilot_signs(layout: Layout) -> Array:
@@ -64,32 +72,49 @@ def pilot_values(view: NDArray[np.uint8], layout: Layout) -> NDArray[np.float32]
     return blocks.reshape(-1)[layout.pilot_blocks]  # (rows, cols) -> (blocks,)
 
 
-def pilot_evidence(values: Sequence[NDArray[np.floating]], signs: Array) -> tuple[float, float]:
-    """Tell how surely values over time toggle with the signs, at any one frequency.
+@lru_cache(maxsize=16)
+def signed_phases(layout: Layout) -> NDArray[np.complex128]:
+    """Factors that bring all pilots into one phase if their phases have a slope of `PHASE_SLOPES`.
 
-    At each frequency the values have complex amplitudes X_p. Without the display, signs and
-    amplitudes have nothing to do with each other, whatever moves or flickers in the image, in one
-    phase or in many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by
-    chance these explain the share R2 of the signs' power, or more, with probability
-    (1 - R2)^((P - 2) / 2), for P pilots. The largest share over all frequencies is taken, and the
-    number of them is paid for.
+    Args:
+        layout: with pilots.
+
+    Returns:
+        (slopes, pilots) complex: the pilots' signs, turned back by the phase at their places.
+    """
+    rows, cols = np.divmod(layout.pilot_blocks, layout.cols)
+    places = np.stack([(cols + 0.5) / layout.cols, (rows + 0.5) / layout.rows]) - 0.5
+    return np.asarray(pilot_signs(layout) * np.exp(-1j * PHASE_SLOPES @ places))
+
+
+def pilot_evidence(values: Sequence[NDArray[np.floating]], layout: Layout) -> tuple[float, float]:
+    """Tell how surely values over time toggle with the pilots' signs, at any one frequency.
+
+    At each frequency the values have complex amplitudes X_p, whose phases may slope across the
+    display (`PHASE_SLOPES`); they are turned back first. Without the display, signs and amplitudes
+    have nothing to do with each other, whatever moves or flickers in the image, in one phase or in
+    many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by chance these
+    explain the share R2 of the signs' power, or more, with probability (1 - R2)^((P - 2) / 2), for
+    P pilots. The largest share over all frequencies and slopes is taken, and their number is paid
+    for.
 
     Args:
         values: T arrays (P,), one for each of T evenly spaced frames.
-        signs: (P,) of 1 and -1.
+        layout: with P pilots.
 
     Returns:
         evidence: natural logarithm of the probability that chance does as well, with the sign
             turned, so that more is surer; 0 at least.
         frequency: at which it was found, in periods for each frame.
 
-    >>> rng, signs = np.random.default_rng(0), np.resize([1.0, -1.0], 40)
-    >>> noise = rng.standard_normal((24, 40))
+    >>> from link.layout import make_layout
+    >>> layout = make_layout(16, 16, modulation="antipodal", pilots=40)
+    >>> noise = np.random.default_rng(0).standard_normal((24, 40))
     >>> wave = np.sign(np.cos(np.pi * (np.arange(24) + 0.5) / 2))
-    >>> evidence, frequency = pilot_evidence(list(noise + wave[:, None] * signs), signs)
-    >>> evidence > 25, frequency
+    >>> evidence, frequency = pilot_evidence(noise + wave[:, None] * pilot_signs(layout), layout)
+    >>> evidence > 20, frequency
     (True, 0.25)
-    >>> pilot_evidence(list(noise), signs)[0] < 6
+    >>> pilot_evidence(noise, layout)[0] < 6
     True
     """
     series = np.asarray(values, np.float64)
@@ -98,13 +123,41 @@ def pilot_evidence(values: Sequence[NDArray[np.floating]], signs: Array) -> tupl
     lines = np.fft.rfft(series, axis=0)[SLOWEST:]
     if not len(lines):
         return 0.0, 0.0
-    real, imaginary = lines.real, lines.imag
-    little = 1e-9 * (np.abs(lines) ** 2).sum(axis=1) + 1e-12
-    rr, ii = (real**2).sum(axis=1) + little, (imaginary**2).sum(axis=1) + little
-    ri = (real * imaginary).sum(axis=1)
-    a, b = real @ signs, imaginary @ signs
-    share = (a**2 * ii - 2 * a * b * ri + b**2 * rr) / (rr * ii - ri**2) / len(signs)
-    best = int(share.argmax())
-    unexplained = max(1 - float(share[best]), 1e-12)
-    chance = (len(signs) - 2) / 2 * float(np.log(unexplained)) + float(np.log(len(lines)))
+    turned = signed_phases(layout)
+    # of the turned amplitudes Z: sums of s Z, of Z Z and of |Z|^2, each (slopes, frequencies)
+    along, squares = turned @ lines.T, turned**2 @ (lines**2).T
+    power = (np.abs(lines) ** 2).sum(axis=1) * (1 + 1e-9) + 1e-12
+    rr, ii, ri = (power + squares.real) / 2, (power - squares.real) / 2, squares.imag / 2
+    a, b = along.real, along.imag
+    apart = np.maximum(rr * ii - ri**2, 1e-10 * power**2)
+    share = (a**2 * ii - 2 * a * b * ri + b**2 * rr) / apart / layout.pilots
+    best = int(share.max(axis=0).argmax())
+    unexplained = max(1 - float(share.max()), 1e-12)
+    chance = (layout.pilots - 2) / 2 * float(np.log(unexplained)) + float(np.log(share.size))
     return max(0.0, -chance), (best + SLOWEST) / len(series)
+
+
+def in_one_phase(change: NDArray[np.complex64], layout: Layout) -> NDArray[np.float32]:
+    """Turn the amplitudes of a display's pixels into one phase, and give them the pilots' signs.
+
+    Args:
+        change: (h, w) amplitudes at one frequency of the rectified display.
+        layout: with pilots.
+
+    Returns:
+        (h, w) parts of the amplitudes that toggle as the pilots do, positive where a pilot of bit 1
+        lies.
+    """
+    height, width = change.shape
+    size = layout.cols, layout.rows
+    real, imaginary = (
+        cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(-1)
+        for part in (change.real.copy(), change.imag.copy())
+    )  # (rows, cols) -> (blocks,)
+    along = signed_phases(layout) @ (real + 1j * imaginary)[layout.pilot_blocks]
+    best = int(np.abs(along).argmax())
+    x = (np.arange(width) + 0.5) / width - 0.5
+    y = (np.arange(height) + 0.5)[:, None] / height - 0.5
+    across, down = PHASE_SLOPES[best]
+    phase = across * x + down * y + np.angle(along[best])
+    return np.asarray((change * np.exp(-1j * phase)).real, np.float32)

@@ -28,6 +28,7 @@ from export.locate.pilots.corners import (
 )
 from export.locate.pilots.evidence import (
     LEAST_DEVIATION,
+    in_one_phase,
     pilot_evidence,
     pilot_signs,
     pilot_values,
@@ -66,8 +67,9 @@ CONFIRMED = 9.0
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
-PROMISING = 9.0
-"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once."""
+PROMISING, HINT = 9.0, 6.0
+"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once, and at
+which they are once all frames were seen."""
 COARSE_ROUNDS, CLIMB_ROUNDS, FINE_ROUNDS = 5, 2, 2
 """Largest number of times that corners are moved by parts of the display, by the sum over its
 pilots, and by all of it."""
@@ -124,7 +126,6 @@ class PilotSearch:
         self.layouts = tuple(layouts)
         self._largest = max(layouts, key=lambda layout: layout.width * layout.height)
         self._finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
-        self._signs = {layout: pilot_signs(layout) for layout in layouts}
         self._expected = {layout: _expected_changes(layout) for layout in layouts}
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
@@ -207,19 +208,35 @@ class PilotSearch:
 
     def _propose_watched(self) -> None:
         """Propose the quadrilateral of edges that toggles most surely, where any is promising."""
-        best: tuple[float, _Proposal] | None = None
-        for corners, values in zip(self._watched, self._values, strict=True):
-            for layout in self.layouts:
-                blocks = [standing_out(value, layout) for value in values]
-                for turn in (0, 2):
-                    views = [block[::-1, ::-1] if turn else block for block in blocks]
-                    picked = [view.reshape(-1)[layout.pilot_blocks] for view in views]
-                    evidence, frequency = pilot_evidence(picked, self._signs[layout])
-                    if best is None or evidence > best[0]:
-                        turned = np.roll(corners, -turn, axis=0)
-                        best = evidence, _Proposal(turned, layout, frequency)
-        if best is not None and best[0] > PROMISING:
-            self._proposed.append(best[1])
+        watched = zip(self._watched, self._values, strict=True)
+        surest = [self._surest(corners, values) for corners, values in watched]
+        if surest:
+            evidence, proposal = max(surest, key=lambda found: found[0])
+            if evidence > PROMISING:
+                self._proposed.append(proposal)
+
+    def _surest(
+        self, corners: Array, views: Sequence[NDArray[np.float32]]
+    ) -> tuple[float, _Proposal]:
+        """Choose the layout, upright or upside down, whose pilots toggle most surely.
+
+        Args:
+            corners: (4, 2) pixels of the reference frame.
+            views: what they bound in each frame, rectified to any size.
+
+        Returns:
+            the evidence, before it pays, and what it speaks for.
+        """
+        found = []
+        for layout in self.layouts:
+            blocks = [standing_out(view, layout) for view in views]
+            for turn in (0, 2):
+                turned = [block[::-1, ::-1] if turn else block for block in blocks]
+                picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]
+                evidence, frequency = pilot_evidence(picked, layout)
+                moved = np.roll(corners, -turn, axis=0)
+                found.append((evidence, _Proposal(moved, layout, frequency)))
+        return max(found, key=lambda each: each[0])
 
     def _settle_all(self) -> Iterator[_Sure | None]:
         """Settle one proposal after another; None after each step, and what is sure in the end."""
@@ -227,7 +244,7 @@ class PilotSearch:
             yield from self._settle(self._proposed.pop(0))
         while len(self._frames) < self._window:
             yield None
-        quads = self._lifted_edges()
+        quads = self._faint_edges()
         yield None
         for frequency in self._frequencies:
             outline = self._map.outline(frequency)
@@ -237,27 +254,33 @@ class PilotSearch:
         quads += self._watched[::2]
         for turn in (0, 1):
             for quad in quads:
-                proposal = self._first_fit(np.roll(quad, -turn, axis=0))
+                proposals = self._first_fits(np.roll(quad, -turn, axis=0))
                 yield None
-                if proposal is not None:
+                for proposal in proposals:
                     yield from self._settle(proposal)
 
-    def _lifted_edges(self) -> list[Array]:
-        """Propose quadrilaterals in the mean of all frames, with its dark parts made brighter.
+    def _faint_edges(self) -> list[Array]:
+        """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
 
-        The mean has less noise than a frame, and the square root of its levels shows the edges of a
+        The mean has less noise than a frame, and its histogram, made even, shows the edges of a
         dark picture in a dark frame.
         """
-        lifted = np.sqrt(255 * self._sum / len(self._frames)).astype(np.uint8)
-        found = display_candidates(lifted, CANDIDATES)
+        mean = np.asarray(self._sum / len(self._frames), np.uint8)
+        found = display_candidates(np.asarray(cv2.equalizeHist(mean), np.uint8), CANDIDATES)
         return [self._stabiliser.on_image(candidate.corners) for candidate in found]
 
-    def _first_fit(self, quad: Array) -> _Proposal | None:
-        """Fit every layout, upright and upside down, to a quadrilateral; the best, if any fits."""
+    def _first_fits(self, quad: Array) -> list[_Proposal]:
+        """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+
+        Returns:
+            what toggles surely enough where it is, and what fits best after a shift, if anything.
+        """
         views = _views(quad, self._largest, self._frames, COARSE_SIZE)
-        best: tuple[int, _Proposal] | None = None
         if views is None:
-            return None
+            return []
+        evidence, proposal = self._surest(quad, list(views))
+        hints = [proposal] if evidence > HINT else []
+        best: tuple[int, _Proposal] | None = None
         for frequency in self._frequencies:
             line = _line(views, frequency)
             for layout in self.layouts:
@@ -268,12 +291,12 @@ class PilotSearch:
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], _Proposal(corners, layout, frequency)
-        return None if best is None else best[1]
+        return hints if best is None else [*hints, best[1]]
 
     def _settle(self, proposal: _Proposal) -> Iterator[_Sure | None]:
         """Move corners to where the pilots fit the grid; None after each step, and what is sure."""
         layout, corners, frames = proposal.layout, proposal.corners, list(self._frames)
-        blocks, signs = self._expected[layout], self._signs[layout]
+        blocks = self._expected[layout]
         clear = 0
         for _ in range(COARSE_ROUNDS):
             views = _views(corners, layout, frames, COARSE_SIZE)
@@ -302,14 +325,7 @@ class PilotSearch:
             views = _views(corners, layout, frames, map_size(layout))
             if views is None:
                 break
-            line = _line(views, proposal.frequency)
-            size = layout.cols, layout.rows
-            real, imaginary = (
-                cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(-1)
-                for part in (line.real.copy(), line.imag.copy())
-            )  # (rows, cols) -> (blocks,)
-            picked = (real + 1j * imaginary)[layout.pilot_blocks]
-            change = np.asarray((line * np.exp(-1j * np.angle(picked @ signs))).real, np.float32)
+            change = in_one_phase(_line(views, proposal.frequency), layout)
             shift = fine_shift(change, blocks, layout)
             yield None
             if shift is None:
@@ -370,7 +386,7 @@ def _evidence(proposal: _Proposal, frames: Sequence[tuple[Gray, Array]]) -> floa
         if view is None:
             return 0.0
         values.append(pilot_values(view, proposal.layout))
-    return pilot_evidence(values, pilot_signs(proposal.layout))[0]
+    return pilot_evidence(values, proposal.layout)[0]
 
 
 def _rectified(gray: Gray, corners: Array, layout: Layout) -> Gray | None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.corners import moved_corners
-from export.locate.pilots.evidence import pilot_evidence, pilot_signs, pilot_values
+from export.locate.pilots.evidence import pilot_evidence, pilot_values
 from export.locate.pilots.search import PilotSearch
 from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import Tracked
@@ -111,6 +111,6 @@ class PilotTracker:
         self._count += 1
         if self._count % CHECK_EVERY or len(self._values) < WATCHED:
             return True
-        evidence, _ = pilot_evidence(self._values, pilot_signs(layout))
+        evidence, _ = pilot_evidence(self._values, layout)
         self._missed = 0 if evidence >= LEAST_EVIDENCE else self._missed + 1
         return self._missed < PATIENCE
