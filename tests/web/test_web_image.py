@@ -122,8 +122,37 @@ def patches() -> dict[str, object]:
     }
 
 
+def optical_flow() -> dict[str, object]:
+    """Points of an image, some of them near its border, and where OpenCV follows them."""
+    first = photo(192, 256)
+    H = np.array([[1.02, 0.015, -4.0], [-0.01, 0.99, 3.5], [1e-5, 0, 1]])
+    second = cv2.warpPerspective(first, H, (256, 192), borderMode=cv2.BORDER_REPLICATE)
+    mask = np.zeros_like(first)
+    mask[30:120, 20:200] = 255
+    few = cv2.goodFeaturesToTrack(first, 50, 0.05, 4, mask=mask)
+    many = cv2.goodFeaturesToTrack(first, 300, 0.005, 8)
+    edge = np.array([[[0.0, 0.0]], [[255.0, 100.2]], [[40.5, 190.7]], [[300.0, 10.0]]], np.float32)
+    points = np.concatenate([many, edge])
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+        first, second, points, points.copy(), winSize=(13, 13), maxLevel=2
+    )
+    guess = points + np.array([2.0, -3.0], np.float32)
+    guessed, guessed_status, _ = cv2.calcOpticalFlowPyrLK(
+        *(first, second, points, guess.copy()),
+        winSize=(15, 15),
+        maxLevel=2,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    return {
+        **{"first": first, "second": second, "mask": mask},
+        **{"few": few[:, 0], "many": many[:, 0], "points": points[:, 0], "guess": guess[:, 0]},
+        **{"moved": moved[:, 0], "status": status[:, 0]},
+        **{"guessed": guessed[:, 0], "guessed_status": guessed_status[:, 0]},
+    }
+
+
 def test_images_are_handled_as_in_python(tmp_path: Path) -> None:
-    parts = (algebra, geometry, shrinking, rectifying, patches)
+    parts = (algebra, geometry, shrinking, rectifying, patches, optical_flow)
     for part in parts:
         write_fixture(tmp_path, part.__name__, part())
     run_node_tests("image", tmp_path)

@@ -4,9 +4,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from web_fixtures import run_node_tests, write_fixture
 
+from export.locate.pilots.evidence import pilot_signs
+from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.follow import Follower
 from export.web.tables import layout_table
 from link.geometry import homography_from_corners
@@ -18,6 +21,9 @@ Image = NDArray[np.uint8]
 
 PATCHES = make_layout(8, 8, 256, 192)
 PILOTS = make_layout(12, 16, 256, 192, modulation="antipodal", pilots="auto")
+FINE = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
+SURE = 4.0
+"""Score of a block that is decoded without doubt, in log-likelihood units."""
 SIZE = (360, 270)
 """Width and height of the filmed frames."""
 WHOLE = np.array([[60.0, 40.0], [290.0, 52.0], [300.0, 230.0], [52.0, 218.0]])
@@ -37,8 +43,12 @@ def filmed(shown: Image, corners: Array, seed: int) -> Image:
     H = homography_from_corners(corners, width, height)
     view = np.full(SIZE[::-1], 60, np.uint8)
     cv2.warpPerspective(shown, H, SIZE, view, borderMode=cv2.BORDER_TRANSPARENT)
-    noisy = view + np.random.default_rng(seed).normal(0, 1.5, view.shape)
-    return np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+    return noisy(view, seed)
+
+
+def noisy(image: NDArray[np.generic], seed: int) -> Image:
+    noise = np.random.default_rng(seed).normal(0, 1.5, image.shape)
+    return np.clip(image + noise + 0.5, 0, 255).astype(np.uint8)
 
 
 def hand(start: Array, number: int) -> Array:
@@ -83,43 +93,40 @@ def followed(layout: Layout, start: Array, changed_after: int = 99) -> dict[str,
     }
 
 
-def optical_flow() -> dict[str, object]:
-    """Points of an image, some of them near its border, and where OpenCV follows them."""
-    first = picture(PATCHES, 0)
-    H = np.array([[1.02, 0.015, -4.0], [-0.01, 0.99, 3.5], [1e-5, 0, 1]])
-    second = cv2.warpPerspective(first, H, (256, 192), borderMode=cv2.BORDER_REPLICATE)
-    mask = np.zeros_like(first)
-    mask[30:120, 20:200] = 255
-    few = cv2.goodFeaturesToTrack(first, 50, 0.05, 4, mask=mask)
-    many = cv2.goodFeaturesToTrack(first, 300, 0.005, 8)
-    edge = np.array([[[0.0, 0.0]], [[255.0, 100.2]], [[40.5, 190.7]], [[300.0, 10.0]]], np.float32)
-    points = np.concatenate([many, edge])
-    moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, points, points.copy(), winSize=(13, 13), maxLevel=2
-    )
-    guess = points + np.array([2.0, -3.0], np.float32)
-    guessed, guessed_status, _ = cv2.calcOpticalFlowPyrLK(
-        *(first, second, points, guess.copy()),
-        winSize=(15, 15),
-        maxLevel=2,
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )
-    return {
-        **{"first": first, "second": second, "mask": mask},
-        **{"few": few[:, 0], "many": many[:, 0], "points": points[:, 0], "guess": guess[:, 0]},
-        **{"moved": moved[:, 0], "status": status[:, 0]},
-        **{"guessed": guessed[:, 0], "guessed_status": guessed_status[:, 0]},
-    }
+def shifting() -> dict[str, object]:
+    """Frame pairs that are rectified wrongly, and how Python moves the display's corners."""
+    rng, layout = np.random.default_rng(3), FINE
+    shifts, pairs = CornerShift(layout), []
+    H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
+    size = layout.width, layout.height
+    for number in range(4):
+        grid = rng.choice([-1.0, 1.0], (layout.rows, layout.cols))
+        grid.reshape(-1)[layout.pilot_blocks] = pilot_signs(layout)
+        change = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+        shown = 130 + 0.4 * (picture(layout, 5) - 130.0)
+        seen = [cv2.warpPerspective(shown + 4 * s * change, H, size) for s in (-1, 1)]
+        images = [noisy(image, 10 * number + i) for i, image in enumerate(seen)]
+        scores = SURE * grid[layout.message_mask] * (number != 2)
+        shifts.take(images[0], images[1], scores)
+        shift = shifts.shift()
+        pairs.append({"images": images, "scores": scores, "shift": shift})
+    flat = np.full((layout.height, layout.width), 90, np.uint8)
+    shifts.take(flat, flat, np.zeros(layout.n_bits))
+    still = {"images": [flat, flat], "scores": np.zeros(layout.n_bits), "shift": shifts.shift()}
+    pairs.append(still)
+    assert pairs[0]["shift"] is not None
+    return {"layout": layout_table(layout), "pairs": pairs}
 
 
+@pytest.mark.slow
 def test_displays_are_followed_as_in_python(tmp_path: Path) -> None:
-    write_fixture(tmp_path, "optical_flow", optical_flow())
     cases = {
         "patches": followed(PATCHES, WHOLE),
         "pilots": followed(PILOTS, np.roll(WHOLE, 1, axis=0)),
         "partly out of view": followed(PILOTS, WHOLE - [80.0, 20.0]),
         "another picture": followed(PATCHES, WHOLE, changed_after=5),
     }
-    assert cases["another picture"]["fresh"].count(True) == 1  # type: ignore[attr-defined]
+    assert cases["another picture"]["fresh"].count(True) == 1
     write_fixture(tmp_path, "followed", cases)
+    write_fixture(tmp_path, "shifting", shifting())
     run_node_tests("tracking", tmp_path)

@@ -1,4 +1,4 @@
-"""The page fills hidden blocks, finds covered ones, moves corners and skips repeats as Python."""
+"""The page fills hidden blocks, finds covered ones and skips repeats as Python does."""
 
 from pathlib import Path
 
@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from web_fixtures import run_node_tests, write_fixture
 
-from export.locate.pilots.evidence import pilot_signs
 from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
 from export.receive.repeats import Repeats
-from export.receive.tracking.corners import CornerShift
 from export.web.tables import layout_table
 from link.layout import Layout, make_layout
 from link.ratex import draw_patches
@@ -22,8 +20,6 @@ Image = NDArray[np.uint8]
 PATCHES = make_layout(9, 11, 250, 190)
 """Blocks and tiles of unequal sizes."""
 PILOTS = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
-SURE = 4.0
-"""Score of a block that is decoded without doubt, in log-likelihood units."""
 
 
 def smooth(height: int, width: int, seed: int, deviation: float = 25.0) -> Array:
@@ -73,31 +69,6 @@ def covering() -> dict[str, object]:
     return {"layout": layout_table(PATCHES), "images": images, "covered": covered}
 
 
-def shifting() -> dict[str, object]:
-    """Frame pairs that are rectified wrongly, and how Python moves the display's corners."""
-    rng, layout = np.random.default_rng(3), PILOTS
-    shifts, pairs = CornerShift(layout), []
-    H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
-    size = layout.width, layout.height
-    for number in range(4):
-        grid = rng.choice([-1.0, 1.0], (layout.rows, layout.cols))
-        grid.reshape(-1)[layout.pilot_blocks] = pilot_signs(layout)
-        change = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
-        picture = smooth(layout.height, layout.width, 5)
-        seen = [cv2.warpPerspective(picture + 4 * s * change, H, size) for s in (-1, 1)]
-        images = [noisy(image, 10 * number + i) for i, image in enumerate(seen)]
-        scores = SURE * grid[layout.message_mask] * (number != 2)
-        shifts.take(images[0], images[1], scores)
-        shift = shifts.shift()
-        pairs.append({"images": images, "scores": scores, "shift": shift})
-    flat = np.full((layout.height, layout.width), 90, np.uint8)
-    shifts.take(flat, flat, np.zeros(layout.n_bits))
-    still = {"images": [flat, flat], "scores": np.zeros(layout.n_bits), "shift": shifts.shift()}
-    pairs.append(still)
-    assert pairs[0]["shift"] is not None
-    return {"layout": layout_table(layout), "pairs": pairs}
-
-
 def repeating() -> list[dict[str, object]]:
     """Films with noise and without, of odd sizes, in which frames are repeated."""
     films = []
@@ -121,6 +92,6 @@ def test_blocks_and_repeats_are_handled_as_in_python(tmp_path: Path) -> None:
         "all seen": hiding(PATCHES, cut=False, hand=False),
     }
     write_fixture(tmp_path, "hiding", cases)
-    for part in (covering, shifting, repeating):
+    for part in (covering, repeating):
         write_fixture(tmp_path, part.__name__, part())
     run_node_tests("trackingBlocks", tmp_path)

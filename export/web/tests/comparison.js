@@ -57,3 +57,19 @@ export function planeOf({ shape, data }) {
 export function pointsOf({ shape, data }) {
   return Array.from({ length: shape[0] }, (_, i) => [data[2 * i], data[2 * i + 1]]);
 }
+
+/**
+ * Measure how far points are from where they are expected.
+ *
+ * @param {[number, number][]} points
+ * @param {[number, number][]} expected
+ * @returns {number} the largest distance on either axis
+ */
+export function apart(points, expected) {
+  assert.equal(points.length, expected.length);
+  const distances = points.flatMap(([x, y], i) => [
+    Math.abs(x - expected[i][0]),
+    Math.abs(y - expected[i][1]),
+  ]);
+  return Math.max(...distances);
+}

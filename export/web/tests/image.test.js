@@ -1,16 +1,18 @@
-/** Images are shrunk, warped and rectified, and small algebra done, as in Python. */
+/** Images are shrunk, warped, rectified and followed, and small algebra done, as in Python. */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { Features } from "../src/image/features.js";
+import { Flow } from "../src/image/flow.js";
 import { resizeArea } from "../src/image/shrink.js";
 import * as geometry from "../src/link/geometry.js";
 import { Layout } from "../src/link/layout.js";
 import { determinant, inverse, multiply3, solve } from "../src/link/linear.js";
 import { matchPatches } from "../src/link/ratex.js";
 import { gemanMcclureWeights, reweighted, ridgeSolution } from "../src/link/robust.js";
+import { apart, close, differences, planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
-import { close, differences, planeOf, pointsOf } from "./comparison.js";
 
 test("small linear algebra", () => {
   const { A, b, ...expected } = readFixture("algebra");
@@ -87,4 +89,41 @@ test("patches are compared with what was displayed", () => {
   close(match.shown, fixture.shown.data, 1e-9);
   close(match.correlation, fixture.correlation.data, 1e-9);
   assert.deepEqual([...match.label], [...fixture.label.data]);
+});
+
+test("points are chosen", () => {
+  const fixture = readFixture("optical_flow");
+  const features = new Features(planeOf(fixture.first));
+  const cases = [
+    { found: features.choose(50, 0.05, 4, fixture.mask.data), expected: pointsOf(fixture.few) },
+    { found: features.choose(300, 0.005, 8), expected: pointsOf(fixture.many) },
+  ];
+  for (const { found, expected } of cases) {
+    // of two pixels that are equally strong, rounding chooses
+    const known = new Set(expected.map(String));
+    const same = found.filter((point) => known.has(String(point))).length;
+    assert.equal(found.length, expected.length);
+    assert.ok(same >= 0.98 * expected.length, `${same} of ${expected.length}`);
+  }
+});
+
+test("points are followed", () => {
+  const fixture = readFixture("optical_flow");
+  const points = pointsOf(fixture.points);
+  const cases = [
+    { windowPx: 13, guess: points, moved: fixture.moved, status: fixture.status },
+    { windowPx: 15, guess: pointsOf(fixture.guess), moved: fixture.guessed },
+  ];
+  for (const { windowPx, guess, moved, status = fixture.guessed_status } of cases) {
+    const flow = new Flow(planeOf(fixture.first), points, windowPx, 2);
+    const there = flow.follow(planeOf(fixture.second), guess);
+    assert.deepEqual([...there.found], [...status.data]);
+    const kept = [...points.keys()].filter((i) => there.found[i]);
+    const expected = pointsOf(moved);
+    const far = apart(
+      kept.map((i) => there.moved[i]),
+      kept.map((i) => expected[i]),
+    );
+    assert.ok(far < 0.01, `${far}`);
+  }
 });

@@ -1,19 +1,14 @@
-/** Hidden and covered blocks, moved corners and repeated frames are those of Python. */
+/** Hidden and covered blocks and repeated frames are those of Python. */
 
 import assert from "node:assert/strict";
-import { before, test } from "node:test";
+import { test } from "node:test";
 
-import { loadOpenCv } from "../src/image/opencv.js";
-import { frameCorners, transform } from "../src/link/geometry.js";
 import { Layout } from "../src/link/layout.js";
 import { fillHidden, hiddenBlocks } from "../src/receive/hidden.js";
 import { Occlusion } from "../src/receive/occlusion.js";
 import { Repeats } from "../src/receive/repeats.js";
-import { CornerShift } from "../src/receive/tracking/corners.js";
-import { close, differences, planeOf } from "./comparison.js";
+import { differences, planeOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
-
-before(loadOpenCv);
 
 for (const name of ["partly out of view", "behind a hand", "pilots", "all seen"]) {
   test(`hidden blocks are filled: ${name}`, () => {
@@ -39,23 +34,6 @@ test("covered blocks are found", () => {
     const covered = occlusion.covered(planeOf(image));
     assert.deepEqual([...covered], [...fixture.covered[number].data], `image ${number}`);
   });
-});
-
-test("corners move to where decoded blocks lie", () => {
-  const fixture = readFixture("shifting");
-  const layout = new Layout(fixture.layout);
-  const shifts = new CornerShift(layout);
-  const corners = frameCorners(layout.width, layout.height);
-  for (const { images, scores, shift } of fixture.pairs) {
-    const [first, second] = images.map(planeOf);
-    shifts.take(first, second, scores.data);
-    const found = shifts.shift();
-    assert.equal(found === null, shift === null);
-    if (found === null) continue;
-    const expected = transform(shift.data, corners).flat();
-    close(transform(found, corners).flat(), expected, 2e-3);
-    assert.equal(shifts.shift(), null);
-  }
 });
 
 test("repeated frames are recognised", () => {

@@ -8,29 +8,13 @@ import { identity, inverse } from "../src/link/linear.js";
 import { Layout } from "../src/link/layout.js";
 import { Tracker } from "../src/receive/tracking/patches.js";
 import { CHECK_EVERY, PATIENCE, PilotTracker } from "../src/receive/tracking/pilots.js";
-import { planeOf, pointsOf } from "./comparison.js";
+import { apart, planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
-
-/** @typedef {import("../src/receive/tracking/patches.js").Tracked} Tracked */
 
 /** Largest distance of pilots' corners: a third of a block. Decoded blocks mend what is left. */
 const CLOSE_PX = 4;
 
 before(loadOpenCv);
-
-/**
- * @param {Tracked} tracked
- * @param {[number, number][]} corners
- * @returns {number} largest distance on either axis, pixels
- */
-function apart(tracked, corners) {
-  return Math.max(
-    ...tracked.corners.flatMap(([x, y], i) => [
-      Math.abs(x - corners[i][0]),
-      Math.abs(y - corners[i][1]),
-    ]),
-  );
-}
 
 /**
  * @param {any} fixture - (frames, 4, 2)
@@ -70,8 +54,8 @@ test("a display with patches is found, followed, lost and found again", () => {
       if (tracked === null) return;
       found++;
       assert.deepEqual([tracked.rectified.width, tracked.rectified.height], [256, 192]);
-      assert.ok(apart(tracked, corners[number]) < 0.7);
-      if (Number.isFinite(seen[number][0][0])) assert.ok(apart(tracked, seen[number]) < 0.3);
+      assert.ok(apart(tracked.corners, corners[number]) < 0.7);
+      if (Number.isFinite(seen[number][0][0])) assert.ok(apart(tracked.corners, seen[number]) < 0.3);
     });
     return found;
   };
@@ -101,12 +85,12 @@ test("a display with pilots is found, moved, and lost when it stops toggling", (
     assert.ok(here !== null || found === 0, `frame ${number}`);
     if (here === null || there === null) continue;
     found++;
-    assert.ok(apart(here, corners[number]) < CLOSE_PX);
+    assert.ok(apart(here.corners, corners[number]) < CLOSE_PX);
     const shift = identity(3);
     shift[2] = 7;
     shift[5] = -5;
-    if (found === 2) assert.ok(apart(there, here.corners) > 3);
-    else assert.ok(apart(there, here.corners) < 1e-3);
+    if (found === 2) assert.ok(apart(there.corners, here.corners) > 3);
+    else assert.ok(apart(there.corners, here.corners) < 1e-3);
     // the scale of a homography means nothing
     if (found === 1) moved.correct(shift.map((value) => 2 * value));
     if (found === 2) moved.correct(inverse(shift));
