@@ -14,7 +14,7 @@ from reports.score.accuracy import read_scores, wilson
 from reports.studies.information import information_table
 from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks
-from reports.visibility.frontier_page import frontier_blocks
+from reports.visibility.frontier_tables import frontier_blocks
 from reports.visibility.pilots import pilots_block
 
 HARDER = {
@@ -106,9 +106,7 @@ BLOCKS = {
     "measured": Block(RESULTS, measured_table),
     "harder": Block(RESULTS, harder_table),
     "receiver": Block(Path("docs/receiver.md"), lambda docs: delivery_block(docs / "delivery")),
-    "hidden_pilots": Block(
-        Path("docs/hidden.md"), lambda docs: pilots_block(docs / "pilots.json")
-    ),
+    "hidden_pilots": Block(Path("docs/hidden.md"), lambda docs: pilots_block(docs / "pilots.json")),
     "peers": Block(Path("docs/peers.md"), lambda docs: peers_block(docs / "peers.json")),
     "information": Block(
         Path("docs/framing.md"), lambda docs: information_table(_read(docs / "information.json"))

@@ -18,7 +18,7 @@ from reports.run import Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
 from reports.score.accuracy import score, write_scores
 from reports.studies.ablation import compare_rows
 from reports.studies.peers.page import PeerRow, write_peers
-from reports.visibility.frontier_page import (
+from reports.visibility.frontier_results import (
     PAPER_SETTING,
     FrontierResults,
     Lead,

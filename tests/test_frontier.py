@@ -20,7 +20,8 @@ from reports.visibility.frontier import (
     measured_jod,
     shown_rate,
 )
-from reports.visibility.frontier_page import (
+from reports.visibility.frontier_charts import chart_figure, frontier_charts, frontier_figure
+from reports.visibility.frontier_results import (
     CHART_HZ,
     PAPER_HZ,
     PAPER_SETTING,
@@ -30,17 +31,11 @@ from reports.visibility.frontier_page import (
     ReadRow,
     SettingResult,
     ShownRate,
-    bits_table,
-    chart_figure,
-    close_table,
     decided_information,
-    frontier_blocks,
-    frontier_charts,
-    frontier_figure,
-    rate_table,
     read_frontier,
     write_frontier,
 )
+from reports.visibility.frontier_tables import bits_table, close_table, frontier_blocks, rate_table
 
 ROOT = Path(__file__).parents[1]
 PAGE = (

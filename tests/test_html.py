@@ -40,7 +40,7 @@ from reports.run import REFERENCES, RunFolder, Story
 from reports.score.accuracy import score, write_scores
 from reports.score.paired import same_captures
 from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS
-from reports.visibility.frontier_page import read_frontier, write_frontier
+from reports.visibility.frontier_results import read_frontier, write_frontier
 
 ROOT = Path(__file__).parents[1]
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}

@@ -7,7 +7,7 @@ from conftest import Command
 
 from link.layout import count_pilots
 from reports.visibility import pilots
-from reports.visibility.frontier_page import ReadRow
+from reports.visibility.frontier_results import ReadRow
 from reports.visibility.pilots import (
     PILOTS,
     PilotRow,

@@ -56,16 +56,9 @@ from reports.studies.peers.page import (
     peers_table,
     read_peers,
 )
-from reports.visibility.frontier_page import (
-    CHART_HZ,
-    FrontierResults,
-    bits_table,
-    chart_figure,
-    close_table,
-    frontier_charts,
-    rate_table,
-    read_frontier,
-)
+from reports.visibility.frontier_charts import chart_figure, frontier_charts
+from reports.visibility.frontier_results import CHART_HZ, FrontierResults, read_frontier
+from reports.visibility.frontier_tables import bits_table, close_table, rate_table
 
 TEMPLATES = Path(__file__).parent / "templates"
 """Folder of the Jinja2 templates and of the style sheet."""

@@ -33,7 +33,8 @@ from reports.render.tables import write_blocks
 from reports.score.accuracy import pool, score
 from reports.score.paired import compare_methods
 from reports.studies.peers.page import read_peers
-from reports.visibility.frontier_page import (
+from reports.visibility.frontier_charts import frontier_figure
+from reports.visibility.frontier_results import (
     PAPER_SETTING,
     FrontierResults,
     FrontierSetting,
@@ -42,11 +43,10 @@ from reports.visibility.frontier_page import (
     SettingResult,
     ShownRate,
     decided_information,
-    frontier_blocks,
-    frontier_figure,
     read_frontier,
     write_frontier,
 )
+from reports.visibility.frontier_tables import frontier_blocks
 from reports.visibility.presets import seen_of, setting_name, viewing_of
 
 VIEWS = (0.0, 45.0)

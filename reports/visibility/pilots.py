@@ -31,7 +31,7 @@ from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
 from reports.render.tables import Table, TableCell, percent, share_interval, write_blocks
 from reports.visibility.frontier import read_rows
-from reports.visibility.frontier_page import Positive, ReadRow
+from reports.visibility.frontier_results import Positive, ReadRow
 
 PILOTS = {
     (8, 8): (4, 8, 16, 24, 32),
