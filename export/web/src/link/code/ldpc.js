@@ -7,7 +7,10 @@
  * same one (link/code/ldpc.py).
  */
 
+import { Propagation } from "./propagation.js";
 import { shuffled } from "./scrambled.js";
+
+/** @typedef {import("./propagation.js").Sums} Sums */
 
 /** Shares of the information bits, and in how many checks each stands (DVB-S2 at rate 1/2). */
 const DEGREES = [
@@ -20,22 +23,20 @@ const MAX_LLR = 30;
 const ITERATIONS = 60;
 /** Number of free sockets that are looked through for one that closes no short cycle. */
 const LOOK_AHEAD = 64;
-/** Smallest magnitude of a hyperbolic tangent, and distance of the largest product from 1. */
-const SMALLEST = 1e-12;
+/** @type {import("./propagation.js").Bounds} */
+const BOUNDS = { leastTanh: 1e-12, mostTanh: Math.tanh(MAX_LLR / 2), mostProduct: 1 - 1e-12 };
 
-/** A code as a graph whose edges join bits and checks, sorted by check. */
+/** A code as a graph of checks, which are sums of bits that must be 0. */
 export class Code {
   /**
    * @param {number} information - number of information bits; they come first in a codeword
    * @param {number} parity - number of parity bits, which is the number of checks
-   * @param {Int32Array} bit - bit of each edge
-   * @param {Int32Array} starts - (parity + 1) first edge of each check, and the number of edges
+   * @param {Sums} checks - bits of each check in rising order
    */
-  constructor(information, parity, bit, starts) {
+  constructor(information, parity, checks) {
     this.information = information;
     this.parity = parity;
-    this.bit = bit;
-    this.starts = starts;
+    this.checks = checks;
   }
 
   /** Number of bits in a codeword. */
@@ -50,13 +51,13 @@ export class Code {
    * @returns {Uint8Array} (length) bits, a codeword
    */
   encode(information) {
+    const { starts, members } = this.checks;
     const codeword = new Uint8Array(this.length);
     codeword.set(information);
     let sum = 0;
     for (let check = 0; check < this.parity; check++) {
-      for (let edge = this.starts[check]; edge < this.starts[check + 1]; edge++) {
-        const bit = this.bit[edge];
-        if (bit < this.information) sum ^= information[bit];
+      for (let edge = starts[check]; edge < starts[check + 1]; edge++) {
+        if (members[edge] < this.information) sum ^= information[members[edge]];
       }
       codeword[this.information + check] = sum;
     }
@@ -64,74 +65,22 @@ export class Code {
   }
 
   /**
-   * Tell whether a word satisfies every check.
-   *
-   * @param {Uint8Array} word - (length) bits
-   */
-  isCodeword(word) {
-    for (let check = 0; check < this.parity; check++) {
-      let sum = 0;
-      for (let edge = this.starts[check]; edge < this.starts[check + 1]; edge++) {
-        sum ^= word[this.bit[edge]];
-      }
-      if (sum) return false;
-    }
-    return true;
-  }
-
-  /**
    * Find the codeword by belief propagation (sum-product; all checks, then all bits).
    *
    * @param {Float64Array} llr - (length) log-likelihood ratios, positive for 1; 0 where nothing
    *   was received
-   * @param {number} [iterations] - number of rounds after which it gives up
    * @returns {Uint8Array | null} (length) bits, a codeword, or null where none was found
    */
-  decode(llr, iterations = ITERATIONS) {
-    const { bit, starts } = this;
-    const channel = llr.map((value) => clipped(Number.isNaN(value) ? 0 : value, MAX_LLR));
-    let posterior = channel;
-    const back = new Float64Array(bit.length);
-    const tanh = new Float64Array(bit.length);
-    const word = new Uint8Array(this.length);
-    for (let turn = 0; turn < iterations; turn++) {
-      const next = channel.slice();
-      for (let check = 0; check < this.parity; check++) {
-        const first = starts[check];
-        const end = starts[check + 1];
-        // each message back is the product of all others: of those before it and those after it;
-        // positive for 1, so every factor but the first turns the sign once more
-        let product = -1;
-        for (let edge = first; edge < end; edge++) {
-          const told = Math.tanh(clipped(posterior[bit[edge]] - back[edge], MAX_LLR) / 2);
-          const size = Math.max(Math.abs(told), SMALLEST);
-          tanh[edge] = told >= 0 ? -size : size;
-          back[edge] = product;
-          product *= tanh[edge];
-        }
-        product = 1;
-        for (let edge = end - 1; edge >= first; edge--) {
-          back[edge] = 2 * Math.atanh(clipped(back[edge] * product, 1 - SMALLEST));
-          product *= tanh[edge];
-          next[bit[edge]] += back[edge];
-        }
-      }
-      posterior = next;
-      for (let at = 0; at < word.length; at++) word[at] = posterior[at] > 0 ? 1 : 0;
-      if (this.isCodeword(word)) return word;
+  decode(llr) {
+    const known = llr.map((value) => -Math.min(Math.max(value || 0, -MAX_LLR), MAX_LLR));
+    const even = new Float64Array(this.parity).fill(1);
+    const beliefs = new Propagation(this.checks, even, known, BOUNDS);
+    for (let turn = 0; turn < ITERATIONS; turn++) {
+      beliefs.step();
+      if (beliefs.satisfies(this.checks)) return beliefs.bits(this.length);
     }
     return null;
   }
-}
-
-/**
- * Cut a number to a magnitude.
- *
- * @param {number} value
- * @param {number} most
- */
-function clipped(value, most) {
-  return value > most ? most : value < -most ? -most : value;
 }
 
 /**
@@ -186,14 +135,14 @@ export function makeCode(information, parity) {
   }
   const starts = new Int32Array(parity + 1);
   /** @type {number[]} */
-  const bit = [];
+  const bits = [];
   for (let check = 0; check < parity; check++) {
-    for (const member of members[check]) bit.push(member);
-    if (check > 0) bit.push(information + check - 1);
-    bit.push(information + check);
-    starts[check + 1] = bit.length;
+    for (const member of members[check]) bits.push(member);
+    if (check > 0) bits.push(information + check - 1);
+    bits.push(information + check);
+    starts[check + 1] = bits.length;
   }
-  return new Code(information, parity, Int32Array.from(bit), starts);
+  return new Code(information, parity, { starts, members: Int32Array.from(bits) });
 }
 
 /**

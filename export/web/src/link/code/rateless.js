@@ -4,12 +4,9 @@
  * It is a Raptor code (Shokrollahi 2006; over noisy channels Etesami & Shokrollahi 2006). A block's
  * information bits and a few parity bits are its *intermediate* bits. Coded bit number t is the sum
  * modulo 2 of some intermediate bits, which its number chooses (link/code/rateless.py).
- *
- * Python adds log-likelihood ratios; here their exponentials are multiplied, which spares a
- * hyperbolic tangent and a logarithm for each message: where R and r are the exponentials of all
- * that a bit is told and of one message, tanh of half the difference is (R - r) / (R + r).
  */
 
+import { Propagation } from "./propagation.js";
 import { remembered } from "./remembered.js";
 import { scrambled, shuffled } from "./scrambled.js";
 
@@ -43,29 +40,17 @@ const LEAST_GROWTH = 1.05;
 const MAX_COLUMNS = 16;
 /** Largest magnitude of half a log-likelihood ratio in belief propagation; larger ones are cut. */
 const MAX_HALF_LLR = 9;
-/** Largest magnitude of the hyperbolic tangent of half of what a bit is told. */
-const MAX_TANH = Math.tanh(MAX_HALF_LLR);
-/** Largest magnitude of a product of hyperbolic tangents; larger ones are cut. */
-const MAX_PRODUCT = 1 - 2 ** -23;
-/** Largest magnitude of a log-likelihood ratio whose exponential is multiplied further. */
-const MAX_TOTAL = 345;
-/** Largest exponential of what a bit is told; it is far beyond certainty and far from overflow. */
-const MOST = Math.exp(MAX_TOTAL);
-/** Smallest exponential of what a bit is told. */
-const LEAST = Math.exp(-MAX_TOTAL);
+/** @type {import("./propagation.js").Bounds} */
+const BOUNDS = { leastTanh: 0, mostTanh: Math.tanh(MAX_HALF_LLR), mostProduct: 1 - 2 ** -23 };
 
-/** Numbers of the modulus by which a coded bit's degree is drawn. */
+/** Number of draws of a coded bit's degree, which are all as likely. */
 const DRAWS = DEGREES.reduce((sum, [, share]) => sum + share, 0);
 /** By draw the degree of a coded bit. */
 const DEGREE_OF_DRAW = Uint8Array.from(
   DEGREES.flatMap(([degree, share]) => new Array(share).fill(degree)),
 );
 
-/**
- * Sums as a graph: the members of sum s are `members[starts[s]]` to `members[starts[s + 1] - 1]`.
- *
- * @typedef {{ starts: Int32Array, members: Int32Array }} Sums
- */
+/** @typedef {import("./propagation.js").Sums} Sums */
 
 /** The code of blocks of a given number of information bits. */
 export class RatelessCode {
@@ -166,11 +151,7 @@ export class RatelessCode {
         (_, at) => new Column(graph, llr, blocks, first + at),
       );
       if (!decodeTogether(columns)) return null;
-      columns.forEach((column, at) => {
-        const total = column.total.subarray(0, this.information);
-        const begin = (first + at) * this.information;
-        for (let bit = 0; bit < total.length; bit++) bits[begin + bit] = total[bit] < 1 ? 1 : 0;
-      });
+      columns.forEach((column, at) => bits.set(column.bits(), (first + at) * this.information));
     }
     return bits;
   }
@@ -227,37 +208,35 @@ class Graph {
    * @param {Uint32Array} received - numbers of the coded bits that were received
    */
   constructor(code, received) {
-    const { starts, members } = code.sums(received);
+    const coded = code.sums(received);
     this.code = code;
     /** Numbers of the coded bits that are one intermediate bit, and which. @type {number[][]} */
     this.single = [];
     /** Numbers of the other coded bits. @type {number[]} */
     this.numbers = [];
     const ends = [0];
-    const joined = new Int32Array(members.length + code.precode.members.length);
+    const joined = new Int32Array(coded.members.length + code.precode.members.length);
     let edges = 0;
     // by degree, because loops of one length are faster
     for (const [degree] of DEGREES) {
       for (let at = 0; at < received.length; at++) {
-        if (starts[at + 1] - starts[at] !== degree) continue;
+        const bits = coded.members.subarray(coded.starts[at], coded.starts[at + 1]);
+        if (bits.length !== degree) continue;
         if (degree === 1) {
-          this.single.push([received[at], members[starts[at]]]);
+          this.single.push([received[at], bits[0]]);
           continue;
         }
         this.numbers.push(received[at]);
-        for (let edge = starts[at]; edge < starts[at + 1]; edge++) joined[edges++] = members[edge];
+        joined.set(bits, edges);
+        edges += degree;
         ends.push(edges);
       }
     }
     joined.set(code.precode.members, edges);
     for (const end of code.precode.starts.subarray(1)) ends.push(edges + end);
-    /** (sums + 1) first edge of each sum; those of the precode are the last. */
-    this.starts = Int32Array.from(ends);
-    /** (edges) intermediate bit of each edge. */
-    this.members = joined.slice(0, ends[ends.length - 1]);
-    const longest = ends.reduce((most, end, at) => Math.max(most, at ? end - ends[at - 1] : 0), 0);
-    /** Room for the hyperbolic tangents of what the members of one sum are told. */
-    this.told = new Float64Array(longest);
+    const members = joined.slice(0, ends[ends.length - 1]);
+    /** The other coded bits, and after them the checks of the precode. @type {Sums} */
+    this.sums = { starts: Int32Array.from(ends), members };
   }
 }
 
@@ -265,30 +244,23 @@ class Graph {
 class Column {
   /**
    * @param {Graph} graph
-   * @param {Float32Array} llr - that of `RatelessCode.decode`
+   * @param {Float32Array} llr - as `RatelessCode.decode` takes it
    * @param {number} blocks - number of all blocks
    * @param {number} block - number of this one
    */
   constructor(graph, llr, blocks, block) {
-    const { code } = graph;
-    this._graph = graph;
-    /** (sums) hyperbolic tangent of half of what was received of each sum. */
-    this._channel = new Float64Array(graph.starts.length - 1).fill(1);
+    const { code, sums } = graph;
+    const received = new Float64Array(sums.starts.length - 1).fill(1);
     graph.numbers.forEach((number, at) => {
-      this._channel[at] = Math.tanh(halfOf(llr[number * blocks + block]));
+      received[at] = Math.tanh(halfOf(llr[number * blocks + block]));
     });
     const known = new Float64Array(code.intermediate + 1);
     for (const [number, bit] of graph.single) {
       known[bit] += 2 * halfOf(llr[number * blocks + block]);
     }
     known[code.intermediate] = 2 * MAX_HALF_LLR;
-    /** (intermediate + 1) exponential of what the channel alone tells of each bit. */
-    this._known = known.map((value) => Math.exp(Math.min(Math.max(value, -MAX_TOTAL), MAX_TOTAL)));
-    /** (intermediate + 1) exponential of all that each bit is told. */
-    this.total = this._known.slice();
-    this._next = new Float64Array(code.intermediate + 1);
-    /** (edges) exponential of the message of each sum to each of its members. */
-    this._messages = new Float64Array(graph.members.length).fill(1);
+    this._code = code;
+    this._beliefs = new Propagation(sums, received, known, BOUNDS);
     this._certainty = 0;
   }
 
@@ -299,9 +271,14 @@ class Column {
    * @returns {boolean} whether the block is decoded; no round follows then
    */
   run(turns) {
+    const beliefs = this._beliefs;
+    const missing = this._code.intermediate;
+    const certain = beliefs.total[missing];
     for (let turn = 0; turn < turns; turn++) {
-      this._pass();
-      if (this._isWhole()) return true;
+      beliefs.step();
+      beliefs.total[missing] = certain; // no sum tells anything of a bit that does not exist
+      const isWhole = beliefs.satisfies(this._code.precode);
+      if (isWhole && beliefs.total.every((told) => told !== 1)) return true;
     }
     return false;
   }
@@ -309,63 +286,18 @@ class Column {
   /** Whether the mean certainty has grown since this was asked last. */
   grows() {
     const before = this._certainty;
-    const { intermediate } = this._graph.code;
+    const { intermediate } = this._code;
     let sum = 0;
-    for (let bit = 0; bit < intermediate; bit++) sum += Math.abs(Math.log(this.total[bit]));
+    for (let bit = 0; bit < intermediate; bit++) {
+      sum += Math.abs(Math.log(this._beliefs.total[bit]));
+    }
     this._certainty = sum / intermediate;
     return this._certainty > LEAST_GROWTH * before;
   }
 
-  /** Turn the messages that bits were sent into the next ones, and add those up. */
-  _pass() {
-    const { starts, members, told, code } = this._graph;
-    const { total, _next: next, _messages: messages, _channel: channel } = this;
-    next.set(this._known);
-    for (let sum = 0; sum < channel.length; sum++) {
-      const first = starts[sum];
-      const end = starts[sum + 1];
-      // each message is the product of all others: of those before it and those after it
-      let product = channel[sum];
-      for (let edge = first; edge < end; edge++) {
-        const all = total[members[edge]];
-        const mine = messages[edge];
-        let tanh = (all - mine) / (all + mine);
-        if (tanh > MAX_TANH) tanh = MAX_TANH;
-        else if (tanh < -MAX_TANH) tanh = -MAX_TANH;
-        told[edge - first] = tanh;
-        messages[edge] = product;
-        product *= tanh;
-      }
-      product = 1;
-      for (let edge = end - 1; edge >= first; edge--) {
-        let message = messages[edge] * product;
-        product *= told[edge - first];
-        if (message > MAX_PRODUCT) message = MAX_PRODUCT;
-        else if (message < -MAX_PRODUCT) message = -MAX_PRODUCT;
-        const factor = (1 + message) / (1 - message);
-        messages[edge] = factor;
-        const bit = members[edge];
-        const grown = next[bit] * factor;
-        next[bit] = grown > MOST ? MOST : grown < LEAST ? LEAST : grown;
-      }
-    }
-    next[code.intermediate] = this._known[code.intermediate]; // no sum tells of a bit that is none
-    this.total = next;
-    this._next = total;
-  }
-
-  /** Whether every bit is known and the precode's checks are satisfied. */
-  _isWhole() {
-    const { code } = this._graph;
-    const { starts, members } = code.precode;
-    for (let check = 0; check + 1 < starts.length; check++) {
-      let sum = 0;
-      for (let at = starts[check]; at < starts[check + 1]; at++) {
-        if (this.total[members[at]] < 1) sum ^= 1;
-      }
-      if (sum) return false;
-    }
-    return this.total.every((value) => value !== 1);
+  /** The (information) bits. */
+  bits() {
+    return this._beliefs.bits(this._code.information);
   }
 }
 
