@@ -107,34 +107,37 @@ MODELS = {
 
 
 def paper_film():
-    """Gray frames of a hand-held display that shows the paper's layout, with their times."""
+    """Gray frames of a hand-held display with the paper's layout, with times and true corners."""
     states = states_of(TEXT, PAPER, np.random.default_rng(5))
-    frames = Stream().frames(states, 4, np.random.default_rng(6))
-    return [(time, cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)) for time, image, _ in frames]
+    return gray_frames(Stream(), states, 4)
 
 
 def robust_film():
     """Gray frames of the preset robust, whose states are shown for two frames each."""
     loop = encode(TEXT, ROBUST.n_bits, PRESETS["robust"].redundancy)
-    images = filmed(ROBUST, 70, seed=3, message=loop)[0]
-    return [(number / 30, image) for number, image in enumerate(images)]
+    images, corners = filmed(ROBUST, 70, seed=3, message=loop)
+    return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
 
 
 def still_film():
     """One gray frame of each state, too few for a clock."""
-    states = states_of(b"2 frames", PAPER, np.random.default_rng(5))[:24]
+    states = states_of(TEXT, PAPER, np.random.default_rng(5))
     still = Stream(state_hz=30.0, readout=0.0, shutter=1e-3, phase=0.1)
-    frames = still.frames(states, len(states) / 30, np.random.default_rng(2))
-    return [(time, cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)) for time, image, _ in frames]
+    return gray_frames(still, states, len(states) / 30)
 
 
 def empty_film():
     """Gray frames of a room without a display."""
     wall = np.clip(90 + 30 * texture((480, 640), 4), 0, 255)
     rng = np.random.default_rng(4)
+    frames = [np.clip(wall + rng.normal(0, 2, wall.shape), 0, 255) for _ in range(12)]
+    return [(number / 30, frame.astype(np.uint8), None) for number, frame in enumerate(frames)]
+
+
+def gray_frames(stream, states, seconds):
     return [
-        (number / 30, np.clip(wall + rng.normal(0, 2, wall.shape), 0, 255).astype(np.uint8))
-        for number in range(12)
+        (time, cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), corners)
+        for time, image, corners in stream.frames(states, seconds, np.random.default_rng(6))
     ]
 
 
@@ -145,13 +148,13 @@ def test_a_film_is_read_as_by_python(film, tmp_path):
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]
     receiver = Receiver(decoders, 30.0)
     events, message = [], None
-    for time, image in frames:
+    for time, image, truth in frames:
         step = receiver.push(image, time)
         message = step.message
         events.append(
             {
-                "corners": step.tracked and step.tracked.corners,
-                "pairs": [pair.number for pair in step.pairs],
+                "error": step.tracked and float(np.abs(step.tracked.corners - truth).mean()),
+                "truth": truth,
                 "scores": [pair.soft.scores for pair in step.pairs],
                 "clock": receiver.state_hz,
             }
@@ -161,12 +164,12 @@ def test_a_film_is_read_as_by_python(film, tmp_path):
     else:
         message = receiver.finish().message
     assert (message is None) == (film is empty_film)
-    np.array([image for _, image in frames]).tofile(tmp_path / "film.gray")
+    np.array([image for _, image, _ in frames]).tofile(tmp_path / "film.gray")
     write_fixture(
         tmp_path,
         "film",
         {
-            "times": [time for time, _ in frames],
+            "times": [time for time, _, _ in frames],
             "shape": frames[0][1].shape,
             "decoders": [
                 {"model": str(model), "layout": layout_table(decoder.layout)}
@@ -174,7 +177,6 @@ def test_a_film_is_read_as_by_python(film, tmp_path):
             ],
             "message": message and message.data.decode(),
             "events": events,
-            "decoded": receiver.decoded,
             "silence": page_words(explain_silence(receiver.observations)),
         },
     )
