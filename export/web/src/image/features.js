@@ -89,63 +89,75 @@ export class Features {
 }
 
 /**
- * Find, for each pixel, the smaller eigenvalue of the squared gradients around it.
+ * Find, for each pixel, the smaller eigenvalue of the squared gradients around it; beyond the
+ * border the image is mirrored.
  *
  * @param {BytePlane} image
  * @returns {Float32Array}
  */
 function strengths({ width, height, data }) {
-  const size = width * height;
-  const [xx, xy, yy] = [new Int32Array(size), new Int32Array(size), new Int32Array(size)];
-  const reflected = (/** @type {number} */ at, /** @type {number} */ length) => {
-    if (length === 1) return 0;
-    return at < 0 ? -at : at >= length ? 2 * length - 2 - at : at;
+  const strength = new Float32Array(width * height);
+  const mirrored = (/** @type {number} */ row) => {
+    const within = row < 0 ? -row : row >= height ? 2 * height - 2 - row : row;
+    return Math.min(Math.max(within, 0), height - 1);
   };
-  for (let y = 0; y < height; y++) {
-    const above = reflected(y - 1, height) * width;
-    const here = y * width;
-    const below = reflected(y + 1, height) * width;
-    for (let x = 0; x < width; x++) {
-      const left = x > 0 ? x - 1 : reflected(-1, width);
-      const right = x < width - 1 ? x + 1 : reflected(width, width);
-      const slopeX =
-        data[above + right] -
-        data[above + left] +
-        2 * (data[here + right] - data[here + left]) +
-        data[below + right] -
-        data[below + left];
-      const slopeY =
-        data[below + left] -
-        data[above + left] +
-        2 * (data[below + x] - data[above + x]) +
-        data[below + right] -
-        data[above + right];
-      xx[here + x] = slopeX * slopeX;
-      xy[here + x] = slopeX * slopeY;
-      yy[here + x] = slopeY * slopeY;
+  const rows = [0, 1, 2].map(() => new Uint8Array(width + 2));
+  // products of the gradients in three rows of pixels
+  const products = [0, 1, 2].map(() => [0, 1, 2].map(() => new Int32Array(width + 2)));
+  const multiply = (/** @type {number} */ y, /** @type {Int32Array[]} */ [xx, xy, yy]) => {
+    rows.forEach((row, i) => {
+      const start = mirrored(y + i - 1) * width;
+      row.set(data.subarray(start, start + width), 1);
+      mirrorEnds(row);
+    });
+    const [above, here, below] = rows;
+    for (let x = 1; x <= width; x++) {
+      const rising = below[x + 1] - above[x - 1];
+      const falling = above[x + 1] - below[x - 1];
+      const slopeX = rising + falling + 2 * (here[x + 1] - here[x - 1]);
+      const slopeY = rising - falling + 2 * (below[x] - above[x]);
+      xx[x] = slopeX * slopeX;
+      xy[x] = slopeX * slopeY;
+      yy[x] = slopeY * slopeY;
     }
-  }
-  const strength = new Float32Array(size);
-  const [lineXX, lineXY, lineYY] = [0, 1, 2].map(() => new Int32Array(width));
+    for (const line of [xx, xy, yy]) mirrorEnds(line);
+  };
+  const sums = [0, 1, 2].map(() => new Int32Array(width + 2));
   // Sobel's weights, three by three pixels, and levels of 255
   const unit = 1 / (4 * 3 * 255) ** 2;
-  for (let y = 0; y < height; y++) {
-    const above = reflected(y - 1, height) * width;
-    const here = y * width;
-    const below = reflected(y + 1, height) * width;
-    for (let x = 0; x < width; x++) {
-      lineXX[x] = xx[above + x] + xx[here + x] + xx[below + x];
-      lineXY[x] = xy[above + x] + xy[here + x] + xy[below + x];
-      lineYY[x] = yy[above + x] + yy[here + x] + yy[below + x];
-    }
-    for (let x = 0; x < width; x++) {
-      const left = x > 0 ? x - 1 : reflected(-1, width);
-      const right = x < width - 1 ? x + 1 : reflected(width, width);
-      const a = (lineXX[left] + lineXX[x] + lineXX[right]) / 2;
-      const b = lineXY[left] + lineXY[x] + lineXY[right];
-      const c = (lineYY[left] + lineYY[x] + lineYY[right]) / 2;
-      strength[here + x] = (a + c - Math.sqrt((a - c) ** 2 + b * b)) * unit;
+  multiply(0, products[0]);
+  for (let y = 0, at = 0; y < height; y++) {
+    if (y + 1 < height) multiply(y + 1, products[(y + 1) % 3]);
+    const [one, two, three] = [y - 1, y, y + 1].map((row) => products[mirrored(row) % 3]);
+    for (let kind = 0; kind < 3; kind++) addLines(one[kind], two[kind], three[kind], sums[kind]);
+    const [xx, xy, yy] = sums;
+    for (let x = 1; x <= width; x++, at++) {
+      const a = (xx[x - 1] + xx[x] + xx[x + 1]) / 2;
+      const b = xy[x - 1] + xy[x] + xy[x + 1];
+      const c = (yy[x - 1] + yy[x] + yy[x + 1]) / 2;
+      strength[at] = (a + c - Math.sqrt((a - c) * (a - c) + b * b)) * unit;
     }
   }
   return strength;
+}
+
+/**
+ * Let the ends of a line stand for the pixels beyond it.
+ *
+ * @param {Uint8Array | Int32Array} line - with a place more at both ends
+ */
+function mirrorEnds(line) {
+  const last = line.length - 2;
+  line[0] = line[Math.min(2, last)];
+  line[last + 1] = line[Math.max(last - 1, 1)];
+}
+
+/**
+ * @param {Int32Array} one
+ * @param {Int32Array} two
+ * @param {Int32Array} three
+ * @param {Int32Array} sum - takes the sums
+ */
+function addLines(one, two, three, sum) {
+  for (let i = 0; i < sum.length; i++) sum[i] = one[i] + two[i] + three[i];
 }
