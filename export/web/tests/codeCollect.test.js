@@ -3,14 +3,14 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Collector } from "../src/link/code/collect.js";
+import { makeCollector } from "../src/link/code/collect.js";
 import { close } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 
 for (const { rows, counts, starts, steps, messages } of readFixture("sequences")) {
   test(`${rows.shape[0]} frames of ${rows.shape[1]} bits`, () => {
     const [, nBits] = rows.shape;
-    const collector = new Collector(nBits);
+    const collector = makeCollector(nBits);
     const expected = messages.values();
     for (let at = 0; at < counts.length; at++) {
       if (starts.includes(at)) collector.startRun();
@@ -30,5 +30,5 @@ for (const { rows, counts, starts, steps, messages } of readFixture("sequences")
 }
 
 test("frames of too few blocks for a signature", () => {
-  assert.throws(() => new Collector(15), /15 message blocks a frame, a message needs at least 16/);
+  assert.throws(() => makeCollector(15), /15 message blocks a frame, a message needs at least 16/);
 });

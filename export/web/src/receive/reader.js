@@ -5,7 +5,7 @@
  * finds the display and hands its frames to the reader of its layout (receiver.js).
  */
 
-import { Collector } from "../link/code/collect.js";
+import { makeCollector } from "../link/code/collect.js";
 import { CLIPPED, CUT } from "./diagnosis.js";
 import { fillHidden, hiddenBlocks } from "./hidden.js";
 import { Occlusion } from "./occlusion.js";
@@ -183,7 +183,7 @@ export class DisplayReader {
     /** Number of frame pairs decoded. */
     this.decoded = 0;
     /** Turns the scores of frame pairs into messages. */
-    this.collector = new Collector(this.layout.nBits);
+    this.collector = makeCollector(this.layout.nBits);
     this.#fps = fps;
     this.#timing = timing;
     this.#sight = sight;

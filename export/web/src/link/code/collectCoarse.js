@@ -186,7 +186,7 @@ class DeliveredMessage {
   }
 }
 
-/** Collects frames of a coarse grid; `Collector` says the rest. */
+/** Collects frames of a coarse grid (`Collector` of collect.js). */
 export class CoarseCollector {
   /** Frames that wait for the place of their run. @type {Counted[]} */
   _waiting = [];

@@ -100,7 +100,7 @@ class CodedScores {
  * @typedef {{ scores: Float32Array, count: number, number: number | null }} WaitingFrame
  */
 
-/** Collects frames of a fine grid; `Collector` says the rest. */
+/** Collects frames of a fine grid (`Collector` of collect.js). */
 export class FineCollector {
   /** By number the logarithm of its probability for the last frame. @type {Float64Array | null} */
   _belief = null;
