@@ -16,9 +16,10 @@ import { isFine } from "./framing.js";
  * scores of a frame (log-likelihood ratios, positive for 1; 0 for an erasure) and its number on the
  * display, from any start and rising within a run; it returns the message, or null. `startRun` says
  * that the next frame's distance to the earlier ones is not known. `progress` is the information
- * received, as a share of what is needed: about 1 when the message is whole, and 1 while the display
- * goes on showing a message that was returned. `attempts` counts how often decoding was tried, and
- * `collecting` says whether scores are kept that may be those of a message not returned yet.
+ * received, as a share of what is needed: about 1 when the message is whole, and 1 while the
+ * display goes on showing a message that was returned. `attempts` counts how often decoding was
+ * tried, and `collecting` says whether scores are kept that may be those of a message not returned
+ * yet.
  *
  * @typedef {CoarseCollector | FineCollector} Collector
  */
