@@ -7,9 +7,9 @@ the page again, --compare A B compares two runs.
 
 import os
 import sys
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
@@ -26,7 +26,6 @@ from reports.engine.backends import make_backend
 from reports.engine.methods import METHODS, Method, methods_for, suited_methods
 from reports.engine.predict import (
     Condition,
-    checkpoint_digest,
     paper_cells,
     predict,
 )
@@ -40,15 +39,13 @@ from reports.evaluation.evidence import (
     simulated_evidence,
 )
 from reports.evaluation.page import write_report
+from reports.evaluation.settings import chosen_sweeps, decisive_settings
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import show
 from reports.render.tables import cell_tables, summary_table
 from reports.run import RunFolder
 from reports.score.accuracy import score
 from reports.studies.sweeps import SWEEPS, sweep_conditions, swept_methods
-
-UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
-"""Flags that decide no number, and so are no part of a run's settings."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +119,7 @@ def main() -> None:
     methods = apply_protocol(config.protocol, methods_for(config.methods, checkpoint))
     folder = RunFolder(config.out)
     with locked(config.out):
-        folder.claim(describe(config, methods))
+        folder.claim(decisive_settings(config, methods))
         if config.captures is None:
             evaluate_simulated(config, methods, folder)
         else:
@@ -150,9 +147,8 @@ def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: Ru
     print(*tables, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     failed = predicted.failed
     if config.html:
-        conditions, curves = sweep_conditions(
-            sweeps_of(config), comparison.source, max(1, 2 * config.frames // 3), config.quick
-        )
+        names, fewer = chosen_sweeps(config, config.sweeps), max(1, 2 * config.frames // 3)
+        conditions, curves = sweep_conditions(names, comparison.source, fewer, config.quick)
         with clock.time("sweeps"):
             swept = predict(conditions, swept_methods(methods), config.out, backend)
         folder.write_sweeps(curves, swept.records)
@@ -169,17 +165,6 @@ def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: Ru
             f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
             "same command tries the failed ones again"
         )
-
-
-def sweeps_of(config: EvaluateConfig) -> tuple[str, ...]:
-    """The sweeps that were named, or all of them beside the reference comparison."""
-    if config.sweeps is not None:
-        return config.sweeps
-    usual = EvaluateConfig()
-    flags = ("pairs", "views", "kappas", "pictures", "without", "set")
-    whole = all(getattr(config, flag) == getattr(usual, flag) for flag in flags)
-    whole &= config.layout() == usual.layout()
-    return tuple(SWEEPS) if whole else ()
 
 
 def check(config: EvaluateConfig) -> None:
@@ -215,18 +200,6 @@ def source_of(config: EvaluateConfig) -> Source:
         without=config.without,
         parameters=parse_settings(config.set),
     )
-
-
-def describe(config: EvaluateConfig, methods: list[Method]) -> dict[str, Any]:
-    """All that decides the result: flags, and digests of the checkpoints."""
-    layout, usual = config.layout(), EvaluateConfig().layout()
-    flags = {field.name for field in fields(LayoutFlags)}
-    settings = {k: v for k, v in asdict(config).items() if k not in (*UNDECISIVE, *flags)}
-    settings["ratex"] = len(layout.ratex)
-    for flag in sorted(flags - {"ratex"}):  # runs of the usual grid have always been without them
-        if getattr(layout, flag) != getattr(usual, flag):
-            settings[flag] = getattr(layout, flag)
-    return {**settings, "checkpoints": {m.name: checkpoint_digest(m) for m in methods}}
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ the message bits through that fit.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
@@ -38,6 +38,7 @@ from models.neural.training import (
     initial_decoder,
     training_step,
 )
+from reports.engine.conditions import condition_names
 from reports.engine.digest import code_digest
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
@@ -137,7 +138,7 @@ def train_and_evaluate(
     save_checkpoint(folder, module, {"train": settings})
     conditions = [
         Condition(name, Source(layout, "test", config.seed), paper_cells(pairs), config.frames)
-        for name, layout in zip(names_of(layouts), layouts, strict=True)
+        for name, layout in zip(condition_names(layouts), layouts, strict=True)
     ]
     methods = methods_for(ON_PILOTS if layouts[0].pilots else tuple(DECODERS), folder)
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
@@ -158,17 +159,6 @@ def train_and_evaluate(
         f"\n{model}: torch and onnxruntime agree on all {parity.bits} bits of "
         f"{parity.frames} synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
-
-
-def names_of(layouts: Sequence[Layout]) -> list[str]:
-    """Name the conditions of the final evaluation; a single layout needs no name."""
-    if len(layouts) == 1:
-        return [""]
-    names = [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]
-    return [
-        name if each.colour == "gray" else f"{name} {each.colour}"
-        for name, each in zip(names, layouts, strict=True)
-    ]
 
 
 def check_training(config: TrainConfig) -> None:

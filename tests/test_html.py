@@ -22,6 +22,7 @@ from link.layout import make_layout
 from reports.engine.records import to_records
 from reports.evaluation.findings import leaders
 from reports.evaluation.page import SECTIONS, render, write_report
+from reports.evaluation.settings import chosen_sweeps
 from reports.render.charts import (
     ACCURACY_TICKS,
     Point,
@@ -212,7 +213,8 @@ def test_an_unknown_sweep_is_refused_with_the_valid_names(tmp_path: Path, comman
 def test_sweeps_join_the_reference_comparison_alone(
     flags: dict[str, Any], expected: tuple[str, ...]
 ) -> None:
-    assert evaluate.sweeps_of(evaluate.EvaluateConfig(**flags)) == expected
+    config = evaluate.EvaluateConfig(**flags)
+    assert chosen_sweeps(config, config.sweeps) == expected
 
 
 def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None:

@@ -23,6 +23,7 @@ from link.images import write_image
 from link.layout import Layout, make_layout
 from models import PRETRAINED
 from reports.engine.methods import Method, suited_methods
+from reports.evaluation.settings import decisive_settings
 from reports.evaluation.versus import compare_runs
 from reports.studies.sweeps import sweep_conditions
 
@@ -170,15 +171,15 @@ def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: C
 
 def test_settings_of_the_usual_layout_are_those_of_runs_that_knew_no_other() -> None:
     """Golden: a folder that an earlier version began is gone on with and compared."""
-    keys = list(evaluate.describe(evaluate.EvaluateConfig(), []))
+    keys = list(decisive_settings(evaluate.EvaluateConfig(), []))
     assert sorted(keys) == [
         "captures", "checkpoints", "frames", "kappas", "methods", "pairs",
         "pictures", "protocol", "quick", "ratex", "run", "seed", "set", "sweeps", "views",
         "without",
     ]  # fmt: skip
-    assert evaluate.describe(evaluate.EvaluateConfig(), [])["ratex"] == 5
-    assert evaluate.describe(evaluate.EvaluateConfig(ratex=3), [])["ratex"] == 3
-    same = [evaluate.describe(evaluate.EvaluateConfig(pilots=p), []) for p in ("auto", "0.25")]
+    assert decisive_settings(evaluate.EvaluateConfig(), [])["ratex"] == 5
+    assert decisive_settings(evaluate.EvaluateConfig(ratex=3), [])["ratex"] == 3
+    same = [decisive_settings(evaluate.EvaluateConfig(pilots=p), []) for p in ("auto", "0.25")]
     assert same[0] == same[1]
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
 

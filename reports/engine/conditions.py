@@ -6,6 +6,7 @@ from typing import Any
 
 from data_gen.frame_pair import Source
 from link.errors import choose
+from link.layout import Layout
 from reports.engine.predict import Condition, paper_cells
 
 
@@ -55,3 +56,19 @@ def named_condition(name: str, base: Source, pairs: Sequence[str], frames: int) 
     setting = choose(SETTINGS, name, "condition")
     source = replace(base, parameters=base.parameters + setting.parameters)
     return Condition(name, source, paper_cells(pairs, setting.views, setting.kappas), frames)
+
+
+def condition_names(layouts: Sequence[Layout]) -> list[str]:
+    """Name the conditions of an evaluation, one for each layout; a single one needs no name.
+
+    >>> from link.layout import make_layout
+    >>> condition_names([make_layout(), make_layout(8, 8, pilots="auto", colour="chroma")])
+    [', 8 × 8 on_off', ', 8 × 8 on_off chroma']
+    """
+    if len(layouts) == 1:
+        return [""]
+    names = [f", {each.rows} × {each.cols} {each.modulation}" for each in layouts]
+    return [
+        name if each.colour == "gray" else f"{name} {each.colour}"
+        for name, each in zip(names, layouts, strict=True)
+    ]

@@ -1,0 +1,50 @@
+"""What a comparison's settings ask for beside it, and which of them decide its result.
+
+Settings are compared with the usual ones, which are the defaults of the command's flags.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from typing import Any
+
+from data_gen.flags import LayoutFlags
+from reports.engine.methods import Method
+from reports.engine.predict import checkpoint_digest
+from reports.studies.sweeps import SWEEPS
+
+UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
+"""Flags that decide no number, and so are no part of a run's settings."""
+REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
+"""Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
+
+
+def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str, ...]:
+    """List the sweeps that were named, or all of them beside the reference comparison.
+
+    Args:
+        config: settings of evaluate.py.
+        named: value of --sweeps, None where absent.
+    """
+    if named is not None:
+        return tuple(named)
+    usual = type(config)()
+    whole = all(getattr(config, flag) == getattr(usual, flag) for flag in REFERENCE)
+    whole &= config.layout() == usual.layout()
+    return tuple(SWEEPS) if whole else ()
+
+
+def decisive_settings(config: LayoutFlags, methods: Sequence[Method]) -> dict[str, Any]:
+    """Name all that decides the result: flags, and digests of the checkpoints.
+
+    Args:
+        config: settings of evaluate.py.
+        methods: that are compared.
+    """
+    layout, usual = config.layout(), type(config)().layout()
+    flags = {field.name for field in fields(LayoutFlags)}
+    settings = {k: v for k, v in asdict(config).items() if k not in (*UNDECISIVE, *flags)}
+    settings["ratex"] = len(layout.ratex)
+    for flag in sorted(flags - {"ratex"}):  # runs of the usual grid have always been without them
+        if getattr(layout, flag) != getattr(usual, flag):
+            settings[flag] = getattr(layout, flag)
+    return {**settings, "checkpoints": {m.name: checkpoint_digest(m) for m in methods}}
