@@ -54,6 +54,7 @@ export class Decoder {
   }
 
   async #create() {
+    // a graph that is optimised further takes longer to load, and runs no faster in wasm
     /** @type {ort.InferenceSession.SessionOptions} */
     const options = { executionProviders: ["wasm"], graphOptimizationLevel: "basic" };
     const session = await (typeof this.model === "string"

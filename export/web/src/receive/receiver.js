@@ -128,7 +128,7 @@ export class Receiver {
   /**
    * Take the next camera frame, once the one before is done with.
    *
-   * @param {BytePlane} frame - gray; it is not kept
+   * @param {BytePlane} frame - gray; a search may keep it, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
    * @returns {Promise<ReceiverStep>}
    */
