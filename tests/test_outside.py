@@ -18,7 +18,7 @@ from link.images import read_image, write_image
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from link.video import VideoReader
-from models.neural.checkpoint import MAX_WEIGHTS_BYTES
+from models.neural.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from reports.engine.digest import ROOT
 from reports.engine.records import to_records
 from reports.lab.locate import read_corners
@@ -255,6 +255,7 @@ def test_the_page_on_security_states_the_limits_of_the_code() -> None:
         f"or to run it | {TIME_LIMIT_S:g} s, and 1 s more",
         f"let itself be stopped within {GRACE_S:g} s",
         f"weights of a checkpoint | {MAX_WEIGHTS_BYTES / mib:g} MiB |",
+        f"state of a training | {MAX_STATE_BYTES / mib:g} MiB |",
         f"command line | {errors.MAX_NUMBER:,}, where",
         f"processes and threads {errors.MAX_OF_FLAG['jobs']} |",
     ):

@@ -17,6 +17,7 @@ from link.errors import InputError
 from link.frames import Captured
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
+from models.neural import checkpoint
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import FULL, START_LOG_TEMPERATURE, DecoderConfig, PhiDecoder
 from models.neural.refine import MOMENTS
@@ -256,6 +257,20 @@ def test_a_killed_run_goes_on_to_the_same_parameters(
     assert len(rounds) == CONFIG.rounds - 1  # the first round was not repeated
     assert parameters(resumed) == parameters(whole)
     assert read_log(tmp_path / "cut") == read_log(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("kind", ["damaged", "large"])
+def test_a_state_that_is_no_state_is_refused_in_one_line(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "state.pt"
+    with file.open("wb") as opened:
+        opened.truncate(101 if kind == "large" else 100)
+    monkeypatch.setattr(checkpoint, "MAX_STATE_BYTES", 100)
+    says = {"damaged": "damaged; delete it", "large": "larger than 100 bytes; no such"}[kind]
+    with pytest.raises(InputError, match=rf"state\.pt: {says}") as error:
+        checkpoint.resume_state(file, {}, torch.Generator(), "key")
+    assert "\n" not in str(error.value)
 
 
 def test_a_state_of_other_settings_is_not_continued(episodes: EpisodeSet, tmp_path: Path) -> None:

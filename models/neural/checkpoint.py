@@ -28,6 +28,9 @@ DAMAGE = (RuntimeError, pickle.UnpicklingError, EOFError, ValueError, TypeError,
 """Exceptions that torch.load and load_state_dict raise on damaged files."""
 MAX_WEIGHTS_BYTES = 256 * 2**20
 """Largest size, in bytes, of a decoder.pt that is read."""
+MAX_STATE_BYTES = 3 * MAX_WEIGHTS_BYTES
+"""Largest size, in bytes, of the state of a training that is read: the optimiser keeps two numbers
+beside each weight."""
 
 
 class Saveable(Protocol):
@@ -200,12 +203,13 @@ def resume_state(
         training.
 
     Raises:
-        InputError: the file is damaged.
+        InputError: the file is damaged, or larger than `MAX_STATE_BYTES`.
     """
-    if not file.is_file():
+    if not is_file(file):
         return 0, []
+    data = read_bounded(file, MAX_STATE_BYTES)
     try:
-        state = torch.load(file, weights_only=True)
+        state = torch.load(io.BytesIO(data), weights_only=True)
         if state["key"] != key:
             return 0, []
         for name, part in parts.items():
