@@ -34,7 +34,17 @@ const DRAWN_BLUR = 1.6;
  * of a window and the rest of a template have lengths, which bound what the rest can add to the
  * correlation; only where that could make a match is the whole window compared.
  */
-const LEADING = 16;
+const LEADING = 24;
+/** Number of directions, the first ones, after which the bound is looked at for the first time. */
+const FIRST = 10;
+/** Number of rounds in which the directions are improved. */
+const ROUNDS = 6;
+/** Distance of the templates of which the directions are those that vary most. */
+const SPARSE = 3;
+
+/** Units of work of drawing the templates of a patch, and of each part of the directions. */
+const DRAW_WORK = 2;
+const DIRECTIONS_WORK = 4;
 
 /** The templates of a layout's patches. */
 export class Bank {
@@ -44,27 +54,27 @@ export class Bank {
   #directions;
   /** (templates, LEADING) @type {Float32Array} */
   #leading;
-  /** (templates,) lengths of what the directions leave. @type {Float32Array} */
+  /** (templates, 2) lengths of what the first and what all directions leave. @type {Float32Array} */
   #rest;
   #window = new Float64Array(WINDOW_AREA);
   #part = new Float64Array(LEADING);
 
-  /** @param {Layout} layout */
-  constructor(layout) {
+  /**
+   * @param {Float32Array} templates - (count, WINDOW_AREA), patch by patch
+   * @param {Float64Array} directions - (LEADING, WINDOW_AREA)
+   */
+  constructor(templates, directions) {
+    const count = templates.length / WINDOW_AREA;
     /** Number of patches. */
-    this.patches = layout.ratex.length;
-    const count = this.patches * EACH;
-    this.#templates = new Float32Array(count * WINDOW_AREA);
-    layout.tileLevelsToggled.forEach((tiles, patch) => {
-      drawTemplates(tiles, this.#templates.subarray(patch * EACH * WINDOW_AREA));
-    });
-    this.#directions = mainDirections(this.#templates, count);
+    this.patches = count / EACH;
+    this.#templates = templates;
+    this.#directions = directions;
     this.#leading = new Float32Array(count * LEADING);
-    this.#rest = new Float32Array(count);
+    this.#rest = new Float32Array(2 * count);
     for (let t = 0; t < count; t++) {
-      const template = this.#templates.subarray(t * WINDOW_AREA, (t + 1) * WINDOW_AREA);
+      const template = templates.subarray(t * WINDOW_AREA, (t + 1) * WINDOW_AREA);
       const part = this.#leading.subarray(t * LEADING, (t + 1) * LEADING);
-      this.#rest[t] = split(template, this.#directions, part);
+      this.#rest.set(split(template, directions, part), 2 * t);
     }
   }
 
@@ -91,14 +101,18 @@ export class Bank {
     const norm = Math.sqrt(square) + 5;
     for (let i = 0; i < WINDOW_AREA; i++) window[i] /= norm;
     const part = this.#part;
-    const rest = split(window, this.#directions, part);
+    const [firstRest, lastRest] = split(window, this.#directions, part);
+    const rest = this.#rest;
     const templates = this.#templates;
     const leading = this.#leading;
     for (let patch = 0, t = 0; patch < this.patches; patch++) {
       for (let i = 0; i < EACH; i++, t++) {
+        const start = t * LEADING;
         let match = 0;
-        for (let k = 0, at = t * LEADING; k < LEADING; k++) match += part[k] * leading[at + k];
-        if (match + rest * this.#rest[t] <= most[patch]) continue;
+        for (let k = 0; k < FIRST; k++) match += part[k] * leading[start + k];
+        if (match + firstRest * rest[2 * t] <= most[patch]) continue;
+        for (let k = FIRST; k < LEADING; k++) match += part[k] * leading[start + k];
+        if (match + lastRest * rest[2 * t + 1] <= most[patch]) continue;
         match = 0;
         for (let k = 0, at = t * WINDOW_AREA; k < WINDOW_AREA; k++) {
           match += window[k] * templates[at + k];
@@ -118,14 +132,24 @@ const banks = new WeakMap();
  * Draw the templates of a layout, once.
  *
  * @param {Layout} layout - with patches
- * @returns {Bank}
+ * @returns {import("./steps.js").Steps<Bank>}
  */
-export function bankOf(layout) {
-  let bank = banks.get(layout);
-  if (!bank) {
-    bank = new Bank(layout);
-    banks.set(layout, bank);
+export function* bankSteps(layout) {
+  const known = banks.get(layout);
+  if (known) return known;
+  const templates = new Float32Array(layout.ratex.length * EACH * WINDOW_AREA);
+  for (let patch = 0; patch < layout.ratex.length; patch++) {
+    const start = patch * EACH * WINDOW_AREA;
+    drawTemplates(layout.tileLevelsToggled[patch], templates.subarray(start));
+    yield DRAW_WORK;
   }
+  const covariance = covarianceOf(templates);
+  yield DIRECTIONS_WORK;
+  const directions = mainDirections(templates, covariance);
+  yield DIRECTIONS_WORK;
+  const bank = new Bank(templates, directions);
+  banks.set(layout, bank);
+  yield DIRECTIONS_WORK;
   return bank;
 }
 
@@ -178,35 +202,70 @@ function drawTemplates(tiles, templates) {
 }
 
 /**
- * Find orthonormal directions along which templates lie: those of the templates themselves that
- * the directions found so far leave longest.
+ * Sum the products of the pixels of some of the templates.
  *
  * @param {Float32Array} templates - (count, WINDOW_AREA)
- * @param {number} count
- * @returns {Float64Array} (LEADING, WINDOW_AREA)
+ * @returns {Float64Array} (WINDOW_AREA, WINDOW_AREA)
  */
-function mainDirections(templates, count) {
-  const left = Float64Array.from(templates);
-  const directions = new Float64Array(LEADING * WINDOW_AREA);
-  for (let k = 0; k < LEADING; k++) {
-    let [longest, square] = [0, -1];
-    for (let t = 0; t < count; t++) {
-      let sum = 0;
-      for (let i = t * WINDOW_AREA; i < (t + 1) * WINDOW_AREA; i++) sum += left[i] * left[i];
-      if (sum > square) [longest, square] = [t, sum];
-    }
-    const norm = Math.sqrt(square) + 1e-12;
-    const direction = left
-      .slice(longest * WINDOW_AREA, (longest + 1) * WINDOW_AREA)
-      .map((value) => value / norm);
-    directions.set(direction, k * WINDOW_AREA);
-    for (let t = 0; t < count; t++) {
-      let dot = 0;
-      for (let i = 0; i < WINDOW_AREA; i++) dot += left[t * WINDOW_AREA + i] * direction[i];
-      for (let i = 0; i < WINDOW_AREA; i++) left[t * WINDOW_AREA + i] -= dot * direction[i];
+function covarianceOf(templates) {
+  const covariance = new Float64Array(WINDOW_AREA * WINDOW_AREA);
+  for (let start = 0; start < templates.length; start += SPARSE * WINDOW_AREA) {
+    for (let i = 0, to = 0; i < WINDOW_AREA; i++) {
+      const pixel = templates[start + i];
+      for (let j = 0; j < WINDOW_AREA; j++) covariance[to++] += pixel * templates[start + j];
     }
   }
+  return covariance;
+}
+
+/**
+ * Find orthonormal directions along which templates vary most, roughly: powers of the templates'
+ * covariance turn any directions towards them.
+ *
+ * @param {Float32Array} templates - (count, WINDOW_AREA)
+ * @param {Float64Array} covariance - `covarianceOf` them
+ * @returns {Float64Array} (LEADING, WINDOW_AREA)
+ */
+function mainDirections(templates, covariance) {
+  const count = templates.length / WINDOW_AREA;
+  const apart = Math.floor(count / LEADING) * WINDOW_AREA;
+  let directions = Float64Array.from({ length: LEADING * WINDOW_AREA }, (_, at) => {
+    return templates[Math.floor(at / WINDOW_AREA) * apart + (at % WINDOW_AREA)];
+  });
+  orthonormalise(directions);
+  for (let round = 0; round < ROUNDS; round++) {
+    const turned = new Float64Array(LEADING * WINDOW_AREA);
+    for (let at = 0; at < turned.length; at++) {
+      const row = (at % WINDOW_AREA) * WINDOW_AREA;
+      const start = at - (at % WINDOW_AREA);
+      let sum = 0;
+      for (let j = 0; j < WINDOW_AREA; j++) sum += covariance[row + j] * directions[start + j];
+      turned[at] = sum;
+    }
+    orthonormalise(turned);
+    directions = turned;
+  }
   return directions;
+}
+
+/**
+ * Take from each direction, in place, what lies along those before it, and give it length 1.
+ *
+ * @param {Float64Array} directions - (LEADING, WINDOW_AREA)
+ */
+function orthonormalise(directions) {
+  for (let k = 0; k < directions.length; k += WINDOW_AREA) {
+    for (let before = 0; before <= k; before += WINDOW_AREA) {
+      let dot = 0;
+      for (let i = 0; i < WINDOW_AREA; i++) dot += directions[k + i] * directions[before + i];
+      if (before === k) {
+        const norm = Math.sqrt(dot) + 1e-12;
+        for (let i = 0; i < WINDOW_AREA; i++) directions[k + i] /= norm;
+      } else {
+        for (let i = 0; i < WINDOW_AREA; i++) directions[k + i] -= dot * directions[before + i];
+      }
+    }
+  }
 }
 
 /**
@@ -215,16 +274,26 @@ function mainDirections(templates, count) {
  * @param {Float32Array | Float64Array} window
  * @param {Float64Array} directions
  * @param {Float32Array | Float64Array} part - takes the (LEADING,) parts
- * @returns {number} length of what is left
+ * @returns {[number, number]} lengths of what the first directions leave, and of what all leave
  */
 function split(window, directions, part) {
   let left = 0;
   for (let i = 0; i < WINDOW_AREA; i++) left += window[i] * window[i];
+  let first = 0;
   for (let k = 0, at = 0; k < LEADING; k++) {
+    if (k === FIRST) first = left;
     let dot = 0;
     for (let i = 0; i < WINDOW_AREA; i++) dot += window[i] * directions[at++];
     part[k] = dot;
     left -= dot * dot;
   }
-  return Math.sqrt(Math.max(0, left)) + 1e-6;
+  return [length(first), length(left)];
+}
+
+/**
+ * @param {number} square
+ * @returns {number} a little more than the root, as numbers are rounded
+ */
+function length(square) {
+  return Math.sqrt(Math.max(0, square)) + 1e-5;
 }

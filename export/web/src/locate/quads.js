@@ -49,13 +49,16 @@ const MIN_MEAN_COVER = 0.45;
 export const SLACK = 0.01;
 /** Distance, in pixels, of corners below which two quadrilaterals are one. */
 export const SAME_PX = 3.0;
+/** Number of quadrilaterals that are looked at for each of those that are chosen. */
+const LOOKED_AT = 8;
 /** Smallest and largest share of a bezel's area that the picture within may have. */
 const NESTED = [0.65, 0.97];
 /** Quantiles of the image's gray levels that serve as thresholds for outlines. */
 const THRESHOLD_QUANTILES = [0.3, 0.5, 0.65, 0.8, 0.9];
 /** Tolerances, as shares of an outline's length, at which four corners may describe it. */
 const OUTLINE_TOLERANCES = [0.015, 0.03, 0.06];
-/** Units of work of making quadrilaterals from segments, and of the outlines at one threshold. */
+/** Units of work of the last step of the segments, of quadrilaterals, and of one threshold. */
+const SEGMENTS_WORK = 8;
 const LINES_WORK = 15;
 const OUTLINE_WORK = 3;
 
@@ -90,14 +93,19 @@ export function isSound(quad, width, height, outside = SLACK) {
     if (!(x >= -0.5 - slack && x <= width - 0.5 + slack)) return false;
     if (!(y >= -0.5 - slack && y <= height - 0.5 + slack)) return false;
   }
-  if (!(signedArea(quad) >= MIN_AREA * width * height)) return false;
+  const least = (0.7 * MIN_CROSSING) ** 2;
   for (let i = 0; i < 4; i++) {
     const [a, b, c] = [quad[i], quad[(i + 1) & 3], quad[(i + 2) & 3]];
-    const [x, y] = [b[0] - a[0], b[1] - a[1]];
-    const [nextX, nextY] = [c[0] - b[0], c[1] - b[1]];
-    const lengths = (Math.hypot(x, y) + 1e-9) * (Math.hypot(nextX, nextY) + 1e-9);
-    if (!((x * nextY - y * nextX) / lengths > MIN_CROSSING * 0.7)) return false;
+    const x = b[0] - a[0];
+    const y = b[1] - a[1];
+    const nextX = c[0] - b[0];
+    const nextY = c[1] - b[1];
+    // the sine of the angle, times both sides
+    const sine = x * nextY - y * nextX;
+    if (!(sine > 0)) return false;
+    if (!(sine * sine > least * (x * x + y * y) * (nextX * nextX + nextY * nextY))) return false;
   }
+  if (!(signedArea(quad) >= MIN_AREA * width * height)) return false;
   return true;
 }
 
@@ -161,7 +169,7 @@ export function isNested(quad, outer) {
 /**
  * Choose the quadrilaterals of highest rank that differ from one another.
  *
- * Only the first `8 * limit` are looked at.
+ * Only the first `LOOKED_AT * limit` are looked at.
  *
  * @param {Quad[]} quads
  * @param {ArrayLike<number>} rank - the higher, the better
@@ -173,7 +181,7 @@ export function distinct(quads, rank, limit, tolerance) {
   const order = Array.from(quads.keys()).sort((one, other) => rank[other] - rank[one]);
   /** @type {number[]} */
   const chosen = [];
-  for (const at of order.slice(0, 8 * limit)) {
+  for (const at of order.slice(0, LOOKED_AT * limit)) {
     if (chosen.length >= limit) break;
     if (chosen.every((other) => apart(quads[at], quads[other]) >= tolerance)) chosen.push(at);
   }
@@ -291,6 +299,7 @@ function mergeSegments(segments, diagonal) {
 export function* lineSteps(gray, limit, outside = SLACK) {
   const { width, height } = gray;
   const segments = yield* segmentSteps(gray);
+  yield SEGMENTS_WORK;
   if (segments.length < 4) return [];
   const quads = crossingLines(segments, width, height, limit, outside);
   yield LINES_WORK;
@@ -354,10 +363,8 @@ function crossingLines(segments, width, height, limit, outside) {
       if (span > shortest && share >= MIN_SIDE_COVER) cover[i * pairs.length + p] = share;
     });
   }
-  /** @type {Quad[]} */
-  const quads = [];
-  /** @type {number[]} */
-  const ranks = [];
+  /** @type {{ quad: Quad, rank: number }[]} */
+  const found = [];
   for (let q = 0; q < pairs.length; q++) {
     const [a, b] = pairs[q];
     const [ofA, ofB] = [a * pairs.length, b * pairs.length];
@@ -379,12 +386,15 @@ function crossingLines(segments, width, height, limit, outside) {
       ]);
       if (!isSound(quad, width, height, outside)) continue;
       if (outside > SLACK && isSound(quad, width, height)) continue;
-      quads.push(upright(quad));
       // longer sides are less likely to be covered by chance
       const size = 0.3 * Math.sqrt(signedArea(quad) / (width * height));
-      ranks.push(mean + Math.min(one, two, three, four) + size);
+      found.push({ quad, rank: mean + Math.min(one, two, three, four) + size });
     }
   }
+  found.sort((one, other) => other.rank - one.rank);
+  const likeliest = found.slice(0, LOOKED_AT * limit);
+  const quads = likeliest.map(({ quad }) => upright(quad));
+  const ranks = likeliest.map(({ rank }) => rank);
   return distinct(quads, ranks, limit, SAME_PX).map((at) => quads[at]);
 }
 

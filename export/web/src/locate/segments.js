@@ -41,7 +41,7 @@ const GRADIENT_WORK = 15;
 const STEP_WORK = 8;
 
 /**
- * Find the longest straight segments of an image.
+ * Find the longest straight segments of an image; the work since the last step is not yielded.
  *
  * @param {BytePlane} gray
  * @returns {import("./steps.js").Steps<Segment[]>}

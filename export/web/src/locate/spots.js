@@ -9,7 +9,7 @@
 import { bytePlane, cv, matOf, withMats } from "../image/opencv.js";
 import { homographyFromPoints, inImage, transform } from "../link/geometry.js";
 import { determinant, inverse, multiply3 } from "../link/linear.js";
-import { SEEN_PX, WINDOW_PX, bankOf } from "./bank.js";
+import { SEEN_PX, WINDOW_PX, bankSteps } from "./bank.js";
 import { patchCentres } from "./patches.js";
 import { distinct, isSound } from "./quads.js";
 import { steepestSteps } from "./steep.js";
@@ -81,7 +81,8 @@ const COMBINE_WORK = 2;
 export function* spotSteps(gray, layout) {
   /** @type {Match[][]} */
   const found = layout.ratex.map(() => []);
-  for (const size of PATCH_PX) yield* matchesOfSize(gray, layout, size, found);
+  const bank = yield* bankSteps(layout);
+  for (const size of PATCH_PX) yield* matchesOfSize(gray, bank, size, found);
   return found.map(bestApart);
 }
 
@@ -89,23 +90,22 @@ export function* spotSteps(gray, layout) {
  * Compare an image with all templates at one size.
  *
  * @param {BytePlane} gray
- * @param {Layout} layout
+ * @param {import("./bank.js").Bank} bank
  * @param {number} size - side of a patch, pixels
  * @param {Match[][]} found - takes the matches of each patch
  * @returns {Steps<void>}
  */
-function* matchesOfSize(gray, layout, size, found) {
+function* matchesOfSize(gray, bank, size, found) {
   const factor = SEEN_PX / size;
   const image = resized(gray, factor);
   const { width, height } = image;
   if (Math.min(width, height) < 3 * WINDOW_PX) return;
   const spots = yield* steepestSteps(image, WINDOW_PX, SPOTS);
-  const bank = bankOf(layout);
   const levels = Float32Array.from(image.data);
   const half = WINDOW_PX >> 1;
   for (let first = 0; first < spots.length; first += STEP_SPOTS) {
     for (const [spotX, spotY] of spots.slice(first, first + STEP_SPOTS)) {
-      const most = new Float64Array(layout.ratex.length).fill(MIN_MATCH);
+      const most = new Float64Array(bank.patches).fill(MIN_MATCH);
       /** @type {Map<number, Match>} */
       const best = new Map();
       for (const down of SHIFTS) {
