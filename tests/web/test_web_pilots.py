@@ -17,7 +17,13 @@ from export.locate.pilots.corners import (
     moved_corners,
     without_slope,
 )
-from export.locate.pilots.evidence import pilot_evidence, pilot_signs, pilot_values, standing_out
+from export.locate.pilots.evidence import (
+    in_one_phase,
+    pilot_evidence,
+    pilot_signs,
+    pilot_values,
+    standing_out,
+)
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.web.tables import layout_table
@@ -41,7 +47,7 @@ def drawn(layout: Layout, size: tuple[int, int]) -> NDArray[np.float32]:
 
 
 def evidence() -> dict[str, object]:
-    rng, cases = np.random.default_rng(0), []
+    rng, signs, cases = np.random.default_rng(0), pilot_signs(FINE), []
     for frames, strength in ((24, 0.0), (24, 0.6), (37, 1.5), (3, 1.0)):
         noise = rng.standard_normal((frames, len(signs)))
         wave = np.sign(np.cos(np.pi * (np.arange(frames) + 0.5) / 2))
@@ -59,6 +65,20 @@ def evidence() -> dict[str, object]:
             }
         )
     return {"signs": signs, "layout": layout_table(FINE), "cases": cases, "grays": grays}
+
+
+def phases() -> list[dict[str, object]]:
+    """Pilots whose phase slopes from left to right, or from top to bottom."""
+    rng, (width, height) = np.random.default_rng(8), (128, 96)
+    y, x = np.mgrid[0:height, 0:width] / np.array([[[height]], [[width]]]) - 0.5
+    cases = []
+    for phase in (3.2 * x + 0.4, -1.4 * y + 2):
+        change = drawn(FINE, (width, height)) * np.exp(1j * phase)
+        change = np.asarray(change + rng.normal(0, 0.3, change.shape), np.complex64)
+        real, imaginary = change.real, change.imag
+        phased = in_one_phase(change, FINE)
+        cases.append({"real": real, "imaginary": imaginary, "phased": phased})
+    return cases
 
 
 def coarse() -> list[dict[str, object]]:
@@ -173,7 +193,7 @@ def stabilising() -> dict[str, object]:
 
 
 def test_pilots_are_weighed_and_corners_moved_as_in_python(tmp_path: Path) -> None:
-    parts = (evidence, coarse, fine, climb, moved, toggling, stabilising)
+    parts = (evidence, phases, coarse, fine, climb, moved, toggling, stabilising)
     for part in parts:
         write_fixture(tmp_path, part.__name__, part())
     run_node_tests("pilots", tmp_path)

@@ -9,12 +9,14 @@ import { Layout } from "../src/link/layout.js";
 import { climbToPilots } from "../src/locate/pilots/climb.js";
 import {
   coarseShift,
+  expectedChanges,
   fineShift,
   mapSize,
   movedCorners,
   withoutSlope,
 } from "../src/locate/pilots/corners.js";
 import {
+  inOnePhase,
   pilotEvidence,
   pilotSigns,
   pilotValues,
@@ -45,16 +47,6 @@ function sameMotion(found, expected, [width, height], tolerance) {
   close(transform(found, points).flat(), transform(expected.data, points).flat(), tolerance);
 }
 
-/**
- * @param {Layout} layout
- * @returns {Float64Array} the pilots' signs in their blocks
- */
-function expectedBlocks(layout) {
-  const blocks = new Float64Array(layout.rows * layout.cols);
-  pilotSigns(layout).forEach((sign, i) => (blocks[layout.pilotBlocks[i]] = sign));
-  return blocks;
-}
-
 test("medians and quantiles", () => {
   assert.equal(median([3, 1, 2]), 2);
   assert.equal(median(Float32Array.of(4, 1, 2, 2, 9, 3)), 2.5);
@@ -64,26 +56,32 @@ test("medians and quantiles", () => {
 });
 
 test("evidence of pilots", () => {
-  const { signs, layout, cases, grays } = readFixture("evidence");
-  assert.deepEqual(pilotSigns(new Layout(layout)), signs.data);
+  const { signs, cases, grays, ...fixture } = readFixture("evidence");
+  const layout = new Layout(fixture.layout);
+  assert.deepEqual(pilotSigns(layout), signs.data);
   for (const { values, found } of cases) {
     const [frames, pilots] = values.shape;
     const series = Array.from({ length: frames }, (_, t) =>
       values.data.subarray(t * pilots, (t + 1) * pilots),
     );
-    const { evidence, frequency } = pilotEvidence(series, signs.data);
+    const { evidence, frequency } = pilotEvidence(series, layout);
     close([evidence, frequency], found, 1e-6);
   }
-  for (const { gray, blocks, pilots, ...fixture } of grays) {
-    const table = new Layout(fixture.layout);
-    close(standingOut(planeOf(gray), table), blocks.data, 1e-4);
-    close(pilotValues(planeOf(gray), table), pilots.data, 1e-4);
+  for (const { real, imaginary, phased } of readFixture("phases")) {
+    const [height, width] = real.shape;
+    const change = { width, height, real: real.data, imaginary: imaginary.data };
+    close(inOnePhase(change, layout).data, phased.data, 1e-5);
+  }
+  for (const { gray, blocks, pilots, layout: table } of grays) {
+    const shown = new Layout(table);
+    close(standingOut(planeOf(gray), shown), blocks.data, 1e-4);
+    close(pilotValues(planeOf(gray), shown), pilots.data, 1e-4);
   }
 });
 
 test("corners move by parts of a display", () => {
   const layout = new Layout(readFixture("evidence").layout);
-  const blocks = expectedBlocks(layout);
+  const blocks = expectedChanges(layout);
   for (const { real, imaginary, far, H, parts } of readFixture("coarse")) {
     const [height, width] = real.shape;
     const change = { width, height, real: real.data, imaginary: imaginary.data };
@@ -100,7 +98,7 @@ test("corners move by the whole display", () => {
     const [width, height] = size;
     const flat = withoutSlope(planeOf(change), [width / layout.cols, height / layout.rows]);
     close(flat.data, slopeless.data, 1e-4);
-    const found = fineShift(planeOf(change), expectedBlocks(layout), layout);
+    const found = fineShift(planeOf(change), expectedChanges(layout), layout);
     if (H === null) assert.equal(found, null);
     else sameMotion(found, H, [layout.width, layout.height], 0.1);
   }

@@ -11,7 +11,7 @@ import { roundHalfEven } from "../../image/round.js";
 import { frameCorners, homographyFromCorners, resizedHomography } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "./corners.js";
-import { pilotSigns } from "./evidence.js";
+import { signedPhases, sumsAlong } from "./evidence.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
 /** @typedef {import("../../link/geometry.js").Point} Point */
@@ -36,7 +36,8 @@ export const LEAST_GAIN = 1e-4;
  * Find corners at which the pilots of a display toggle most surely.
  *
  * What is raised is the share of the power of all pilots that has their signs,
- * |sum of s_p X_p|^2 / (P sum of |X_p|^2) with the complex amplitudes X_p at P pilots.
+ * |sum of s_p X_p|^2 / (P sum of |X_p|^2) with the complex amplitudes X_p at P pilots, whose phases
+ * may slope across the display as `PHASE_SLOPES` of evidence.js says.
  *
  * @param {Amplitudes} change - at one frequency of the rectified display, each pixel divided by its
  *   usual deviation; of any phase
@@ -50,7 +51,10 @@ export function climbToPilots(change, layout) {
   const blockY = height / layout.rows;
   const real = averaged({ width, height, data: change.real }, [blockX, blockY]);
   const imaginary = averaged({ width, height, data: change.imaginary }, [blockX, blockY]);
-  const signs = pilotSigns(layout);
+  const phases = signedPhases(layout);
+  const pilots = layout.pilotBlocks.length;
+  const valuesReal = new Float64Array(pilots);
+  const valuesImaginary = new Float64Array(pilots);
   const centreX = Float64Array.from(
     layout.pilotBlocks,
     (block) => ((block % layout.cols) + 0.5) * blockX - 0.5,
@@ -62,19 +66,18 @@ export function climbToPilots(change, layout) {
 
   const share = (/** @type {Point[]} */ corners) => {
     const H = homographyFromCorners(corners, width, height);
-    let [across, up, power] = [0, 0, 0];
-    for (let p = 0; p < signs.length; p++) {
+    let power = 0;
+    for (let p = 0; p < pilots; p++) {
       const [x, y] = [centreX[p], centreY[p]];
       const w = H[6] * x + H[7] * y + H[8];
       const atX = (H[0] * x + H[1] * y + H[2]) / w;
       const atY = (H[3] * x + H[4] * y + H[5]) / w;
-      const one = sampled(real, atX, atY);
-      const other = sampled(imaginary, atX, atY);
-      across += signs[p] * one;
-      up += signs[p] * other;
+      const one = (valuesReal[p] = sampled(real, atX, atY));
+      const other = (valuesImaginary[p] = sampled(imaginary, atX, atY));
       power += one * one + other * other;
     }
-    return (across * across + up * up) / (power * signs.length + 1e-12);
+    const along = sumsAlong(valuesReal, valuesImaginary, phases);
+    return Math.max(...along.map(([a, b]) => a * a + b * b)) / (power * pilots + 1e-12);
   };
 
   let corners = frameCorners(width, height);

@@ -12,9 +12,16 @@
  */
 
 import { cv, matOf, withMats } from "../../image/opencv.js";
-import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
-import { inverse, multiply3 } from "../../link/linear.js";
+import {
+  frameCorners,
+  homographyFromCorners,
+  resizedHomography,
+  transform,
+} from "../../link/geometry.js";
+import { identity, inverse, multiply3 } from "../../link/linear.js";
+import { runToEnd } from "../steps.js";
 import { lessMeanAround } from "./around.js";
+import { pilotSigns } from "./evidence.js";
 import { median } from "./order.js";
 import { drawnBlocks, matchParts } from "./partMatches.js";
 
@@ -23,6 +30,7 @@ import { drawnBlocks, matchParts } from "./partMatches.js";
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
+/** @typedef {import("./partMatches.js").Matches} Matches */
 
 /** Smallest side of a block, in pixels, in the maps that are compared. */
 export const MAP_PX = 4.0;
@@ -64,6 +72,10 @@ export const SAME_BLOCKS = 0.6;
 export const ROUNDS = 30;
 /** Rise of the correlation below which the fine fit stops. */
 export const STEP = 1e-4;
+/** Largest number of pixels times rounds of the fine fit in one step. */
+const PIXEL_ROUNDS = 1_500_000;
+/** Units of work (`../steps.js`) of such a step. */
+const FINE_WORK = 25;
 /** Correlation of what toggles with what should, below which the fine fit is not believed. */
 export const LEAST_CORRELATION = 0.1;
 
@@ -77,6 +89,18 @@ export function mapSize(layout) {
   const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
   const factor = Math.min(4, Math.max(1, Math.floor(side / MAP_PX)));
   return [Math.floor(layout.width / factor), Math.floor(layout.height / factor)];
+}
+
+/**
+ * List the expected changes of the blocks: the pilots' signs, 0 elsewhere.
+ *
+ * @param {Layout} layout
+ * @returns {Float64Array} (rows * cols,)
+ */
+export function expectedChanges(layout) {
+  const blocks = new Float64Array(layout.rows * layout.cols);
+  pilotSigns(layout).forEach((sign, i) => (blocks[layout.pilotBlocks[i]] = sign));
+  return blocks;
 }
 
 /**
@@ -143,36 +167,67 @@ export function coarseShift(change, blocks, layout, far = false) {
  * @returns {Float64Array | null} HOldFromNew, or null where the fit fails
  */
 export function fineShift(change, blocks, layout) {
+  return runToEnd(fineSteps(change, blocks, layout));
+}
+
+/**
+ * Fit as `fineShift` does, step by step; on large maps the rounds of the fit are shared out.
+ *
+ * @param {FloatPlane} change
+ * @param {ArrayLike<number>} blocks
+ * @param {Layout} layout
+ * @returns {import("../steps.js").Steps<Float64Array | null>}
+ */
+export function* fineSteps(change, blocks, layout) {
   const { width, height } = change;
-  const { rows, cols } = layout;
+  const rounds = Math.max(1, Math.min(ROUNDS, Math.floor(PIXEL_ROUNDS / (width * height))));
+  /** @type {{ H: Float64Array, correlation: number }} */
+  let fit = { H: identity(3), correlation: -Infinity };
+  for (let done = 0; done < ROUNDS; done += rounds) {
+    const next = fineRounds(change, blocks, layout, fit.H, Math.min(rounds, ROUNDS - done));
+    if (next === null) return null;
+    const rise = next.correlation - fit.correlation;
+    fit = next;
+    if (rise < STEP) break;
+    if (done + rounds < ROUNDS) yield FINE_WORK;
+  }
+  if (!(fit.correlation >= LEAST_CORRELATION)) return null;
+  const toLayout = resizedHomography(layout.width / width, layout.height / height);
+  return multiply3(multiply3(toLayout, fit.H), inverse(toLayout));
+}
+
+/**
+ * Do some rounds of the fine fit.
+ *
+ * @param {FloatPlane} change
+ * @param {ArrayLike<number>} blocks
+ * @param {Layout} layout
+ * @param {Float64Array} H - in pixels of the map, from which the fit begins
+ * @param {number} rounds
+ * @returns {{ H: Float64Array, correlation: number } | null} null where the fit does not converge
+ */
+function fineRounds(change, blocks, { rows, cols }, H, rounds) {
+  const { width, height } = change;
   /** @type {[number, number]} */
   const block = [width / cols, height / rows];
-  const H = withMats((keep) => {
+  return withMats((keep) => {
     const smooth = keep(matOf(drawnBlocks(blocks, rows, cols, width, height)));
     cv.GaussianBlur(smooth, smooth, new cv.Size(0, 0), 0.25 * Math.min(...block));
     const known = drawnBlocks(aroundKnown(blocks, rows, cols), rows, cols, width, height);
     const mask = keep(matOf({ width, height, data: Uint8Array.from(known.data) }));
-    const fitted = keep(cv.matFromArray(3, 3, cv.CV_32F, [1, 0, 0, 0, 1, 0, 0, 0, 1]));
-    let correlation = 0;
+    const seen = keep(matOf(withoutSlope(change, block)));
+    const fitted = keep(cv.matFromArray(3, 3, cv.CV_32F, H));
+    const stop = new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, rounds, STEP);
     try {
-      correlation = cv.findTransformECC(
-        smooth,
-        keep(matOf(withoutSlope(change, block))),
-        fitted,
-        cv.MOTION_HOMOGRAPHY,
-        new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, ROUNDS, STEP),
-        mask,
-        3,
-      );
+      const motion = cv.MOTION_HOMOGRAPHY;
+      const correlation = cv.findTransformECC(smooth, seen, fitted, motion, stop, mask, 3);
+      return { H: Float64Array.from(fitted.data32F), correlation };
     } catch (error) {
       // OpenCV throws the address of its error
       if (typeof error !== "number" || cv.exceptionFromPtr(error).code !== cv.StsNoConv) throw error;
+      return null;
     }
-    return correlation >= LEAST_CORRELATION ? Float64Array.from(fitted.data32F) : null;
   });
-  if (H === null) return null;
-  const toLayout = scaling(layout.width / width, layout.height / height);
-  return multiply3(multiply3(toLayout, H), inverse(toLayout));
 }
 
 /**
@@ -196,7 +251,7 @@ export function withoutSlope(change, block) {
 /**
  * Shift each part by itself to where it matches best.
  *
- * @param {Float64Array[]} matches - of each part, as `matchParts` gives them
+ * @param {Matches[]} matches - of each part
  * @param {{ width: number, height: number }} map
  * @param {[number, number]} parts - their number from top to bottom, and from left to right
  * @param {[number, number]} reach - largest shift along x and y, pixels of the map
@@ -210,10 +265,10 @@ function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
   /** @type {Shifts} */
   const found = { places: [], seen: [], heights: [] };
   matches.forEach((match, part) => {
-    const squared = new Float32Array(match.length / 2);
+    const squared = new Float32Array(match.real.length);
     let best = 0;
     for (let i = 0; i < squared.length; i++) {
-      squared[i] = match[2 * i] ** 2 + match[2 * i + 1] ** 2;
+      squared[i] = match.real[i] * match.real[i] + match.imaginary[i] * match.imaginary[i];
       if (squared[i] > squared[best]) best = i;
     }
     found.heights.push((unit * squared[best]) / (median(squared) + 1e-12));
@@ -243,7 +298,7 @@ function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
  * @returns {{ HOldFromNew: Float64Array, parts: number } | null} as `coarseShift`
  */
 function fittedShift({ places, seen, heights }, layout, map) {
-  const scale = scaling(layout.width / map.width, layout.height / map.height);
+  const scale = resizedHomography(layout.width / map.width, layout.height / map.height);
   const clear = heights.map((_, i) => i).filter((i) => heights[i] > CLEAR);
   const place = transform(
     scale,
@@ -297,19 +352,26 @@ function ransac(from, to, same, affine) {
 /**
  * Add up the matches of the smallest parts to those of larger ones.
  *
- * @param {Float64Array[]} smallest - of `PARTS[0]`
+ * @param {Matches[]} smallest - of `PARTS[0]`
  * @param {[number, number]} parts - one of `PARTS`
- * @returns {Float64Array[]}
+ * @returns {Matches[]}
  */
 function joined(smallest, [down, across]) {
   const [rows, cols] = PARTS[0];
   if (down === rows && across === cols) return smallest;
-  const sums = Array.from({ length: down * across }, () => new Float64Array(smallest[0].length));
+  const shifts = smallest[0].real.length;
+  const sums = Array.from({ length: down * across }, () => ({
+    real: new Float64Array(shifts),
+    imaginary: new Float64Array(shifts),
+  }));
   smallest.forEach((match, part) => {
     const row = Math.floor((Math.floor(part / cols) * down) / rows);
     const col = Math.floor(((part % cols) * across) / cols);
     const sum = sums[row * across + col];
-    for (let i = 0; i < sum.length; i++) sum[i] += match[i];
+    for (let i = 0; i < shifts; i++) {
+      sum.real[i] += match.real[i];
+      sum.imaginary[i] += match.imaginary[i];
+    }
   });
   return sums;
 }
@@ -344,17 +406,6 @@ function aroundKnown(blocks, rows, cols) {
     }
   }
   return known;
-}
-
-/**
- * Find the homography from pixels of a map to those of a larger image of the same display.
- *
- * @param {number} x - pixels of the image in one of the map, along x
- * @param {number} y - pixels of the image in one of the map, along y
- * @returns {Homography}
- */
-function scaling(x, y) {
-  return [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
 }
 
 /**

@@ -7,8 +7,8 @@
  * shows follows from how well its blocks keep to these signs. Rate and phase need not be known.
  */
 
-import { resizeArea } from "../../image/shrink.js";
 import { lessMeanAround } from "./around.js";
+import { areaMeans } from "./means.js";
 
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
@@ -20,6 +20,20 @@ export const LEAST_DEVIATION = 0.3;
  * drift slowly, the display does not.
  */
 export const SLOWEST = 2;
+/**
+ * Differences of phase across the display, in radians, that are tried: camera and panel go through
+ * their rows one after the other, so that one side toggles later than the other.
+ */
+export const PHASE_STEPS = [-3, -2, -1, 0, 1, 2, 3].map((step) => (step * Math.PI) / 2);
+/**
+ * Differences of phase from left to right and from top to bottom, in radians.
+ *
+ * @type {[number, number][]}
+ */
+export const PHASE_SLOPES = [
+  ...PHASE_STEPS.map((step) => /** @type {[number, number]} */ ([0, step])),
+  ...PHASE_STEPS.filter(Boolean).map((step) => /** @type {[number, number]} */ ([step, 0])),
+];
 
 /**
  * Give the signs with which the pilots toggle.
@@ -39,7 +53,7 @@ export function pilotSigns(layout) {
  * @returns {Float32Array} (rows * cols,) in the levels of `gray`
  */
 export function standingOut(gray, layout) {
-  return lessMeanAround(blockMeans(gray, layout), 3, 3).data;
+  return lessMeanAround(areaMeans(gray, layout.cols, layout.rows), 3, 3).data;
 }
 
 /**
@@ -55,26 +69,93 @@ export function pilotValues(view, layout) {
 }
 
 /**
- * Tell how surely values over time toggle with the signs, at any one frequency.
+ * Factors of all pilots for each of `PHASE_SLOPES`, one slope after the other: real and imaginary
+ * part, and those of their squares.
  *
- * At each frequency the values have complex amplitudes X_p. Without the display, signs and
- * amplitudes have nothing to do with each other, whatever moves or flickers in the image, in one
- * phase or in many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by
- * chance these explain the share R2 of the signs' power, or more, with probability
- * (1 - R2)^((P - 2) / 2), for P pilots. The largest share over all frequencies is taken, and the
- * number of them is paid for.
+ * @typedef {{ real: Float64Array, imaginary: Float64Array, squareReal: Float64Array,
+ *   squareImaginary: Float64Array }} SignedPhases
+ */
+
+/** @type {WeakMap<Layout, SignedPhases>} */
+const phasesOfLayouts = new WeakMap();
+
+/**
+ * Give factors that bring all pilots into one phase if their phases have a slope of
+ * `PHASE_SLOPES`: the pilots' signs, turned back by the phase at their places.
+ *
+ * @param {Layout} layout - with pilots
+ * @returns {SignedPhases}
+ */
+export function signedPhases(layout) {
+  const known = phasesOfLayouts.get(layout);
+  if (known) return known;
+  const { rows, cols, pilotBlocks } = layout;
+  const signs = pilotSigns(layout);
+  const count = PHASE_SLOPES.length * signs.length;
+  const phases = {
+    real: new Float64Array(count),
+    imaginary: new Float64Array(count),
+    squareReal: new Float64Array(count),
+    squareImaginary: new Float64Array(count),
+  };
+  PHASE_SLOPES.forEach(([across, down], slope) => {
+    pilotBlocks.forEach((block, p) => {
+      const x = ((block % cols) + 0.5) / cols - 0.5;
+      const y = (Math.floor(block / cols) + 0.5) / rows - 0.5;
+      const phase = -(across * x + down * y);
+      const at = slope * signs.length + p;
+      phases.real[at] = signs[p] * Math.cos(phase);
+      phases.imaginary[at] = signs[p] * Math.sin(phase);
+      phases.squareReal[at] = Math.cos(2 * phase);
+      phases.squareImaginary[at] = Math.sin(2 * phase);
+    });
+  });
+  phasesOfLayouts.set(layout, phases);
+  return phases;
+}
+
+/**
+ * Add up amplitudes of all pilots, turned back by each of `PHASE_SLOPES` and with their signs.
+ *
+ * @param {ArrayLike<number>} real - (pilots,)
+ * @param {ArrayLike<number>} imaginary - (pilots,)
+ * @param {SignedPhases} phases
+ * @returns {[number, number][]} real and imaginary part of the sum for each slope
+ */
+export function sumsAlong(real, imaginary, phases) {
+  const pilots = real.length;
+  return PHASE_SLOPES.map((_, slope) => {
+    let [across, up] = [0, 0];
+    for (let p = 0, at = slope * pilots; p < pilots; p++, at++) {
+      across += phases.real[at] * real[p] - phases.imaginary[at] * imaginary[p];
+      up += phases.real[at] * imaginary[p] + phases.imaginary[at] * real[p];
+    }
+    return [across, up];
+  });
+}
+
+/**
+ * Tell how surely values over time toggle with the pilots' signs, at any one frequency.
+ *
+ * At each frequency the values have complex amplitudes X_p, whose phases may slope across the
+ * display (`PHASE_SLOPES`); they are turned back first. Without the display, signs and amplitudes
+ * have nothing to do with each other, whatever moves or flickers in the image, in one phase or in
+ * many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by chance these
+ * explain the share R2 of the signs' power, or more, with probability (1 - R2)^((P - 2) / 2), for P
+ * pilots. The largest share over all frequencies and slopes is taken, and their number is paid for.
  *
  * @param {readonly ArrayLike<number>[]} values - (pilots,) for each of some evenly spaced frames
- * @param {ArrayLike<number>} signs - (pilots,) of 1 and -1
+ * @param {Layout} layout - with these pilots
  * @returns {{ evidence: number, frequency: number }} `evidence` is the natural logarithm of the
  *   probability that chance does as well, with the sign turned, so that more is surer, 0 at least;
  *   `frequency` is where it was found, in periods for each frame
  */
-export function pilotEvidence(values, signs) {
+export function pilotEvidence(values, layout) {
   const frames = values.length;
-  const pilots = signs.length;
+  const pilots = layout.pilotBlocks.length;
   const frequencies = Math.floor(frames / 2) + 1 - SLOWEST;
   if (frequencies < 1) return { evidence: 0, frequency: 0 };
+  const phases = signedPhases(layout);
   const series = standardised(values, pilots);
   const real = new Float64Array(pilots);
   const imaginary = new Float64Array(pilots);
@@ -93,38 +174,83 @@ export function pilotEvidence(values, signs) {
         imaginary[p] += sine * now[p];
       }
     }
-    const found = explainedShare(real, imaginary, signs);
+    const found = explainedShare(real, imaginary, phases);
     if (found > share) {
       share = found;
       best = number;
     }
   }
   const unexplained = Math.max(1 - share, 1e-12);
-  const chance = ((pilots - 2) / 2) * Math.log(unexplained) + Math.log(frequencies);
+  const paid = Math.log(frequencies * PHASE_SLOPES.length);
+  const chance = ((pilots - 2) / 2) * Math.log(unexplained) + paid;
   return { evidence: Math.max(0, -chance), frequency: best / frames };
 }
 
 /**
- * Find the share of the signs' power that amplitudes explain, as their real and imaginary parts.
+ * Turn the amplitudes of a display's pixels into one phase, and give them the pilots' signs.
+ *
+ * @param {import("./partMatches.js").Amplitudes} change - at one frequency of the rectified display
+ * @param {Layout} layout - with pilots
+ * @returns {import("../../image/opencv.js").Plane<Float32Array>} parts of the amplitudes that
+ *   toggle as the pilots do, positive where a pilot of bit 1 lies
+ */
+export function inOnePhase({ width, height, real, imaginary }, layout) {
+  const ofPilots = (/** @type {Float32Array} */ data) => {
+    const blocks = areaMeans({ width, height, data }, layout.cols, layout.rows).data;
+    return Float64Array.from(layout.pilotBlocks, (block) => blocks[block]);
+  };
+  const along = sumsAlong(ofPilots(real), ofPilots(imaginary), signedPhases(layout));
+  const powers = along.map(([a, b]) => a * a + b * b);
+  const best = powers.indexOf(Math.max(...powers));
+  const [across, down] = PHASE_SLOPES[best];
+  const start = Math.atan2(along[best][1], along[best][0]);
+  const data = new Float32Array(width * height);
+  for (let y = 0, at = 0; y < height; y++) {
+    const line = start + down * ((y + 0.5) / height - 0.5);
+    for (let x = 0; x < width; x++, at++) {
+      const phase = line + across * ((x + 0.5) / width - 0.5);
+      data[at] = real[at] * Math.cos(phase) + imaginary[at] * Math.sin(phase);
+    }
+  }
+  return { width, height, data };
+}
+
+/**
+ * Find the largest share of the signs' power that amplitudes explain, over all phase slopes.
  *
  * @param {Float64Array} real - (pilots,)
  * @param {Float64Array} imaginary - (pilots,)
- * @param {ArrayLike<number>} signs - (pilots,)
+ * @param {SignedPhases} phases
  * @returns {number} in [0, 1]
  */
-function explainedShare(real, imaginary, signs) {
-  let [a, b, rr, ii, ri] = [0, 0, 0, 0, 0];
-  for (let p = 0; p < real.length; p++) {
-    a += real[p] * signs[p];
-    b += imaginary[p] * signs[p];
-    rr += real[p] * real[p];
-    ii += imaginary[p] * imaginary[p];
-    ri += real[p] * imaginary[p];
+function explainedShare(real, imaginary, phases) {
+  const pilots = real.length;
+  const along = sumsAlong(real, imaginary, phases);
+  const squareReal = new Float64Array(pilots);
+  const squareImaginary = new Float64Array(pilots);
+  let power = 0;
+  for (let p = 0; p < pilots; p++) {
+    squareReal[p] = real[p] * real[p] - imaginary[p] * imaginary[p];
+    squareImaginary[p] = 2 * real[p] * imaginary[p];
+    power += real[p] * real[p] + imaginary[p] * imaginary[p];
   }
-  const little = 1e-9 * (rr + ii) + 1e-12;
-  rr += little;
-  ii += little;
-  return (a * a * ii - 2 * a * b * ri + b * b * rr) / (rr * ii - ri * ri) / real.length;
+  power = power * (1 + 1e-9) + 1e-12;
+  let most = -1;
+  along.forEach(([a, b], slope) => {
+    // sums of the turned amplitudes' squares
+    let [across, up] = [0, 0];
+    for (let p = 0, at = slope * pilots; p < pilots; p++, at++) {
+      const [turnReal, turnImaginary] = [phases.squareReal[at], phases.squareImaginary[at]];
+      across += turnReal * squareReal[p] - turnImaginary * squareImaginary[p];
+      up += turnReal * squareImaginary[p] + turnImaginary * squareReal[p];
+    }
+    const rr = (power + across) / 2;
+    const ii = (power - across) / 2;
+    const ri = up / 2;
+    const apart = Math.max(rr * ii - ri * ri, 1e-10 * power * power);
+    most = Math.max(most, (a * a * ii - 2 * a * b * ri + b * b * rr) / apart / pilots);
+  });
+  return most;
 }
 
 /**
@@ -148,36 +274,4 @@ function standardised(values, pilots) {
     for (let p = 0; p < pilots; p++) series[p] = (now[p] - mean[p]) * scale[p];
     return series;
   });
-}
-
-/**
- * Average over each block.
- *
- * @param {AnyPlane} gray
- * @param {Layout} layout
- * @returns {import("../../image/opencv.js").Plane<Float32Array>} a pixel for each block
- */
-export function blockMeans(gray, { rows, cols }) {
-  const across = gray.width / cols;
-  const down = gray.height / rows;
-  if (!Number.isInteger(across) || !Number.isInteger(down)) {
-    const { width, height, data } = gray;
-    return resizeArea({ width, height, data: Float32Array.from(data) }, cols, rows);
-  }
-  const { data: source } = gray;
-  const data = new Float32Array(rows * cols);
-  const share = 1 / (across * down);
-  const sums = new Float64Array(cols);
-  for (let row = 0, at = 0; row < rows; row++) {
-    sums.fill(0);
-    for (let y = 0; y < down; y++) {
-      for (let col = 0; col < cols; col++) {
-        let sum = 0;
-        for (let x = 0; x < across; x++) sum += source[at++];
-        sums[col] += sum;
-      }
-    }
-    for (let col = 0; col < cols; col++) data[row * cols + col] = sums[col] * share;
-  }
-  return { width: cols, height: rows, data };
 }

@@ -1,11 +1,11 @@
 /** Frames of a film that are kept, and what they show of a display. */
 
-import { resizeArea } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
 import { contourArea, homographyFromCorners, rectify, transform } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { isConvex } from "./convex.js";
 import { LEAST_DEVIATION } from "./evidence.js";
+import { areaMeans } from "./means.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
@@ -54,15 +54,13 @@ export class FilmFrame {
     const factor = Math.floor(pixelsInOne(quad, halfWidth, halfHeight));
     if (width > halfWidth || height > halfHeight || factor < 2) {
       const H = homographyFromCorners(quad, layout.width, layout.height);
-      const { data } = rectify(this.gray, H, layout.width, layout.height);
-      const full = { width: layout.width, height: layout.height, data: Float32Array.from(data) };
-      return resizeArea(full, width, height);
+      return areaMeans(rectify(this.gray, H, layout.width, layout.height), width, height);
     }
     const offset = (factor - 1) / 2;
     const toCopy = inverse([factor, 0, offset, 0, factor, offset, 0, 0, 1]);
     const H = multiply3(toCopy, homographyFromCorners(quad, halfWidth, halfHeight));
     const half = warped(this.#copy(factor), H, halfWidth, halfHeight);
-    return width === halfWidth && height === halfHeight ? half : resizeArea(half, width, height);
+    return width === halfWidth && height === halfHeight ? half : areaMeans(half, width, height);
   }
 
   /**
@@ -121,8 +119,9 @@ export function amplitudes(views, frequencies) {
     const real = new Float32Array(width * height);
     const imaginary = new Float32Array(width * height);
     views.forEach(({ data }, frame) => {
-      const cosine = Math.cos(2 * Math.PI * frequency * frame);
-      const sine = -Math.sin(2 * Math.PI * frequency * frame);
+      // an imaginary part that is 0 but for rounding must be 0
+      const cosine = rounded(Math.cos(2 * Math.PI * frequency * frame));
+      const sine = rounded(-Math.sin(2 * Math.PI * frequency * frame));
       for (let i = 0; i < data.length; i++) {
         const apart = data[i] - mean[i];
         real[i] += cosine * apart;
@@ -135,6 +134,14 @@ export function amplitudes(views, frequencies) {
     }
     return { width, height, real, imaginary };
   });
+}
+
+/**
+ * @param {number} value
+ * @returns {number} with twelve digits behind the point
+ */
+function rounded(value) {
+  return Math.round(value * 1e12) / 1e12;
 }
 
 /**

@@ -18,7 +18,7 @@ export function median(values) {
  * @returns {number}
  */
 export function quantile(values, share) {
-  const among = Float64Array.from(values);
+  const among = new Float64Array(values);
   const at = share * (among.length - 1);
   const rank = Math.floor(at);
   const low = ranked(among, rank);

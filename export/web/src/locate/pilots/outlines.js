@@ -154,7 +154,7 @@ function padded(plane, margin) {
 }
 
 /**
- * Grow what is 1 by OpenCV's ellipse of a size; a row of it at a time, as `cv2.dilate` is slow.
+ * Grow what is 1 by OpenCV's ellipse of a size, a run of a row at a time: `cv2.dilate` is slow.
  *
  * @param {BytePlane} mask - of 0 and 1
  * @param {number} size - of the ellipse, pixels, odd
@@ -163,16 +163,22 @@ function padded(plane, margin) {
 function dilated(mask, size) {
   const { width, height } = mask;
   const radius = size >> 1;
-  const apart = distances(mask);
+  const reaches = Array.from({ length: size }, (_, row) =>
+    roundHalfEven(Math.sqrt(radius ** 2 - (row - radius) ** 2)),
+  );
   const data = new Uint8Array(width * height);
-  for (let dy = -radius; dy <= radius; dy++) {
-    const reach = roundHalfEven(radius * Math.sqrt((radius ** 2 - dy ** 2) / radius ** 2));
-    const first = Math.max(0, -dy);
-    const last = Math.min(height, height - dy);
-    const shift = dy * width;
-    for (let i = first * width; i < last * width; i++) {
-      // 1 where the distance is no larger than the reach
-      data[i] |= (apart[i + shift] - reach - 1) >>> 31;
+  for (let y = 0; y < height; y++) {
+    const row = mask.data.subarray(y * width, (y + 1) * width);
+    for (let start = row.indexOf(1); start >= 0; ) {
+      const gap = row.indexOf(0, start);
+      const stop = gap < 0 ? width : gap;
+      for (let dy = -radius; dy <= radius; dy++) {
+        if (y + dy < 0 || y + dy >= height) continue;
+        const reach = reaches[dy + radius];
+        const line = (y + dy) * width;
+        data.fill(1, line + Math.max(0, start - reach), line + Math.min(width, stop + reach));
+      }
+      start = gap < 0 ? -1 : row.indexOf(1, stop);
     }
   }
   return { width, height, data };
@@ -189,27 +195,4 @@ function eroded(mask, size) {
   const { width, height } = mask;
   const grown = dilated({ width, height, data: mask.data.map((value) => 1 - value) }, size);
   return { width, height, data: grown.data.map((value) => 1 - value) };
-}
-
-/**
- * Find the distance of each pixel from the nearest 1 of its row, 255 at most.
- *
- * @param {BytePlane} mask
- * @returns {Uint8Array}
- */
-function distances({ width, height, data }) {
-  const apart = new Uint8Array(width * height);
-  for (let y = 0; y < height; y++) {
-    let far = 255;
-    for (let i = y * width; i < (y + 1) * width; i++) {
-      far = data[i] ? 0 : Math.min(255, far + 1);
-      apart[i] = far;
-    }
-    far = 255;
-    for (let i = (y + 1) * width - 1; i >= y * width; i--) {
-      far = data[i] ? 0 : Math.min(255, far + 1);
-      if (far < apart[i]) apart[i] = far;
-    }
-  }
-  return apart;
 }

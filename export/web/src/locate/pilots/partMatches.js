@@ -14,11 +14,14 @@
  */
 
 /**
- * The matches of one part, for shifts from -reach to reach along y and, faster, along x: real and
- * imaginary part in turn.
+ * Matches of one part for shifts from -reach to reach along y and, faster, along x: of the real
+ * part of amplitudes, and of the imaginary part.
  *
- * @typedef {Float64Array} Matches
+ * @typedef {{ real: Float64Array, imaginary: Float64Array }} Matches
  */
+
+/** Number of rectangles whose sums are added in one pass over the shifts. */
+const AT_ONCE = 4;
 
 /**
  * Match each part of a map.
@@ -33,31 +36,95 @@
  * @returns {Matches[]} of each part, from the top left on, row by row
  */
 export function matchParts(change, blocks, rows, cols, ys, xs, reach) {
-  const [reachX, reachY] = reach;
-  const wide = 2 * reachX + 1;
-  const high = 2 * reachY + 1;
-  const parts = (ys.length - 1) * (xs.length - 1);
-  const matches = Array.from({ length: parts }, () => new Float64Array(2 * wide * high));
-  const boxes = new BoxSums(change, reach);
-  const across = boundaries(cols, change.width);
-  const down = boundaries(rows, change.height);
-  for (let row = 0; row < rows; row++) {
-    for (let col = 0; col < cols; col++) {
-      const value = blocks[row * cols + col];
-      if (!value) continue;
-      for (const [part, top, bottom] of cut(down[row], down[row + 1], ys)) {
-        for (const [side, left, right] of cut(across[col], across[col + 1], xs)) {
-          const match = matches[part * (xs.length - 1) + side];
-          const { sums, stride } = boxes.of(right - left, bottom - top);
-          for (let y = 0, to = 0; y < high; y++) {
-            let at = 2 * ((top + y) * stride + left);
-            for (const end = to + 2 * wide; to < end; to++, at++) match[to] += value * sums[at];
-          }
-        }
+  const wide = 2 * reach[0] + 1;
+  const high = 2 * reach[1] + 1;
+  const { width, height } = change;
+  const real = new BoxSums(change.real, width, height, reach);
+  const imaginary = change.imaginary.some((value) => value !== 0)
+    ? new BoxSums(change.imaginary, width, height, reach)
+    : null;
+  return rectanglesOfParts(blocks, rows, cols, width, height, ys, xs).map((rectangles) => {
+    const matches = {
+      real: new Float64Array(wide * high),
+      imaginary: new Float64Array(wide * high),
+    };
+    for (const alike of rectangles.values()) {
+      addMatches(matches.real, wide, real.of(alike.width, alike.height), alike.places);
+      if (imaginary === null) continue;
+      addMatches(matches.imaginary, wide, imaginary.of(alike.width, alike.height), alike.places);
+    }
+    return matches;
+  });
+}
+
+/**
+ * Rectangles of one size: value, left and top of each.
+ *
+ * @typedef {{ width: number, height: number, places: [number, number, number][] }} Rectangles
+ */
+
+/**
+ * List the rectangles in which blocks are drawn that are not 0, cut where parts meet.
+ *
+ * @param {ArrayLike<number>} blocks
+ * @param {number} rows
+ * @param {number} cols
+ * @param {number} width - of the map
+ * @param {number} height - of the map
+ * @param {number[]} ys
+ * @param {number[]} xs
+ * @returns {Map<string, Rectangles>[]} by size, for each part
+ */
+function rectanglesOfParts(blocks, rows, cols, width, height, ys, xs) {
+  const count = (ys.length - 1) * (xs.length - 1);
+  /** @type {Map<string, Rectangles>[]} */
+  const parts = Array.from({ length: count }, () => new Map());
+  const across = boundaries(cols, width);
+  const down = boundaries(rows, height);
+  for (let block = 0; block < rows * cols; block++) {
+    if (!blocks[block]) continue;
+    const row = Math.floor(block / cols);
+    const col = block % cols;
+    for (const [part, top, bottom] of cut(down[row], down[row + 1], ys)) {
+      for (const [side, left, right] of cut(across[col], across[col + 1], xs)) {
+        const rectangles = parts[part * (xs.length - 1) + side];
+        const size = `${right - left} ${bottom - top}`;
+        const alike = rectangles.get(size) ?? {
+          width: right - left,
+          height: bottom - top,
+          places: [],
+        };
+        rectangles.set(size, alike);
+        alike.places.push([blocks[block], left, top]);
       }
     }
   }
-  return matches;
+  return parts;
+}
+
+/**
+ * Add, for each shift, the sums over rectangles to the matches.
+ *
+ * @param {Float64Array} match
+ * @param {number} wide - number of shifts along x
+ * @param {{ sums: Float32Array, stride: number }} boxes - sums over rectangles of this size
+ * @param {[number, number, number][]} places - value, left and top of each rectangle
+ */
+function addMatches(match, wide, { sums, stride }, places) {
+  for (let first = 0; first < places.length; first += AT_ONCE) {
+    const [one, two, three, four] = [0, 1, 2, 3].map((k) => places[first + k] ?? [0, 0, 0]);
+    const [v1, v2, v3, v4] = [one[0], two[0], three[0], four[0]];
+    let [a1, a2, a3, a4] = [one, two, three, four].map(([, left, top]) => top * stride + left);
+    for (let to = 0; to < match.length; ) {
+      for (let x = 0; x < wide; x++, to++) {
+        match[to] += v1 * sums[a1 + x] + v2 * sums[a2 + x] + v3 * sums[a3 + x] + v4 * sums[a4 + x];
+      }
+      a1 += stride;
+      a2 += stride;
+      a3 += stride;
+      a4 += stride;
+    }
+  }
 }
 
 /**
@@ -114,35 +181,31 @@ function cut(start, stop, meeting) {
   return pieces;
 }
 
-/** Sums over rectangles of amplitudes, with a border of 0 as wide as the reach. */
+/** Sums over rectangles of a map, with a border of 0 as wide as the reach. */
 class BoxSums {
-  /** @type {Map<string, Float32Array>} */
+  /** @type {Map<string, { sums: Float32Array, stride: number }>} */
   #known = new Map();
 
   /**
-   * @param {Amplitudes} change
+   * @param {Float32Array} map
+   * @param {number} width - of the map
+   * @param {number} height - of the map
    * @param {[number, number]} reach
    */
-  constructor(change, [reachX, reachY]) {
-    this.width = change.width + 2 * reachX;
-    this.height = change.height + 2 * reachY;
-    /** Sums of all that lies above and to the left, real and imaginary part in turn. */
-    this.total = new Float64Array(2 * (this.width + 1) * (this.height + 1));
+  constructor(map, width, height, [reachX, reachY]) {
+    this.width = width + 2 * reachX;
+    this.height = height + 2 * reachY;
+    const stride = this.width + 1;
+    /** Sums of all that lies above and to the left. */
+    this.total = new Float64Array(stride * (this.height + 1));
     const { total } = this;
-    const stride = 2 * (this.width + 1);
     for (let y = 0; y < this.height; y++) {
-      const from = y - reachY;
-      const within = from >= 0 && from < change.height;
-      let real = 0;
-      let imaginary = 0;
-      for (let x = 0, to = (y + 1) * stride + 2; x < this.width; x++, to += 2) {
-        const at = x - reachX;
-        if (within && at >= 0 && at < change.width) {
-          real += change.real[from * change.width + at];
-          imaginary += change.imaginary[from * change.width + at];
-        }
-        total[to] = total[to - stride] + real;
-        total[to + 1] = total[to + 1 - stride] + imaginary;
+      const from = (y - reachY) * width;
+      const within = y >= reachY && y < reachY + height;
+      let sum = 0;
+      for (let x = 0, to = (y + 1) * stride + 1; x < this.width; x++, to++) {
+        if (within && x >= reachX && x < reachX + width) sum += map[from + x - reachX];
+        total[to] = total[to - stride] + sum;
       }
     }
   }
@@ -152,28 +215,26 @@ class BoxSums {
    *
    * @param {number} width
    * @param {number} height
-   * @returns {{ sums: Float32Array, stride: number }} real and imaginary part in turn, and the
-   *   number of such pairs in a row
+   * @returns {{ sums: Float32Array, stride: number }} sums, and the number of them in a row
    */
   of(width, height) {
+    const size = `${width} ${height}`;
+    const known = this.#known.get(size);
+    if (known) return known;
     const stride = this.width + 1 - width;
-    const key = `${width} ${height}`;
-    let sums = this.#known.get(key);
-    if (!sums) {
-      const rows = this.height + 1 - height;
-      sums = new Float32Array(2 * stride * rows);
-      const { total } = this;
-      const line = 2 * (this.width + 1);
-      for (let y = 0, to = 0; y < rows; y++) {
-        const top = y * line;
-        const bottom = (y + height) * line;
-        for (let x = 0; x < 2 * stride; x++, to++) {
-          const right = x + 2 * width;
-          sums[to] = total[bottom + right] - total[bottom + x] - total[top + right] + total[top + x];
-        }
+    const rows = this.height + 1 - height;
+    const sums = new Float32Array(stride * rows);
+    const { total } = this;
+    for (let y = 0, to = 0; y < rows; y++) {
+      const top = y * (this.width + 1);
+      const bottom = top + height * (this.width + 1);
+      for (let x = 0; x < stride; x++, to++) {
+        const right = x + width;
+        sums[to] = total[bottom + right] - total[bottom + x] - total[top + right] + total[top + x];
       }
-      this.#known.set(key, sums);
     }
-    return { sums, stride };
+    const boxes = { sums, stride };
+    this.#known.set(size, boxes);
+    return boxes;
   }
 }

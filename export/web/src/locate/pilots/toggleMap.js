@@ -74,6 +74,21 @@ export class ToggleMap {
   }
 
   /**
+   * Average all frames so far; what is behind the point is dropped.
+   *
+   * @returns {BytePlane}
+   */
+  mean() {
+    const { width, height } = this;
+    const sums = new Uint32Array(width * height);
+    for (const still of this.#stills) for (let i = 0; i < sums.length; i++) sums[i] += still[i];
+    const count = this.#stills.length;
+    const data = new Uint8Array(sums.length);
+    for (let i = 0; i < sums.length; i++) data[i] = sums[i] / count;
+    return { width, height, data };
+  }
+
+  /**
    * Work out, step by step, what `outline` needs for a frequency, so that it does not take long.
    *
    * @param {number} frequency - in periods for each frame

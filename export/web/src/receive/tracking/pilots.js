@@ -2,7 +2,7 @@
 
 import { identity, multiply3 } from "../../link/linear.js";
 import { movedCorners } from "../../locate/pilots/corners.js";
-import { pilotEvidence, pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
+import { pilotEvidence, pilotValues } from "../../locate/pilots/evidence.js";
 import { PilotSearch } from "../../locate/pilots/search.js";
 import { Follower } from "./follow.js";
 
@@ -122,7 +122,7 @@ export class PilotTracker {
     if (this.#values.length > WATCHED) this.#values.shift();
     this.#count++;
     if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
-    const { evidence } = pilotEvidence(this.#values, pilotSigns(layout));
+    const { evidence } = pilotEvidence(this.#values, layout);
     this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
     return this.#missed < PATIENCE;
   }

@@ -1,0 +1,152 @@
+/** Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure. */
+
+import { climbToPilots } from "./climb.js";
+import {
+  COARSE_SIZE,
+  MANY,
+  coarseShift,
+  expectedChanges,
+  fineSteps,
+  mapSize,
+  movedCorners,
+} from "./corners.js";
+import { inOnePhase, pilotEvidence } from "./evidence.js";
+import { amplitudes } from "./film.js";
+import { evidenceSteps, valuesOf, viewSteps } from "./proposals.js";
+
+/** @typedef {import("../../link/geometry.js").Point} Point */
+/** @typedef {import("./film.js").FilmFrame} FilmFrame */
+/** @typedef {import("./proposals.js").Proposal} Proposal */
+
+/**
+ * Smallest evidence, after paying for everything that was tried, at which a display is found: the
+ * natural logarithm of one false alarm in some ten million searches.
+ */
+export const SURE = 16.0;
+/** Share of the number of pilots that is enough where it is less: few cannot bring so much. */
+export const SURE_SHARE = 0.5;
+/**
+ * Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
+ * pays.
+ */
+export const TRIALS = 500;
+/**
+ * Number of quadrilaterals that moving corners by the sum over the pilots may try, for which
+ * evidence pays, too.
+ */
+export const CLIMB_TRIALS = 500;
+/** Evidence from which on a display is believed at once; with less, later frames must agree. */
+export const CERTAIN = 35.0;
+/** Share of the number of pilots that is enough to be believed at once, where it is less. */
+export const CERTAIN_SHARE = 0.75;
+/** Evidence, before it pays for anything, that later frames must bring where they must agree. */
+export const CONFIRMED = 9.0;
+/** Largest number of times that corners are moved by parts of the display. */
+export const COARSE_ROUNDS = 5;
+/** Largest number of times that corners are moved by the sum over the display's pilots. */
+export const CLIMB_ROUNDS = 2;
+/** Largest number of times that corners are moved by all of the display. */
+export const FINE_ROUNDS = 2;
+/** Distance, in layout pixels, below which a coarse move is the last one. */
+export const SETTLED_PX = 3.0;
+/** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
+export const NEXT_FRAME = Infinity;
+/** Units of work of a move of corners, by parts, by the sum over the pilots, or by all. */
+const MOVE_WORK = 10;
+
+/**
+ * A display that is sure: where it is in the reference frame, and the natural logarithm of the odds
+ * against chance, after paying for everything that was tried.
+ *
+ * @typedef {{ proposal: Proposal, evidence: number }} Settled
+ */
+
+/**
+ * Move the corners of a proposal to where its pilots fit the grid, step by step.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly FilmFrame[]} frames - evenly spaced
+ * @param {number} confirming - number of later frames that must agree with what is not certain
+ * @param {() => FilmFrame} newest - gives the newest frame, another one after each `NEXT_FRAME`
+ * @returns {import("../steps.js").Steps<Settled | null>} null where it is not sure
+ */
+export function* settleSteps(proposal, frames, confirming, newest) {
+  const { layout } = proposal;
+  const pilots = layout.pilotBlocks.length;
+  const { corners, tried } = yield* cornerSteps(proposal, frames);
+  // in a dark picture parts may have been matched amiss
+  let settled = proposal;
+  let evidence = -Infinity;
+  for (const move of [proposal, { ...proposal, corners }]) {
+    const found = (yield* evidenceSteps(move, frames)) - Math.log(tried);
+    if (!(found > evidence)) continue;
+    evidence = found;
+    settled = move;
+  }
+  if (evidence < Math.min(SURE, SURE_SHARE * pilots)) return null;
+  if (evidence < Math.min(CERTAIN, CERTAIN_SHARE * pilots)) {
+    // corners were fitted to these frames; later ones must agree
+    const later = [];
+    while (later.length < confirming) {
+      yield NEXT_FRAME;
+      const values = valuesOf(settled, newest());
+      if (values === null) return null;
+      later.push(values);
+    }
+    if (pilotEvidence(later, layout).evidence < CONFIRMED) return null;
+  }
+  return { proposal: settled, evidence };
+}
+
+/**
+ * Find the corners at which the pilots of a proposal fit the grid.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly FilmFrame[]} frames
+ * @returns {import("../steps.js").Steps<{ corners: Point[], tried: number }>} corners in the
+ *   reference frame, and the number of quadrilaterals for which evidence pays
+ */
+function* cornerSteps({ corners, layout, frequency }, frames) {
+  const blocks = expectedChanges(layout);
+  let tried = TRIALS;
+  let clear = 0;
+  for (let round = 0; round < COARSE_ROUNDS; round++) {
+    const views = yield* viewSteps(corners, layout, frames, COARSE_SIZE);
+    const fit = views && coarseShift(amplitudes(views, [frequency])[0], blocks, layout);
+    yield MOVE_WORK;
+    clear = fit === null ? 0 : fit.parts;
+    if (fit === null) break;
+    const moved = movedCorners(corners, fit.HOldFromNew, layout);
+    const far = farthestMove(corners, moved);
+    corners = moved;
+    if (clear >= MANY && far < SETTLED_PX) break;
+  }
+  // the whole may be clearer than its parts
+  for (let round = clear < MANY ? 0 : CLIMB_ROUNDS; round < CLIMB_ROUNDS; round++) {
+    const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
+    if (views === null) break;
+    const climbed = climbToPilots(amplitudes(views, [frequency])[0], layout);
+    yield MOVE_WORK;
+    corners = movedCorners(corners, climbed, layout);
+    tried = TRIALS * CLIMB_TRIALS;
+  }
+  for (let round = 0; round < FINE_ROUNDS; round++) {
+    const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
+    if (views === null) break;
+    const change = inOnePhase(amplitudes(views, [frequency])[0], layout);
+    yield MOVE_WORK;
+    const shift = yield* fineSteps(change, blocks, layout);
+    if (shift === null) break;
+    corners = movedCorners(corners, shift, layout);
+  }
+  return { corners, tried };
+}
+
+/**
+ * @param {Point[]} from
+ * @param {Point[]} to
+ * @returns {number} the largest distance of two points, pixels
+ */
+function farthestMove(from, to) {
+  return Math.max(...from.map(([x, y], i) => Math.hypot(to[i][0] - x, to[i][1] - y)));
+}
