@@ -6,6 +6,7 @@ page needs, the graphs of the decoders and a table of the presets, comes from Py
 
 import gzip
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -30,6 +31,8 @@ MAX_GZIP_BYTES = 8_000_000
 """Largest size of all files together, in bytes after gzip, that a phone should have to load."""
 ICON_SIDES = (192, 512)
 """Widths, in pixels, of the icons that phones show for the installed page."""
+COMPLAINT = re.compile(r"Error: |\[ERROR\] |npm error [^c]")
+"""Pattern of the lines in which Node.js, esbuild and npm say what is wrong."""
 BUILD_S = 600
 """Time, in seconds, after which a command of Node.js is given up."""
 
@@ -110,7 +113,8 @@ def run_node(command: Sequence[str]) -> None:
         raise InputError(f"{shown}: gave no answer in {BUILD_S} s") from None
     if done.returncode != 0:
         said = [line.strip() for line in (done.stderr or done.stdout).splitlines() if line.strip()]
-        why = next((line for line in said if "rror" in line), said[-1] if said else "no reason")
+        named = [line for line in said if COMPLAINT.search(line)]
+        why = [*named, *said[-1:], "it gives no reason"][0]
         raise InputError(f"{shown} failed in {WEB}: {why}")
 
 

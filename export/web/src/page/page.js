@@ -26,6 +26,9 @@ const WATCHED = 10;
 /** Factors of a film's rate: where frames were dropped, and where none was. */
 const [SLOWER, FASTER] = [0.75, 1.1];
 
+/** Advice where a film shows a display, and not for long or well enough. */
+const FILM_LONGER = "Film longer, closer, or with a steadier hand.";
+
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
 
@@ -59,7 +62,8 @@ const reception = new Reception({
   },
   failed(reason) {
     stop();
-    say("The receiver cannot work in this browser", `${reason}. Try a newer browser.`);
+    if (reception.isReady) say("The receiver has stopped", `It met an error: ${reason}.`);
+    else say("The receiver cannot work in this browser", `${reason}. Try a newer browser.`);
   },
   step: showStep,
   kept(share) {
@@ -104,12 +108,12 @@ function showStep(step) {
     say("A message was refused", `${step.arrival.refused}.`);
   } else if (step.last) {
     stop();
-    const found = step.corners !== null || step.preset !== null;
-    say(found ? "The film ended before the message was whole" : "No display found in this film",
-      adviceFor(step, Infinity, step));
+    if (step.preset) say("The film ended before the message was whole", FILM_LONGER);
+    else say("No display found in this film", adviceFor(step, Infinity, step));
   } else {
-    const waiting = (performance.now() - state.since) / 1000;
-    say(stateOf(step), adviceFor(step, waiting, step));
+    const text = stateOf(step);
+    const waiting = text === state.text ? (performance.now() - state.since) / 1000 : 0;
+    say(text, fromCamera ? adviceFor(step, waiting, step) : "");
   }
 }
 
@@ -153,12 +157,16 @@ function clearMessage() {
   lastStep = null;
 }
 
-/** End what is read now, and give the camera back. */
+/** End what is read now, and give the camera back; its last picture stays. */
 function stop() {
+  if (!running.signal.aborted && video.classList.contains("live") && video.videoWidth) {
+    [picture.width, picture.height] = [video.videoWidth, video.videoHeight];
+    picture.getContext("2d")?.drawImage(video, 0, 0);
+    [picture.hidden, video.hidden] = [false, true];
+  }
   running.abort();
   for (const track of streamOf(video)?.getTracks() ?? []) track.stop();
   video.pause();
-  overlay.show(null, false);
   overlay.guide.toggleAttribute("hidden", true);
   byId("controls").replaceChildren();
   byId("start").hidden = false;
@@ -189,6 +197,7 @@ function prepare(isCamera, again) {
   video.srcObject = null;
   video.removeAttribute("src");
   video.classList.remove("live");
+  overlay.show(null, false);
   picture.hidden = true;
   video.hidden = false;
   return running.signal;

@@ -174,6 +174,7 @@ function keep(plane, time) {
 
 /** @param {unknown} error */
 function fail(error) {
+  console.error(error);
   say({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
 }
 

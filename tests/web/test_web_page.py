@@ -1,0 +1,462 @@
+"""The page in Chromium: what it shows, and that it reads films and cameras."""
+
+import functools
+import http.server
+import json
+import shutil
+import subprocess
+import sys
+import tarfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import BROWSER_FLAGS, BROWSERS
+from web_films import gray, y4m_bytes
+from web_fixtures import WEB
+
+from export.web.site import MAX_GZIP_BYTES, build_site, measure
+from link.code.authenticate import sign
+from link.code.framing import encode
+from link.images import image_files, read_image
+from link.loop import Loop
+from link.presets import PRESETS
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+PATIENCE_S = 60.0
+"""Time, in seconds, that a loaded machine may take for what takes two."""
+
+
+class Quiet(http.server.SimpleHTTPRequestHandler):
+    """Serves the site, and films beside it."""
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture(scope="module")
+def site(make_once) -> Path:
+    if shutil.which("npm") is None and not (WEB / "node_modules").is_dir():
+        pytest.skip("needs Node.js")
+    return make_once("site", lambda empty: build_site(empty / "web")) / "web"
+
+
+@pytest.fixture(scope="module")
+def address(site, tmp_path_factory) -> Iterator[tuple[str, Path]]:
+    """The address of the served site, and the folder that is served."""
+    folder = tmp_path_factory.mktemp("served")
+    shutil.copytree(site, folder, dirs_exist_ok=True)
+    handler = functools.partial(Quiet, directory=folder)
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}/", folder
+        server.shutdown()
+
+
+@contextmanager
+def open_page(browser, flags=(), worker=None, width=390, height=844, offline=False, **more):
+    """Open a window in a browser with more flags; ``worker`` stands in for the page's worker."""
+    own = browser.browser_type.launch(
+        executable_path=browser_executable(), args=[*BROWSER_FLAGS, *flags]
+    )
+    services = "allow" if offline else "block"
+    context = own.new_context(
+        viewport={"width": width, "height": height}, service_workers=services, **more
+    )
+    page = context.new_page()
+    page.dialogs = []
+    page.on("dialog", lambda dialog: (page.dialogs.append(dialog.message), dialog.dismiss()))
+    page.requested = []
+    page.on("request", lambda request: page.requested.append(request.url))
+    page.errors = []
+    page.on("pageerror", lambda error: page.errors.append(str(error)))
+    if worker is not None:
+        script = {"content_type": "text/javascript", "body": worker}
+        page.route("**/worker.js", lambda route: route.fulfill(**script))
+    try:
+        yield page
+        assert page.dialogs == page.errors == []
+    finally:
+        own.close()
+
+
+def browser_executable() -> str:
+    return next(path for path in map(shutil.which, BROWSERS) if path)
+
+
+def text_of(page, name: str) -> str:
+    return page.evaluate("name => document.getElementById(name).textContent", name)
+
+
+def wait_for(page, condition, patience=PATIENCE_S) -> None:
+    """Wait until a function is true; Playwright's own way is refused by the page's policy."""
+    deadline = time.monotonic() + patience
+    while not condition():
+        seen = {name: text_of(page, name) for name in ("status", "advice", "message", "details")}
+        assert time.monotonic() < deadline, seen
+        page.wait_for_timeout(50)
+
+
+# The page with a worker that answers as the test says
+
+WORKER = """
+let answers = %s, session = 0;
+const usual = { type: "step", last: false, width: 64, height: 48, corners: null, preset: null,
+  synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
+  arrival: null };
+onmessage = ({ data }) => {
+  if (data.type === "start") session = data.session;
+  if (data.type === "frame" || data.type === "finish") {
+    data.frame?.close();
+    const answer = answers.length > 1 ? answers.shift() : answers[0];
+    if (answer.arrival) answer.arrival.data = new TextEncoder().encode(answer.arrival.text);
+    const more = { last: data.type === "finish" && !answer.arrival, ...answer };
+    setTimeout(() => postMessage({ ...usual, session, ...more }), 30);
+  }
+};
+postMessage({ type: "ready" });
+"""
+CORNERS = [[10, 8], [50, 6], [52, 40], [9, 41]]
+
+
+def answering(*answers) -> str:
+    return WORKER % json.dumps(answers)
+
+
+def arrived(text: str, **more) -> dict:
+    arrival = {"text": text, "refused": None, "stamp": None, **more}
+    return {"progress": 1, "corners": CORNERS, "synchronised": True, "arrival": arrival}
+
+
+@pytest.fixture(scope="module")
+def short_film(address) -> str:
+    """Address of the page that reads a film of gray noise, 40 frames of 64 x 48."""
+    url, folder = address
+    noise = np.random.default_rng(0).integers(0, 256, (40, 48, 64)).astype(np.uint8)
+    (folder / "short.y4m").write_bytes(y4m_bytes(noise, 30))
+    return f"{url}?film=short.y4m"
+
+
+SEEN = """["status", "percent", "outline"].map((name) => document.getElementById(name))
+    .map((element) => element.getAttribute("points") ?? element.textContent)"""
+
+
+def test_the_page_says_what_is_going_on(browser, short_film) -> None:
+    found = {"corners": CORNERS, "preset": "paper"}
+    answers = [{}] * 5 + [found] * 8 + [{**found, "synchronised": True, "progress": 0.42}] * 8
+    with open_page(browser, worker=answering(*answers, arrived("done"))) as page:
+        page.goto(short_film)
+        said = []
+        while text_of(page, "message") == "" and len(said) < 1000:
+            said.append(tuple(page.evaluate(SEEN)))
+            page.wait_for_timeout(10)
+        outline = "10,8 50,6 52,40 9,41"
+        expected = [
+            ("Looking for the display", "0 %", ""),
+            ("Display found, waiting for its rhythm", "0 %", outline),
+            ("Receiving the message", "42 %", outline),
+        ]
+        assert [seen for seen in dict.fromkeys(said) if seen in expected] == expected
+        assert text_of(page, "status") == "Message received"
+        assert page.locator("#message").is_visible()
+
+
+HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>\u202ejavascript:alert(3)"
+
+
+def test_a_hostile_message_is_shown_as_text(browser, short_film) -> None:
+    with open_page(browser, worker=answering(arrived(HOSTILE))) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "message"))
+        assert text_of(page, "message") == HOSTILE
+        assert page.evaluate("document.getElementById('message').childElementCount") == 0
+        assert not page.locator("#open").is_visible()
+        page.wait_for_timeout(300)  # an image would have failed by now
+    assert not [url for url in page.requested if not url.startswith(short_film.split("?")[0])]
+
+
+def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> None:
+    text = "https://example.org/path?x=1"
+    with open_page(browser, worker=answering(arrived(text))) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "message"))
+        link = page.locator("#open")
+        assert link.inner_text() == "Open example.org"
+        assert link.get_attribute("href") == text
+        assert "noopener" in link.get_attribute("rel")
+
+
+def test_a_refused_message_is_not_shown(browser, short_film) -> None:
+    refused = arrived("secret", refused="the tag does not fit")
+    with open_page(browser, worker=answering(refused)) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "status") == "A message was refused")
+        assert text_of(page, "advice") == "the tag does not fit."
+        assert text_of(page, "message") == ""
+
+
+def test_what_a_worker_without_a_browser_it_knows_says_is_shown(browser, short_film) -> None:
+    worker = "postMessage({ type: 'failed', reason: 'no WebAssembly' });"
+    with open_page(browser, worker=worker) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: "cannot work" in text_of(page, "status"))
+        assert text_of(page, "advice").startswith("no WebAssembly")
+
+
+CAMERA = "--use-fake-device-for-media-stream"
+ALLOWED = "--use-fake-ui-for-media-stream"
+
+
+def test_a_machine_without_a_camera_is_told_so(browser, address) -> None:
+    with open_page(browser, [ALLOWED], worker=answering({})) as page:
+        page.goto(address[0])
+        wait_for(page, lambda: text_of(page, "status") == "No camera")
+        assert text_of(page, "advice").startswith("No camera was found")
+        assert page.get_by_role("button", name="Try the camera again").is_visible()
+
+
+def test_a_refused_camera_is_explained(browser, address) -> None:
+    with open_page(browser, [CAMERA], worker=answering({}), permissions=[]) as page:
+        page.goto(address[0])
+        wait_for(page, lambda: text_of(page, "status") == "No camera")
+        assert "Allow it in the browser's settings" in text_of(page, "advice")
+        page.get_by_role("button", name="Try the camera again").click()
+        wait_for(page, lambda: text_of(page, "status") == "No camera")
+
+
+def test_a_film_elsewhere_or_nowhere_is_refused(browser, address) -> None:
+    with open_page(browser, worker=answering({})) as page:
+        for film_name, why in (
+            ("https://example.org/a.y4m", "same site"),
+            ("none.y4m", "There is no film"),
+            ("none.mp4", "no such film"),
+            ("presets.json", "cannot play it"),
+        ):
+            page.goto(f"{address[0]}?film={film_name}")
+            wait_for(page, lambda: text_of(page, "status") == "The film cannot be read")
+            assert why in text_of(page, "advice")
+        assert not [url for url in page.requested if "example.org/a" in url and "?film" not in url]
+
+
+def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film) -> None:
+    with open_page(browser, worker=answering(arrived("https://example.org"))) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "message"))
+        page.locator("summary").click()
+        reached = set()
+        for _ in range(20):
+            page.keyboard.press("Tab")
+            reached.add(
+                page.evaluate("document.activeElement.id || document.activeElement.tagName")
+            )
+        assert {"open", "copy", "keep", "again", "start", "SUMMARY", "film", "key"} <= reached
+        for control in page.locator("button:visible, input:visible, a:visible").all():
+            name = control.evaluate(
+                "element => element.textContent || element.labels?.[0]?.textContent || ''"
+            )
+            assert name.strip()
+
+
+@pytest.mark.parametrize("width", [320, 390, 1280])
+def test_nothing_is_wider_than_the_window(width, browser, short_film) -> None:
+    long = arrived("https://example.org/" + "a" * 500)
+    with open_page(browser, worker=answering(long), width=width, height=800) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "message"))
+        page.locator("summary").click()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+# The real worker
+
+
+def test_a_phone_loads_no_more_than_promised(site) -> None:
+    built = measure(site)
+    assert built.gzip_bytes <= MAX_GZIP_BYTES
+    assert {"index.html", "worker.js", "models/hidden.onnx", "licences.txt"} <= set(built.sizes)
+    workers = (site / "serviceWorker.js").read_text()
+    assert all(name in workers for name in built.sizes if name != "serviceWorker.js")
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a display shows to the camera of a test, and how it is filmed."""
+
+    preset: str
+    view: float
+    kappa: int
+    message: str
+    seconds: int
+    size: tuple[int, int] = (1280, 720)
+
+
+FILMS = {
+    "paper 0": Shown("paper", 0, 3, "Hello", 4, (640, 480)),
+    "paper 45": Shown("paper", 45, 3, "https://example.org", 5),
+    "robust 0": Shown("robust", 0, 3, "A robust message", 4),
+    "hidden 0": Shown("hidden", 0, 1, "A hidden message, which nobody sees.", 5),
+    "hidden 45": Shown("hidden", 45, 2, "From the side", 5),
+}
+"""Films of 30 frames a second of displays that show 15 states a second."""
+
+
+@pytest.fixture(scope="module")
+def film_at(make_once):
+    """Make a film without compression, full range, once a session."""
+
+    def fill(folder: Path, shown: Shown) -> None:
+        flags = {
+            "preset": shown.preset,
+            "view": shown.view,
+            "kappa": shown.kappa,
+            "message": shown.message,
+            "seconds": shown.seconds,
+            "fps": 30,
+            "state-hz": 15,
+        }
+        given = [word for name, value in flags.items() for word in (f"--{name}", str(value))]
+        command = [sys.executable, "-m", "data_gen.video", "--pair", "canon-lg", *given]
+        command += ["--size", *map(str, shown.size), "--out", str(folder / "frames")]
+        subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
+        images = (gray(read_image(path)) for path in image_files(folder / "frames"))
+        (folder / "film.y4m").write_bytes(y4m_bytes(images, 30))
+
+    def make(name: str) -> Path:
+        folder = make_once(f"film {name}".replace(" ", "_"), lambda f: fill(f, FILMS[name]))
+        return folder / "film.y4m"
+
+    return make
+
+
+def camera_flags(film: Path) -> list[str]:
+    return [CAMERA, ALLOWED, f"--use-file-for-fake-video-capture={film}"]
+
+
+@pytest.mark.parametrize("name", FILMS)
+def test_the_message_of_a_film_is_shown(name, browser, address, film_at) -> None:
+    url, folder = address
+    shutil.copy(film_at(name), folder / "film.y4m")
+    with open_page(browser, width=1280) as page:
+        page.goto(f"{url}?film=film.y4m")
+        wait_for(page, lambda: text_of(page, "message"))
+        assert text_of(page, "message") == FILMS[name].message
+    assert all(request.startswith((url, "blob:")) for request in page.requested)
+
+
+@pytest.mark.parametrize("name", FILMS)
+def test_the_message_before_a_camera_is_shown(name, browser, address, film_at) -> None:
+    with open_page(browser, camera_flags(film_at(name))) as page:
+        page.goto(address[0])
+        wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
+        assert text_of(page, "message") == FILMS[name].message
+        assert text_of(page, "status") == "Message received"
+
+
+@pytest.fixture(scope="module")
+def wall(address) -> Path:
+    """A film of a wall with a picture on it, and of no display."""
+    rng = np.random.default_rng(0)
+    image = cv2.GaussianBlur(rng.uniform(0, 255, (480, 640)), (0, 0), 20)
+    image = cv2.normalize(image, None, 60, 190, cv2.NORM_MINMAX)
+    cv2.rectangle(image, (200, 120), (440, 330), 225.0, -1)
+    frames = [np.clip(image + rng.normal(0, 2, image.shape), 0, 255) for _ in range(90)]
+    file = address[1] / "wall.y4m"
+    file.write_bytes(y4m_bytes([frame.astype(np.uint8) for frame in frames], 30))
+    return file
+
+
+def test_a_film_without_a_display_is_said_to_have_none(browser, address, wall) -> None:
+    with open_page(browser) as page:
+        page.goto(f"{address[0]}?film={wall.name}")
+        wait_for(page, lambda: text_of(page, "status") == "No display found in this film")
+        assert "Fit the whole display into the frame" in text_of(page, "advice")
+        assert text_of(page, "message") == ""
+
+
+def test_a_camera_that_sees_no_display_keeps_looking(browser, address, wall) -> None:
+    with open_page(browser, camera_flags(wall)) as page:
+        page.goto(address[0])
+        wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
+        wait_for(page, lambda: "come closer" in text_of(page, "advice"))
+        for _ in range(30):
+            assert text_of(page, "status") == "Looking for the display"
+            assert text_of(page, "message") == ""
+            page.wait_for_timeout(100)
+
+
+def test_what_the_camera_sees_can_be_saved(browser, address, film_at, tmp_path) -> None:
+    film = film_at("paper 0")
+    with open_page(browser, camera_flags(film)) as page:
+        page.goto(address[0])
+        wait_for(page, lambda: page.evaluate("!document.getElementById('record').disabled"))
+        page.locator("summary").click()
+        with page.expect_download(timeout=1e3 * PATIENCE_S) as download:
+            page.get_by_role("button", name="Save what the camera sees").click()
+        download.value.save_as(tmp_path / "saved.tar")
+    with tarfile.open(tmp_path / "saved.tar") as archive:
+        archive.extractall(tmp_path, filter="data")
+    about = json.loads((tmp_path / "about.json").read_text())
+    assert about["versions"]["onnxruntime-web"] and "Chrome" in about["browser"]
+    assert about["camera"]["width"] == 640
+    assert 1 <= len(about["times"]) <= 200
+    assert (np.diff(about["times"]) > 0).all()
+    saved = (tmp_path / "film.y4m").read_bytes()
+    start = saved.index(b"\n", saved.index(b"FRAME")) + 1
+    frame = saved[start : start + 640 * 480]
+    assert frame in film.read_bytes()  # bit for bit
+
+
+def test_only_messages_with_the_key_are_shown(browser, address, tmp_path) -> None:
+    url, _ = address
+    (tmp_path / "key").write_bytes(bytes(range(32)))
+    (tmp_path / "other").write_bytes(bytes(32))
+    (tmp_path / "short").write_bytes(bytes(3))
+    layout = PRESETS["paper"].layout
+    bits = encode(sign(b"Hi", bytes(range(32)), 7), layout.n_bits)
+    rng = np.random.default_rng(0)
+    picture = cv2.resize(rng.uniform(60, 200, (7, 9, 3)), (layout.width, layout.height))
+    loop = Loop(layout, 5, bits, lambda: iter([picture.astype(np.uint8)]))
+    states = [cv2.copyMakeBorder(gray(s), 48, 48, 64, 64, 0, value=15) for s in loop.states()]
+    noisy = [
+        np.clip(states[k // 2 % len(states)] + rng.normal(0, 1, states[0].shape), 0, 255)
+        for k in range(240)
+    ]
+    (tmp_path / "film.y4m").write_bytes(y4m_bytes([f.astype(np.uint8) for f in noisy], 30))
+    with open_page(browser, worker=None) as page:
+        page.goto(url)
+        page.locator("summary").click()
+        page.locator("#key").set_input_files(tmp_path / "short")
+        assert text_of(page, "status") == "This file is no key"
+        page.locator("#key").set_input_files(tmp_path / "other")
+        page.locator("#film").set_input_files(tmp_path / "film.y4m")
+        wait_for(page, lambda: text_of(page, "status") == "A message was refused")
+        assert "tag does not fit" in text_of(page, "advice")
+        page.locator("#key").set_input_files(tmp_path / "key")
+        wait_for(page, lambda: text_of(page, "message") == "Hi")
+        assert text_of(page, "seal") == "It was sent with your key; stamp 7."
+
+
+def test_the_page_opens_without_a_network(browser, address, film_at) -> None:
+    url, _ = address
+    with open_page(browser, offline=True) as page:
+        page.goto(f"{url}?film=none.y4m")
+        wait_for(page, lambda: text_of(page, "status") == "The film cannot be read")
+        ready = "navigator.serviceWorker.ready.then(({ active }) => active.state)"
+        wait_for(page, lambda: page.evaluate(ready) == "activated")
+        page.context.set_offline(True)
+        page.goto(url)
+        page.locator("#film").set_input_files(film_at("paper 0"))
+        wait_for(page, lambda: text_of(page, "message"))
+        assert text_of(page, "message") == FILMS["paper 0"].message
+        reply = page.evaluate(
+            "fetch('worker.js').then((it) => it.headers.get('Content-Security-Policy'))"
+        )
+        assert reply.startswith("default-src 'none'")
