@@ -9,12 +9,10 @@ import { searchSteps } from "../src/locate/find.js";
 import { planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 
-/** Largest distance, in pixels, of a corner from Python's or from the true one. */
+/** Largest distance, in pixels, of a corner from Python's. */
 const CORNER_PX = 0.3;
-/** Largest distance, in pixels, of the corners of a display without patches. */
-const EDGE_CORNER_PX = 1.5;
-/** Largest distance, in pixels, of the corners of a display that is partly in view. */
-const PARTLY_CORNER_PX = 6;
+/** Largest distance, in pixels, of a corner from the true one, whatever is in view. */
+const TRUE_CORNER_PX = 3;
 /** Largest number of units of work of a step, and of a search in vain. */
 const STEP_WORK = 20;
 const SEARCH_WORK = 450;
@@ -37,11 +35,9 @@ for (const [name, search] of Object.entries(searches)) {
       return;
     }
     assert.ok(found);
-    const off = [search.corners, search.truth].map((corners) => farthest(found.corners, corners));
-    const partly = search.score < 0.93;
-    const limit = search.patches ? (partly ? PARTLY_CORNER_PX : CORNER_PX) : EDGE_CORNER_PX;
-    assert.ok(Math.min(...off) < limit, `${off} px from Python's corners and the true ones`);
-    assert.ok(Math.abs(found.score - search.score) < 0.05, `${found.score} for ${search.score}`);
+    assert.ok(farthest(found.corners, search.corners) < CORNER_PX);
+    assert.ok(farthest(found.corners, search.truth) < TRUE_CORNER_PX);
+    assert.ok(Math.abs(found.score - search.score) < 0.01, `${found.score} for ${search.score}`);
   });
 }
 

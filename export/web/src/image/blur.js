@@ -1,4 +1,4 @@
-/** Gaussian blur in plain loops: OpenCV's own takes 60 ms for a frame of 1280 x 720 in a browser. */
+/** Gaussian blur in plain loops; OpenCV's own takes 60 ms in a browser for 1280 x 720 pixels. */
 
 /** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("./opencv.js").Plane<Float32Array>} FloatPlane */

@@ -42,6 +42,8 @@ const RIM = 2;
 const MARGIN_PX = 4;
 /** Standard deviation of the blur of the image and of the drawn tiles, in samples. */
 const BLUR = 0.8;
+/** Smallest standard deviation of the image's blur, in pixels. */
+const LEAST_BLUR_PX = 0.7;
 /** Motion of every corner, in pixels of the image, below which a phase ends. */
 const MIN_STEP_PX = 0.01;
 /**
@@ -107,8 +109,11 @@ function alignPhase(pyramid, corners, layout, spread, used, steps, free) {
   /** @type {Quad} */
   let c = there.map(([x, y]) => [x - left, y - top]);
   // as blurred as the drawn tiles: between samples no edge must go unseen
-  const apart = sideLengths(c).map((length, side) => length / (side % 2 ? height : width));
-  const image = blurred(part.image, Math.max(0.7, (BLUR * (apart[0] + apart[1] + apart[2] + apart[3])) / 4));
+  const spacing = sideLengths(c).reduce(
+    (sum, length, side) => sum + length / (side % 2 ? height : width) / 4,
+    0,
+  );
+  const image = blurred(part.image, Math.max(LEAST_BLUR_PX, BLUR * spacing));
   const start = c;
   const unit = frameCorners(width, height);
   const { points, patches, basis } = samplesInView(layout, free, used, c, unit, image);

@@ -1,4 +1,4 @@
-/** Turned and foreshortened patches, as small images that parts of a photograph are compared with. */
+/** Turned and foreshortened patches, as small images to compare parts of a photograph with. */
 
 import { blurred } from "../image/blur.js";
 import { TILES } from "../link/ratex.js";
@@ -54,7 +54,11 @@ export class Bank {
   #directions;
   /** (templates, LEADING) @type {Float32Array} */
   #leading;
-  /** (templates, 2) lengths of what the first and what all directions leave. @type {Float32Array} */
+  /**
+   * (templates, 2) lengths of what the first and what all directions leave.
+   *
+   * @type {Float32Array}
+   */
   #rest;
   #window = new Float64Array(WINDOW_AREA);
   #part = new Float64Array(LEADING);

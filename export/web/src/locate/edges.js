@@ -1,4 +1,4 @@
-/** What an image shows along the sides of a quadrilateral: evidence for a display, and its edges. */
+/** What an image shows along a quadrilateral's sides: evidence for a display, and its edges. */
 
 import { MAD_TO_SIGMA, gemanMcclureWeights, reweighted, ridgeSolution } from "../link/robust.js";
 import { median } from "./pilots/order.js";

@@ -5,12 +5,7 @@
  * is, and where its corners are to sub-pixels. Without patches the likeliest candidate is taken.
  */
 
-import {
-  WORK_PX,
-  candidateSteps,
-  onFullImage,
-  smallCopy,
-} from "./candidates.js";
+import { WORK_PX, candidateSteps, onFullImage, smallCopy } from "./candidates.js";
 import { imagePyramid, searchPatches } from "./patches.js";
 import { isSound, lineSteps, rolled, upright } from "./quads.js";
 import {

@@ -55,7 +55,7 @@ export const MAX_OUTSIDE = 0.35;
 const SUPPORT = 0.15;
 /** Step of the guessed depths of patches, as a logarithm. */
 const BEND = 0.2;
-/** Smallest depth of a corner, beside that of the patches, at which it is in front of the camera. */
+/** Smallest depth of a corner, beside that of the patches, at which the camera sees it. */
 const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */
 const SAME_WHOLE_PX = 4.0;
