@@ -34,12 +34,13 @@ export const PURE_TO = 0.95;
 export const APART = 4.0;
 
 /**
- * What decodes frame pairs of one layout, such as a `Decoder`.
+ * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
  *
  * @typedef {object} PairDecoder
  * @property {Layout} layout
  * @property {(original: BytePlane, embedded: BytePlane) => Promise<{ scores: ArrayLike<number> }>}
  *   decode
+ * @property {() => Promise<void>} [load]
  */
 
 /**

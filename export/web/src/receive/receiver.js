@@ -178,6 +178,8 @@ export class Receiver {
         this.#reader = reader;
         reader.restart();
       }
+      // what fails here fails again, and is told, when a pair is decoded
+      if (tracker !== followed) reader.decoder.load?.().catch(() => {});
       return tracked;
     }
     return null;
