@@ -274,7 +274,8 @@ def test_every_module_that_should_imports_without_torch() -> None:
 
 def test_sender_and_receiver_need_numpy_opencv_and_onnxruntime_alone() -> None:
     commands = ("export.receive", "export.locate", "export.receive.bench", "export.send")
-    result = run_without(LAB_ONLY, "\n".join(f"import {name}" for name in commands))
+    pages = ("export.web.__main__", "export.web.site")
+    result = run_without(LAB_ONLY, "\n".join(f"import {name}" for name in (*commands, *pages)))
     assert result.returncode == 0, result.stderr
 
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.web.tables import preset_table
+from export.web.tables import page_preset
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
 from link.presets import PRESETS
@@ -66,7 +66,7 @@ def build_site(out: Path) -> Site:
     try:
         write_inputs(hidden)
         run_node(["node", "build.mjs", str(hidden)])
-        site = measure(hidden)
+        site = measure_site(hidden)
         if site.gzip_bytes > MAX_GZIP_BYTES:
             raise InputError(
                 f"the site has {site.gzip_bytes} bytes after gzip, and a phone should load at most "
@@ -126,7 +126,7 @@ def write_inputs(folder: Path) -> None:
         name = names[layout]
         model = f"models/{name}.onnx"
         write_bytes(folder / model, graph.read_bytes())
-        tables.append(preset_table(name, PRESETS[name], model))
+        tables.append(page_preset(name, PRESETS[name], model))
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
     for side in ICON_SIDES:
         write_image(folder / f"icon-{side}.png", draw_icon(side))
@@ -148,7 +148,7 @@ def draw_icon(side: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(icon, (side, side), interpolation=cv2.INTER_NEAREST), np.uint8)
 
 
-def measure(folder: Path) -> Site:
+def measure_site(folder: Path) -> Site:
     """Measure the files of a site."""
     files = sorted(path for path in folder.rglob("*") if path.is_file())
     packed = sum(len(gzip.compress(path.read_bytes(), 9)) for path in files)

@@ -30,7 +30,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
     }
 
 
-def preset_table(name: str, preset: Preset, model: str) -> dict[str, Any]:
+def page_preset(name: str, preset: Preset, model: str) -> dict[str, Any]:
     """Describe a preset for the page.
 
     Args:

@@ -21,7 +21,7 @@ from conftest import BROWSER_FLAGS, BROWSERS
 from web_films import gray, y4m_bytes
 from web_fixtures import WEB
 
-from export.web.site import MAX_GZIP_BYTES, build_site, measure
+from export.web.site import MAX_GZIP_BYTES, build_site, measure_site
 from link.code.authenticate import sign
 from link.code.framing import encode
 from link.images import image_files, read_image
@@ -279,7 +279,7 @@ def test_nothing_is_wider_than_the_window(width, browser, short_film) -> None:
 
 
 def test_a_phone_loads_no_more_than_promised(site) -> None:
-    built = measure(site)
+    built = measure_site(site)
     assert built.gzip_bytes <= MAX_GZIP_BYTES
     assert {"index.html", "worker.js", "models/hidden.onnx", "licences.txt"} <= set(built.sizes)
     workers = (site / "serviceWorker.js").read_text()
