@@ -19,9 +19,11 @@ import { Message } from "../link/code/message.js";
 
 /** Decides which messages are delivered, and counts the others. */
 export class Inbox {
+  #verifier;
+
   /** @param {Verifier | null} verifier - decides; null where all messages are delivered */
   constructor(verifier) {
-    this._verifier = verifier;
+    this.#verifier = verifier;
     /** The message that was delivered last. @type {Message | null} */
     this.last = null;
     /** Number of messages that were refused. */
@@ -36,7 +38,7 @@ export class Inbox {
    * @returns {Delivery}
    */
   take(message, now) {
-    const judged = this._verifier?.judge(message.data, now) ?? null;
+    const judged = this.#verifier?.judge(message.data, now) ?? null;
     const signed = judged?.signed ?? null;
     let taken = message;
     if (signed !== null) {

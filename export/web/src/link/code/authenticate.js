@@ -78,6 +78,9 @@ export function verify(signed, key) {
 
 /** Judges messages one after another: delivered are those that verify and are not stale. */
 export class Verifier {
+  #key;
+  #maxAgeS;
+
   /**
    * @param {Uint8Array} key - 16 to 4096 bytes that sender and receiver share
    * @param {number | null} [maxAgeS] - largest age of a message in seconds, where stamps are
@@ -90,8 +93,8 @@ export class Verifier {
         `maxAgeS: need more than 0 and at most ${MAX_STAMP} seconds, got ${maxAgeS}`,
       );
     }
-    this._key = key;
-    this._maxAgeS = maxAgeS;
+    this.#key = key;
+    this.#maxAgeS = maxAgeS;
     /** Largest stamp of a message that was to be delivered. @type {number | null} */
     this.newest = null;
   }
@@ -104,7 +107,7 @@ export class Verifier {
    * @returns {Judgement}
    */
   judge(message, now) {
-    const signed = verify(message, this._key);
+    const signed = verify(message, this.#key);
     if (signed === null) {
       const refused = "the tag does not fit; made without the key, or with another one";
       return { signed, refused, stale: false };
@@ -116,12 +119,12 @@ export class Verifier {
         "which was delivered before";
       return { signed, refused, stale: true };
     }
-    if (this._maxAgeS !== null && age > this._maxAgeS) {
+    if (this.#maxAgeS !== null && age > this.#maxAgeS) {
       const made = `made ${age.toFixed(0)} s ago`;
-      const refused = `stale: ${made}, and the largest age is ${this._maxAgeS} s`;
+      const refused = `stale: ${made}, and the largest age is ${this.#maxAgeS} s`;
       return { signed, refused, stale: true };
     }
-    if (this._maxAgeS !== null && age < -MAX_CLOCK_SKEW_S) {
+    if (this.#maxAgeS !== null && age < -MAX_CLOCK_SKEW_S) {
       const ahead = `made ${(-age).toFixed(0)} s ahead of this machine's clock`;
       return { signed, refused: `${ahead}; are both clocks right?`, stale: false };
     }

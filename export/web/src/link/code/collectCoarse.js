@@ -88,6 +88,9 @@ export function wordLikelihoods(scores) {
 
 /** Scores of a loop's frames, summed over all times that each frame was seen. */
 class LoopScores {
+  /** @type {number | null} */
+  #progress = null;
+
   /**
    * @param {number} frames - number of frames in the loop
    * @param {number} nBits - message blocks of a frame
@@ -102,7 +105,6 @@ class LoopScores {
     /** Value of `progress` when decoding was last tried. */
     this.tried = 0;
     /** @type {number | null} */
-    this._progress = null;
   }
 
   /**
@@ -117,19 +119,19 @@ class LoopScores {
     const first = at * this.nBits;
     for (let place = 0; place < this.nBits; place++) this.sums[first + place] += scores[place];
     this.seen += 1;
-    this._progress = null;
+    this.#progress = null;
   }
 
   /** Information received, as a share of what is needed: about 1 when the message is whole. */
   get progress() {
-    if (this._progress === null) {
+    if (this.#progress === null) {
       let received = 0;
       for (let first = 0; first < this.sums.length; first += this.nBits) {
         received += informationOf(this.sums.subarray(first + SIGNATURE, first + this.nBits));
       }
-      this._progress = received / (8 * informationBytes(this.frames, this.nBits));
+      this.#progress = received / (8 * informationBytes(this.frames, this.nBits));
     }
-    return this._progress;
+    return this.#progress;
   }
 
   /** Whether there is enough that is new since decoding was last tried. */
@@ -148,6 +150,11 @@ class LoopScores {
  * below 0, so frames from before a change do not delay its discovery.
  */
 class DeliveredMessage {
+  #limit;
+  #nBits;
+  #parityBits;
+  #signs;
+
   /**
    * @param {Message} message - what was delivered
    * @param {number} nBits - message blocks of a frame
@@ -156,15 +163,15 @@ class DeliveredMessage {
     this.message = message;
     /** Parity bits beyond those tolerated that contradict the message, in frames; at least 0. */
     this.doubt = 0;
-    this._nBits = nBits;
+    this.#nBits = nBits;
     const bits = encode(message.data, nBits);
-    this._signs = new Int8Array(bits.length);
-    this._parityBits = new Int32Array(message.frames);
+    this.#signs = new Int8Array(bits.length);
+    this.#parityBits = new Int32Array(message.frames);
     parityMask(message.frames, nBits).forEach((parity, at) => {
-      this._signs[at] = parity ? 2 * bits[at] - 1 : 0;
-      this._parityBits[Math.floor(at / nBits)] += parity;
+      this.#signs[at] = parity ? 2 * bits[at] - 1 : 0;
+      this.#parityBits[Math.floor(at / nBits)] += parity;
     });
-    this._limit = DOUBTED_LOOPS * message.frames * (0.5 - TOLERATED);
+    this.#limit = DOUBTED_LOOPS * message.frames * (0.5 - TOLERATED);
   }
 
   /**
@@ -175,31 +182,36 @@ class DeliveredMessage {
    */
   isShown(at, scores) {
     let excess = 0;
-    for (let place = 0; place < this._nBits; place++) {
-      const agreement = this._signs[at * this._nBits + place] * scores[place];
+    for (let place = 0; place < this.#nBits; place++) {
+      const agreement = this.#signs[at * this.#nBits + place] * scores[place];
       const certainty = Math.tanh(Math.abs(agreement) / 2); // 1 - 2 P(the decision is wrong)
       excess += certainty * ((agreement < 0 ? 1 : 0) - TOLERATED);
     }
-    excess /= Math.max(this._parityBits[at], 1);
-    this.doubt = Math.min(Math.max(0, this.doubt + excess), this._limit);
+    excess /= Math.max(this.#parityBits[at], 1);
+    this.doubt = Math.min(Math.max(0, this.doubt + excess), this.#limit);
     return this.doubt === 0;
   }
 }
 
 /** Collects frames of a coarse grid (`Collector` of collect.js). */
 export class CoarseCollector {
+  /** @type {DeliveredMessage | null} */
+  #delivered = null;
+  /** @type {LoopScores | null} */
+  #loop = null;
+
   /** Frames that wait for the place of their run. @type {Counted[]} */
-  _waiting = [];
+  #waiting = [];
   /**
    * By hypothesis its log-likelihood, in the order of `allSignatures`.
    *
    * @type {Float32Array | null}
    */
-  _belief = null;
+  #belief = null;
   /** Frames in the loop, and which of them has count 0. @type {[number, number] | null} */
-  _place = null;
+  #place = null;
   /** What the last signatures say for the place. @type {number[]} */
-  _trust = [];
+  #trust = [];
 
   /** @param {number} nBits - message blocks of a frame */
   constructor(nBits) {
@@ -209,23 +221,19 @@ export class CoarseCollector {
     this.progress = 0;
     /** Number of times that decoding was tried. */
     this.attempts = 0;
-    /** @type {LoopScores | null} */
-    this._loop = null;
-    /** @type {DeliveredMessage | null} */
-    this._delivered = null;
   }
 
   /** Whether scores are kept that may be those of a message not returned yet. */
   get collecting() {
-    return this._loop !== null;
+    return this.#loop !== null;
   }
 
   /** Say that the next frame's distance to the earlier ones is not known. */
   startRun() {
-    this._waiting = [];
-    this._belief = null;
-    this._place = null;
-    this._trust = [];
+    this.#waiting = [];
+    this.#belief = null;
+    this.#place = null;
+    this.#trust = [];
   }
 
   /**
@@ -238,18 +246,18 @@ export class CoarseCollector {
   add(received, count) {
     const scores = cutScores(received, new Float64Array(this.nBits));
     const words = wordLikelihoods(scores);
-    if (this._place && this._lost(this._place, words, count)) this.startRun();
-    if (this._place) return this._decodeWith(this._place, [[count, scores]]);
-    this._waiting.push([count, scores]);
-    this._place = this._findPlace(words, count);
-    if (!this._place) {
-      if (this._waiting.length >= MAX_RUN) this.startRun();
+    if (this.#place && this.#lost(this.#place, words, count)) this.startRun();
+    if (this.#place) return this.#decodeWith(this.#place, [[count, scores]]);
+    this.#waiting.push([count, scores]);
+    this.#place = this.#findPlace(words, count);
+    if (!this.#place) {
+      if (this.#waiting.length >= MAX_RUN) this.startRun();
       return null;
     }
-    const waiting = this._waiting;
-    this._waiting = [];
-    this._belief = null;
-    return this._decodeWith(this._place, waiting);
+    const waiting = this.#waiting;
+    this.#waiting = [];
+    this.#belief = null;
+    return this.#decodeWith(this.#place, waiting);
   }
 
   /**
@@ -259,10 +267,10 @@ export class CoarseCollector {
    * @param {number} count
    * @returns {[number, number] | null} the place of the run, once it is sure
    */
-  _findPlace(words, count) {
+  #findPlace(words, count) {
     const table = allSignatures();
-    this._belief ??= firstBelief();
-    const belief = this._belief;
+    this.#belief ??= firstBelief();
+    const belief = this.#belief;
     for (let frames = 1; frames <= MAX_FRAMES; frames++) {
       const start = startOf(frames);
       const end = startOf(frames + 1);
@@ -291,11 +299,11 @@ export class CoarseCollector {
    * @param {Float64Array} words
    * @param {number} count
    */
-  _lost([frames, first], words, count) {
+  #lost([frames, first], words, count) {
     const word = allSignatures()[startOf(frames) + remainder(first + count, frames)];
     const chance = logSumExp(words) - SIGNATURE * Math.LN2;
-    this._trust = [...this._trust, words[word] - chance].slice(-DOUBT);
-    return this._trust.length > 2 && this._trust.reduce((sum, one) => sum + one, 0) < 0;
+    this.#trust = [...this.#trust, words[word] - chance].slice(-DOUBT);
+    return this.#trust.length > 2 && this.#trust.reduce((sum, one) => sum + one, 0) < 0;
   }
 
   /**
@@ -304,19 +312,19 @@ export class CoarseCollector {
    * @param {[number, number]} place
    * @param {Counted[]} waiting
    */
-  _decodeWith([frames, first], waiting) {
-    const known = this._delivered;
+  #decodeWith([frames, first], waiting) {
+    const known = this.#delivered;
     for (const [count, scores] of waiting) {
       const at = remainder(first + count, frames);
       if (known && known.message.frames === frames && known.isShown(at, scores)) {
-        this._loop = null;
+        this.#loop = null;
         continue;
       }
-      if (this._loop?.frames !== frames) this._loop = new LoopScores(frames, this.nBits);
-      this._loop.add(at, scores);
+      if (this.#loop?.frames !== frames) this.#loop = new LoopScores(frames, this.nBits);
+      this.#loop.add(at, scores);
     }
-    this.progress = this._loop === null ? 1 : this._loop.progress;
-    return this._loop?.worthDecoding() ? this._try(this._loop) : null;
+    this.progress = this.#loop === null ? 1 : this.#loop.progress;
+    return this.#loop?.worthDecoding() ? this.#try(this.#loop) : null;
   }
 
   /**
@@ -324,20 +332,20 @@ export class CoarseCollector {
    *
    * @param {LoopScores} loop
    */
-  _try(loop) {
-    const known = this._delivered;
+  #try(loop) {
+    const known = this.#delivered;
     this.attempts += 1;
     loop.tried = this.progress;
     const data = decode(loop.sums, this.nBits);
     if (data === null) return null;
-    this._loop = null;
+    this.#loop = null;
     if (known && equalBytes(known.message.data, data)) {
       known.doubt = 0;
       return null;
     }
     const agreement = agreementOf(loop.sums, encode(data, this.nBits));
     const message = new Message(data, loop.frames, loop.seen, agreement, known !== null);
-    this._delivered = new DeliveredMessage(message, this.nBits);
+    this.#delivered = new DeliveredMessage(message, this.nBits);
     return message;
   }
 }

@@ -51,20 +51,23 @@ const LATE_TRY = 1.12;
 
 /** Scores of a loop's coded bits, summed over all times that each frame was seen. */
 class CodedScores {
+  #body;
+  #information;
+
   /**
    * @param {Terms} terms - terms of the loop
    * @param {number} nBits - message blocks of a frame
    */
   constructor(terms, nBits) {
     this.terms = terms;
-    this._body = Shape.of(nBits).body;
+    this.#body = Shape.of(nBits).body;
     /** (frames * body) log-likelihood ratios. */
-    this.sums = new Float32Array(terms.frames * this._body);
+    this.sums = new Float32Array(terms.frames * this.#body);
     /** Number of received frames that were added. */
     this.seen = 0;
     /** Value of `progress` when decoding was last tried. */
     this.tried = 0;
-    this._information = new Float64Array(terms.frames);
+    this.#information = new Float64Array(terms.frames);
   }
 
   /**
@@ -74,15 +77,15 @@ class CodedScores {
    * @param {Float32Array} coded - (body)
    */
   add(number, coded) {
-    const sums = this.sums.subarray(number * this._body, (number + 1) * this._body);
+    const sums = this.sums.subarray(number * this.#body, (number + 1) * this.#body);
     for (let at = 0; at < sums.length; at++) sums[at] = SCORES_MEMORY * sums[at] + coded[at];
-    this._information[number] = informationOf(sums);
+    this.#information[number] = informationOf(sums);
     this.seen += 1;
   }
 
   /** Information received, as a share of what was sent: about 1.1 when it can be decoded. */
   get progress() {
-    return this._information.reduce((sum, one) => sum + one, 0) / this.terms.information;
+    return this.#information.reduce((sum, one) => sum + one, 0) / this.terms.information;
   }
 
   /** Whether there is enough that is new since decoding was last tried. */
@@ -102,20 +105,25 @@ class CodedScores {
 
 /** Collects frames of a fine grid (`Collector` of collect.js). */
 export class FineCollector {
+  /** @type {Terms | null} */
+  #delivered = null;
+  /** @type {CodedScores | null} */
+  #loop = null;
+
   /** By number the logarithm of its probability for the last frame. @type {Float64Array | null} */
-  _belief = null;
+  #belief = null;
   /** Count of the last frame. */
-  _count = 0;
+  #count = 0;
   /** @type {WaitingFrame[]} */
-  _waiting = [];
+  #waiting = [];
   /** Terms of the loop, once they are known. @type {Terms | null} */
-  _terms = null;
+  #terms = null;
   /** By word of the terms the log-likelihood of each number that it may tell. */
-  _evidence = noEvidence();
+  #evidence = noEvidence();
   /** Whether each word of the terms was seen. */
-  _heard = new Array(PIECES).fill(false);
+  #heard = new Array(PIECES).fill(false);
   /** Number of the last frames in a row that contradict the terms. */
-  _contradicted = 0;
+  #contradicted = 0;
 
   /** @param {number} nBits - message blocks of a frame */
   constructor(nBits) {
@@ -124,22 +132,18 @@ export class FineCollector {
     this.progress = 0;
     /** Number of times that decoding was tried. */
     this.attempts = 0;
-    /** @type {CodedScores | null} */
-    this._loop = null;
-    /** @type {Terms | null} */
-    this._delivered = null;
   }
 
   /** Whether scores are kept that may be those of a message not returned yet. */
   get collecting() {
-    return this._loop !== null;
+    return this.#loop !== null;
   }
 
   /** Say that the next frame's distance to the earlier ones is not known. */
   startRun() {
-    this._belief = null;
-    this._count = 0;
-    this._waiting = [];
+    this.#belief = null;
+    this.#count = 0;
+    this.#waiting = [];
   }
 
   /**
@@ -153,18 +157,18 @@ export class FineCollector {
     const scores = cutScores(received, new Float32Array(this.nBits));
     /** @type {WaitingFrame} */
     const frame = { scores, count, number: null };
-    this._waiting.push(frame);
-    if (this._waiting.length > MAX_WAITING) this._waiting.shift();
-    const number = this._follow(numberLikelihoods(scores), count);
+    this.#waiting.push(frame);
+    if (this.#waiting.length > MAX_WAITING) this.#waiting.shift();
+    const number = this.#follow(numberLikelihoods(scores), count);
     if (number === null) return null;
     frame.number = number;
-    this._numberWaiting(number, count);
-    this._learnTerms(new ReadFrame(scores, number));
-    if (this._terms === null) return null;
+    this.#numberWaiting(number, count);
+    this.#learnTerms(new ReadFrame(scores, number));
+    if (this.#terms === null) return null;
     let isNew = false;
-    for (const waiting of this._waiting) isNew = this._put(waiting, this._terms) || isNew;
-    this._waiting = [];
-    return isNew && this._loop !== null ? this._try(this._loop) : null;
+    for (const waiting of this.#waiting) isNew = this.#put(waiting, this.#terms) || isNew;
+    this.#waiting = [];
+    return isNew && this.#loop !== null ? this.#try(this.#loop) : null;
   }
 
   /**
@@ -174,20 +178,20 @@ export class FineCollector {
    * @param {number} count
    * @returns {number | null} the number, once it is sure
    */
-  _follow(likelihoods, count) {
+  #follow(likelihoods, count) {
     const belief = likelihoods;
-    if (this._belief !== null) {
-      const steps = count - this._count;
+    if (this.#belief !== null) {
+      const steps = count - this.#count;
       for (let number = 0; number < NUMBERS; number++) {
-        const before = this._numberBefore(number, steps);
-        const moved = before < 0 ? 0 : Math.exp(this._belief[before]) * (1 - JUMP);
+        const before = this.#numberBefore(number, steps);
+        const moved = before < 0 ? 0 : Math.exp(this.#belief[before]) * (1 - JUMP);
         belief[number] += Math.log(moved + JUMP / NUMBERS);
       }
     }
-    this._count = count;
+    this.#count = count;
     const sum = logSumExp(belief);
     for (let number = 0; number < NUMBERS; number++) belief[number] -= sum;
-    this._belief = belief;
+    this.#belief = belief;
     const best = largestAt(belief);
     let others = 0;
     for (let number = 0; number < NUMBERS; number++) {
@@ -202,9 +206,9 @@ export class FineCollector {
    * @param {number} number - number of a frame
    * @param {number} steps - by how many frames the display moved on since the one before
    */
-  _numberBefore(number, steps) {
-    if (this._terms === null) return number - Math.max(steps, 0);
-    const { frames } = this._terms;
+  #numberBefore(number, steps) {
+    if (this.#terms === null) return number - Math.max(steps, 0);
+    const { frames } = this.#terms;
     return number < frames ? remainder(number - steps, frames) : -1;
   }
 
@@ -214,11 +218,11 @@ export class FineCollector {
    * @param {number} sure - number of the frame that is sure
    * @param {number} count - of that frame
    */
-  _numberWaiting(sure, count) {
-    this._waiting = this._waiting.filter((frame) => {
+  #numberWaiting(sure, count) {
+    this.#waiting = this.#waiting.filter((frame) => {
       if (frame.number !== null) return true;
       let number = sure - (count - frame.count);
-      if (this._terms !== null) number = remainder(number, this._terms.frames);
+      if (this.#terms !== null) number = remainder(number, this.#terms.frames);
       // a number that no word tells fits no better than one that the frame's word contradicts
       if (number < 0 || !(numberLikelihoods(frame.scores)[number] >= 0)) return false;
       frame.number = number;
@@ -227,11 +231,11 @@ export class FineCollector {
   }
 
   /** Learn the terms from the next frames. */
-  _forgetTerms() {
-    this._terms = null;
-    this._evidence = noEvidence();
-    this._heard.fill(false);
-    this._contradicted = 0;
+  #forgetTerms() {
+    this.#terms = null;
+    this.#evidence = noEvidence();
+    this.#heard.fill(false);
+    this.#contradicted = 0;
   }
 
   /**
@@ -239,20 +243,20 @@ export class FineCollector {
    *
    * @param {ReadFrame} frame
    */
-  _learnTerms(frame) {
-    if (this._terms !== null) {
-      const contradicts = frame.supports(this._terms) < 0;
-      this._contradicted = contradicts ? this._contradicted + 1 : 0;
-      if (this._contradicted === CONTRADICTIONS) this._forgetTerms();
+  #learnTerms(frame) {
+    if (this.#terms !== null) {
+      const contradicts = frame.supports(this.#terms) < 0;
+      this.#contradicted = contradicts ? this.#contradicted + 1 : 0;
+      if (this.#contradicted === CONTRADICTIONS) this.#forgetTerms();
     }
     frame.pieces.forEach((piece, shown) => {
-      const evidence = this._evidence[piece];
+      const evidence = this.#evidence[piece];
       const more = frame.likelihoods[shown];
       for (let at = 0; at < NUMBERS; at++) evidence[at] = TERMS_MEMORY * evidence[at] + more[at];
-      this._heard[piece] = true;
+      this.#heard[piece] = true;
     });
-    if (this._terms === null && this._heard.every(Boolean)) {
-      this._terms = readTerms(this._evidence.map(largestAt), this.nBits);
+    if (this.#terms === null && this.#heard.every(Boolean)) {
+      this.#terms = readTerms(this.#evidence.map(largestAt), this.nBits);
     }
   }
 
@@ -263,22 +267,22 @@ export class FineCollector {
    * @param {Terms} terms
    * @returns {boolean} false where it brings nothing new that may be decoded
    */
-  _put(waiting, terms) {
+  #put(waiting, terms) {
     const number = /** @type {number} */ (waiting.number);
     if (number >= terms.frames) return false;
     const frame = new ReadFrame(waiting.scores, number);
     if (frame.supports(terms) < 0) return false;
-    if (terms.equals(this._delivered)) {
-      this._loop = null;
+    if (terms.equals(this.#delivered)) {
+      this.#loop = null;
       this.progress = 1;
       return false;
     }
-    if (!this._loop || !this._loop.terms.equals(terms)) {
-      this._loop = new CodedScores(terms, this.nBits);
+    if (!this.#loop || !this.#loop.terms.equals(terms)) {
+      this.#loop = new CodedScores(terms, this.nBits);
     }
-    this._loop.add(number, frame.coded);
-    this.progress = this._loop.progress;
-    return this._loop.worthDecoding();
+    this.#loop.add(number, frame.coded);
+    this.progress = this.#loop.progress;
+    return this.#loop.worthDecoding();
   }
 
   /**
@@ -286,15 +290,15 @@ export class FineCollector {
    *
    * @param {CodedScores} loop
    */
-  _try(loop) {
+  #try(loop) {
     this.attempts += 1;
     loop.tried = loop.progress;
     const data = decodeCoded(loop.sums, loop.terms);
     if (data === null) return null;
     const agreement = agreementOf(loop.sums, codedBits(data, loop.terms, this.nBits));
-    const changed = this._delivered !== null;
-    this._loop = null;
-    this._delivered = loop.terms;
+    const changed = this.#delivered !== null;
+    this.#loop = null;
+    this.#delivered = loop.terms;
     this.progress = 1;
     return new Message(data, loop.terms.frames, loop.seen, agreement, changed);
   }

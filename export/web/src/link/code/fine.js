@@ -72,7 +72,7 @@ export class Terms {
     const { mark } = this;
     const length = this.nBytes - 1;
     const last = this.frames - 1;
-    const check = this._check();
+    const check = this.#check();
     const mask = maskOf(mark);
     return [
       mark >>> 12,
@@ -85,7 +85,7 @@ export class Terms {
   }
 
   /** The 16 bits that check the terms. */
-  _check() {
+  #check() {
     const told = new DataView(new ArrayBuffer(8)); // the first of its bytes is left out
     told.setUint32(0, this.mark);
     told.setUint32(4, ((this.nBytes - 1) << 12) | (this.frames - 1));

@@ -29,6 +29,14 @@ const LEAST = Math.exp(-MAX_TOTAL);
 
 /** Beliefs about bits, and how they change from round to round. */
 export class Propagation {
+  #bounds;
+  #known;
+  #messages;
+  #next;
+  #sumTanh;
+  #sums;
+  #tanhs;
+
   /**
    * @param {Sums} sums - which bits add up to each sum
    * @param {Float64Array} sumTanh - (sums) hyperbolic tangent of half of what is known of each sum:
@@ -38,28 +46,32 @@ export class Propagation {
    */
   constructor(sums, sumTanh, known, bounds) {
     const { starts, members } = sums;
-    this._sums = sums;
-    this._sumTanh = sumTanh;
-    this._bounds = bounds;
-    this._known = known.map((llr) => Math.exp(Math.min(Math.max(llr, -MAX_TOTAL), MAX_TOTAL)));
+    this.#sums = sums;
+    this.#sumTanh = sumTanh;
+    this.#bounds = bounds;
+    this.#known = known.map((llr) => Math.exp(Math.min(Math.max(llr, -MAX_TOTAL), MAX_TOTAL)));
     /** (bits) exponential of all that each bit is told: below 1 where it is thought to be 1. */
-    this.total = this._known.slice();
-    this._next = new Float64Array(known.length);
+    this.total = this.#known.slice();
+    this.#next = new Float64Array(known.length);
     /** (members) exponential of the message of each sum to each of its members. */
-    this._messages = new Float64Array(members.length).fill(1);
+    this.#messages = new Float64Array(members.length).fill(1);
     const most = starts.reduce((longest, start, sum) => {
       return sum ? Math.max(longest, start - starts[sum - 1]) : 0;
     }, 0);
     /** Room for the hyperbolic tangents of what the members of one sum are told. */
-    this._tanhs = new Float64Array(most);
+    this.#tanhs = new Float64Array(most);
   }
 
   /** Do one round: messages of all sums, then beliefs about all bits. */
   step() {
-    const { starts, members } = this._sums;
-    const { leastTanh, mostTanh, mostProduct } = this._bounds;
-    const { total, _next: next, _messages: messages, _sumTanh: sumTanh, _tanhs: tanhs } = this;
-    next.set(this._known);
+    const { starts, members } = this.#sums;
+    const { leastTanh, mostTanh, mostProduct } = this.#bounds;
+    const { total } = this;
+    const next = this.#next;
+    const messages = this.#messages;
+    const sumTanh = this.#sumTanh;
+    const tanhs = this.#tanhs;
+    next.set(this.#known);
     for (let sum = 0; sum < sumTanh.length; sum++) {
       const first = starts[sum];
       const end = starts[sum + 1];
@@ -88,7 +100,7 @@ export class Propagation {
       }
     }
     this.total = next;
-    this._next = total;
+    this.#next = total;
   }
 
   /**

@@ -84,7 +84,7 @@ export class RatelessCode {
     for (let block = 0; block < blocks; block++) {
       const first = block * this.information;
       bits.set(information.subarray(first, first + this.information));
-      this._addParity(bits);
+      this.#addParity(bits);
       for (let number = 0; number < count; number++) {
         let sum = 0;
         for (let at = starts[number]; at < starts[number + 1]; at++) sum ^= bits[members[at]];
@@ -95,7 +95,7 @@ export class RatelessCode {
   }
 
   /** @param {Uint8Array} bits - intermediate bits, of which those of the information are there */
-  _addParity(bits) {
+  #addParity(bits) {
     const { starts, members } = this.precode;
     let sum = 0; // that of the check before, which is its parity bit
     for (let check = 0; check + 1 < starts.length; check++) {
@@ -242,6 +242,10 @@ class Graph {
 
 /** One block on its way to being decoded; from here on, scores are positive for 0. */
 class Column {
+  #beliefs;
+  #certainty;
+  #code;
+
   /**
    * @param {Graph} graph
    * @param {Float32Array} llr - as `RatelessCode.decode` takes it
@@ -259,9 +263,9 @@ class Column {
       known[bit] += 2 * halfOf(llr[number * blocks + block]);
     }
     known[code.intermediate] = 2 * MAX_HALF_LLR;
-    this._code = code;
-    this._beliefs = new Propagation(sums, received, known, BOUNDS);
-    this._certainty = 0;
+    this.#code = code;
+    this.#beliefs = new Propagation(sums, received, known, BOUNDS);
+    this.#certainty = 0;
   }
 
   /**
@@ -271,13 +275,13 @@ class Column {
    * @returns {boolean} whether the block is decoded; no round follows then
    */
   run(turns) {
-    const beliefs = this._beliefs;
-    const missing = this._code.intermediate;
+    const beliefs = this.#beliefs;
+    const missing = this.#code.intermediate;
     const certain = beliefs.total[missing];
     for (let turn = 0; turn < turns; turn++) {
       beliefs.step();
       beliefs.total[missing] = certain; // no sum tells anything of a bit that does not exist
-      const isWhole = beliefs.satisfies(this._code.precode);
+      const isWhole = beliefs.satisfies(this.#code.precode);
       if (isWhole && beliefs.total.every((told) => told !== 1)) return true;
     }
     return false;
@@ -285,19 +289,19 @@ class Column {
 
   /** Whether the mean certainty has grown since this was asked last. */
   grows() {
-    const before = this._certainty;
-    const { intermediate } = this._code;
+    const before = this.#certainty;
+    const { intermediate } = this.#code;
     let sum = 0;
     for (let bit = 0; bit < intermediate; bit++) {
-      sum += Math.abs(Math.log(this._beliefs.total[bit]));
+      sum += Math.abs(Math.log(this.#beliefs.total[bit]));
     }
-    this._certainty = sum / intermediate;
-    return this._certainty > LEAST_GROWTH * before;
+    this.#certainty = sum / intermediate;
+    return this.#certainty > LEAST_GROWTH * before;
   }
 
   /** The (information) bits. */
   bits() {
-    return this._beliefs.bits(this._code.information);
+    return this.#beliefs.bits(this.#code.information);
   }
 }
 
