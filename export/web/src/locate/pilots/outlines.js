@@ -192,7 +192,15 @@ function dilated(mask, size) {
  * @returns {BytePlane}
  */
 function eroded(mask, size) {
-  const { width, height } = mask;
-  const grown = dilated({ width, height, data: mask.data.map((value) => 1 - value) }, size);
-  return { width, height, data: grown.data.map((value) => 1 - value) };
+  return inverted(dilated(inverted(mask), size));
+}
+
+/**
+ * @param {BytePlane} mask - of 0 and 1
+ * @returns {BytePlane}
+ */
+function inverted({ width, height, data }) {
+  const other = new Uint8Array(data.length);
+  for (let i = 0; i < data.length; i++) other[i] = 1 - data[i];
+  return { width, height, data: other };
 }

@@ -52,12 +52,12 @@ export const PROMISING = 9.0;
 /** Evidence of a quadrilateral at which its corners are refined once all frames were seen. */
 export const HINT = 6.0;
 /** Units of work (`../steps.js`) from which on a frame has had its share. */
-export const FRAME_WORK = 30;
+export const FRAME_WORK = 36;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
 const OUTLINE_WORK = 20;
 /** Units of work of a layout's fit, and of weighing the evidence of a quadrilateral. */
-const FIT_WORK = 3;
+const FIT_WORK = 4;
 const WEIGH_WORK = 6;
 
 /**

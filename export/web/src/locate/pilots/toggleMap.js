@@ -125,10 +125,12 @@ export class ToggleMap {
     const excess = blurred({ width, height, data: over }, EVEN_PX).data;
     const usual = median(excess);
     const clear = Math.max(LEAST_EXCESS, 0.5 * quantile(excess, 0.98));
-    const gain = excess.map((value) =>
-      Math.min(2 * FAINT, Math.max(-FAINT, value - usual - FAINT)),
-    );
-    const mask = Uint8Array.from(excess, (value) => Number(value > clear));
+    const gain = new Float32Array(excess.length);
+    const mask = new Uint8Array(excess.length);
+    for (let i = 0; i < excess.length; i++) {
+      gain[i] = Math.min(2 * FAINT, Math.max(-FAINT, excess[i] - usual - FAINT));
+      mask[i] = excess[i] > clear ? 1 : 0;
+    }
     let most = -Infinity;
     /** @type {Point[] | null} */
     let best = null;
@@ -154,7 +156,9 @@ export class ToggleMap {
     const [real, imaginary] = this.#amplitudes(number).map((data) =>
       band({ width, height, data }),
     );
-    for (let i = 0; i < real.length; i++) real[i] = real[i] ** 2 + imaginary[i] ** 2;
+    for (let i = 0; i < real.length; i++) {
+      real[i] = real[i] * real[i] + imaginary[i] * imaginary[i];
+    }
     const power = blurred({ width, height, data: real }, SMOOTH_PX);
     const least = 0.05 * median(power.data) + 1e-6;
     for (let i = 0; i < real.length; i++) power.data[i] = Math.log(power.data[i] + least);
