@@ -35,10 +35,10 @@ const SHRINK = 0.75;
 /** Number of steps into which gradients are sorted. */
 const BINS = 256;
 /** Number of pixels that are looked at in one step of the search. */
-const STEP_PIXELS = 60000;
+const STEP_PIXELS = 40000;
 /** Units of work of the gradients, and of one step. */
 const GRADIENT_WORK = 15;
-const STEP_WORK = 8;
+const STEP_WORK = 6;
 
 /**
  * Find the longest straight segments of an image; the work since the last step is not yielded.

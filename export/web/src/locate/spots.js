@@ -60,7 +60,8 @@ const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */
 const SAME_WHOLE_PX = 4.0;
 const SAME_PARTIAL_PX = 6.0;
-/** Units of work of comparing `STEP_SPOTS` places, and of one way to combine patches. */
+/** Units of work of resizing, of comparing `STEP_SPOTS` places, and of one way of combining. */
+const RESIZE_WORK = 1;
 const COMPARE_WORK = 3;
 const COMBINE_WORK = 2;
 
@@ -100,6 +101,7 @@ function* matchesOfSize(gray, bank, size, found) {
   const image = resized(gray, factor);
   const { width, height } = image;
   if (Math.min(width, height) < 3 * WINDOW_PX) return;
+  yield RESIZE_WORK;
   const spots = yield* steepestSteps(image, WINDOW_PX, SPOTS);
   const levels = Float32Array.from(image.data);
   const half = WINDOW_PX >> 1;
@@ -296,6 +298,18 @@ function isAlike(match, side, turn) {
 }
 
 /**
+ * Tell whether there is a side and a turn that two matches are both like.
+ *
+ * @param {Match} one
+ * @param {Match} other
+ */
+function mayAgree(one, other) {
+  const ratio = one.size / other.size;
+  if (!(ratio < MAX_RATIO ** 2 && ratio > MAX_RATIO ** -2)) return false;
+  return angleApart(one.turn, other.turn) < 2 * MAX_TURN;
+}
+
+/**
  * Work out the sizes and turns of patches whose centres are given.
  *
  * By the homography of the unit square to the quadrilateral (Heckbert 1989): its area element
@@ -375,7 +389,9 @@ function* affineQuads(triple, found, layout, gray) {
   const cells = layout.rows * layout.cols;
   for (const one of found[triple[0]]) {
     for (const two of found[triple[1]]) {
+      if (!mayAgree(one, two)) continue;
       for (const three of found[triple[2]]) {
+        if (!mayAgree(one, three) || !mayAgree(two, three)) continue;
         const chosen = [one, two, three];
         const map = multiply3(fromCentres, chosen.flatMap(({ at }) => [...at, 1]));
         const area = map[0] * map[4] - map[1] * map[3];

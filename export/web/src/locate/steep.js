@@ -17,8 +17,9 @@ const DARK = 4;
 const ALONE_PX = 3;
 /** Smallest steepness that counts. */
 const LEAST = 1e-6;
-/** Units of work of the logarithms, and of the steepness. */
-const LIGHT_WORK = 3;
+/** Units of work of the blur, of the logarithms, and of the steepness. */
+const BLUR_WORK = 1;
+const LIGHT_WORK = 1;
 const STEEP_WORK = 3;
 
 /**
@@ -31,6 +32,7 @@ const STEEP_WORK = 3;
  */
 export function* steepestSteps(image, side, limit) {
   const light = blurred(image, BLUR_PX);
+  yield BLUR_WORK;
   for (let at = 0; at < light.data.length; at++) light.data[at] = Math.log(light.data[at] + DARK);
   yield LIGHT_WORK;
   const steep = leastSteepness(light, side);
