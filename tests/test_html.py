@@ -33,6 +33,7 @@ from reports.render.charts import (
     colour_of,
     draw_series,
     marker_of,
+    in_style,
     new_panels,
     to_svg,
 )
@@ -384,6 +385,7 @@ def test_texts_of_a_table_come_back_as_they_were(head: str, content: str) -> Non
 
 
 def test_a_chart_says_its_title_and_notes_and_is_the_same_again() -> None:
+    @in_style
     def chart() -> str:
         figure, (panel,) = new_panels()
         panel.set(xlim=(0, 2), ylim=(0, 1))

@@ -13,6 +13,7 @@ from reports.render.charts import (
     Series,
     dot_chart,
     draw_series,
+    in_style,
     new_panels,
     set_accuracy_axis,
     set_ticks,
@@ -28,6 +29,7 @@ GRAY_TICKS = (0, 64, 128, 192, 255)
 """Gray levels that the axes of a response name."""
 
 
+@in_style
 def summary_figure(ranked: Sequence[Standing]) -> Figure:
     """Draw the accuracy of each method with its interval.
 
@@ -45,6 +47,7 @@ def summary_figure(ranked: Sequence[Standing]) -> Figure:
     return figure
 
 
+@in_style
 def sweep_figure(curve: SweepCurve, swept: Sequence[SweptAccuracy], least: float) -> Figure:
     """Draw accuracy against a swept quantity, a line a method.
 
@@ -100,6 +103,7 @@ def sweep_table(curve: SweepCurve, swept: Sequence[SweptAccuracy]) -> Table:
     return Table(heads, rows)
 
 
+@in_style
 def response_figure(response: Response) -> Figure:
     """Draw the true camera-display transfer function and what methods find of it."""
     figure, (panel,) = new_panels()
@@ -136,6 +140,7 @@ def response_table(responses: Sequence[Response]) -> Table:
     return Table(["frame pairs of", "n", *methods], rows, title)
 
 
+@in_style
 def cost_figure(cost: Cost) -> Figure:
     """Draw the time of each method as a multiple of the reference's, with quartiles."""
     ratios = _ranked_costs(cost)

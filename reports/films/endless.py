@@ -38,7 +38,15 @@ from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.backends import one_thread
 from reports.engine.provenance import provenance
-from reports.render.charts import SPARE_COLOURS, Point, Series, draw_series, new_panels, save_png
+from reports.render.charts import (
+    SPARE_COLOURS,
+    Point,
+    Series,
+    draw_series,
+    in_style,
+    new_panels,
+    save_png,
+)
 from reports.render.tables import Table
 
 SIZE = (320, 240)
@@ -364,6 +372,7 @@ def endless_table(found: dict[str, list[StreamBlock]], frames: int) -> Table:
     return Table(heads, rows)
 
 
+@in_style
 def draw_endless(found: dict[str, list[StreamBlock]], path: Path) -> None:
     """Draw the time of a frame and the memory against the number of frames, and write the PNG."""
     figure, panels = new_panels(2, legend=1.0, size=(7.3, 2.8))

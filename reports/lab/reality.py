@@ -31,7 +31,7 @@ from reports.lab.noise import (
     noise_by_level,
     ripple,
 )
-from reports.render.charts import INK, MUTED, RULE, new_panels, save_png
+from reports.render.charts import INK, MUTED, RULE, in_style, new_panels, save_png
 from reports.render.tables import Table, write_blocks
 
 RHO = np.arange(256.0)
@@ -218,6 +218,7 @@ def noise_table(real: list[dict[int, float]], simulated: dict[str, dict[int, flo
     return Table(["frames", *map(str, LEVELS)], rows)
 
 
+@in_style
 def curve_figure(groups: dict[str, Array]) -> Figure:
     """Draw groups of CDTFs, a panel each; many curves are shown as their band of 5 to 95 %."""
     figure, panels = new_panels(len(groups), columns=2, legend=0.1, title=True)
@@ -233,6 +234,7 @@ def curve_figure(groups: dict[str, Array]) -> Figure:
     return figure
 
 
+@in_style
 def noise_figure(real: list[dict[int, float]], simulated: dict[str, dict[int, float]]) -> Figure:
     """Draw noise against captured level; what was seen at 45 degrees is dashed."""
     figure, (panel,) = new_panels(legend=2.0, size=(8.0, 5.2))

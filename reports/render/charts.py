@@ -1,18 +1,20 @@
 """Charts: matplotlib figures in one style, as SVG for the page and as PNG for docs.
 
-Figures are made with `new_panels`, without pyplot and its global state. A chart of the page is
-drawn at the width of a phone, so that its text has one size on every screen. Drawn with the
-colours of a light page; `to_svg` replaces these by the page's own, which know of dark screens.
+Figures are made with `new_panels`, without pyplot and its global state, by functions under
+`in_style`. A chart of the page is drawn at the width of a phone, so that its text has one size on
+every screen. It is drawn with the colours of a light page; `to_svg` replaces these by the page's
+own, which know of dark screens.
 """
 
 import hashlib
 import io
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import matplotlib
 import numpy as np
@@ -28,6 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from link.images import write_bytes
 from reports.engine.methods import METHODS
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 INK, MUTED, RULE, PAPER = "#1b1f24", "#5c6670", "#d9dee3", "#ffffff"
 """Colours of text, of what is less important, of thin lines, and of the page behind them."""
@@ -50,33 +55,47 @@ LINK = "{http://www.w3.org/1999/xlink}href"
 NOTE = "note: "
 """Begins the id of a drawn thing whose rest is shown where the pointer rests on it."""
 
-matplotlib.rcParams.update(
-    {
-        "font.size": 11.5,
-        "axes.titlesize": 12,
-        "axes.labelsize": 11.5,
-        "xtick.labelsize": 10.5,
-        "ytick.labelsize": 10.5,
-        "legend.fontsize": 11,
-        "legend.frameon": False,
-        "text.color": INK,
-        "text.parse_math": False,
-        "axes.labelcolor": INK,
-        "axes.titlecolor": INK,
-        "axes.edgecolor": MUTED,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "xtick.color": MUTED,
-        "ytick.color": MUTED,
-        "grid.color": RULE,
-        "grid.linewidth": 0.7,
-        "axes.axisbelow": True,
-        "lines.linewidth": 1.6,
-        "lines.markersize": 6,
-        "svg.hashsalt": "report",
-        "svg.fonttype": "none",
-    }
-)
+STYLE: dict[str, Any] = {
+    "font.size": 11.5,
+    "axes.titlesize": 12,
+    "axes.labelsize": 11.5,
+    "xtick.labelsize": 10.5,
+    "ytick.labelsize": 10.5,
+    "legend.fontsize": 11,
+    "legend.frameon": False,
+    "text.color": INK,
+    "text.parse_math": False,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "grid.color": RULE,
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.6,
+    "lines.markersize": 6,
+    "svg.hashsalt": "report",
+    "svg.fonttype": "none",
+}
+"""Settings of matplotlib with which all charts are drawn."""
+
+
+def in_style(draw: Callable[P, R]) -> Callable[P, R]:
+    """Let a function draw with the settings of `STYLE`, which end with it.
+
+    >>> in_style(lambda: matplotlib.rcParams["font.size"])()
+    11.5
+    """
+
+    @wraps(draw)
+    def styled(*args: P.args, **kwargs: P.kwargs) -> R:
+        with matplotlib.rc_context(STYLE):
+            return draw(*args, **kwargs)
+
+    return styled
 
 
 @dataclass(frozen=True)
@@ -133,6 +152,7 @@ def marker_of(label: str) -> str:
     return SPARE_MARKERS[sum(label.encode()) % len(SPARE_MARKERS)]
 
 
+@in_style
 def new_panels(
     count: int = 1,
     columns: int = 1,
@@ -274,6 +294,7 @@ def draw_series(
     panel.legend(handles=handles, handlelength=1.2, handletextpad=0.5, **place)
 
 
+@in_style
 def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[Figure, Axes]:
     """Draw one row for each method: its first point along x as a dot, with its interval and note.
 
@@ -309,6 +330,7 @@ def dot_chart(series: Sequence[Series], size_in: float = PANEL_IN[0]) -> tuple[F
     return figure, panel
 
 
+@in_style
 def save_png(figure: Figure, path: Path, dpi: int = 110) -> None:
     """Write a figure as a PNG on white, under a temporary name first; its folder is made.
 
@@ -323,6 +345,7 @@ def save_png(figure: Figure, path: Path, dpi: int = 110) -> None:
     write_bytes(path, buffer.getvalue())
 
 
+@in_style
 def to_svg(figure: Figure, title: str) -> Markup:
     """Turn a figure into an element of the page: the same bytes for the same drawing.
 

@@ -14,7 +14,7 @@ from link.layout import block_index
 from link.ratex import training_pixels
 from models.classical.common import tile_mean
 from models.classical.oorc import inverse_response
-from reports.render.charts import MUTED, colour_of, new_panels, save_png
+from reports.render.charts import MUTED, colour_of, in_style, new_panels, save_png
 
 GAIN = 8.0
 """Factor by which differences between two frames are enlarged in pictures."""
@@ -115,6 +115,7 @@ def overview(
     return np.hstack([scaled[0], gap, scaled[1], gap, scaled[2]])
 
 
+@in_style
 def plot_inverse_responses(
     path: Path, cases: Mapping[str, tuple[Rectified, Mapping[str, NDArray[np.float64]]]]
 ) -> None:

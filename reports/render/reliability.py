@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.figure import Figure
 
-from reports.render.charts import Point, Series, draw_series, new_panels
+from reports.render.charts import Point, Series, draw_series, in_style, new_panels
 from reports.render.tables import Table
 from reports.score.reliability import ALL, BINS, Curves, calibration_error
 
@@ -55,6 +55,7 @@ def reliability_tables(curves: Curves) -> list[Table]:
     return [calibration_table(curves), *bin_tables(curves)]
 
 
+@in_style
 def reliability_figure(curves: Curves, conditions: Sequence[str], columns: int = 3) -> Figure:
     """Draw accuracy against confidence, one panel a condition.
 

@@ -13,6 +13,7 @@ from pydantic import Field
 from link.outside import read_json
 from reports.engine.checked import Count, Number, Share, checked
 from reports.engine.provenance import Making
+from reports.render.charts import in_style
 from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
 from reports.score.paired import MIN_FRAMES, Paired
 from reports.studies.switches import ADDED, FLOORS, REMOVED, WHOLE_DECODERS
@@ -132,6 +133,7 @@ def ablation_tables(ablation: Ablation) -> list[Table]:
     return [*tables, _whole_decoders_table(ablation)]
 
 
+@in_style
 def ablation_figure(ablation: Ablation) -> Figure:
     """Draw the paired differences with their intervals, one panel a block and condition.
 

@@ -14,7 +14,7 @@ from link.images import LUMA, intensity, write_image
 from models import make_decoder
 from reports.engine.methods import Method
 from reports.engine.protocols import apply_protocol
-from reports.render.charts import save_png
+from reports.render.charts import in_style, save_png
 
 ASTRONAUT = "photo/astronaut/0"
 """The picture that is shown; its licence lets captures of it be published here."""
@@ -35,6 +35,7 @@ def draw_channel(source: Source, folder: Path) -> None:
     write_image(folder / "channel_sheet.jpg", contact_sheet(source))
 
 
+@in_style
 def transfer_figure() -> Figure:
     """Draw the camera-display transfer functions (CDTFs) of three displays by each camera."""
     figure = Figure(figsize=(11, 3.4))
@@ -52,6 +53,7 @@ def transfer_figure() -> Figure:
     return figure
 
 
+@in_style
 def angle_figure(source: Source) -> Figure:
     """Draw the CDTF of nikon-samsung and the histogram of one of its captures at each angle."""
     figure = Figure(figsize=(12, 5))
@@ -71,6 +73,7 @@ def angle_figure(source: Source) -> Figure:
     return figure
 
 
+@in_style
 def decision_figure(source: Source) -> Figure:
     """Draw the frames' difference, its threshold, and the bits: the paper's example figure."""
     pair = astronaut_pair(source, Cell("canon-samsung", 45.0, 5))

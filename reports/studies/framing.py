@@ -30,7 +30,7 @@ from link.layout import make_layout
 from reports.engine.digest import code_digest, package_versions
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
-from reports.render.charts import Point, Series, draw_series, new_panels, save_png
+from reports.render.charts import Point, Series, draw_series, in_style, new_panels, save_png
 from reports.score.accuracy import wilson
 
 Array = NDArray[np.float64]
@@ -273,6 +273,7 @@ def wrong_rows(batches: dict[str, Batch], found: dict[str, Any]) -> list[dict[st
     return rows
 
 
+@in_style
 def framing_figure(rows: list[dict[str, Any]]) -> Figure:
     """Draw lost messages against the share of wrong bits, a panel for each number of loops."""
     figure, panels = new_panels(len(LOOPS), legend=2.7, size=(7.3, 3.2), title=True)

@@ -33,7 +33,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
-from reports.render.charts import Point, Series, draw_series, new_panels, save_png
+from reports.render.charts import Point, Series, draw_series, in_style, new_panels, save_png
 from reports.studies.framing import received_llr
 
 STEP = 0.02
@@ -196,6 +196,7 @@ def making_seconds() -> dict[str, float]:
     return {"make_code_2500_bytes": coarse, "encode_fine": time.process_time() - begin}
 
 
+@in_style
 def information_figure(rows: list[dict[str, Any]]) -> Figure:
     """Draw the information needed against the share of wrong bits, for each code and the bound."""
     figure, (panel,) = new_panels(1, legend=2.6, size=(6.6, 3.4))

@@ -27,7 +27,7 @@ from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.protocols import PROTOCOLS, apply_protocol
 from reports.engine.provenance import provenance
 from reports.engine.records import CELL
-from reports.render.charts import MUTED, colour_of, new_panels, save_png
+from reports.render.charts import MUTED, colour_of, in_style, new_panels, save_png
 from reports.render.tables import Table, cell_tables, write_blocks
 from reports.score.accuracy import read_scores, score, write_scores
 from reports.score.paper import METHODS
@@ -247,6 +247,7 @@ def fit_text() -> str:
     )
 
 
+@in_style
 def prediction_figure(compared: pd.DataFrame) -> Figure:
     """Draw ours against the printed accuracies, a panel for each method."""
     groups = list(compared.groupby("method", sort=False))

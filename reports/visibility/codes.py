@@ -16,7 +16,7 @@ from scipy.stats import norm
 from link.visibility.flicker import largest_kappa, message_visibility
 from link.visibility.line_code import LINE_CODES
 from link.visibility.viewing import Viewing
-from reports.render.charts import new_panels, set_ticks
+from reports.render.charts import in_style, new_panels, set_ticks
 from reports.render.tables import Table, TableCell
 
 SETTINGS = ((60, 15), (60, 30), (60, 60), (120, 60), (120, 120))
@@ -143,6 +143,7 @@ def code_table(results: Sequence[CodeResult]) -> Table:
     return Table(heads, rows, left=2)
 
 
+@in_style
 def code_figure(results: Sequence[CodeResult]) -> Figure:
     """Draw how well a block is heard at equal visibility, by line code and rate."""
     figure, (panel,) = new_panels(legend=1.75, size=(7.6, 3.6))

@@ -16,6 +16,7 @@ from reports.render.charts import (
     PAPER,
     add_note,
     colour_of,
+    in_style,
     marker_of,
     new_panels,
     set_accuracy_axis,
@@ -79,6 +80,7 @@ def frontier_charts(results: FrontierResults, peers: Sequence[PeerRow] = ()) -> 
     ]  # fmt: skip
 
 
+@in_style
 def chart_figure(chart: FrontierChart) -> Figure:
     """Draw one chart alone, for the report."""
     figure, (panel,) = new_panels(legend=NAMES_IN)
@@ -86,6 +88,7 @@ def chart_figure(chart: FrontierChart) -> Figure:
     return figure
 
 
+@in_style
 def frontier_figure(results: FrontierResults, peers: Sequence[PeerRow] = ()) -> Figure:
     """Draw all charts as panels of one figure, for docs."""
     charts = frontier_charts(results, peers)

@@ -21,7 +21,14 @@ from link.outside import read_json
 from models import DECODERS
 from reports.engine.checked import Count, Number, Share, checked
 from reports.engine.provenance import Making
-from reports.render.charts import Point, Series, draw_series, new_panels, set_accuracy_axis
+from reports.render.charts import (
+    Point,
+    Series,
+    draw_series,
+    in_style,
+    new_panels,
+    set_accuracy_axis,
+)
 from reports.render.tables import Table, percent, share_interval
 from reports.score.accuracy import clustered_interval
 from reports.studies.peers.study import NO_CHANNEL, Reading
@@ -201,6 +208,7 @@ def peers_table(rows: Sequence[PeerRow]) -> Table:
     )
 
 
+@in_style
 def peers_figure(rows: Sequence[PeerRow], columns: int = 1) -> Figure:
     """Draw bit accuracy against PSNR, a panel for each condition; of two readings the better one.
 
