@@ -32,8 +32,8 @@ from reports.render.charts import (
     accuracy_ticks,
     colour_of,
     draw_series,
-    marker_of,
     in_style,
+    marker_of,
     new_panels,
     to_svg,
 )
