@@ -48,6 +48,9 @@ MAX_THREADS = 256
 """Largest number of threads of onnxruntime."""
 TIME_LIMIT_S = 7.0
 """Seconds that loading a model may take, and a run on frames of few pixels."""
+OWN_TIME_LIMIT_S = 120.0
+"""Seconds that loading and running may take where the model is known to end: one that ships with
+the project, or that a study exported. Other work on the machine may slow it down."""
 TIME_LIMIT_S_PER_MEGAPIXEL = 1.0
 """Seconds that a run may take longer for each million pixels of its frames."""
 NOWHERE = "/dev/null/nowhere"

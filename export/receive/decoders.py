@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from export.runtime import Decoder, check_threads, read_model
+from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
 from link.errors import InputError
 from link.frames import SoftBits
 from link.layout import Layout
@@ -47,7 +47,7 @@ class ShippedDecoder:
 
     @cached_property
     def _decoder(self) -> Decoder:
-        decoder = Decoder(self._path, self._threads)
+        decoder = Decoder(self._path, self._threads, OWN_TIME_LIMIT_S)
         if decoder.layout != self.layout:
             raise InputError(f"{self._path}: is for another layout than its name says; export it")
         return decoder

@@ -30,7 +30,7 @@ from data_gen.film.codec import CodecChannel, CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneProcessor, PhoneSettings
 from data_gen.pairs import PAIRS
-from export.runtime import Decoder
+from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from link.embed import check_kappa
 from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
@@ -201,7 +201,7 @@ def read_variants(item: VariantsTake) -> dict[str, dict[str, Any]]:
     one_thread()
     filmed = film_message(item.take)
     layout = item.take.config.layout
-    decoder = Decoder(item.take.model, threads=1)
+    decoder = Decoder(item.take.model, 1, OWN_TIME_LIMIT_S)
     lanes = {name: Lane(VARIANTS[name], filmed, decoder, layout) for name in item.variants}
     for frame in filmed.frames:
         going = [lane for lane in lanes.values() if not lane.reading.ended]

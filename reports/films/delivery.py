@@ -34,7 +34,7 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from export.receive.receiver import Receiver
-from export.runtime import Decoder
+from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from export.to_onnx import to_onnx
 from link.code.framing import encode, frames_needed
 from link.embed import check_kappa, embed
@@ -320,7 +320,7 @@ def deliver(take: Take) -> dict[str, Any]:
     """
     one_thread()
     filmed = film_message(take)
-    reading = FilmReading(filmed, Decoder(take.model, threads=1))
+    reading = FilmReading(filmed, Decoder(take.model, 1, OWN_TIME_LIMIT_S))
     for frame in through_codec(filmed.frames, take.config.codec, take.config.fps):
         reading.push(frame)
         if reading.ended:

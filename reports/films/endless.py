@@ -27,7 +27,7 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.receive.receiver import Receiver
-from export.runtime import Decoder
+from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from link.code.collect import make_collector
 from link.code.framing import encode
 from link.embed import embed
@@ -175,7 +175,7 @@ def endure(stream: str, frames: int, seed: int) -> list[StreamBlock]:
     """
     one_thread()
     images = choose(STREAMS, stream, "stream")(np.random.default_rng(seed))
-    receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx", threads=1), FPS)
+    receiver = Receiver(Decoder(PRETRAINED / "decoder.onnx", 1, OWN_TIME_LIMIT_S), FPS)
     blocks: list[StreamBlock] = []
     spent: list[float] = []
     messages = 0
