@@ -153,7 +153,7 @@ def test_by_default_all_shipped_graphs_are_read(
 def test_a_shipped_graph_is_loaded_when_it_decodes(monkeypatch: pytest.MonkeyPatch) -> None:
     loaded: list[Path] = []
 
-    def load(path: Path, threads: int) -> BlockMeans:
+    def load(path: Path, threads: int, time_limit_s: float) -> BlockMeans:
         loaded.append(path)
         return BlockMeans(PAPER)
 
