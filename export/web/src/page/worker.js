@@ -70,7 +70,7 @@ async function prepare() {
     const graph = new Uint8Array(await (await load(model)).arrayBuffer());
     decoders.push(new Decoder(known, graph));
   }
-  for (const decoder of decoders) await decoder.load();
+  await decoders[0].load(); // onnxruntime comes with the first graph; the others follow when needed
 }
 
 /**
