@@ -101,6 +101,8 @@ def test_patches_out_of_view_are_left_out() -> None:
     assert seen_visibility(match, in_view) == pytest.approx(0.98 - 0.08)
     assert seen_visibility(match, np.array([0, 1, 0, 0, 1], bool)) == -1
     assert seen_visibility(np.full(5, 0.95), np.ones(5, bool)) == pytest.approx(0.95)
+    by_chance = np.array([0.99, 0.22, 0.84, 1.0, -0.25])  # two patches, and what looks like a third
+    assert seen_visibility(by_chance, np.ones(5, bool)) == pytest.approx(0.56)
 
 
 def test_corners_may_lie_outside_as_far_as_is_said() -> None:

@@ -28,6 +28,9 @@ DRAWN_KAPPA = 3
 LEAST_PATCHES, MISSED_PATCHES = 3, 2
 """Smallest number of patches that must be seen where a layout has so many, and largest number that
 may be out of view or covered."""
+CLEAR_KEPT = 0.9
+"""Smallest correlation of each patch that is counted where others are left out: with corners that
+may lie anywhere, something else looks like the third of three patches, and reaches 0.85."""
 COVERED_LOSS = 0.08
 """Visibility that is taken off where patches that are not seen are left out of the mean."""
 
@@ -108,13 +111,14 @@ def seen_visibility(match: NDArray[np.float64], in_view: NDArray[np.bool_]) -> f
 
     Returns:
         mean correlation of all patches; or, where that is more, that of the patches that are seen
-        best, less `COVERED_LOSS`. At most `MISSED_PATCHES` are left out, and
-        `LEAST_PATCHES` must be in view, or the value is -1.
+        best, less `COVERED_LOSS`, if each of them has `CLEAR_KEPT`. At most `MISSED_PATCHES` are
+        left out, and `LEAST_PATCHES` must be in view, or the value is -1.
     """
     needed = min(len(match), max(LEAST_PATCHES, len(match) - MISSED_PATCHES))
     if in_view.sum() < needed:
         return -1.0
-    best = np.sort(match[in_view])[-needed:].mean() - COVERED_LOSS
+    kept = np.sort(match[in_view])[-needed:]
+    best = kept.mean() - COVERED_LOSS if kept[0] >= CLEAR_KEPT else -1.0
     return float(max(match.mean(), best) if in_view.all() else best)
 
 

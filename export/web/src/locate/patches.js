@@ -45,6 +45,8 @@ const PLACE_ERROR = 0.006;
 const LEAST_PATCHES = 3;
 /** Largest number of patches that may be out of view or covered. */
 const MISSED_PATCHES = 2;
+/** Smallest correlation of each patch that is counted where others are left out. */
+const CLEAR_KEPT = 0.9;
 /** Visibility that is taken off where patches that are not seen are left out of the mean. */
 const COVERED_LOSS = 0.08;
 /** Corners of the display, in display units. */
@@ -171,15 +173,16 @@ function allIn(points, width, height) {
  * @param {ArrayLike<number>} inView - (patches,) which patches the image holds, from
  *   `patchesInView`
  * @returns {number} mean correlation of all patches; or, where that is more, that of the patches
- *   that are seen best, less `COVERED_LOSS`. At most `MISSED_PATCHES` are left out, and
- *   `LEAST_PATCHES` must be in view, or the value is -1.
+ *   that are seen best, less `COVERED_LOSS`, if each of them has `CLEAR_KEPT`. At most
+ *   `MISSED_PATCHES` are left out, and `LEAST_PATCHES` must be in view, or the value is -1.
  */
 export function seenVisibility(match, inView) {
   const all = Array.from(match);
   const seen = all.filter((_, patch) => inView[patch]).sort((one, other) => other - one);
   const needed = Math.min(all.length, Math.max(LEAST_PATCHES, all.length - MISSED_PATCHES));
   if (seen.length < needed) return -1;
-  const best = mean(seen.slice(0, needed)) - COVERED_LOSS;
+  const kept = seen.slice(0, needed);
+  const best = kept[needed - 1] >= CLEAR_KEPT ? mean(kept) - COVERED_LOSS : -1;
   return seen.length === all.length ? Math.max(mean(all), best) : best;
 }
 
