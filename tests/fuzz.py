@@ -5,8 +5,9 @@ a layout, a key, a folder of train.py, values of --set, or a command line. It ru
 its own, forked from one that has all modules loaded. A case fails where it prints a traceback, dies
 of a signal, takes more than 10 seconds of processor time, does not end within a minute, takes more
 than 2 GB, or ends with an error that is not told. A case that takes too long is run once more, and
-fails where it does so again: a machine that others use is slow at times. Prints what failed, with its command, and counts by kind; inputs of failed cases
-stay in --out. Exit status 1 where a case failed.
+fails where it does so again: a machine that others use is slow at times. Prints what failed, with
+its command, and counts by kind; inputs of failed cases stay in --out. Exit status 1 where a case
+failed.
 
 Needs Linux, and the test dependencies (onnx to change the metadata of models).
 """
