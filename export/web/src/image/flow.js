@@ -132,13 +132,7 @@ export class Flow {
         this.#inside = false;
         break;
       }
-      const partX = x - left;
-      const partY = y - top;
-      const unit = 1 << SHARE_BITS;
-      const share00 = Math.round((1 - partX) * (1 - partY) * unit);
-      const share01 = Math.round(partX * (1 - partY) * unit);
-      const share10 = Math.round((1 - partX) * partY * unit);
-      const share11 = unit - share00 - share01 - share10;
+      const [share00, share01, share10, share11] = sharesOf(x - left, y - top);
       let sumX = 0;
       let sumY = 0;
       let at = start;
@@ -235,13 +229,7 @@ export class Flow {
             10 * (data[below] - data[above]);
         }
       }
-      const partX = x - left;
-      const partY = y - top;
-      const unit = 1 << SHARE_BITS;
-      const share00 = Math.round((1 - partX) * (1 - partY) * unit);
-      const share01 = Math.round(partX * (1 - partY) * unit);
-      const share10 = Math.round((1 - partX) * partY * unit);
-      const share11 = unit - share00 - share01 - share10;
+      const [share00, share01, share10, share11] = sharesOf(x - left, y - top);
       let sumXX = 0;
       let sumXY = 0;
       let sumYY = 0;
@@ -377,4 +365,20 @@ function reflectBorder({ width, height, stride, data }, pad) {
     data.copyWithin((pad - k) * stride, above, above + stride);
     data.copyWithin((bottom + k) * stride, below, below + stride);
   }
+}
+
+/**
+ * Shares of four neighbouring pixels in a point between them, as whole numbers that add up to
+ * 2 ** `SHARE_BITS`.
+ *
+ * @param {number} x - from the left pixels to the right ones, in [0, 1]
+ * @param {number} y - from the upper pixels to the lower ones, in [0, 1]
+ * @returns {[number, number, number, number]} upper left, upper right, lower left, lower right
+ */
+function sharesOf(x, y) {
+  const unit = 1 << SHARE_BITS;
+  const share00 = Math.round((1 - x) * (1 - y) * unit);
+  const share01 = Math.round(x * (1 - y) * unit);
+  const share10 = Math.round((1 - x) * y * unit);
+  return [share00, share01, share10, unit - share00 - share01 - share10];
 }

@@ -137,7 +137,9 @@ export class CornerShift {
    * @param {number} variance - of a pixel of weight 1
    * @returns {Float64Array} (8,) what the residuals ask for, in units of the information
    */
-  #learn({ width, height, data }, amplitude, weight, residual, variance) {
+  #learn(expected, amplitude, weight, residual, variance) {
+    const { width, height } = expected;
+    const { across, down } = slopesOf(expected);
     const scaleX = (amplitude * width) / 16;
     const scaleY = (amplitude * height) / 16;
     const right = new Float64Array(NUMBERS);
@@ -145,18 +147,9 @@ export class CornerShift {
     const columns = new Float64Array(NUMBERS);
     for (let row = 0, at = 0; row < height; row++) {
       const y = height > 1 ? (2 * row) / (height - 1) - 1 : -1;
-      const above = reflected(row - 1, height) * width;
-      const here = row * width;
-      const below = reflected(row + 1, height) * width;
       for (let col = 0; col < width; col++, at++) {
-        const left = reflected(col - 1, width);
-        const next = reflected(col + 1, width);
-        const ahead = data[above + next] + 2 * data[here + next] + data[below + next];
-        const behind = data[above + left] + 2 * data[here + left] + data[below + left];
-        const under = data[below + left] + 2 * data[below + col] + data[below + next];
-        const over = data[above + left] + 2 * data[above + col] + data[above + next];
-        const slopeX = scaleX * (ahead - behind);
-        const slopeY = scaleY * (under - over);
+        const slopeX = scaleX * across[at];
+        const slopeY = scaleY * down[at];
         const x = width > 1 ? (2 * col) / (width - 1) - 1 : -1;
         // motions of a pixel, in maps as wide as 2, by each of the eight numbers
         columns[0] = slopeX * x;
@@ -242,8 +235,21 @@ function unitHomography(move) {
  * @param {FloatPlane} image
  * @returns {Float32Array} in (0, 1]
  */
-function evenness({ width, height, data }) {
-  const weight = new Float32Array(width * height);
+function evenness(image) {
+  const { across, down } = slopesOf(image);
+  const unit = (8 * STEEP) ** 2;
+  return across.map((slope, at) => 1 / (1 + (slope ** 2 + down[at] ** 2) / unit));
+}
+
+/**
+ * Differences of an image along its rows and its columns, eight times as large (Sobel).
+ *
+ * @param {FloatPlane} image
+ * @returns {{ across: Float32Array, down: Float32Array }}
+ */
+function slopesOf({ width, height, data }) {
+  const across = new Float32Array(width * height);
+  const down = new Float32Array(width * height);
   for (let row = 0, at = 0; row < height; row++) {
     const above = reflected(row - 1, height) * width;
     const here = row * width;
@@ -255,11 +261,11 @@ function evenness({ width, height, data }) {
       const behind = data[above + left] + 2 * data[here + left] + data[below + left];
       const under = data[below + left] + 2 * data[below + col] + data[below + next];
       const over = data[above + left] + 2 * data[above + col] + data[above + next];
-      const squared = ((ahead - behind) / 8) ** 2 + ((under - over) / 8) ** 2;
-      weight[at] = 1 / (1 + squared / STEEP ** 2);
+      across[at] = ahead - behind;
+      down[at] = under - over;
     }
   }
-  return weight;
+  return { across, down };
 }
 
 /**
