@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import BROWSER_FLAGS, BROWSERS
-from web_films import gray, y4m_bytes
+from web_films import gray, limited, y4m_bytes
 from web_fixtures import WEB
 
 from export.web.site import MAX_GZIP_BYTES, build_site, measure_site
@@ -199,7 +199,7 @@ def test_a_refused_message_is_not_shown(browser, short_film) -> None:
     with open_page(browser, worker=answering(refused)) as page:
         page.goto(short_film)
         wait_for(page, lambda: text_of(page, "status") == "A message was refused")
-        assert text_of(page, "advice") == "the tag does not fit."
+        assert text_of(page, "advice") == "The tag does not fit."
         assert text_of(page, "message") == ""
 
 
@@ -208,7 +208,7 @@ def test_what_a_worker_without_a_browser_it_knows_says_is_shown(browser, short_f
     with open_page(browser, worker=worker) as page:
         page.goto(short_film)
         wait_for(page, lambda: "cannot work" in text_of(page, "status"))
-        assert text_of(page, "advice").startswith("no WebAssembly")
+        assert text_of(page, "advice").startswith("No WebAssembly.")
 
 
 CAMERA = "--use-fake-device-for-media-stream"
@@ -357,6 +357,28 @@ def test_the_message_before_a_camera_is_shown(name, browser, address, film_at) -
         wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
         assert text_of(page, "message") == FILMS[name].message
         assert text_of(page, "status") == "Message received"
+
+
+WITHOUT = {
+    "planes of a track": "delete self.MediaStreamTrackProcessor;",
+    "frames of a video": "delete self.MediaStreamTrackProcessor; delete self.VideoFrame;",
+}
+"""Scripts that take from a browser what some do not have."""
+
+
+@pytest.mark.parametrize("lacking", WITHOUT)
+def test_browsers_without_something_read_the_camera_too(
+    lacking, browser, address, film_at, tmp_path
+) -> None:
+    """The film's range is limited, as cameras have it: browsers take it to be when they draw it."""
+    frames = image_files(film_at("paper 0").parent / "frames")
+    film = tmp_path / "film.y4m"
+    film.write_bytes(y4m_bytes((limited(gray(read_image(frame))) for frame in frames), 30))
+    with open_page(browser, camera_flags(film)) as page:
+        page.add_init_script(WITHOUT[lacking])
+        page.goto(address[0])
+        wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
+        assert text_of(page, "message") == FILMS["paper 0"].message
 
 
 @pytest.fixture(scope="module")

@@ -62,8 +62,8 @@ const reception = new Reception({
   },
   failed(reason) {
     stop();
-    if (reception.isReady) say("The receiver has stopped", `It met an error: ${reason}.`);
-    else say("The receiver cannot work in this browser", `${reason}. Try a newer browser.`);
+    if (reception.isReady) say("The receiver has stopped", sentence(reason));
+    else say("The receiver cannot work in this browser", `${sentence(reason)} Try a newer browser.`);
   },
   step: showStep,
   kept(share) {
@@ -105,7 +105,7 @@ function showStep(step) {
     stop();
     showMessage(step.arrival);
   } else if (step.arrival) {
-    say("A message was refused", `${step.arrival.refused}.`);
+    say("A message was refused", sentence(step.arrival.refused ?? ""));
   } else if (step.last) {
     stop();
     if (step.preset) say("The film ended before the message was whole", FILM_LONGER);
@@ -118,10 +118,16 @@ function showStep(step) {
 }
 
 /** @param {Step} step @returns {string} */
-function detailsOf({ preset, explanation, width, height }) {
+function detailsOf({ preset, explanation, width, height, arrival }) {
   const rate = reception.fps === null ? "" : `, ${reception.fps.toFixed(1)} frames a second`;
   const counts = `${reception.taken} frames read, ${reception.dropped} skipped`;
-  return `${width} × ${height} pixels${rate}; ${counts}; preset ${preset ?? "unknown"}. ${explanation}`;
+  const seen = `${width} × ${height} pixels${rate}; ${counts}; preset ${preset ?? "unknown"}.`;
+  return arrival && arrival.refused === null ? seen : `${seen} ${sentence(explanation)}`;
+}
+
+/** @param {string} text @returns {string} with a capital letter first and a full stop last */
+function sentence(text) {
+  return text && `${text[0].toUpperCase()}${text.slice(1)}.`;
 }
 
 /** @param {Arrival} arrival */
@@ -313,7 +319,7 @@ async function readFilm(film) {
     if (signal.aborted) return;
     stop();
     const why = error instanceof Error ? error.message : String(error);
-    say("The film cannot be read", `${why[0].toUpperCase()}${why.slice(1)}.`);
+    say("The film cannot be read", sentence(why));
   }
 }
 
