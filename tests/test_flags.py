@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import tyro
-from conftest import Command
+from conftest import Command, slow
 
 from link.errors import InputError, read_flags
 
@@ -94,14 +94,16 @@ def _numbers_of_fields(kind: Any, prefix: str | None) -> Iterator[tuple[str, tup
             yield f"--{name}", (choices[0], sum(part in (int, float) for part in choices))
 
 
+@pytest.mark.parametrize("share", [len(NASTY), slow(1)])
 @pytest.mark.parametrize("module", commands())
 def test_numbers_that_no_flag_takes(
-    module: str, command: Command, monkeypatch: pytest.MonkeyPatch
+    module: str, share: int, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Every flag with every value; soon, each flag with one value of these in turn."""
     main = importlib.import_module(module).main
     needed, numbers = numbers_of(described(main, monkeypatch))
-    for flag, (kind, count) in numbers.items():
-        for value in [*NASTY, *["-1"] * (kind is int)]:
+    for number, (flag, (kind, count)) in enumerate(numbers.items()):
+        for value in [*NASTY[number % share :: share], *["-1"] * (kind is int)]:
             words = [f"{flag}={value}"] if count == 1 else [flag, *[value] * count]
             done = command(main, *needed, *words)
             what = f"{module} {flag} {value:.40}: {done.stderr}"
