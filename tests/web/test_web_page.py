@@ -31,7 +31,7 @@ from link.presets import PRESETS
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 60.0
+PATIENCE_S = 100.0
 """Time, in seconds, that a loaded machine may take for what takes two."""
 
 

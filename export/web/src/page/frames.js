@@ -17,9 +17,10 @@ import { readY4m } from "./y4m.js";
  */
 
 /**
- * Takes a frame and its time in seconds; the frame is its own from then on.
+ * Takes a frame, or a function that makes it where it is wanted, and the frame's time in seconds;
+ * the frame is its own from then on.
  *
- * @typedef {(pixels: Pixels, time: number) => unknown} Take
+ * @typedef {(pixels: Pixels | (() => Pixels), time: number) => unknown} Take
  */
 
 /**
@@ -69,7 +70,7 @@ export function videoFrames(video, take, signal) {
       ask();
       if (!video.videoWidth || time === last) return;
       last = time;
-      take(pixelsOf(video, canvas, time), time);
+      take(() => pixelsOf(video, canvas, time), time);
     };
     const ask = () => {
       if (video.requestVideoFrameCallback) {

@@ -388,7 +388,7 @@ async function readVideo(address, signal) {
   };
   /** @type {import("./frames.js").Take} */
   const take = (pixels, time) => {
-    if (video.seeking) return pixels.frame?.close();
+    if (video.seeking) return null;
     const isMeasured = reception.fps !== null;
     const answer = reception.offer(pixels, time);
     if (!isMeasured && reception.fps !== null) video.currentTime = 0; // read what was measured

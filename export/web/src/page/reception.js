@@ -71,18 +71,20 @@ export class Reception {
   /**
    * Give a frame to the worker, or drop it where the worker is not ready for it.
    *
-   * @param {Pixels} pixels - belong to the worker from now on
+   * @param {Pixels | (() => Pixels)} frame - belongs to the worker from now on; a function makes
+   *   it, and is called only where the frame is not dropped
    * @param {number} time - in seconds
    * @returns {Promise<unknown> | null} resolves when the worker is done; null where it was dropped
    */
-  offer(pixels, time) {
+  offer(frame, time) {
     if (!this.isReady || this.fps === null || this.answered) {
       if (this.isReady && this.fps === null) this.measure(time);
       else if (this.answered) this.dropped++;
-      pixels.frame?.close();
+      if (typeof frame === "object") frame.frame?.close();
       return null;
     }
     this.taken++;
+    const pixels = typeof frame === "object" ? frame : frame();
     const buffer = pixels.rgba?.data.buffer ?? pixels.plane?.data.buffer;
     const moved = pixels.frame ?? buffer;
     return this.ask({ type: "frame", time, ...pixels }, moved ? [moved] : []);
