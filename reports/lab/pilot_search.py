@@ -64,7 +64,7 @@ class PilotSearchConfig:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SearchOutcome:
     """What the search found in one film."""
 
     preset: str
@@ -110,7 +110,7 @@ def displayed_states(
     return [state for pair in pairs for state in (pair.original, pair.embedded)], layout
 
 
-def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> Outcome:
+def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> SearchOutcome:
     """Film a room and look for a display until one is found.
 
     Args:
@@ -143,11 +143,11 @@ def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> Outco
             )
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
             right = seen == "display" and found.layout == layout
-            return Outcome(preset, seen, view, coverage, frame.time_s, error, right)
-    return Outcome(preset, seen, view, coverage, None, None, False)
+            return SearchOutcome(preset, seen, view, coverage, frame.time_s, error, right)
+    return SearchOutcome(preset, seen, view, coverage, None, None, False)
 
 
-def search_table(outcomes: Sequence[Outcome]) -> Table:
+def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
     """Show how many displays were found, how soon, and how well; and what should not have been."""
     rows = []
     for preset in dict.fromkeys(outcome.preset for outcome in outcomes):
