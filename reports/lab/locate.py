@@ -29,7 +29,7 @@ from export.locate.refine import corners_on_patches
 from link.embed import embed
 from link.errors import InputError, at_least, read_flags, run_cli
 from link.geometry import as_corners
-from link.images import IMAGE_SUFFIXES, read_image, write_bytes
+from link.images import IMAGE_SUFFIXES, as_gray, read_image, write_bytes
 from link.layout import Layout, make_layout
 from link.outside import read_bounded
 from reports.engine.backends import one_thread
@@ -211,7 +211,7 @@ def turn_visibilities(search: TurnSearch) -> list[float]:
     picture = pictures[int(rng.integers(len(pictures)))].rgb
     shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, SHOWN_KAPPA)
     image = photograph(shown.embedded, scene, rng)
-    pyramid = image_pyramid(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+    pyramid = image_pyramid(as_gray(image))
     side = np.sqrt(cv2.contourArea(scene.corners.astype(np.float32)))
     start = scene.corners + rng.uniform(-0.04, 0.04, (4, 2)) * side
     turned = [np.roll(start, turn, axis=0) for turn in range(4)]
