@@ -9,7 +9,7 @@ grids it shows.
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -43,6 +43,8 @@ from link.layout import Layout
 
 Array = NDArray[np.float64]
 Gray = NDArray[np.uint8]
+_Frame = tuple[Gray, Array]
+"""A frame, and H_image_from_reference: where points of the reference lie in it."""
 
 CANDIDATES = 6
 """Number of quadrilaterals made of edges that are watched at once."""
@@ -133,8 +135,8 @@ class PilotSearch:
         self._check_every = self._window // 4
         self._confirming = 2 * self._window // 3
         self._stabiliser = Stabiliser()
-        self._frames: list[tuple[Gray, Array]] = []
-        self._newest: tuple[Gray, Array]
+        self._frames: list[_Frame] = []
+        self._newest: _Frame
         self._reference: NDArray[np.uint8]
         self._sum: NDArray[np.float32]
         self._watched: list[Array] = []
@@ -294,60 +296,85 @@ class PilotSearch:
         return hints if best is None else [*hints, best[1]]
 
     def _settle(self, proposal: _Proposal) -> Iterator[_Sure | None]:
-        """Move corners to where the pilots fit the grid; None after each step, and what is sure."""
-        layout, corners, frames = proposal.layout, proposal.corners, list(self._frames)
-        blocks = self._expected[layout]
-        clear = 0
+        """Move corners to where the pilots fit the grid; None after each step, and what is sure.
+
+        Each way to move them is kept only if the pilots then toggle more surely: in a dark picture,
+        parts may have been matched amiss.
+        """
+        layout, frames = proposal.layout, list(self._frames)
+        needed = min(SURE, SURE_SHARE * layout.pilots)
+        certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
+        best, tried = proposal, float(TRIALS)
+        evidence = _evidence(best, frames) - float(np.log(tried))
+        yield None
+        for move, tries in ((self._by_parts, 1), (_by_climbing, CLIMB_TRIALS), (_by_all, 1)):
+            if move is _by_climbing and evidence >= certain:
+                continue
+            moved = replace(best, corners=(yield from move(best, frames)))
+            now = _evidence(moved, frames) - float(np.log(tried * tries))
+            yield None
+            if now > evidence:
+                best, evidence, tried = moved, now, tried * tries
+        if evidence < needed:
+            return
+        if evidence < certain:  # corners were fitted to these frames; later ones must agree
+            later: list[_Frame] = []
+            while len(later) < self._confirming:
+                yield None
+                later.append(self._newest)
+            if _evidence(best, later) < CONFIRMED:
+                return
+        yield best, evidence
+
+    def _by_parts(
+        self, proposal: _Proposal, frames: Sequence[_Frame]
+    ) -> Generator[None, None, Array]:
+        """Move corners by parts of the display, step by step."""
+        layout, corners = proposal.layout, proposal.corners
         for _ in range(COARSE_ROUNDS):
             views = _views(corners, layout, frames, COARSE_SIZE)
-            fit = None
-            if views is not None:
-                fit = coarse_shift(_line(views, proposal.frequency), blocks, layout)
+            if views is None:
+                break
+            fit = coarse_shift(_line(views, proposal.frequency), self._expected[layout], layout)
             yield None
-            clear = 0 if fit is None else fit[1]
             if fit is None:
                 break
             moved = moved_corners(corners, fit[0], layout)
             far = float(np.linalg.norm(moved - corners, axis=1).max())
             corners = moved
-            if clear >= MANY and far < SETTLED_PX:
+            if fit[1] >= MANY and far < SETTLED_PX:
                 break
-        tried = float(TRIALS)
-        for _ in range(CLIMB_ROUNDS if clear < MANY else 0):  # the whole may be clearer than parts
-            views = _views(corners, layout, frames, map_size(layout))
-            if views is None:
-                break
-            climbed = climb_to_pilots(_line(views, proposal.frequency), layout)
-            yield None
-            corners = moved_corners(corners, climbed, layout)
-            tried = float(TRIALS * CLIMB_TRIALS)
-        for _ in range(FINE_ROUNDS):
-            views = _views(corners, layout, frames, map_size(layout))
-            if views is None:
-                break
-            change = in_one_phase(_line(views, proposal.frequency), layout)
-            shift = fine_shift(change, blocks, layout)
-            yield None
-            if shift is None:
-                break
-            corners = moved_corners(corners, shift, layout)
-        # in a dark picture parts may have been matched amiss
-        moves = [proposal, replace(proposal, corners=corners)]
-        evidences = [_evidence(move, frames) - float(np.log(tried)) for move in moves]
-        evidence = max(evidences)
-        settled = moves[evidences.index(evidence)]
-        if evidence < min(SURE, SURE_SHARE * layout.pilots):
-            yield None
-            return
-        if evidence < min(CERTAIN, CERTAIN_SHARE * layout.pilots):
-            # corners were fitted to these frames; later ones must agree
-            later: list[tuple[Gray, Array]] = []
-            while len(later) < self._confirming:
-                yield None
-                later.append(self._newest)
-            if _evidence(settled, later) < CONFIRMED:
-                return
-        yield settled, evidence
+        return corners
+
+
+def _by_climbing(proposal: _Proposal, frames: Sequence[_Frame]) -> Generator[None, None, Array]:
+    """Move corners while the sum over all pilots grows, step by step."""
+    layout, corners = proposal.layout, proposal.corners
+    for _ in range(CLIMB_ROUNDS):
+        views = _views(corners, layout, frames, map_size(layout))
+        if views is None:
+            break
+        H_old_from_new = climb_to_pilots(_line(views, proposal.frequency), layout)
+        corners = moved_corners(corners, H_old_from_new, layout)
+        yield None
+    return corners
+
+
+def _by_all(proposal: _Proposal, frames: Sequence[_Frame]) -> Generator[None, None, Array]:
+    """Move corners by the whole display at once, to parts of a pixel, step by step."""
+    layout, corners = proposal.layout, proposal.corners
+    blocks = _expected_changes(layout)
+    for _ in range(FINE_ROUNDS):
+        views = _views(corners, layout, frames, map_size(layout))
+        if views is None:
+            break
+        change = in_one_phase(_line(views, proposal.frequency), layout)
+        H_old_from_new = fine_shift(change, blocks, layout)
+        yield None
+        if H_old_from_new is None:
+            break
+        corners = moved_corners(corners, H_old_from_new, layout)
+    return corners
 
 
 def _expected_changes(layout: Layout) -> Array:
@@ -358,7 +385,7 @@ def _expected_changes(layout: Layout) -> Array:
 
 
 def _views(
-    corners: Array, layout: Layout, frames: Sequence[tuple[Gray, Array]], size: tuple[int, int]
+    corners: Array, layout: Layout, frames: Sequence[_Frame], size: tuple[int, int]
 ) -> NDArray[np.float32] | None:
     """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""
     views = []
@@ -378,7 +405,7 @@ def _line(views: NDArray[np.float32], frequency: float) -> NDArray[np.complex64]
     return np.asarray(line, np.complex64)
 
 
-def _evidence(proposal: _Proposal, frames: Sequence[tuple[Gray, Array]]) -> float:
+def _evidence(proposal: _Proposal, frames: Sequence[_Frame]) -> float:
     """Evidence of a proposal, before it pays for what was tried."""
     values = []
     for gray, H in frames:
