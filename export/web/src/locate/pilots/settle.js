@@ -62,7 +62,19 @@ const MOVE_WORK = 10;
  */
 
 /**
+ * A way to move the corners of a proposal, in the reference frame, step by step.
+ *
+ * @typedef {(
+ *   proposal: Proposal,
+ *   frames: readonly FilmFrame[],
+ * ) => import("../steps.js").Steps<Point[]>} Move
+ */
+
+/**
  * Move the corners of a proposal to where its pilots fit the grid, step by step.
+ *
+ * Each way to move them is kept only if the pilots then toggle more surely: in a dark picture,
+ * parts may have been matched amiss.
  *
  * @param {Proposal} proposal
  * @param {readonly FilmFrame[]} frames - evenly spaced
@@ -73,74 +85,97 @@ const MOVE_WORK = 10;
 export function* settleSteps(proposal, frames, confirming, newest) {
   const { layout } = proposal;
   const pilots = layout.pilotBlocks.length;
-  const { corners, tried } = yield* cornerSteps(proposal, frames);
-  // in a dark picture parts may have been matched amiss
-  let settled = proposal;
-  let evidence = -Infinity;
-  for (const move of [proposal, { ...proposal, corners }]) {
-    const found = (yield* evidenceSteps(move, frames)) - Math.log(tried);
-    if (!(found > evidence)) continue;
-    evidence = found;
-    settled = move;
+  const needed = Math.min(SURE, SURE_SHARE * pilots);
+  const certain = Math.min(CERTAIN, CERTAIN_SHARE * pilots);
+  let best = proposal;
+  let tried = TRIALS;
+  let evidence = (yield* evidenceSteps(best, frames)) - Math.log(tried);
+  for (const { move, tries } of MOVES) {
+    if (move === byClimbing && evidence >= certain) continue;
+    const moved = { ...best, corners: yield* move(best, frames) };
+    const now = (yield* evidenceSteps(moved, frames)) - Math.log(tried * tries);
+    if (!(now > evidence)) continue;
+    best = moved;
+    evidence = now;
+    tried *= tries;
   }
-  if (evidence < Math.min(SURE, SURE_SHARE * pilots)) return null;
-  if (evidence < Math.min(CERTAIN, CERTAIN_SHARE * pilots)) {
+  if (evidence < needed) return null;
+  if (evidence < certain) {
     // corners were fitted to these frames; later ones must agree
     const later = [];
     while (later.length < confirming) {
       yield NEXT_FRAME;
-      const values = valuesOf(settled, newest());
+      const values = valuesOf(best, newest());
       if (values === null) return null;
       later.push(values);
     }
     if (pilotEvidence(later, layout).evidence < CONFIRMED) return null;
   }
-  return { proposal: settled, evidence };
+  return { proposal: best, evidence };
 }
 
 /**
- * Find the corners at which the pilots of a proposal fit the grid.
+ * Move corners by parts of the display.
  *
- * @param {Proposal} proposal
- * @param {readonly FilmFrame[]} frames
- * @returns {import("../steps.js").Steps<{ corners: Point[], tried: number }>} corners in the
- *   reference frame, and the number of quadrilaterals for which evidence pays
+ * @type {Move}
  */
-function* cornerSteps({ corners, layout, frequency }, frames) {
+function* byParts({ corners, layout, frequency }, frames) {
   const blocks = expectedChanges(layout);
-  let tried = TRIALS;
-  let clear = 0;
   for (let round = 0; round < COARSE_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, COARSE_SIZE);
-    const fit = views && coarseShift(amplitudes(views, [frequency])[0], blocks, layout);
+    if (views === null) break;
+    const fit = coarseShift(amplitudes(views, [frequency])[0], blocks, layout);
     yield MOVE_WORK;
-    clear = fit === null ? 0 : fit.parts;
     if (fit === null) break;
     const moved = movedCorners(corners, fit.HOldFromNew, layout);
     const far = farthestMove(corners, moved);
     corners = moved;
-    if (clear >= MANY && far < SETTLED_PX) break;
+    if (fit.parts >= MANY && far < SETTLED_PX) break;
   }
-  // the whole may be clearer than its parts
-  for (let round = clear < MANY ? 0 : CLIMB_ROUNDS; round < CLIMB_ROUNDS; round++) {
+  return corners;
+}
+
+/**
+ * Move corners while the sum over all pilots grows.
+ *
+ * @type {Move}
+ */
+function* byClimbing({ corners, layout, frequency }, frames) {
+  for (let round = 0; round < CLIMB_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
     if (views === null) break;
-    const climbed = climbToPilots(amplitudes(views, [frequency])[0], layout);
+    const HOldFromNew = climbToPilots(amplitudes(views, [frequency])[0], layout);
     yield MOVE_WORK;
-    corners = movedCorners(corners, climbed, layout);
-    tried = TRIALS * CLIMB_TRIALS;
+    corners = movedCorners(corners, HOldFromNew, layout);
   }
+  return corners;
+}
+
+/**
+ * Move corners by the whole display at once, to parts of a pixel.
+ *
+ * @type {Move}
+ */
+function* byAll({ corners, layout, frequency }, frames) {
+  const blocks = expectedChanges(layout);
   for (let round = 0; round < FINE_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
     if (views === null) break;
     const change = inOnePhase(amplitudes(views, [frequency])[0], layout);
     yield MOVE_WORK;
-    const shift = yield* fineSteps(change, blocks, layout);
-    if (shift === null) break;
-    corners = movedCorners(corners, shift, layout);
+    const HOldFromNew = yield* fineSteps(change, blocks, layout);
+    if (HOldFromNew === null) break;
+    corners = movedCorners(corners, HOldFromNew, layout);
   }
-  return { corners, tried };
+  return corners;
 }
+
+/** Ways to move corners, one after the other, and how many quadrilaterals each tries. */
+const MOVES = [
+  { move: byParts, tries: 1 },
+  { move: byClimbing, tries: CLIMB_TRIALS },
+  { move: byAll, tries: 1 },
+];
 
 /**
  * @param {Point[]} from
