@@ -25,7 +25,7 @@ import {
 import { Message } from "./message.js";
 import { remembered } from "./remembered.js";
 import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
-import { largestAt, logSumExp } from "./words.js";
+import { logSumExp } from "./words.js";
 
 /** Largest posterior probability of all other hypotheses together at which a run is placed. */
 const SURE = 1e-4;
@@ -268,25 +268,16 @@ export class CoarseCollector {
    * @returns {[number, number] | null} the place of the run, once it is sure
    */
   #findPlace(words, count) {
-    const table = allSignatures();
     this.#belief ??= firstBelief();
     const belief = this.#belief;
-    for (let frames = 1; frames <= MAX_FRAMES; frames++) {
-      const start = startOf(frames);
-      const end = startOf(frames + 1);
-      let at = start + remainder(count, frames);
-      for (let hypothesis = start; hypothesis < end; hypothesis++) {
-        belief[hypothesis] += words[table[at]];
-        if (++at === end) at = start;
-      }
-    }
-    const best = largestAt(belief);
+    const best = addSignature(belief, words, count);
     let others = -1;
     for (let at = 0; at < belief.length; at++) {
       const below = belief[at] - belief[best];
-      if (below > HOPELESS) others += Math.exp(below);
+      if (below <= HOPELESS) continue;
+      others += Math.exp(below);
+      if (others > SURE) return null;
     }
-    if (others > SURE) return null;
     let frames = 1;
     while (startOf(frames + 1) <= best) frames++;
     return [frames, best - startOf(frames)];
@@ -348,6 +339,44 @@ export class CoarseCollector {
     this.#delivered = new DeliveredMessage(message, this.nBits);
     return message;
   }
+}
+
+/**
+ * Add what the signature of one more frame says to the log-likelihood of each hypothesis.
+ *
+ * There are half a million of them, so one pass does it, and looks for the likeliest meanwhile.
+ *
+ * @param {Float32Array} belief - log-likelihoods, in the order of `allSignatures`
+ * @param {Float64Array} words - log-likelihoods of the words that the signature may be
+ * @param {number} count - number of the frame
+ * @returns {number} the likeliest hypothesis; the first of them where several are
+ */
+function addSignature(belief, words, count) {
+  const table = allSignatures();
+  let best = 0;
+  let most = -Infinity;
+  for (let frames = 1, start = 0; frames <= MAX_FRAMES; start += frames, frames++) {
+    const turn = remainder(count, frames);
+    const end = start + frames;
+    const wrap = end - turn; // from this hypothesis on, the loop has begun anew
+    for (let at = start; at < wrap; at++) {
+      const sum = Math.fround(belief[at] + words[table[at + turn]]);
+      belief[at] = sum;
+      if (sum > most) {
+        most = sum;
+        best = at;
+      }
+    }
+    for (let at = wrap; at < end; at++) {
+      const sum = Math.fround(belief[at] + words[table[at + turn - frames]]);
+      belief[at] = sum;
+      if (sum > most) {
+        most = sum;
+        best = at;
+      }
+    }
+  }
+  return best;
 }
 
 /** Log-likelihoods of all hypotheses before the first frame: loops of all lengths are as likely. */
