@@ -77,13 +77,15 @@ function startOf(frames) {
  * @returns {Float64Array} (2 ** SIGNATURE) log-likelihood of each word, but for a constant
  */
 export function wordLikelihoods(scores) {
-  return Float64Array.from({ length: 2 ** SIGNATURE }, (_, word) => {
+  const words = new Float64Array(2 ** SIGNATURE);
+  for (let word = 0; word < words.length; word++) {
     let sum = 0;
     for (let bit = 0; bit < SIGNATURE; bit++) {
       sum += ((word >> (SIGNATURE - 1 - bit)) & 1 ? 0.5 : -0.5) * scores[bit];
     }
-    return sum;
-  });
+    words[word] = sum;
+  }
+  return words;
 }
 
 /** Scores of a loop's frames, summed over all times that each frame was seen. */
