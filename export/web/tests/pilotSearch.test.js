@@ -9,8 +9,12 @@ import { PilotSearch } from "../src/locate/pilots/search.js";
 import { pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 
-/** Distance, in pixels, of corners from Python's that is as good as none. */
-const SAME_PX = 1.0;
+/**
+ * Pixels by which the page's corners may be farther from the truth than Python's: an eighth of the
+ * blocks of these films. Whether a move of the corners made the display surer is decided by noise
+ * where it was sure before.
+ */
+const SAME_PX = 1.5;
 
 await loadOpenCv();
 const { fps, later, images, truth, layouts, python } = readFixture("film");
