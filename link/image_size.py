@@ -52,13 +52,25 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 def ends_early(data: bytes) -> bool:
     """Whether a PNG or JPEG file lacks its end; OpenCV would fill what is missing with gray.
 
-    What follows the end, such as padding or another program's notes, does not matter.
+    A part of a PNG file that is longer than the file counts as such, because OpenCV takes as much
+    memory as a part says it has. What follows the end, such as padding or another program's notes,
+    does not matter.
     """
     if data.startswith(PNG[:4]):
-        return b"\0\0\0\0IEND" not in data
+        return not _png_ends(data)
     if data.startswith(JPEG):
         scan = _jpeg_marker(data, {START_OF_SCAN})
         return scan is None or data.find(b"\xff\xd9", scan) < 0
+    return False
+
+
+def _png_ends(data: bytes) -> bool:
+    """Whether the chunks of a PNG file, one after the other, lead to its end."""
+    at = len(PNG)
+    while at + 12 <= len(data):  # each has a length, a name, content, and a checksum
+        if data[at + 4 : at + 8] == b"IEND":
+            return True
+        at += 12 + int.from_bytes(data[at : at + 4], "big")
     return False
 
 

@@ -523,3 +523,15 @@ def test_an_image_file_that_is_cut_off_is_refused(tmp_path: Path, suffix: str) -
     file.write_bytes(file.read_bytes()[:-200])
     with pytest.raises(InputError, match=f"cut{suffix}: not a readable image: it is cut off"):
         read_image(file)
+
+
+def test_a_part_of_a_png_that_is_longer_than_the_file_is_refused(tmp_path: Path) -> None:
+    """OpenCV would take two gigabytes for it before it looks at what is there."""
+    file = tmp_path / "long.png"
+    write_image(file, UNKNOWN.original)
+    data = bytearray(file.read_bytes())
+    at = data.index(b"IDAT") - 4
+    data[at : at + 4] = (2**31 - 1).to_bytes(4, "big")
+    file.write_bytes(data)
+    with pytest.raises(InputError, match="it is cut off"):
+        read_image(file)
