@@ -13,6 +13,8 @@ import { Y4M_MAGIC } from "./y4m.js";
 
 /** Seconds of a recording of what the camera sees. */
 const RECORDED_S = 4;
+/** Milliseconds for which the page says why it refused a message, whatever it sees meanwhile. */
+const REFUSAL_MS = 4000;
 
 /** Sizes of a key, in bytes, as `link.code.authenticate` takes them. */
 const [MIN_KEY_BYTES, MAX_KEY_BYTES] = [16, 4096];
@@ -46,6 +48,8 @@ let running = new AbortController();
 let shown = null;
 /** State that is shown, and since when, in milliseconds of the page. */
 const state = { text: "", since: 0 };
+/** Time, in milliseconds of the page, until which a refusal stays. */
+let refusedUntil = 0;
 /** @type {Step | null} */
 let lastStep = null;
 /** Reads once more what was read last. */
@@ -106,11 +110,12 @@ function showStep(step) {
     showMessage(step.arrival);
   } else if (step.arrival) {
     say("A message was refused", sentence(step.arrival.refused ?? ""));
+    refusedUntil = performance.now() + REFUSAL_MS;
   } else if (step.last) {
     stop();
     if (step.preset) say("The film ended before the message was whole", FILM_LONGER);
     else say("No display found in this film", adviceFor(step, Infinity, step));
-  } else {
+  } else if (performance.now() > refusedUntil) {
     const text = stateOf(step);
     const waiting = text === state.text ? (performance.now() - state.since) / 1000 : 0;
     say(text, fromCamera ? adviceFor(step, waiting, step) : "");
