@@ -93,8 +93,11 @@ def install_packages() -> None:
         run_node(["npm", "ci", "--no-fund", "--no-audit"])
 
 
-def run_node(command: Sequence[str]) -> None:
+def run_node(command: Sequence[str]) -> str:
     """Run a command of Node.js in the folder of the page's sources.
+
+    Returns:
+        what it prints.
 
     Raises:
         InputError: the program is missing, fails, or takes too long.
@@ -116,6 +119,7 @@ def run_node(command: Sequence[str]) -> None:
         named = [line for line in said if COMPLAINT.search(line)]
         why = [*named, *said[-1:], "it gives no reason"][0]
         raise InputError(f"{shown} failed in {WEB}: {why}")
+    return done.stdout
 
 
 def write_inputs(folder: Path) -> None:

@@ -5,12 +5,10 @@ Places of pilots and tiles of patches are drawn here once, so that the page does
 
 from typing import Any
 
+from export.locate.patches import DRAWN_KAPPA
 from link.layout import Layout
 from link.presets import Preset
 from link.ratex import tile_labels, tile_levels
-
-DRAWN_KAPPA = 3
-"""Gray levels by which the tiles of patches toggle whose levels the page compares images with."""
 
 
 def layout_table(layout: Layout) -> dict[str, Any]:

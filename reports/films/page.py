@@ -10,7 +10,6 @@ Films are read one after the other, so that times can be compared. Needs Node.js
 
 import base64
 import json
-import subprocess
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import product
@@ -27,8 +26,8 @@ from tqdm import tqdm
 from data_gen.pairs import PAIRS
 from export.receive.decoders import ShippedDecoder
 from export.receive.receiver import Receiver
-from export.web.site import WEB, build_site, run_node
-from link.errors import InputError, at_least, choose, read_flags, run_cli
+from export.web.site import build_site, run_node
+from link.errors import at_least, choose, read_flags, run_cli
 from link.images import as_gray, write_bytes
 from models import shipped_graphs
 from reports.engine.backends import one_thread
@@ -48,8 +47,6 @@ VIEWS = (0.0, 45.0)
 LONGER, MORE_S = 2.0, 1.0
 """Factor by which a film goes on beyond the time at which Python has the message, and seconds that
 it goes on longer."""
-READ_S = 600
-"""Seconds after which reading a film in Node.js is given up."""
 
 
 @dataclass(frozen=True)
@@ -150,11 +147,8 @@ def read_in_node(site: Path, path: Path) -> Read:
     Raises:
         InputError: it fails.
     """
-    command = ["node", "read.js", str(site.absolute()), str(path.absolute())]
-    done = subprocess.run(command, cwd=WEB, capture_output=True, text=True, timeout=READ_S)
-    if done.returncode != 0:
-        raise InputError(f"node read.js failed: {done.stderr.strip().splitlines()[-1:]}")
-    read: dict[str, Any] = json.loads(done.stdout)
+    said = run_node(["node", "read.js", str(site.absolute()), str(path.absolute())])
+    read: dict[str, Any] = json.loads(said)
     data = None if read["data"] is None else base64.b64decode(read["data"])
     return Read(data, read["time"], read["frames"], read["seconds"], read["stages"], read["memory"])
 
@@ -238,7 +232,6 @@ def main() -> None:
     one_thread()
     site = config.out / "site"
     build_site(site)
-    run_node(["node", "--check", "read.js"])
     wanted = list(product(config.settings, range(config.films)))
     films = [read_film(name, number, config, site) for name, number in tqdm(wanted, "films")]
     tables = f"{page_table(films).markdown()}\n\n{stages_table(films).markdown()}"

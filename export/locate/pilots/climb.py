@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.corners import without_slope
-from export.locate.pilots.evidence import signed_phases
+from export.locate.pilots.evidence import pilot_centres, signed_phases
 from link.geometry import (
     frame_corners,
     homography_from_corners,
@@ -25,8 +25,8 @@ STEPS_BLOCKS = (2.0, 1.0, 0.5, 0.25)
 """Lengths of the moves that are tried, in blocks, one after the other."""
 MOVES = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], np.float64)
 """Directions of the moves."""
-GROUPS = np.array([[0, 1, 2, 3], [0, 1, -1, -1], [1, 2, -1, -1], [2, 3, -1, -1], [3, 0, -1, -1]])
-"""Corners that move together, by their number: the whole display, and its sides."""
+GROUPS = ([0], [1], [2], [3], [0, 1, 2, 3], [0, 1], [1, 2], [2, 3], [3, 0])
+"""Corners that move together, by their number: each alone, the whole display, and its sides."""
 LEAST_GAIN = 1e-4
 """Smallest rise of the pilots' share of the power, in [0, 1], for which corners move."""
 
@@ -55,8 +55,7 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
         for part in (change.real, change.imag)
     ]
     phases = signed_phases(layout)
-    rows, cols = np.divmod(layout.pilot_blocks, layout.cols)
-    centres = np.column_stack([cols + 0.5, rows + 0.5]) * block - 0.5
+    centres = pilot_centres(layout) * [width, height] - 0.5
 
     def share(corners: Array) -> float:
         H_old_from_new = homography_from_corners(corners, width, height)
@@ -70,13 +69,11 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
 
     corners = frame_corners(width, height)
     best = share(corners)
-    groups = [np.array([corner]) for corner in range(4)]
-    groups += [group[group >= 0] for group in GROUPS]
     for step in STEPS_BLOCKS:
         improved = True
         while improved:
             improved = False
-            for group in groups:
+            for group in GROUPS:
                 for move in MOVES * step * block:
                     tried = corners.copy()
                     tried[group] += move

@@ -42,6 +42,12 @@ def pilot_signs(layout: Layout) -> Array:
     return np.asarray(2.0 * layout.pilot_bits - 1)
 
 
+def pilot_centres(layout: Layout) -> Array:
+    """Give the centres (x, y) of the pilots on the display, (pilots, 2) in [0, 1]."""
+    rows, cols = np.divmod(layout.pilot_blocks, layout.cols)
+    return np.stack([(cols + 0.5) / layout.cols, (rows + 0.5) / layout.rows], axis=1)
+
+
 def standing_out(gray: NDArray[np.generic], layout: Layout) -> NDArray[np.float32]:
     """Measure by how much each block is brighter than its neighbourhood of 3 x 3 blocks.
 
@@ -82,9 +88,8 @@ def signed_phases(layout: Layout) -> NDArray[np.complex128]:
     Returns:
         (slopes, pilots) complex: the pilots' signs, turned back by the phase at their places.
     """
-    rows, cols = np.divmod(layout.pilot_blocks, layout.cols)
-    places = np.stack([(cols + 0.5) / layout.cols, (rows + 0.5) / layout.rows]) - 0.5
-    return np.asarray(pilot_signs(layout) * np.exp(-1j * PHASE_SLOPES @ places))
+    places = pilot_centres(layout) - 0.5
+    return np.asarray(pilot_signs(layout) * np.exp(-1j * PHASE_SLOPES @ places.T))
 
 
 def pilot_evidence(values: Sequence[NDArray[np.floating]], layout: Layout) -> tuple[float, float]:

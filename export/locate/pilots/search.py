@@ -9,7 +9,7 @@ grids it shows.
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -307,8 +307,12 @@ class PilotSearch:
         best, tried = proposal, float(TRIALS)
         evidence = _evidence(best, frames) - float(np.log(tried))
         yield None
-        for move, tries in ((self._by_parts, 1), (_by_climbing, CLIMB_TRIALS), (_by_all, 1)):
-            if move is _by_climbing and evidence >= certain:
+        for move, tries in (
+            (self._by_parts, 1),
+            (self._by_climbing, CLIMB_TRIALS),
+            (self._by_all, 1),
+        ):
+            if tries > 1 and evidence >= certain:  # it need not pay for so many trials
                 continue
             moved = replace(best, corners=(yield from move(best, frames)))
             now = _evidence(moved, frames) - float(np.log(tried * tries))
@@ -346,30 +350,48 @@ class PilotSearch:
                 break
         return corners
 
+    def _by_climbing(
+        self, proposal: _Proposal, frames: Sequence[_Frame]
+    ) -> Generator[None, None, Array]:
+        """Move corners while the sum over all pilots grows, step by step."""
+        layout = proposal.layout
+        return _by_whole(proposal, frames, CLIMB_ROUNDS, lambda line: climb_to_pilots(line, layout))
 
-def _by_climbing(proposal: _Proposal, frames: Sequence[_Frame]) -> Generator[None, None, Array]:
-    """Move corners while the sum over all pilots grows, step by step."""
+    def _by_all(
+        self, proposal: _Proposal, frames: Sequence[_Frame]
+    ) -> Generator[None, None, Array]:
+        """Move corners by the whole display at once, to parts of a pixel, step by step."""
+        layout = proposal.layout
+        blocks = self._expected[layout]
+        return _by_whole(
+            proposal,
+            frames,
+            FINE_ROUNDS,
+            lambda line: fine_shift(in_one_phase(line, layout), blocks, layout),
+        )
+
+
+def _by_whole(
+    proposal: _Proposal,
+    frames: Sequence[_Frame],
+    rounds: int,
+    shift: Callable[[NDArray[np.complex64]], Array | None],
+) -> Generator[None, None, Array]:
+    """Move corners again and again by what the whole display says, step by step.
+
+    Args:
+        proposal: where the display may be.
+        frames: in which it is looked at.
+        rounds: largest number of times that corners are moved.
+        shift: makes H_old_from_new, in layout pixels, of the amplitudes of the rectified display;
+            None ends it.
+    """
     layout, corners = proposal.layout, proposal.corners
-    for _ in range(CLIMB_ROUNDS):
+    for _ in range(rounds):
         views = _views(corners, layout, frames, map_size(layout))
         if views is None:
             break
-        H_old_from_new = climb_to_pilots(_line(views, proposal.frequency), layout)
-        corners = moved_corners(corners, H_old_from_new, layout)
-        yield None
-    return corners
-
-
-def _by_all(proposal: _Proposal, frames: Sequence[_Frame]) -> Generator[None, None, Array]:
-    """Move corners by the whole display at once, to parts of a pixel, step by step."""
-    layout, corners = proposal.layout, proposal.corners
-    blocks = _expected_changes(layout)
-    for _ in range(FINE_ROUNDS):
-        views = _views(corners, layout, frames, map_size(layout))
-        if views is None:
-            break
-        change = in_one_phase(_line(views, proposal.frequency), layout)
-        H_old_from_new = fine_shift(change, blocks, layout)
+        H_old_from_new = shift(_line(views, proposal.frequency))
         yield None
         if H_old_from_new is None:
             break
