@@ -29,7 +29,8 @@ from link.images import write_bytes
 from link.layout import Layout
 from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
-from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
+from models.neural.config import FULL, DecoderConfig
+from models.neural.decoder import PhiDecoder
 from models.neural.training import (
     BATCH_BLOCKS,
     LAYOUTS,

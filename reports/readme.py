@@ -22,7 +22,7 @@ from link.errors import InputError, at_least, choose, read_flags, run_cli
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
-from models.neural.decoder import FULL
+from models.neural.config import FULL
 from reports.engine.methods import Method, methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance

@@ -11,7 +11,8 @@ from conftest import Command
 from data_gen.frame_pair import Cell, Source
 from link.layout import Layout
 from models.neural.checkpoint import save_checkpoint
-from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
+from models.neural.config import FULL, DecoderConfig
+from models.neural.decoder import PhiDecoder
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.records import to_records
 from reports.studies import ablation

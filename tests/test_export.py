@@ -27,7 +27,8 @@ from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.layout import Layout
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import FULL, PhiDecoder
+from models.neural.config import FULL
+from models.neural.decoder import PhiDecoder
 from models.neural.methods import decode_with
 
 UNSEEN_SEED = 7

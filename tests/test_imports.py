@@ -298,3 +298,10 @@ def test_sender_and_receiver_do_without_locks_where_the_system_has_none(tmp_path
     result = run_without(["fcntl"], SEND_UNLOCKED, tmp_path, ROOT / "docs" / "overview.jpg")
     assert result.returncode == 0, result.stderr
     assert [file.name for file in tmp_path.iterdir()] == ["x.html"]
+
+
+@pytest.mark.slow
+def test_evaluation_starts_without_torch() -> None:
+    """Workers that decode with it load it; the main process would spend two seconds for nothing."""
+    result = run_without(["torch", "kornia"], "import evaluate")
+    assert result.returncode == 0, result.stderr

@@ -23,7 +23,8 @@ from export.send import __main__ as send
 from link.errors import InputError
 from link.files.lock import LOCK, locked
 from link.layout import make_layout
-from models.neural.decoder import FULL, PhiDecoder
+from models.neural.config import FULL
+from models.neural.decoder import PhiDecoder
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume

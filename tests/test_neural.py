@@ -33,15 +33,11 @@ from link.layout import Layout, make_layout
 from models import PRETRAINED, make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
-from models.neural.decoder import (
-    FULL,
-    DecoderConfig,
-    PhiDecoder,
-    bin_mean,
-)
+from models.neural.config import CHANNELS, FULL, MAX_DEGREE, DecoderConfig
+from models.neural.decoder import PhiDecoder, bin_mean
 from models.neural.methods import Phi, decode_with
-from models.neural.phi import MAX_DEGREE, PhiPolynomial
-from models.neural.reduce import CHANNELS, Reduce, exported_sum
+from models.neural.phi import PhiPolynomial
+from models.neural.reduce import Reduce, exported_sum
 from models.neural.refine import MOMENTS
 from models.neural.register import derivatives, register
 from models.neural.solver import fit_head, solve_spd

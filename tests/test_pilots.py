@@ -21,7 +21,8 @@ from link.frames import Rectified
 from link.layout import COLOURS, MODULATIONS, Layout, count_pilots, make_layout
 from models import PRETRAINED, PRETRAINED_PILOTS, make_decoder, shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import FULL, DecoderConfig, PhiDecoder
+from models.neural.config import FULL, DecoderConfig
+from models.neural.decoder import PhiDecoder
 from models.neural.refine import MOMENTS
 from models.neural.refine_pilots import STATISTICS, PilotRefiner
 

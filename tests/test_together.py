@@ -13,7 +13,8 @@ from link.frames import Rectified, combined
 from link.layout import Layout, make_layout
 from models import PRETRAINED, PRETRAINED_PILOTS
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import DecoderConfig, PhiDecoder
+from models.neural.config import DecoderConfig
+from models.neural.decoder import PhiDecoder
 from models.neural.methods import Learned, decode_together, decode_with
 from models.neural.refine import MOMENTS, Refiner
 from models.neural.refine_pilots import STATISTICS, PilotRefiner

@@ -19,7 +19,8 @@ from link.layout import make_layout
 from models import DECODERS, PRETRAINED
 from models.neural import checkpoint
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import FULL, START_LOG_TEMPERATURE, DecoderConfig, PhiDecoder
+from models.neural.config import FULL, DecoderConfig
+from models.neural.decoder import START_LOG_TEMPERATURE, PhiDecoder
 from models.neural.refine import MOMENTS
 from models.neural.training import initial_decoder, training_step
 from reports.engine.digest import imported_modules

@@ -19,7 +19,8 @@ from link.errors import InputError, UnsuitedError
 from link.images import write_bytes
 from link.layout import Layout
 from link.outside import is_file, read_bounded, read_json
-from models.neural.decoder import DecoderConfig, PhiDecoder
+from models.neural.config import DecoderConfig
+from models.neural.decoder import PhiDecoder
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -1,6 +1,6 @@
 """PhiDecoder: two rectified frames in, block scores and the fitted head out, in one graph."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 import numpy as np
 import torch
@@ -8,12 +8,13 @@ from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from link.errors import ParameterError, UnsuitedError, choose
+from link.errors import UnsuitedError
 from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
-from models.neural.phi import PhiPolynomial, check_degrees, legendre_maps
-from models.neural.reduce import CHANNELS, Reduce
+from models.neural.config import CHANNELS, DecoderConfig
+from models.neural.phi import PhiPolynomial, legendre_maps
+from models.neural.reduce import Reduce
 from models.neural.refine import MOMENTS, Refiner
 from models.neural.refine_pilots import TEXTURES, PilotRefiner
 from models.neural.register import channel_mean, derivatives, register
@@ -22,81 +23,6 @@ from models.neural.solver import fit_head
 MARGIN = 1 / 6
 """Share of a tile's side that ``train_on="area"`` leaves out at each end, where neighbouring tiles
 blur into it."""
-MAX_ROUNDS = 8
-"""Largest number of rounds of refinement."""
-
-
-@dataclass(frozen=True)
-class DecoderConfig:
-    """What defines the decoder's graph; it is saved in config.json beside the weights.
-
-    Raises:
-        ParameterError: a value is out of range or of another type.
-
-    >>> DecoderConfig(coarsen=3)
-    Traceback (most recent call last):
-    ...
-    link.errors.ParameterError: coarsen: need 1 or 2, got 3
-    """
-
-    degree: int = 4
-    """Degree of the inverse response g."""
-    drift_degree: int = 0
-    """Degree of the polynomial of i_o that stands beside Phi and explains drift; 0 leaves it
-    out."""
-    channels: str = "luma"
-    """Which intensities are made of a frame's colours: "luma", "quiet" or "rgb", as
-    `models.neural.reduce.CHANNELS` says for each colour direction of a layout."""
-    register: bool = False
-    """Whether the motion between the frames is removed first."""
-    train_on: str = "tile"
-    """What a training sample of a frame pair is. "tile" is the mean over 36 points of a ratex
-    tile's inner half, "area" the mean over the tile without its margin, and "pixel" each of the 36
-    points."""
-    coarsen: int = 1
-    """Number of pixels averaged along each axis before all else. 1 keeps all of them; 2 takes a
-    quarter of the time."""
-    texture: float = 0.0
-    """Gradient, in intensity per pixel, at which a pixel's weight in its block is halved. Where the
-    picture is steep, little light scatters but motion changes much. 0 weighs all pixels alike."""
-    refine: int = 0
-    """Number of rounds of decision-directed refinement; 0 leaves it out."""
-    rows: bool = False
-    """Whether every row of blocks has a gain of its own, for flicker; needs refinement."""
-    space: bool = False
-    """Whether the calibration varies smoothly over the display; needs refinement."""
-
-    def __post_init__(self) -> None:
-        choose(CHANNELS["gray"], self.channels, "channels")
-        choose(dict.fromkeys(("tile", "area", "pixel")), self.train_on, "train_on")
-        for field, value in asdict(self).items():
-            kind = type(getattr(DecoderConfig, field))
-            if type(value) is not kind:
-                raise ParameterError(field, f"must be of type {kind.__name__}, got {value!r}")
-        check_degrees(self.degree, self.drift_degree)
-        if self.coarsen not in (1, 2):
-            raise ParameterError("coarsen", f"need 1 or 2, got {self.coarsen}")
-        if not 0 <= self.refine <= MAX_ROUNDS:
-            raise ParameterError("refine", f"need 0 to {MAX_ROUNDS}, got {self.refine}")
-        if not 0 <= self.texture < 1:
-            raise ParameterError("texture", f"need at least 0 and below 1, got {self.texture}")
-        for field in ("rows", "space"):
-            if getattr(self, field) and self.refine == 0:
-                raise ParameterError(field, "needs refine of at least 1")
-
-
-FULL = DecoderConfig(
-    drift_degree=2,
-    register=True,
-    channels="quiet",
-    train_on="area",
-    coarsen=2,
-    texture=0.02,
-    refine=3,
-    rows=True,
-    space=True,
-)
-"""Configuration of the shipped decoder: every part that pays in docs/ablation.md."""
 START_LOG_TEMPERATURE = 3.0
 """Log temperature with which training starts a decoder that has no refinement: its margins are
 about 1, and log-likelihood ratios about 20."""

@@ -14,7 +14,8 @@ from link.images import as_batch
 from link.layout import Layout
 from models import shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import DecoderConfig, PhiDecoder
+from models.neural.config import DecoderConfig
+from models.neural.decoder import PhiDecoder
 
 
 def decode_with(module: PhiDecoder, pair: Rectified) -> SoftBits:

@@ -2,10 +2,7 @@
 
 from torch import Tensor, nn
 
-from link.errors import ParameterError
-
-MAX_DEGREE = 12
-"""Largest degree of the inverse response that is accepted; the paper's is 4."""
+from models.neural.config import check_degrees
 
 
 class PhiPolynomial(nn.Module):
@@ -20,7 +17,7 @@ class PhiPolynomial(nn.Module):
     linear and convex problem.
 
     Args:
-        degree: degree of the inverse response g, 1 to `MAX_DEGREE`.
+        degree: degree of the inverse response g, 1 to `models.neural.config.MAX_DEGREE`.
         drift_degree: number of drift terms, 0 to ``degree``.
 
     Raises:
@@ -63,14 +60,6 @@ class PhiPolynomial(nn.Module):
         """
         p_o, p_e = legendre_maps(i_o, self.degree), legendre_maps(i_e, self.degree)
         return [o - e for o, e in zip(p_o, p_e, strict=True)] + p_o[: self.drift_degree]
-
-
-def check_degrees(degree: int, drift_degree: int) -> None:
-    """Raise a `ParameterError` that names the degree that is out of range."""
-    if not 1 <= degree <= MAX_DEGREE:
-        raise ParameterError("degree", f"need 1 to {MAX_DEGREE}, got {degree}")
-    if not 0 <= drift_degree <= degree:
-        raise ParameterError("drift_degree", f"need 0 to degree {degree}, got {drift_degree}")
 
 
 def legendre_maps(i: Tensor, degree: int) -> list[Tensor]:

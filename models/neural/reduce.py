@@ -6,29 +6,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
-from link.images import INTENSITIES, LUMA
-
 PARTS = 100
 """Number of equal parts in which colour weights are counted. Weights of whole hundredths let
 onnxruntime add uint8 pixels as they are, without a float copy of the frame."""
-CHANNELS: dict[str, dict[str, tuple[tuple[float, ...], ...]]] = {
-    "gray": {
-        "luma": (LUMA,),
-        "quiet": ((0.27, 0.5, 0.23),),
-        "rgb": ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-    },
-    "chroma": {
-        "luma": (INTENSITIES["chroma"],),
-        "quiet": ((0.77, -0.23, 0.0),),
-        "rgb": ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0)),
-    },
-}
-"""Weights of R, G and B in each intensity, by the colour direction of the layout's bits and by
-name; their absolute values sum to 1. "luma" is what the paper's methods look at
-(`link.images.INTENSITIES`). "quiet" weighs gray so that a camera's noise is least: its colour
-matrix subtracts what crosstalk added, and neighbouring channels then err against each other. For
-chroma it is the bits' own direction in whole hundredths. "rgb" makes Phi of each colour channel
-that bits change, with one head that they share."""
 
 
 @torch.library.custom_op("camera_display::sum_pixels", mutates_args=())

@@ -11,7 +11,8 @@ from link.errors import ParameterError
 from link.layout import Layout, make_layout
 from models import shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint
-from models.neural.decoder import START_LOG_TEMPERATURE, DecoderConfig, PhiDecoder
+from models.neural.config import DecoderConfig
+from models.neural.decoder import START_LOG_TEMPERATURE, PhiDecoder
 
 Start = Literal["shipped", "constants"]
 LayoutKind = Literal["ratex", "hidden"]

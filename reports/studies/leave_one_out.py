@@ -23,7 +23,8 @@ from link.files.lock import locked
 from link.images import make_folder, write_bytes
 from link.layout import make_layout
 from models.neural.checkpoint import save_checkpoint
-from models.neural.decoder import FULL, PhiDecoder
+from models.neural.config import FULL
+from models.neural.decoder import PhiDecoder
 from models.neural.training import training_step
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells, predict_all
