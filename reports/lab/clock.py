@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 import tyro
+from tqdm import tqdm
 
 from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.scenes import SceneSettings
@@ -235,7 +236,8 @@ def main() -> None:
         chunks = list(_chunks(config.windows))
         look = partial(false_strengths, config=config, films=films)
         strengths: dict[str, list[float]] = {kind: [] for kind in KINDS}
-        for (kind, _, _), shares in zip(chunks, pool.map(look, chunks), strict=True):
+        searched = tqdm(pool.map(look, chunks), "windows, by the hundred", len(chunks))
+        for (kind, _, _), shares in zip(chunks, searched, strict=True):
             strengths[kind] += shares
         found = list(pool.map(partial(found_clocks, config=config), STRENGTHS))
     print(false_lock_table(strengths).markdown(), end="\n\n")
@@ -270,8 +272,9 @@ def detection_table(found: list[list[tuple[float, bool, bool]]]) -> Table:
     for strength, results in zip(STRENGTHS, found, strict=True):
         row = [f"{strength:g}"]
         for seconds in SECONDS:
-            now, before = zip(*[r[1:] for r in results if r[0] == seconds], strict=True)
-            row.append(f"{np.mean(now):.0%} ({np.mean(before):.0%})")
+            drawn = [r[1:] for r in results if r[0] == seconds]
+            now, before = np.mean(drawn, axis=0) if drawn else (None, None)
+            row.append("–" if now is None else f"{now:.0%} ({before:.0%})")
         rows.append(row)
     heads = ["toggle over noise", *[f"{seconds:g} s" for seconds in SECONDS]]
     return Table(heads, rows, "Share of clocks found, and in brackets by the bound before:")
