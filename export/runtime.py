@@ -152,6 +152,9 @@ class Decoder:
                 )
         return layout, features
 
+    def prepare(self) -> None:
+        """Do nothing: the model was loaded when the decoder was made."""
+
     def decode(
         self,
         original: NDArray[np.uint8],

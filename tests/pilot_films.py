@@ -21,6 +21,9 @@ class BlockMeans:
         self.layout = layout
         self.pairs = 0
 
+    def prepare(self) -> None:
+        """There is nothing to load."""
+
     def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> SoftBits:
         self.pairs += 1
         change = embedded.astype(np.float32) - original

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from streams import Stream, states_of
 
 import export.receive.__main__ as receive_cli
+from export.receive.reader import PAIRS_A_FRAME
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
 from export.receive.timing.synchronise import MAX_SAMPLES, Synchroniser
@@ -56,6 +57,7 @@ def listen(
         if seen is None:
             continue
         step = receiver.push(seen, time)
+        assert len(step.pairs) <= PAIRS_A_FRAME
         if step.message is not None:
             return receiver, step.message.data
     step = receiver.finish()

@@ -1,6 +1,7 @@
 """One receiver reads every preset: it finds what is shown, says which, and delivers the message."""
 
 import json
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -170,6 +171,27 @@ def test_a_shipped_graph_is_loaded_when_it_decodes(monkeypatch: pytest.MonkeyPat
     assert loaded == [graph]
     with pytest.raises(InputError, match=r"decoder\.onnx: is for another layout than"):
         wrong.decode(frame, frame)
+
+
+def test_a_shipped_graph_is_loaded_once_beside_other_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, go_on, loaded = threading.Event(), threading.Event(), []
+
+    def load(path: Path, threads: int, time_limit_s: float) -> BlockMeans:
+        begun.set()
+        assert go_on.wait(10)
+        loaded.append(path)
+        return BlockMeans(PAPER)
+
+    monkeypatch.setattr(decoders_module, "Decoder", load)
+    decoder = ShippedDecoder(PRETRAINED / "decoder.onnx", PAPER)
+    decoder.prepare()
+    decoder.prepare()
+    assert begun.wait(10)
+    assert loaded == []  # the camera's frames go on
+    go_on.set()
+    frame = np.full((PAPER.height, PAPER.width), 90, np.uint8)
+    assert not decoder.decode(frame, frame).scores.any()
+    assert len(loaded) == 1
 
 
 @pytest.mark.parametrize(

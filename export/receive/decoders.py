@@ -1,6 +1,6 @@
 """Decoders for a receiver: it may need several, and most films need one, which is then loaded."""
 
-from functools import cached_property
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
@@ -19,15 +19,20 @@ class PairDecoder(Protocol):
     layout: Layout
     """Layout of the displays that it reads."""
 
+    def prepare(self) -> None:
+        """Get ready: frames of this layout will soon come."""
+        ...
+
     def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8], /) -> SoftBits:
         """Score the message bits of two rectified frames, (H, W) or (H, W, 3) uint8 encoded RGB."""
         ...
 
 
 class ShippedDecoder:
-    """A decoder whose layout is known beforehand, and which is loaded when it first decodes.
+    """A decoder whose layout is known beforehand, and which is loaded when it is needed.
 
     Its file is read and checked at once, so that a damaged one is noticed before the film begins.
+    Loading takes as long as some camera frames, so it goes on in a thread while these are taken.
 
     Args:
         path: file that `export.to_onnx` wrote.
@@ -45,8 +50,20 @@ class ShippedDecoder:
         self._path = path
         self._threads = threads
 
-    @cached_property
-    def _decoder(self) -> Decoder:
+        self._loading: Future[Decoder] | None = None
+
+    def prepare(self) -> None:
+        """Begin to load the model, beside what else is done."""
+        self._begun()
+
+    def _begun(self) -> Future[Decoder]:
+        if self._loading is None:
+            worker = ThreadPoolExecutor(1)
+            self._loading = worker.submit(self._load)
+            worker.shutdown(wait=False)  # it ends with its only task
+        return self._loading
+
+    def _load(self) -> Decoder:
         decoder = Decoder(self._path, self._threads, OWN_TIME_LIMIT_S)
         if decoder.layout != self.layout:
             raise InputError(f"{self._path}: is for another layout than its name says; export it")
@@ -58,4 +75,4 @@ class ShippedDecoder:
         Raises:
             InputError: the file is no decoder for the layout, or the decoder refuses the frames.
         """
-        return self._decoder.decode(original, embedded)
+        return self._begun().result().decode(original, embedded)

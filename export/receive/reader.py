@@ -32,6 +32,9 @@ from link.frames import SoftBits
 
 BUFFER = 256
 """Largest number of rectified frames that are kept while the clock is unknown."""
+PAIRS_A_FRAME = 2
+"""Largest number of frame pairs that are decoded with one camera frame. Many wait when the clock
+has just been found; the next frames take the rest, so that no frame takes long."""
 PURE_FROM, PURE_TO = 0.6, 0.95
 """Purities of a block's exposure at which its score begins to count, and counts in full."""
 APART = 4.0
@@ -202,7 +205,11 @@ class DisplayReader:
         return self._decode_unclocked()
 
     def _decode_ready(self, now: float) -> tuple[list[DecodedPair], Message | None]:
-        """Decode all frame pairs whose time on the display is over."""
+        """Decode frame pairs whose time on the display is over: all of them once frames have ended.
+
+        Args:
+            now: time of the newest frame, seconds; infinite where the frames have ended.
+        """
         clock = self.sync.clock
         pairs: list[DecodedPair] = []
         if clock is None or not self._buffer:
@@ -212,7 +219,8 @@ class DisplayReader:
         last = self._buffer[-1][0].time
         over = last + clock.latest if np.isinf(now) else now + clock.earliest
         end = clock.number(over)
-        while end >= 2 * self._next + 2:
+        most = np.inf if np.isinf(now) else PAIRS_A_FRAME
+        while end >= 2 * self._next + 2 and len(pairs) < most:
             number, self._next = self._next, self._next + 1
             start = perf_counter()
             frames = [shown for shown, _ in self._buffer]

@@ -163,7 +163,7 @@ class Receiver:
         if self._repeats.is_repeat(frame):  # it was not exposed at this time
             self.found += self._tracked is not None
             return ReceiverStep(self._tracked, [], None)
-        tracked = self._tracked = self._find(frame)
+        tracked = self._tracked = self._find(frame, time)
         self.timing.add("track", start)
         if tracked is None:
             self._sight.miss(frame)
@@ -176,14 +176,18 @@ class Receiver:
                 self._following.correct(shift)
         return ReceiverStep(tracked, pairs, message)
 
-    def _find(self, frame: NDArray[np.uint8]) -> Tracked | None:
+    def _find(self, frame: NDArray[np.uint8], time: float) -> Tracked | None:
         """Follow the display, or look for all layouts until one is found."""
         followed, self._following = self._following, None
         trackers = [tracker for tracker in self._trackers if tracker is not followed]
         for tracker in [followed, *trackers] if followed is not None else trackers:
-            tracked = tracker.follow(frame)
+            if isinstance(tracker, PilotTracker):
+                tracked = tracker.follow(frame, time)
+            else:
+                tracked = tracker.follow(frame)
             if tracked is not None:
                 self._following = tracker
+                self._readers[tracker.layout].decoder.prepare()
                 if tracker.layout != self._reader.layout:
                     self._reader = self._readers[tracker.layout]
                     self._reader.restart()

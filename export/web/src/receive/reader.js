@@ -23,6 +23,12 @@ import { CornerShift } from "./tracking/corners.js";
 
 /** Largest number of rectified frames that are kept while the clock is unknown. */
 export const BUFFER = 256;
+
+/**
+ * Largest number of frame pairs that are decoded with one camera frame. Many wait when the clock
+ * has just been found; the next frames take the rest, so that no frame takes long.
+ */
+export const PAIRS_A_FRAME = 2;
 /** Purity of a block's exposure at which its score begins to count. */
 export const PURE_FROM = 0.6;
 /** Purity of a block's exposure from which its score counts in full. */
@@ -254,7 +260,7 @@ export class DisplayReader {
   }
 
   /**
-   * Decode all frame pairs whose time on the display is over.
+   * Decode frame pairs whose time on the display is over: all of them once frames have ended.
    *
    * @param {number} now - seconds; infinite where the frames have ended
    * @returns {Promise<Reading>}
@@ -268,7 +274,8 @@ export class DisplayReader {
     this.#next ??= Math.ceil(clock.number(buffer[0].frame.time) / 2);
     const last = buffer[buffer.length - 1].frame.time;
     const end = clock.number(now === Infinity ? last + clock.latest : now + clock.earliest);
-    while (end >= 2 * this.#next + 2) {
+    const most = now === Infinity ? Infinity : PAIRS_A_FRAME;
+    while (end >= 2 * this.#next + 2 && pairs.length < most) {
       const number = this.#next++;
       const start = performance.now();
       const frames = buffer.map(({ frame }) => frame);
