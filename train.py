@@ -7,9 +7,7 @@ the message bits through that fit.
 
 import json
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
@@ -21,13 +19,11 @@ from data_gen.channel.optics import check_view
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, get_pair
-from export.to_onnx import export
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
-from models import DECODERS
 from models.neural.checkpoint import resume_state, save_checkpoint, save_state, training_settings
 from models.neural.config import FULL, DecoderConfig
 from models.neural.decoder import PhiDecoder
@@ -39,14 +35,9 @@ from models.neural.training import (
     initial_decoder,
     training_step,
 )
-from reports.engine.conditions import condition_names
 from reports.engine.digest import code_digest
-from reports.engine.methods import methods_for
-from reports.engine.predict import Condition, paper_cells, predict_all
-from reports.engine.provenance import provenance
-from reports.render.tables import summary_table
+from reports.evaluation.trained import export_and_evaluate
 from reports.run import claim_folder
-from reports.score.accuracy import score, write_scores
 
 STATE = "state.pt"
 UNDECISIVE = ("jobs", "device")
@@ -54,10 +45,6 @@ UNDECISIVE = ("jobs", "device")
 rounding of another processor."""
 TRAINED_BY = ("data_gen.episodes", "models.neural.training")
 """Modules that decide, with all that they import, what a step of training computes."""
-PARITY_FRAMES = 30
-"""Number of synthetic frame pairs on which torch and onnxruntime must agree after the export."""
-ON_PILOTS = ("naive", "oorc", "learned")
-"""Methods that the final evaluation compares on layouts with pilots."""
 LOOP_VERSION = 2
 """Raise it when `train` changes what it computes, so that an older state.pt is not continued."""
 
@@ -137,27 +124,21 @@ def train_and_evaluate(
     module.cpu()
     settings = training_settings(config)
     save_checkpoint(folder, module, {"train": settings})
-    conditions = [
-        Condition(name, Source(layout, "test", config.seed), paper_cells(pairs), config.frames)
-        for name, layout in zip(condition_names(layouts), layouts, strict=True)
-    ]
-    methods = methods_for(ON_PILOTS if layouts[0].pilots else tuple(DECODERS), folder)
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
-        model = folder / "decoder.onnx"
-        exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
-        records = predict_all(conditions, methods, folder / "evaluation", config.jobs)
-        parity = exported.result()
+    tables, parity = export_and_evaluate(
+        module,
+        folder,
+        layouts,
+        pairs,
+        settings,
+        name=config.pair,
+        frames=config.frames,
+        seed=config.seed,
+        jobs=config.jobs,
+    )
     (folder / STATE).unlink(missing_ok=True)
-    scores = score(records)
-    write_scores(folder / "metrics.json", scores, provenance(config.seed, simulated=True))
-    title = f"{config.pair}: 0° and 45°, κ 5 and 3, held-out pictures and channel draws, simulated"
-    for condition in conditions:
-        of_condition = scores[scores["condition"] == condition.name]
-        if condition.source.layout.pilots:  # the paper printed no such cells
-            of_condition = of_condition.assign(paper=float("nan"))
-        print(summary_table(of_condition, f"{title}{condition.name}").markdown())
+    print(*(table.markdown() for table in tables), sep="\n")
     print(
-        f"\n{model}: torch and onnxruntime agree on all {parity.bits} bits of "
+        f"\n{folder / 'decoder.onnx'}: torch and onnxruntime agree on all {parity.bits} bits of "
         f"{parity.frames} synthetic frame pairs, scores within {parity.max_difference:.1e}"
     )
 

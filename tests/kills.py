@@ -200,13 +200,13 @@ def cached_export(module: Any, path: Path, *arguments: Any) -> Any:
 
 def shrink_training(folder: Path) -> None:
     """Let train.py evaluate one cell with two methods, and compare its export on two pairs."""
-    train: Any = importlib.import_module("train")
+    trained: Any = importlib.import_module("reports.evaluation.trained")
     os.environ[CACHE] = str(folder)
-    train.export = cached_export
-    paper_cells = train.paper_cells
-    train.PARITY_FRAMES = 2
-    train.DECODERS = ("naive", "learned")
-    train.paper_cells = lambda pairs: paper_cells(pairs, (0.0,), (3,))
+    trained.export = cached_export
+    paper_cells = trained.paper_cells
+    trained.PARITY_FRAMES = 2
+    trained.DECODERS = ("naive", "learned")
+    trained.paper_cells = lambda pairs: paper_cells(pairs, (0.0,), (3,))
 
 
 def try_command(name: str, kills: int, rng: random.Random, folder: Path, out: Path | None) -> bool:

@@ -8,6 +8,7 @@ import pytest
 import torch
 from conftest import Command
 
+import reports.evaluation.trained as final_evaluation
 import train
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
@@ -114,7 +115,7 @@ def agreed_parity(*_: object) -> Parity:
 def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(train, "export", agreed_parity)
+    monkeypatch.setattr(final_evaluation, "export", agreed_parity)
     small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
     small += ["--frames", "1", "--out", str(tmp_path)]
     assert command(train.main, *small).status == 0
