@@ -24,7 +24,7 @@ CLOSE_PX = 4.0
 def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 60.0):
     finder = PilotSearch(layouts, fps)
     for number, image in enumerate(images):
-        found = finder.push(np.repeat(image[:, :, None], 3, axis=2))
+        found = finder.push(np.repeat(image[:, :, None], 3, axis=2), number / fps)
         if found is not None:
             return number, found
     return None
@@ -137,11 +137,11 @@ def test_what_toggles_is_outlined() -> None:
     images, corners = filmed(FINE, 24, seed=7, dark=True)
     stabiliser = Stabiliser()
     stabiliser.begin(images[0])
-    toggling = ToggleMap(stabiliser.shape, 24)
-    for image in images:
+    toggling = ToggleMap()
+    for number, image in enumerate(images):
         H = stabiliser.follow(image)
         assert H is not None
-        toggling.add(stabiliser.still(image, H))
+        toggling.add(stabiliser.still(image, H), number)
     outline = toggling.outline(0.25)
     assert outline is not None
     found = stabiliser.on_image(outline)

@@ -21,6 +21,8 @@ from link.layout import make_layout
 from link.presets import PRESETS
 
 Image = NDArray[np.uint8]
+FPS = 60.0
+"""Frames a second of the films."""
 CLOSE_PX = 4.0
 """A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
 
@@ -33,7 +35,7 @@ def film() -> tuple[list[Image], NDArray[np.float64]]:
 def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
     """Number of the first frame with the display."""
     for number, image in enumerate(images):
-        if tracker.follow(image) is not None:
+        if tracker.follow(image, number / FPS) is not None:
             return number
     return None
 
@@ -41,9 +43,9 @@ def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
 @pytest.mark.slow
 def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.float64]]) -> None:
     images, corners = film
-    tracker, seen = PilotTracker([OTHER, FINE], 60.0), []
-    for image, expected in zip(images, corners, strict=True):
-        tracked = tracker.follow(image)
+    tracker, seen = PilotTracker([OTHER, FINE], FPS), []
+    for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
+        tracked = tracker.follow(image, number / FPS)
         if tracked is not None:
             assert tracker.layout == FINE
             assert np.abs(tracked.corners - expected).max() < CLOSE_PX
@@ -58,7 +60,7 @@ def test_a_display_is_moved_within_its_rectified_image(
     film: tuple[list[Image], NDArray[np.float64]],
 ) -> None:
     images, _ = film
-    plain, moved = PilotTracker([FINE], 60.0), PilotTracker([FINE], 60.0)
+    plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
     first = found_in(plain, images)
     assert first is not None
     assert first == found_in(moved, images)
@@ -66,7 +68,7 @@ def test_a_display_is_moved_within_its_rectified_image(
     H[:2, 2] = 7.0, -5.0
     moved.correct(2 * H)  # the scale of a homography means nothing
     for number in (first + 1, first + 2):
-        here, there = (tracker.follow(images[number]) for tracker in (plain, moved))
+        here, there = (tracker.follow(images[number], number / FPS) for tracker in (plain, moved))
         assert here is not None and there is not None
         view = cv2.warpPerspective(here.rectified, H, here.rectified.shape[::-1], flags=17)
         inner = np.s_[20:-20, 20:-20]
@@ -75,7 +77,9 @@ def test_a_display_is_moved_within_its_rectified_image(
         still = np.abs(here.rectified[inner].astype(float) - there.rectified[inner])
         assert difference.mean() < 0.3 * still.mean()
     moved.correct(np.linalg.inv(H))
-    here, there = (tracker.follow(images[first + 3]) for tracker in (plain, moved))
+    here, there = (
+        tracker.follow(images[first + 3], (first + 3) / FPS) for tracker in (plain, moved)
+    )
     assert here is not None and there is not None
     assert np.abs(here.corners - there.corners).max() < 1e-3
 
@@ -86,18 +90,19 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
 ) -> None:
     images, _ = film
     rng = np.random.default_rng(1)
-    tracker = PilotTracker([FINE], 60.0)
+    tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
     grainy = [
         np.clip(images[-1] + rng.normal(0, 1, images[-1].shape), 0, 255).astype(np.uint8)
         for _ in range(8)
     ]
-    lost = next(n for n in range(300) if tracker.follow(grainy[n % 8]) is None)
+    start = len(images)
+    lost = next(n for n in range(300) if tracker.follow(grainy[n % 8], (start + n) / FPS) is None)
     assert CHECK_EVERY * PATIENCE - len(images) < lost <= CHECK_EVERY * (PATIENCE + 3)
     again, corners = filmed(FINE, 50, seed=9)
     number = found_in(tracker, again)
     assert number is not None
-    tracked = tracker.follow(again[number + 1])
+    tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
     assert tracked is not None
     assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
 
@@ -105,19 +110,19 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
 @pytest.mark.slow
 def test_a_display_that_is_gone_is_lost(film: tuple[list[Image], NDArray[np.float64]]) -> None:
     images, _ = film
-    tracker = PilotTracker([FINE], 60.0)
+    tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
-    assert tracker.follow(np.full_like(images[0], 60)) is None
+    assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
 
 
 def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Some looks without evidence are borne, one with evidence makes good for them."""
-    tracker = PilotTracker([OTHER], 60.0)
+    tracker = PilotTracker([OTHER], FPS)
     said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
     monkeypatch.setattr(pilots_module, "pilot_evidence", lambda *_: (next(said), 0.1))
     view = np.full((OTHER.height, OTHER.width), 90, np.uint8)
     tracked = pilots_module.Tracked(np.zeros((4, 2)), view)
-    still = [tracker._still_there(tracked) for _ in range(8 * CHECK_EVERY)]
+    still = [tracker._still_there(tracked, n / FPS) for n in range(8 * CHECK_EVERY)]
     looks = np.array(still).reshape(8, CHECK_EVERY)[:, -1]
     # too few frames have been watched at the time of the first look
     assert looks.tolist() == [True, True, True, True, True, True, True, False]
@@ -170,7 +175,7 @@ def test_odd_frames_hold_no_display(kind: str) -> None:
 @pytest.mark.parametrize("kind", ["black", "tiny", *map(slow, ("gray", "sizes", "noise"))])
 def test_a_search_survives_odd_frames(kind: str) -> None:
     search = PilotSearch([OTHER], 30.0)
-    assert all(search.push(ODD[kind](number)) is None for number in range(26))
+    assert all(search.push(ODD[kind](number), number / 30) is None for number in range(26))
 
 
 @pytest.mark.parametrize(
@@ -199,9 +204,9 @@ def test_copies_of_any_shape_are_held_still(shape: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("shape", [(1, 640), (16, 16), (300, 2)], ids=str)
 def test_what_toggles_nowhere_has_no_outline(shape: tuple[int, int]) -> None:
-    toggling = ToggleMap(shape, 24)
-    for _ in range(24):
-        toggling.add(np.full(shape, 90, np.uint8))
+    toggling = ToggleMap()
+    for number in range(24):
+        toggling.add(np.full(shape, 90, np.uint8), number)
     assert all(toggling.outline(f) is None for f in (0.0, 0.1, 0.25, 0.5, 0.9))
 
 
@@ -216,13 +221,13 @@ def test_a_followed_display_bears_a_change_of_the_frames(
     kind: str, film: tuple[list[Image], NDArray[np.float64]]
 ) -> None:
     images, _ = film
-    tracker = PilotTracker([FINE], 60.0)
+    tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
     changed = {
         "size": images[-1][:300, :400],
         "colour": np.repeat(images[-1][:, :, None], 3, axis=2),
         "black": np.zeros_like(images[-1]),
     }[kind]
-    for _ in range(3):
-        tracked = tracker.follow(np.ascontiguousarray(changed))
+    for number in range(3):
+        tracked = tracker.follow(np.ascontiguousarray(changed), (len(images) + number) / FPS)
         assert (tracked is not None) == (kind == "colour")

@@ -3,6 +3,7 @@
 Nothing visible marks a display with pilots. Here `export.locate.pilots.search.PilotSearch` looks
 for it in simulated hand-held films of rooms: of displays that show a preset, of displays that stand
 still, and of displays that toggle blocks of another layout. In the last two it must find nothing.
+A share of the frames may be dropped at random, as slow receivers and busy phones drop them.
 """
 
 from collections.abc import Sequence
@@ -57,6 +58,8 @@ class PilotSearchConfig:
     """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
     """Length of each film, seconds."""
+    drop: float = 0.0
+    """Share of the frames that are dropped at random, from 0 to below 1."""
     seed: int = 0
     """Seed of all draws."""
     jobs: int = 2
@@ -135,8 +138,11 @@ def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> Searc
     )
     search = PilotSearch(searched_layouts(), settings.fps)
     pair = source.pair(list(PAIRS)[number % len(PAIRS)])
+    lost = np.random.default_rng([config.seed, number])
     for frame in film(states, layout, pair, view, settings, rng):
-        found = search.push(frame.rgb)
+        if lost.random() < config.drop:
+            continue
+        found = search.push(frame.rgb, frame.time_s)
         if found is not None:
             corners = transform(
                 frame.H_captured_from_display, frame_corners(layout.width, layout.height)
@@ -187,6 +193,8 @@ def main() -> None:
         choose(SEEN, seen, "name in --seen")
     if not 0.5 <= config.seconds <= 60:
         raise ParameterError("seconds", f"need 0.5 to 60, got {config.seconds:g}")
+    if not 0 <= config.drop < 1:
+        raise ParameterError("drop", f"need 0 or more and less than 1, got {config.drop:g}")
     films = [(p, s, n) for p in config.presets for s in config.seen for n in range(config.films)]
     with ProcessPoolExecutor(config.jobs) as pool:
         results = pool.map(partial(search_film, config=config), films)

@@ -21,7 +21,7 @@ finer, and what toggles is outlined in several of them."""
 def found_by_python(images: list[NDArray[np.uint8]], layouts: list[Layout]) -> object:
     search = PilotSearch(layouts, FPS)
     for number, image in enumerate(images):
-        display = search.push(image)
+        display = search.push(image, number / FPS)
         if display is not None:
             return {
                 "frame": number,

@@ -160,19 +160,20 @@ def toggling() -> dict[str, object]:
     rng = np.random.default_rng(4)
     room = 100 + 20 * texture((200, 300), 5)
     signs = cv2.resize(rng.choice([-1.0, 1.0], (24, 32)), (128, 96), interpolation=0)
-    toggle_map = ToggleMap((200, 300), 24)
+    toggle_map = ToggleMap()
     stills = []
     for number in range(24):
         still = room + rng.normal(0, 1, room.shape)
         still[50:146, 80:208] += 6 * signs * (-1) ** (number // 2)
         stills.append(np.clip(still + 0.5, 0, 255).astype(np.uint8))
-        toggle_map.add(stills[-1])
+        toggle_map.add(stills[-1], number)
     frequencies = [0.25, 0.0, 0.5]
+    outlines = [toggle_map.outline(frequency) for frequency in frequencies]
     return {
         "stills": np.array(stills),
-        "logs": [toggle_map._power(at) for at in (5, 11)],
+        "logs": [toggle_map._logs[number] for number in (6, 12)],
         "frequencies": frequencies,
-        "outlines": [toggle_map.outline(frequency) for frequency in frequencies],
+        "outlines": outlines,
     }
 
 

@@ -43,8 +43,8 @@ def patches_film() -> dict[str, object]:
 def pilots_film() -> dict[str, object]:
     images, corners = filmed(FINE, 40, seed=0, kappa=5.0)
     tracker, found = PilotTracker([FINE], 60.0), []
-    for image, there in zip(images, corners, strict=True):
-        tracked = tracker.follow(image)
+    for number, (image, there) in enumerate(zip(images, corners, strict=True)):
+        tracked = tracker.follow(image, number / 60)
         assert tracked is None or np.abs(tracked.corners - there).max() < CLOSE_PX
         found.append(tracked is not None)
     assert found == sorted(found)

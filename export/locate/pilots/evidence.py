@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.locate.pilots.waves import MOST_SPAN, span_of, waves
 from link.images import as_gray
 from link.layout import Layout
 
@@ -92,7 +93,9 @@ def signed_phases(layout: Layout) -> NDArray[np.complex128]:
     return np.asarray(pilot_signs(layout) * np.exp(-1j * PHASE_SLOPES @ places.T))
 
 
-def pilot_evidence(values: Sequence[NDArray[np.floating]], layout: Layout) -> tuple[float, float]:
+def pilot_evidence(
+    values: Sequence[NDArray[np.floating]], layout: Layout, at: Sequence[float] | None = None
+) -> tuple[float, float]:
     """Tell how surely values over time toggle with the pilots' signs, at any one frequency.
 
     At each frequency the values have complex amplitudes X_p, whose phases may slope across the
@@ -101,16 +104,20 @@ def pilot_evidence(values: Sequence[NDArray[np.floating]], layout: Layout) -> tu
     many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by chance these
     explain the share R2 of the signs' power, or more, with probability (1 - R2)^((P - 2) / 2), for
     P pilots. The largest share over all frequencies and slopes is taken, and their number is paid
-    for.
+    for. That holds whenever the frames were taken: chance is in the pilots' signs, not in time. The
+    frequencies are those of whole periods in the time that the frames cover, up to the fastest that
+    the camera can see, so that more are paid for where frames are missing in between.
 
     Args:
-        values: T arrays (P,), one for each of T evenly spaced frames.
+        values: T arrays (P,), one for each of T frames.
         layout: with P pilots.
+        at: (T,) positions of the frames (`export.locate.pilots.waves.position`), rising; without
+            them, the frames are evenly spaced.
 
     Returns:
         evidence: natural logarithm of the probability that chance does as well, with the sign
             turned, so that more is surer; 0 at least.
-        frequency: at which it was found, in periods for each frame.
+        frequency: at which it was found, in periods for each nominal frame.
 
     >>> from link.layout import make_layout
     >>> layout = make_layout(16, 16, modulation="antipodal", pilots=40)
@@ -122,12 +129,16 @@ def pilot_evidence(values: Sequence[NDArray[np.floating]], layout: Layout) -> tu
     >>> pilot_evidence(noise, layout)[0] < 6
     True
     """
-    series = np.asarray(values, np.float64)
+    places = np.arange(len(values), dtype=np.float64) if at is None else np.asarray(at, np.float64)
+    taken = places > places[-1] - MOST_SPAN if len(places) else np.zeros(0, bool)
+    span, fastest = span_of(places[taken])
+    numbers = np.arange(SLOWEST, fastest + 1)
+    if not len(numbers):
+        return 0.0, 0.0
+    series = np.asarray(values, np.float64)[taken]
     series = series - series.mean(axis=0)
     series /= series.std(axis=0) + LEAST_DEVIATION
-    lines = np.fft.rfft(series, axis=0)[SLOWEST:]
-    if not len(lines):
-        return 0.0, 0.0
+    lines = waves(places[taken], numbers / span, np.arange(SLOWEST) / span) @ series
     turned = signed_phases(layout)
     # of the turned amplitudes Z: sums of s Z, of Z Z and of |Z|^2, each (slopes, frequencies)
     along, squares = turned @ lines.T, turned**2 @ (lines**2).T
@@ -139,7 +150,7 @@ def pilot_evidence(values: Sequence[NDArray[np.floating]], layout: Layout) -> tu
     best = int(share.max(axis=0).argmax())
     unexplained = max(1 - float(share.max()), 1e-12)
     chance = (layout.pilots - 2) / 2 * float(np.log(unexplained)) + float(np.log(share.size))
-    return max(0.0, -chance), (best + SLOWEST) / len(series)
+    return max(0.0, -chance), (best + SLOWEST) / span
 
 
 def in_one_phase(change: NDArray[np.complex64], layout: Layout) -> NDArray[np.float32]:

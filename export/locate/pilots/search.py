@@ -36,6 +36,7 @@ from export.locate.pilots.evidence import (
 )
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
+from export.locate.pilots.waves import position, waves
 from link.errors import InputError
 from link.geometry import homography_from_corners, rectify, transform
 from link.images import as_gray
@@ -43,9 +44,6 @@ from link.layout import Layout
 
 Array = NDArray[np.float64]
 Gray = NDArray[np.uint8]
-_Frame = tuple[Gray, Array]
-"""A frame, and H_image_from_reference: where points of the reference lie in it."""
-
 CANDIDATES = 6
 """Number of quadrilaterals made of edges that are watched at once."""
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
@@ -96,6 +94,18 @@ class PilotDisplay:
 
 
 @dataclass(frozen=True)
+class _Frame:
+    """One frame of the film."""
+
+    gray: Gray
+    """(H, W) uint8."""
+    H: Array
+    """(3, 3) H_image_from_reference: where points of the reference lie in it."""
+    at: float
+    """Its position since the reference (`export.locate.pilots.waves.position`)."""
+
+
+@dataclass(frozen=True)
 class _Proposal:
     """Where a display may be."""
 
@@ -104,7 +114,7 @@ class _Proposal:
     layout: Layout
     """What it may show."""
     frequency: float
-    """Frequency at which it may toggle, in periods for each frame."""
+    """Frequency at which it may toggle, in periods for each nominal frame."""
 
 
 _Sure = tuple[_Proposal, float]
@@ -116,7 +126,7 @@ class PilotSearch:
 
     Args:
         layouts: those that are looked for, at least one, each with pilots.
-        fps: frames of the camera in a second.
+        fps: nominal number of frames of the camera in a second; some may be missing.
 
     Raises:
         InputError: a layout has no pilots.
@@ -138,17 +148,18 @@ class PilotSearch:
         self._frames: list[_Frame] = []
         self._newest: _Frame
         self._reference: NDArray[np.uint8]
-        self._sum: NDArray[np.float32]
+        self._fps, self._start = fps, 0.0
         self._watched: list[Array] = []
         self._values: list[list[NDArray[np.float32]]] = []
         self._proposed: list[_Proposal] = []
         self._work: Iterator[_Sure | None] | None = None
 
-    def push(self, image: NDArray[np.uint8]) -> PilotDisplay | None:
+    def push(self, image: NDArray[np.uint8], time: float) -> PilotDisplay | None:
         """Take the next frame.
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            time: of the frame, seconds; rising from frame to frame.
 
         Returns:
             the display once it is sure, else None.
@@ -157,14 +168,14 @@ class PilotSearch:
         H = self._stabiliser.follow(gray)
         if H is None:
             self._stabiliser.begin(gray)
-            self._reference = image
+            self._reference, self._start = image, time
             self._frames, self._proposed, self._work = [], [], None
             return None
         if not self._frames:
             self._begin()
-        self._newest = gray, H
+        self._newest = _Frame(gray, H, position(time - self._start, self._fps))
         if len(self._frames) < self._window:
-            self._watch(gray, H)
+            self._watch(self._newest)
         if self._work is None:
             return None
         try:
@@ -180,25 +191,22 @@ class PilotSearch:
 
     def _begin(self) -> None:
         """Propose quadrilaterals in the reference, now that the film can be held still."""
-        self._map = ToggleMap(self._stabiliser.shape, self._window)
-        self._sum = np.zeros(self._stabiliser.shape, np.float32)
+        self._map = ToggleMap()
         self._watched = [
             np.roll(candidate.corners, -turn, axis=0)
             for candidate in display_candidates(self._reference, CANDIDATES)
             for turn in (0, 1)
         ]
         self._values = [[] for _ in self._watched]
-        self._watch(as_gray(self._reference), np.eye(3))
+        self._watch(_Frame(as_gray(self._reference), np.eye(3), 0.0))
 
-    def _watch(self, gray: Gray, H: Array) -> None:
+    def _watch(self, frame: _Frame) -> None:
         """Record what this frame shows, and propose what looks promising after some frames."""
-        self._frames.append((gray, H))
-        still = self._stabiliser.still(gray, H)
-        self._map.add(still)
-        self._sum = self._sum + still
+        self._frames.append(frame)
+        self._map.add(self._stabiliser.still(frame.gray, frame.H), frame.at)
         size = 2 * self._finest.cols, 2 * self._finest.rows
         for corners, values in zip(self._watched, self._values, strict=True):
-            view = _rectified(gray, transform(H, corners), self._largest)
+            view = _rectified(frame, corners, self._largest)
             small = np.zeros(size[::-1], np.uint8) if view is None else view
             values.append(cv2.resize(small, size, interpolation=cv2.INTER_AREA).astype(np.float32))
         count = len(self._frames)
@@ -230,12 +238,13 @@ class PilotSearch:
             the evidence, before it pays, and what it speaks for.
         """
         found = []
+        at = [frame.at for frame in self._frames]
         for layout in self.layouts:
             blocks = [standing_out(view, layout) for view in views]
             for turn in (0, 2):
                 turned = [block[::-1, ::-1] if turn else block for block in blocks]
                 picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]
-                evidence, frequency = pilot_evidence(picked, layout)
+                evidence, frequency = pilot_evidence(picked, layout, at)
                 moved = np.roll(corners, -turn, axis=0)
                 found.append((evidence, _Proposal(moved, layout, frequency)))
         return max(found, key=lambda each: each[0])
@@ -267,8 +276,8 @@ class PilotSearch:
         The mean has less noise than a frame, and its histogram, made even, shows the edges of a
         dark picture in a dark frame.
         """
-        mean = np.asarray(self._sum / len(self._frames), np.uint8)
-        found = display_candidates(np.asarray(cv2.equalizeHist(mean), np.uint8), CANDIDATES)
+        even = np.asarray(cv2.equalizeHist(self._map.mean()), np.uint8)
+        found = display_candidates(even, CANDIDATES)
         return [self._stabiliser.on_image(candidate.corners) for candidate in found]
 
     def _first_fits(self, quad: Array) -> list[_Proposal]:
@@ -283,8 +292,9 @@ class PilotSearch:
         evidence, proposal = self._surest(quad, list(views))
         hints = [proposal] if evidence > HINT else []
         best: tuple[int, _Proposal] | None = None
+        at = [frame.at for frame in self._frames]
         for frequency in self._frequencies:
-            line = _line(views, frequency)
+            line = _line(views, at, frequency)
             for layout in self.layouts:
                 blocks = self._expected[layout]
                 for turn in (0, 2):
@@ -339,7 +349,8 @@ class PilotSearch:
             views = _views(corners, layout, frames, COARSE_SIZE)
             if views is None:
                 break
-            fit = coarse_shift(_line(views, proposal.frequency), self._expected[layout], layout)
+            line = _line(views, [frame.at for frame in frames], proposal.frequency)
+            fit = coarse_shift(line, self._expected[layout], layout)
             yield None
             if fit is None:
                 break
@@ -391,7 +402,7 @@ def _by_whole(
         views = _views(corners, layout, frames, map_size(layout))
         if views is None:
             break
-        H_old_from_new = shift(_line(views, proposal.frequency))
+        H_old_from_new = shift(_line(views, [frame.at for frame in frames], proposal.frequency))
         yield None
         if H_old_from_new is None:
             break
@@ -411,18 +422,20 @@ def _views(
 ) -> NDArray[np.float32] | None:
     """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""
     views = []
-    for gray, H in frames:
-        view = _rectified(gray, transform(H, corners), layout)
+    for frame in frames:
+        view = _rectified(frame, corners, layout)
         if view is None:
             return None
         views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
     return np.array(views, np.float32)
 
 
-def _line(views: NDArray[np.float32], frequency: float) -> NDArray[np.complex64]:
+def _line(
+    views: NDArray[np.float32], at: Sequence[float], frequency: float
+) -> NDArray[np.complex64]:
     """Amplitude (h, w) of (T, h, w) maps at a frequency, over each place's deviation."""
     stack = views - views.mean(axis=0)
-    turns = np.exp(-2j * np.pi * frequency * np.arange(len(stack))).round(12).astype(np.complex64)
+    turns = waves(at, np.array([frequency]), np.zeros(1))[0].round(12).astype(np.complex64)
     line = np.tensordot(turns, stack, axes=1) / (stack.std(axis=0) + LEAST_DEVIATION)
     return np.asarray(line, np.complex64)
 
@@ -430,22 +443,29 @@ def _line(views: NDArray[np.float32], frequency: float) -> NDArray[np.complex64]
 def _evidence(proposal: _Proposal, frames: Sequence[_Frame]) -> float:
     """Evidence of a proposal, before it pays for what was tried."""
     values = []
-    for gray, H in frames:
-        view = _rectified(gray, transform(H, proposal.corners), proposal.layout)
+    for frame in frames:
+        view = _rectified(frame, proposal.corners, proposal.layout)
         if view is None:
             return 0.0
         values.append(pilot_values(view, proposal.layout))
-    return pilot_evidence(values, proposal.layout)[0]
+    return pilot_evidence(values, proposal.layout, [frame.at for frame in frames])[0]
 
 
-def _rectified(gray: Gray, corners: Array, layout: Layout) -> Gray | None:
-    """Rectify an image, or return None where the corners make no sound quadrilateral near it."""
-    size = np.array(gray.shape[::-1])
-    quad = np.asarray(corners, np.float32)
-    inside = (corners > -FAR_OUTSIDE * size).all() and (corners < (1 + FAR_OUTSIDE) * size).all()
-    if not inside or not cv2.isContourConvex(quad):
+def _rectified(frame: _Frame, corners: Array, layout: Layout) -> Gray | None:
+    """Rectify a frame, or return None where the corners make no sound quadrilateral near it.
+
+    Args:
+        frame: of the film.
+        corners: (4, 2) pixels of the reference frame.
+        layout: to whose size it is rectified.
+    """
+    quad = transform(frame.H, corners)
+    size = np.array(frame.gray.shape[::-1])
+    inside = (quad > -FAR_OUTSIDE * size).all() and (quad < (1 + FAR_OUTSIDE) * size).all()
+    outline = np.asarray(quad, np.float32)
+    if not inside or not cv2.isContourConvex(outline):
         return None
-    if cv2.contourArea(quad) < LEAST_AREA * gray.size:
+    if cv2.contourArea(outline) < LEAST_AREA * frame.gray.size:
         return None
-    H = homography_from_corners(corners, layout.width, layout.height)
-    return rectify(gray, H, layout.width, layout.height)
+    H = homography_from_corners(quad, layout.width, layout.height)
+    return rectify(frame.gray, H, layout.width, layout.height)

@@ -1,14 +1,16 @@
 """Where in the image something toggles: a map that separates a display from the room around it.
 
-Frames are held still by the camera's motion first. At each frequency the amplitude of every pixel
-is summed up as the frames come; a display that shows a message has far more of it at its toggling
-rate than at the frequencies beside it, and a room has not.
+Frames are held still by the camera's motion first. A display that shows a message has far more
+power at its toggling rate than at the frequencies beside it, and a room has not. The amplitudes of
+the pixels are summed up when an outline is asked for: only then is it known which time the frames
+cover, and only where no edges gave the display away.
 """
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.locate.pilots.waves import span_of, waves
 from export.locate.quads import upright
 
 Array = NDArray[np.float64]
@@ -46,45 +48,44 @@ LEAST_SHARE = 0.01
 
 
 class ToggleMap:
-    """Sums up how much each pixel toggles at each frequency of a window of frames.
+    """Tells how much each pixel toggles at each frequency, over the frames that were added."""
 
-    Args:
-        shape: height and width of the frames that will come.
-        frames: number of frames in the window.
-    """
-
-    def __init__(self, shape: tuple[int, int], frames: int) -> None:
-        self.frames = frames
-        self._taken = 0
-        self._numbers = np.arange(1, frames // 2 + 1)
-        self._sums = np.zeros((len(self._numbers), 2, *shape), np.float32)
+    def __init__(self) -> None:
+        self._stills: list[NDArray[np.uint8]] = []
+        self._at: list[float] = []
         self._logs: dict[int, Map] = {}
 
-    def add(self, still: NDArray[np.uint8]) -> None:
-        """Take the next frame, (h, w) uint8, aligned with those before."""
-        image = np.asarray(still, np.float32)
-        band = cv2.GaussianBlur(image, (0, 0), FINE_PX) - cv2.GaussianBlur(image, (0, 0), COARSE_PX)
-        turns = 2 * np.pi * self._numbers * self._taken / self.frames
-        for sums, turn in zip(self._sums, turns, strict=True):
-            cv2.scaleAdd(band, float(np.cos(turn)), sums[0], dst=sums[0])
-            cv2.scaleAdd(band, float(-np.sin(turn)), sums[1], dst=sums[1])
-        self._taken += 1
+    def add(self, still: NDArray[np.uint8], at: float) -> None:
+        """Take the next frame.
+
+        Args:
+            still: (h, w) uint8, aligned with those before.
+            at: position of the frame (`export.locate.pilots.waves.position`).
+        """
+        self._stills.append(still)
+        self._at.append(at)
+        self._logs = {}
+
+    def mean(self) -> NDArray[np.uint8]:
+        """Average all frames so far, (h, w) uint8, rounded down."""
+        return np.asarray(np.mean(self._stills, axis=0, dtype=np.float32), np.uint8)
 
     def outline(self, frequency: float) -> Array | None:
-        """Outline what toggles at a frequency, in periods for each frame.
+        """Outline what toggles at a frequency, in periods for each nominal frame.
 
         Returns:
             (4, 2) pixels of the map, in corner order nearest to upright; None where nothing toggles
-            there, or the window is not full.
+            there, or the frames do not cover enough time.
         """
-        at = round(frequency * self.frames) - 1
-        if self._taken < self.frames or not SLOWEST - 1 <= at < len(self._sums):
+        span, fastest = span_of(self._at)
+        at = round(frequency * span)
+        if not SLOWEST <= at <= fastest:
             return None
         beside = {at + sign * step for step in BESIDE for sign in (-1, 1)}
-        usual = np.mean(
-            [self._power(number) for number in beside if 1 <= number < len(self._sums)], axis=0
-        )
-        over = np.clip(self._power(at) - usual, 0, CEILING)
+        beside = {number for number in beside if SLOWEST - 1 <= number <= fastest}
+        self._measure(span, sorted({at, *beside} - set(self._logs)))
+        usual = np.mean([self._logs[number] for number in beside], axis=0)
+        over = np.clip(self._logs[at] - usual, 0, CEILING)
         excess = cv2.GaussianBlur(over, (0, 0), EVEN_PX)
         usual_excess = float(np.median(excess))
         clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98)))
@@ -95,13 +96,24 @@ class ToggleMap:
         best, _ = max(fits, key=lambda fit: fit[1])
         return np.asarray(upright(best[None])[0])
 
-    def _power(self, number: int) -> Map:
-        """Logarithm of the smoothed power at one of the frequencies."""
-        if number not in self._logs:
-            power = cv2.GaussianBlur(cv2.magnitude(*self._sums[number]) ** 2, (0, 0), SMOOTH_PX)
+    def _measure(self, span: float, numbers: list[int]) -> None:
+        """Find the logarithm of the smoothed power where a window holds some numbers of periods."""
+        weights = waves(self._at, np.array(numbers) / span, np.arange(SLOWEST - 1) / span)
+        stack = np.array(self._stills, np.float32)
+        for number, weight in zip(numbers, weights, strict=True):
+            real, imaginary = (
+                _band(np.tensordot(part.astype(np.float32), stack, axes=1))
+                for part in (weight.real, weight.imag)
+            )
+            power = cv2.GaussianBlur(real**2 + imaginary**2, (0, 0), SMOOTH_PX)
             power += 0.05 * float(np.median(power)) + 1e-6
             self._logs[number] = np.asarray(np.log(power), np.float32)
-        return self._logs[number]
+
+
+def _band(image: NDArray[np.floating]) -> Map:
+    """Keep details of the sizes between `FINE_PX` and `COARSE_PX`."""
+    fine, coarse = (cv2.GaussianBlur(image, (0, 0), size) for size in (FINE_PX, COARSE_PX))
+    return np.asarray(fine - coarse, np.float32)
 
 
 def _outlines(mask: NDArray[np.bool_]) -> list[Array]:

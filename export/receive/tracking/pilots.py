@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from export.locate.pilots.corners import moved_corners
 from export.locate.pilots.evidence import pilot_evidence, pilot_values
 from export.locate.pilots.search import PilotSearch
+from export.locate.pilots.waves import position
 from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import Tracked
 from link.layout import Layout
@@ -40,9 +41,11 @@ class PilotTracker:
 
     def __init__(self, layouts: Sequence[Layout], fps: float) -> None:
         self._search = PilotSearch(layouts, fps)
+        self._fps, self._start = fps, 0.0
         self._follower = Follower(layouts[0])
         self._H_followed_from_shown = np.eye(3)
         self._values: deque[NDArray[np.float32]] = deque(maxlen=WATCHED)
+        self._at: deque[float] = deque(maxlen=WATCHED)
         self._count = self._missed = 0
 
     @property
@@ -60,31 +63,34 @@ class PilotTracker:
         H = self._H_followed_from_shown @ H_old_from_new
         self._H_followed_from_shown = H / H[2, 2]
 
-    def follow(self, image: Image) -> Tracked | None:
+    def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame.
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            time: of the frame, seconds; rising from frame to frame.
 
         Returns:
             the display, or None where it is not in view.
         """
         if self._follower.corners is None:
-            return self._look(image)
+            return self._look(image, time)
         step = self._follower.step(image)
         tracked = None if step is None else self._accept(image, step[0], fresh=step[1])
-        if tracked is None or not self._still_there(tracked):
+        if tracked is None or not self._still_there(tracked, time):
             self._follower.forget()
             return None
         return tracked
 
-    def _look(self, image: Image) -> Tracked | None:
-        found = self._search.push(image)
+    def _look(self, image: Image, time: float) -> Tracked | None:
+        found = self._search.push(image, time)
         if found is None:
             return None
         self._follower = Follower(found.layout)
         self._H_followed_from_shown = np.eye(3)
+        self._start = time
         self._values.clear()
+        self._at.clear()
         self._count = self._missed = 0
         return self._accept(image, found.corners, fresh=True)
 
@@ -104,13 +110,14 @@ class PilotTracker:
             follower.begin(image, corners, reference)
         return Tracked(shown, rectified)
 
-    def _still_there(self, tracked: Tracked) -> bool:
+    def _still_there(self, tracked: Tracked, time: float) -> bool:
         """Look at the pilots from time to time, and tell whether they are still seen."""
         layout = self.layout
         self._values.append(pilot_values(tracked.rectified, layout))
+        self._at.append(position(time - self._start, self._fps))
         self._count += 1
         if self._count % CHECK_EVERY or len(self._values) < WATCHED:
             return True
-        evidence, _ = pilot_evidence(self._values, layout)
+        evidence, _ = pilot_evidence(self._values, layout, self._at)
         self._missed = 0 if evidence >= LEAST_EVIDENCE else self._missed + 1
         return self._missed < PATIENCE
