@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from conftest import Command
 from numpy.typing import NDArray
-from pilot_films import BlockMeans, filmed
+from pilot_films import BlockMeans, filmed, texture
 from streams import Stream, states_of
 
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
 from export.receive.__main__ import MAX_PRINTED_BITS, pair_values, preset_name
 from export.receive.decoders import ShippedDecoder
+from export.receive.occlusion import Occlusion
 from export.receive.reader import DecodedPair
 from export.receive.receiver import Receiver, make_trackers
 from export.receive.states import DisplayState
@@ -25,11 +26,12 @@ from export.receive.tracking.patches import Tracker
 from export.receive.tracking.pilots import PilotTracker
 from export.runtime import Decoder
 from link.code.framing import encode
+from link.embed import embed
 from link.errors import InputError
 from link.frames import SoftBits
 from link.images import write_image
-from link.layout import Layout, make_layout
-from link.presets import PRESETS
+from link.layout import Layout, block_mean, make_layout
+from link.presets import PRESETS, Preset
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
@@ -273,3 +275,24 @@ def test_few_bits_are_printed_and_many_where_scores_are(count: int) -> None:
     assert whole["bits"] == "".join("1" if score > 0 else "0" for score in scores)
     assert whole["scores"] == scores.tolist()
     assert (plain["pair"], plain["frames"], plain["erased"]) == (7, [3, 3], count // 3)
+
+
+@pytest.mark.parametrize("preset", PRESETS.values(), ids=list(PRESETS))
+def test_what_covers_blocks_is_seen_at_every_grid_and_toggling_is_not(preset: Preset) -> None:
+    layout = preset.layout
+    rng = np.random.default_rng(4)
+    picture = np.asarray(120 + 25 * texture((layout.height, layout.width), 3), np.float32)
+    occlusion = Occlusion(layout)
+    for number in range(8):
+        bits = rng.integers(0, 2, layout.n_bits)
+        shown = embed(np.clip(picture, 10, 245).astype(np.uint8), bits, layout, preset.kappa)
+        gray = np.asarray(shown.original + rng.normal(0, 1.5, picture.shape), np.float32)
+        image = np.clip(gray, 0, 255).astype(np.uint8)
+        if number < 7:
+            assert not occlusion.covered(image).any()
+    hand = np.zeros(image.shape, bool)
+    hand[layout.height // 2 :, layout.width // 2 :] = True
+    covered = occlusion.covered(np.where(hand, 30, image).astype(np.uint8))
+    behind = block_mean(hand.astype(np.float32), layout.rows, layout.cols)[layout.message_mask]
+    assert covered[behind == 1].mean() > 0.9  # a picture may be as dark as the hand in places
+    assert not covered[behind == 0].any()

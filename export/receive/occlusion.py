@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 from link.images import as_gray
 from link.layout import Layout
 
-BLOCK_PX = 6
-"""Pixels of a block, along each axis, in the thumbnails that are compared."""
+BLOCK_PX, ROWS_PX = 6, 96
+"""Pixels of a block, along each axis, in the thumbnails that are compared: the first number, or
+fewer where the rows of blocks would then take more than the second; a hand covers many blocks of a
+fine grid."""
 HISTORY = 9
 """Number of original frames whose median shows the picture without what passes by."""
 STANDS_OUT = 5.0
@@ -30,6 +32,7 @@ class Occlusion:
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
+        self._side = max(1, min(BLOCK_PX, ROWS_PX // layout.rows))
         self._history: deque[NDArray[np.float32]] = deque(maxlen=HISTORY)
 
     def covered(self, original: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -41,16 +44,16 @@ class Occlusion:
         Returns:
             (n_bits,) bool.
         """
-        rows, cols = self.layout.rows, self.layout.cols
-        size = cols * BLOCK_PX, rows * BLOCK_PX
+        rows, cols, side = self.layout.rows, self.layout.cols, self._side
+        size = cols * side, rows * side
         small = np.asarray(
             cv2.resize(as_gray(original), size, interpolation=cv2.INTER_AREA), np.float32
         )
         self._history.append(small)
         usual = np.median(np.stack(self._history), axis=0)
         gain = np.median(small) / max(float(np.median(usual)), 1.0)
-        residual = np.abs(small - gain * usual).reshape(rows, BLOCK_PX, cols, BLOCK_PX)
-        blocks = residual.mean(axis=(1, 3))  # (rows, 6, cols, 6) -> (rows, cols)
+        residual = np.abs(small - gain * usual).reshape(rows, side, cols, side)
+        blocks = residual.mean(axis=(1, 3))  # (rows, side, cols, side) -> (rows, cols)
         limit = max(MIN_LEVELS, STANDS_OUT * float(np.median(blocks)))
         covered = blocks > limit
         if covered.mean() > MAX_COVERED:

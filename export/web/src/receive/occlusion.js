@@ -6,8 +6,10 @@ import { median } from "../locate/pilots/order.js";
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../link/layout.js").Layout} Layout */
 
-/** Pixels of a block, along each axis, in the thumbnails that are compared. */
+/** Largest number of pixels of a block, along each axis, in the thumbnails that are compared. */
 const BLOCK_PX = 6;
+/** Largest number of pixels that all rows of blocks take; a hand covers many blocks of a fine grid. */
+const ROWS_PX = 96;
 /** Number of original frames whose median shows the picture without what passes by. */
 const HISTORY = 9;
 /** Residual at which a block is covered, in medians over all blocks. */
@@ -35,22 +37,23 @@ export class Occlusion {
    */
   covered(original) {
     const { rows, cols, messageBlocks } = this.layout;
-    const small = resizeArea(original, cols * BLOCK_PX, rows * BLOCK_PX).data;
+    const side = Math.max(1, Math.min(BLOCK_PX, Math.floor(ROWS_PX / rows)));
+    const small = resizeArea(original, cols * side, rows * side).data;
     this.#history.push(small);
     if (this.#history.length > HISTORY) this.#history.shift();
     const twice = twiceMedians(this.#history);
     const gain = (2 * middleOf(small, 256)) / Math.max(middleOf(twice, 511), 2);
     const residual = new Float64Array(rows * cols);
     const half = gain / 2;
-    for (let y = 0, at = 0; y < rows * BLOCK_PX; y++) {
-      const row = Math.floor(y / BLOCK_PX) * cols;
+    for (let y = 0, at = 0; y < rows * side; y++) {
+      const row = Math.floor(y / side) * cols;
       for (let col = 0; col < cols; col++) {
         let sum = 0;
-        for (let x = 0; x < BLOCK_PX; x++, at++) sum += Math.abs(small[at] - half * twice[at]);
+        for (let x = 0; x < side; x++, at++) sum += Math.abs(small[at] - half * twice[at]);
         residual[row + col] += sum;
       }
     }
-    for (let block = 0; block < residual.length; block++) residual[block] /= BLOCK_PX * BLOCK_PX;
+    for (let block = 0; block < residual.length; block++) residual[block] /= side * side;
     const limit = Math.max(MIN_LEVELS, STANDS_OUT * median(residual));
     const count = residual.reduce((sum, value) => sum + Number(value > limit), 0);
     if (count / residual.length > MAX_COVERED) {
