@@ -159,6 +159,20 @@ class PhiDecoder(nn.Module):
                 or pilots.
             blocks: (B, n_bits, F) float64, features averaged over message blocks.
         """
+        return self.average(*self.pixel_maps(original, embedded))
+
+    def pixel_maps(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute the features and the weight of every pixel, of the registered frames.
+
+        Args:
+            original: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+            embedded: (B, 3, H, W) uint8, or float in [0, 255]; encoded RGB.
+
+        Returns:
+            maps: (B, F, h, w) float32 features of the pixels that `Reduce` leaves, in the order of
+                `summarise`; without the mean weight of a block's pixels, which comes last there.
+            weights: (B, 1, h, w) float32 weight of each pixel in its block's mean.
+        """
         i_o, i_e = self.reduce(original), self.reduce(embedded)
         on_pilots = isinstance(self.refiner, PilotRefiner)
         if self.config.register or self.config.texture or on_pilots:
@@ -177,12 +191,25 @@ class PhiDecoder(nn.Module):
         if on_pilots:
             dx, dy, curvature = (channel_mean(each) for each in (dx, dy, xx + yy))
             stacked = torch.cat([stacked, dx, dy, curvature, dx * dx + dy * dy], dim=1)
-        means = self.block_means(stacked, weights, with_weight=on_pilots)
+        return stacked, weights
+
+    def average(self, maps: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
+        """Average the features of pixels over training samples and message blocks.
+
+        Args:
+            maps: (B, F, h, w) features, from `pixel_maps`.
+            weights: (B, 1, h, w) weights of the pixels.
+
+        Returns:
+            what `summarise` returns.
+        """
+        on_pilots = isinstance(self.refiner, PilotRefiner)
+        means = self.block_means(maps, weights, with_weight=on_pilots)
         blocks, pilots = (
             means.index_select(2, index).transpose(1, 2).double()
             for index in (self.message_index, self.pilot_index)
         )
-        return self.ratex_samples(stacked) if self.layout.ratex else pilots, blocks
+        return self.ratex_samples(maps) if self.layout.ratex else pilots, blocks
 
     def solve_and_score(
         self, known: Tensor, blocks: Tensor, together: bool = False
@@ -293,7 +320,7 @@ class PhiDecoder(nn.Module):
         Args:
             layout: with ratex patches if this decoder's layout has them, else with pilots.
         """
-        other = PhiDecoder(layout, self.config).to(self.log_C.device)
+        other = type(self)(layout, self.config).to(self.log_C.device)
         for name, parameter in self.named_parameters():
             owner, _, leaf = name.rpartition(".")
             setattr(other.get_submodule(owner), leaf, parameter)
