@@ -48,11 +48,24 @@ def drawn(layout: Layout, size: tuple[int, int]) -> NDArray[np.float32]:
 
 def evidence() -> dict[str, object]:
     rng, signs, cases = np.random.default_rng(0), pilot_signs(FINE), []
-    for frames, strength in ((24, 0.0), (24, 0.6), (37, 1.5), (3, 1.0)):
-        noise = rng.standard_normal((frames, len(signs)))
-        wave = np.sign(np.cos(np.pi * (np.arange(frames) + 0.5) / 2))
-        values = noise + strength * wave[:, None] * signs
-        cases.append({"values": values, "found": pilot_evidence(list(values), FINE)})
+    drops = np.sort(rng.choice(120, 26, replace=False)) + rng.uniform(0, 0.4, 26)
+    gaps = np.concatenate([np.arange(10), np.arange(1500, 1530)])
+    for at, strength in (
+        (np.arange(24), 0.0),
+        (np.arange(24), 0.6),
+        (np.arange(37), 1.5),
+        (np.arange(3), 1.0),
+        (drops, 1.0),
+        (drops, 0.0),
+        (gaps, 1.0),
+        (np.array([0, 30, 90, 95, 96, 101]), 1.0),
+    ):
+        noise = rng.standard_normal((len(at), len(signs)))
+        slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))
+        wave = np.sign(np.cos(np.pi * (at + 0.5) / 2))
+        values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
+        found = pilot_evidence(list(values), FINE, at)
+        cases.append({"values": values, "at": at.astype(np.float64), "found": found})
     grays = []
     for layout, (width, height) in ((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60))):
         gray = rng.integers(0, 256, (height, width), dtype=np.uint8)

@@ -27,7 +27,7 @@ test("a film", () => {
   for (let frame = 0; frame < count; frame++) {
     // a frame's memory is used again, as a page may
     gray.data.set(images.data.subarray(frame * gray.data.length, (frame + 1) * gray.data.length));
-    const found = search.push(gray);
+    const found = search.push(gray, frame / fps);
     if (found === null) continue;
     assert.ok(python, `found ${JSON.stringify(found.corners)} where there is no display`);
     assert.ok(frame <= python.frame + later, `frame ${frame}, not ${python.frame}`);

@@ -80,7 +80,9 @@ test("a display with pilots is found, moved, and lost when it stops toggling", (
   const [plain, moved] = [0, 1].map(() => new PilotTracker([new Layout(fixture.layout)], 60));
   let found = 0;
   for (let number = 0; number < images.length; number++) {
-    const [here, there] = [plain, moved].map((tracker) => tracker.follow(images[number]));
+    const [here, there] = [plain, moved].map((tracker) =>
+      tracker.follow(images[number], number / 60),
+    );
     assert.equal(here === null, there === null);
     assert.ok(here !== null || found === 0, `frame ${number}`);
     if (here === null || there === null) continue;
@@ -98,7 +100,8 @@ test("a display with pilots is found, moved, and lost when it stops toggling", (
   assert.ok(found >= images.length - fixture.first - 4, `${found} frames`);
   let still = 0;
   for (; still < 300; still++) {
-    if (plain.follow(grainy(images[images.length - 1], still % 8)) === null) break;
+    const time = (images.length + still) / 60;
+    if (plain.follow(grainy(images[images.length - 1], still % 8), time) === null) break;
   }
   assert.ok(still > CHECK_EVERY * PATIENCE - images.length && still <= CHECK_EVERY * 6, `${still}`);
 });

@@ -143,7 +143,7 @@ export class Receiver {
       if (this.#tracked !== null) this.found++;
       return { tracked: this.#tracked, pairs: [], message: null };
     }
-    const tracked = (this.#tracked = this.#find(frame));
+    const tracked = (this.#tracked = this.#find(frame, time));
     this.timing.add("track", start);
     if (tracked === null) {
       this.#sight.miss(frame);
@@ -162,14 +162,16 @@ export class Receiver {
    * Follow the display, or look for all layouts until one is found.
    *
    * @param {BytePlane} frame
+   * @param {number} time
    * @returns {Tracked | null}
    */
-  #find(frame) {
+  #find(frame, time) {
     const followed = this.#following;
     this.#following = null;
     const others = this.#trackers.filter((tracker) => tracker !== followed);
     for (const tracker of followed !== null ? [followed, ...others] : others) {
-      const tracked = tracker.follow(frame);
+      const tracked =
+        tracker instanceof PilotTracker ? tracker.follow(frame, time) : tracker.follow(frame);
       if (tracked === null) continue;
       this.#following = tracker;
       const reader = this.#readers.get(tracker.layout);

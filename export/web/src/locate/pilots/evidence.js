@@ -9,6 +9,7 @@
 
 import { lessMeanAround } from "./around.js";
 import { areaMeans } from "./means.js";
+import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
@@ -143,31 +144,40 @@ export function sumsAlong(real, imaginary, phases) {
  * many. So the signs s_p are regressed on the real and the imaginary parts of X_p: by chance these
  * explain the share R2 of the signs' power, or more, with probability (1 - R2)^((P - 2) / 2), for P
  * pilots. The largest share over all frequencies and slopes is taken, and their number is paid for.
+ * That holds whenever the frames were taken: chance is in the pilots' signs, not in time. The
+ * frequencies are those of whole periods in the time that the frames cover, up to the fastest that
+ * the camera can see, so that more are paid for where frames are missing in between.
  *
- * @param {readonly ArrayLike<number>[]} values - (pilots,) for each of some evenly spaced frames
+ * @param {readonly ArrayLike<number>[]} values - (pilots,) for each of some frames
  * @param {Layout} layout - with these pilots
+ * @param {readonly number[]} at - positions of the frames (waves.js), rising
  * @returns {{ evidence: number, frequency: number }} `evidence` is the natural logarithm of the
  *   probability that chance does as well, with the sign turned, so that more is surer, 0 at least;
- *   `frequency` is where it was found, in periods for each frame
+ *   `frequency` is where it was found, in periods for each nominal frame
  */
-export function pilotEvidence(values, layout) {
-  const frames = values.length;
+export function pilotEvidence(values, layout, at) {
+  const first = at.findIndex((place) => place > at[at.length - 1] - MOST_SPAN);
+  const places = at.slice(Math.max(0, first));
+  const frames = places.length;
   const pilots = layout.pilotBlocks.length;
-  const frequencies = Math.floor(frames / 2) + 1 - SLOWEST;
+  const { span, fastest } = spanOf(places);
+  const frequencies = fastest + 1 - SLOWEST;
   if (frequencies < 1) return { evidence: 0, frequency: 0 };
   const phases = signedPhases(layout);
-  const series = standardised(values, pilots);
+  const series = standardised(values.slice(values.length - frames), pilots);
+  const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
+    Array.from({ length: count }, (_, i) => (from + i) / span);
+  const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
   const real = new Float64Array(pilots);
   const imaginary = new Float64Array(pilots);
   let share = -1;
   let best = 0;
-  for (let number = SLOWEST; number < SLOWEST + frequencies; number++) {
+  for (let i = 0; i < frequencies; i++) {
     real.fill(0);
     imaginary.fill(0);
     for (let frame = 0; frame < frames; frame++) {
-      const turn = (2 * Math.PI * ((number * frame) % frames)) / frames;
-      const cosine = Math.cos(turn);
-      const sine = -Math.sin(turn);
+      const cosine = seen[i].real[frame];
+      const sine = seen[i].imaginary[frame];
       const now = series[frame];
       for (let p = 0; p < pilots; p++) {
         real[p] += cosine * now[p];
@@ -177,13 +187,13 @@ export function pilotEvidence(values, layout) {
     const found = explainedShare(real, imaginary, phases);
     if (found > share) {
       share = found;
-      best = number;
+      best = (SLOWEST + i) / span;
     }
   }
   const unexplained = Math.max(1 - share, 1e-12);
   const paid = Math.log(frequencies * PHASE_SLOPES.length);
   const chance = ((pilots - 2) / 2) * Math.log(unexplained) + paid;
-  return { evidence: Math.max(0, -chance), frequency: best / frames };
+  return { evidence: Math.max(0, -chance), frequency: best };
 }
 
 /**

@@ -6,6 +6,7 @@ import { inverse, multiply3 } from "../../link/linear.js";
 import { isConvex } from "./convex.js";
 import { LEAST_DEVIATION } from "./evidence.js";
 import { areaMeans } from "./means.js";
+import { waves } from "./waves.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
@@ -27,9 +28,11 @@ export class FilmFrame {
   /**
    * @param {BytePlane} gray - is kept
    * @param {Homography} HFrameFromReference
+   * @param {number} at - position since the reference (waves.js)
    */
-  constructor(gray, HFrameFromReference) {
+  constructor(gray, HFrameFromReference, at) {
     this.gray = gray;
+    this.at = at;
     this.HFrameFromReference = HFrameFromReference;
   }
 
@@ -95,11 +98,12 @@ export class FilmFrame {
 /**
  * Find how maps toggle over time, each pixel divided by its deviation.
  *
- * @param {readonly FloatPlane[]} views - of evenly spaced frames, at least one, all of one size
- * @param {readonly number[]} frequencies - in periods for each frame
+ * @param {readonly FloatPlane[]} views - of some frames, at least one, all of one size
+ * @param {readonly number[]} at - positions of the frames (waves.js)
+ * @param {readonly number[]} frequencies - in periods for each nominal frame
  * @returns {Amplitudes[]} at each of the frequencies
  */
-export function amplitudes(views, frequencies) {
+export function amplitudes(views, at, frequencies) {
   const { width, height } = views[0];
   const count = views.length;
   const mean = new Float64Array(width * height);
@@ -115,13 +119,13 @@ export function amplitudes(views, frequencies) {
     const variance = Math.max(0, scale[i] / count - mean[i] * mean[i]);
     scale[i] = 1 / (Math.sqrt(variance) + LEAST_DEVIATION);
   }
-  return frequencies.map((frequency) => {
+  return waves(at, frequencies, [0]).map((wave) => {
     const real = new Float32Array(width * height);
     const imaginary = new Float32Array(width * height);
     views.forEach(({ data }, frame) => {
       // an imaginary part that is 0 but for rounding must be 0
-      const cosine = rounded(Math.cos(2 * Math.PI * frequency * frame));
-      const sine = rounded(-Math.sin(2 * Math.PI * frequency * frame));
+      const cosine = rounded(wave.real[frame]);
+      const sine = rounded(wave.imaginary[frame]);
       for (let i = 0; i < data.length; i++) {
         const apart = data[i] - mean[i];
         real[i] += cosine * apart;

@@ -14,7 +14,7 @@ export const VIEW_WORK = 0.6;
 
 /**
  * Where a display may be: corners in the reference frame, the displayed picture's top left first;
- * what it may show; and the frequency at which it may toggle, in periods for each frame.
+ * what it may show; and the frequency at which it may toggle, in periods for each nominal frame.
  *
  * @typedef {{ corners: Point[], layout: Layout, frequency: number }} Proposal
  */
@@ -27,6 +27,8 @@ export class Watched {
    */
   constructor(corners, layouts) {
     this.corners = corners;
+    /** Positions of the frames. @type {number[]} */
+    this.at = [];
     /** For each layout, upright and upside down, the pilots' values in each frame. */
     this.guesses = layouts.flatMap((layout) =>
       [0, 2].map((turn) => ({ layout, turn, values: /** @type {Float32Array[]} */ ([]) })),
@@ -37,8 +39,10 @@ export class Watched {
    * Take what the quadrilateral shows in the next frame.
    *
    * @param {FloatPlane | null} view - of it, rectified to any size; null where it is not sound
+   * @param {number} at - position of the frame (waves.js)
    */
-  take(view) {
+  take(view, at) {
+    this.at.push(at);
     /** @type {Layout | null} */
     let last = null;
     /** @type {Float32Array} */
@@ -61,7 +65,7 @@ export class Watched {
    */
   surest() {
     const found = this.guesses.map(({ layout, turn, values }) => {
-      const { evidence, frequency } = pilotEvidence(values, layout);
+      const { evidence, frequency } = pilotEvidence(values, layout, this.at);
       const proposal = { corners: rolled(this.corners, turn), layout, frequency };
       return { evidence, proposal };
     });
@@ -104,7 +108,17 @@ export function* evidenceSteps(proposal, frames) {
     values.push(now);
     yield VIEW_WORK;
   }
-  return pilotEvidence(values, proposal.layout).evidence;
+  return pilotEvidence(values, proposal.layout, positions(frames)).evidence;
+}
+
+/**
+ * List the positions of frames.
+ *
+ * @param {readonly FilmFrame[]} frames
+ * @returns {number[]}
+ */
+export function positions(frames) {
+  return frames.map(({ at }) => at);
 }
 
 /**

@@ -8,8 +8,7 @@
  * tells which way up it is and which of several grids it shows.
  *
  * The work is cut into steps (`../steps.js`), so that no frame takes long; Python's steps are one
- * for each frame, these are finer. Edges are sought before frames are watched: a frame that a
- * camera drops meanwhile is not missed.
+ * for each frame, these are finer.
  */
 
 import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
@@ -19,10 +18,11 @@ import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
 import { FilmFrame, amplitudes } from "./film.js";
-import { Watched, viewSteps } from "./proposals.js";
+import { Watched, positions, viewSteps } from "./proposals.js";
 import { NEXT_FRAME, settleSteps } from "./settle.js";
 import { Stabiliser } from "./stabilise.js";
 import { ToggleMap } from "./toggleMap.js";
+import { position } from "./waves.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../link/geometry.js").Point} Point */
@@ -71,6 +71,8 @@ const WEIGH_WORK = 6;
 /** Looks for a display that shows one of several layouts with pilots. */
 export class PilotSearch {
   #stabiliser = new Stabiliser();
+  /** Time of the frame from which the search began, seconds. */
+  #start = 0;
   /** From which the search began. @type {BytePlane} */
   #reference = { width: 0, height: 0, data: new Uint8Array(0) };
   /** The newest frame, while `push` runs. @type {FilmFrame | null} */
@@ -86,13 +88,14 @@ export class PilotSearch {
 
   /**
    * @param {readonly Layout[]} layouts - those that are looked for, at least one, each with pilots
-   * @param {number} [fps] - frames of the camera in a second
+   * @param {number} [fps] - nominal number of frames of the camera in a second; some may be missing
    */
   constructor(layouts, fps = 30) {
     if (layouts.length === 0 || layouts.some((layout) => layout.pilotBlocks.length === 0)) {
       throw new Error("layouts: need at least one, each with pilots");
     }
     this.layouts = [...layouts];
+    this.fps = fps;
     this.largest = layouts.reduce((most, layout) =>
       layout.width * layout.height > most.width * most.height ? layout : most,
     );
@@ -104,7 +107,7 @@ export class PilotSearch {
     this.confirming = Math.floor((2 * this.window) / 3);
     const periods = STATES_HZ.map((rate) => (rate / 2 / fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
-    /** Frequencies at which displays may toggle, in periods for each frame. */
+    /** Frequencies at which displays may toggle, in periods for each nominal frame. */
     this.frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
   }
 
@@ -112,17 +115,19 @@ export class PilotSearch {
    * Take the next frame.
    *
    * @param {BytePlane} gray - a copy is kept where it is needed
+   * @param {number} time - of the frame, seconds; rising from frame to frame
    * @returns {PilotDisplay | null} the display once it is sure
    */
-  push(gray) {
+  push(gray, time) {
     const H = this.#stabiliser.follow(gray);
     if (H === null) {
       this.#stabiliser.begin(gray);
       this.#reference = copyOf(gray);
+      this.#start = time;
       this.#forget();
       return null;
     }
-    this.#newest = new FilmFrame(gray, H);
+    this.#newest = new FilmFrame(gray, H, position(time - this.#start, this.fps));
     if (this.#map !== null && this.#frames.length < this.window) this.#watch(this.#map);
     this.#work ??= this.#search();
     let work = 0;
@@ -157,13 +162,13 @@ export class PilotSearch {
    * @param {ToggleMap} map
    */
   #watch(map) {
-    const { gray, HFrameFromReference: H } = this.#given();
-    const frame = new FilmFrame(copyOf(gray), H);
+    const { gray, HFrameFromReference: H, at } = this.#given();
+    const frame = new FilmFrame(copyOf(gray), H, at);
     this.#frames.push(frame);
-    map.add(this.#stabiliser.still(gray, H));
+    map.add(this.#stabiliser.still(gray, H), at);
     const { width, height } = this.largest;
     for (const quad of this.#watched) {
-      quad.take(frame.view(quad.corners, this.largest, width >> 1, height >> 1));
+      quad.take(frame.view(quad.corners, this.largest, width >> 1, height >> 1), at);
     }
   }
 
@@ -177,7 +182,7 @@ export class PilotSearch {
     this.#watched = edges
       .flatMap(({ corners }) => [corners, rolled(corners, 1)])
       .map((corners) => new Watched(corners, this.layouts));
-    const map = new ToggleMap(this.#stabiliser.width, this.#stabiliser.height, this.window);
+    const map = new ToggleMap(this.#stabiliser.width, this.#stabiliser.height);
     this.#map = map;
     this.#watch(map);
     const proposal = yield* this.#promising();
@@ -259,10 +264,11 @@ export class PilotSearch {
     const views = yield* viewSteps(quad, this.largest, this.#frames, COARSE_SIZE);
     if (views === null) return [];
     const watched = new Watched(quad, this.layouts);
-    for (const view of views) watched.take(view);
+    const at = positions(this.#frames);
+    views.forEach((view, i) => watched.take(view, at[i]));
     const { evidence, proposal } = watched.surest();
     const proposals = evidence > HINT ? [proposal] : [];
-    const lines = amplitudes(views, this.frequencies);
+    const lines = amplitudes(views, at, this.frequencies);
     yield WEIGH_WORK;
     let most = 0;
     let best = null;

@@ -12,7 +12,7 @@ import {
 } from "./corners.js";
 import { inOnePhase, pilotEvidence } from "./evidence.js";
 import { amplitudes } from "./film.js";
-import { evidenceSteps, valuesOf, viewSteps } from "./proposals.js";
+import { evidenceSteps, positions, valuesOf, viewSteps } from "./proposals.js";
 
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
@@ -77,7 +77,7 @@ const MOVE_WORK = 10;
  * parts may have been matched amiss.
  *
  * @param {Proposal} proposal
- * @param {readonly FilmFrame[]} frames - evenly spaced
+ * @param {readonly FilmFrame[]} frames
  * @param {number} confirming - number of later frames that must agree with what is not certain
  * @param {() => FilmFrame} newest - gives the newest frame, another one after each `NEXT_FRAME`
  * @returns {import("../steps.js").Steps<Settled | null>} null where it is not sure
@@ -103,13 +103,16 @@ export function* settleSteps(proposal, frames, confirming, newest) {
   if (evidence < certain) {
     // corners were fitted to these frames; later ones must agree
     const later = [];
+    const at = [];
     while (later.length < confirming) {
       yield NEXT_FRAME;
-      const values = valuesOf(best, newest());
+      const frame = newest();
+      const values = valuesOf(best, frame);
       if (values === null) return null;
       later.push(values);
+      at.push(frame.at);
     }
-    if (pilotEvidence(later, layout).evidence < CONFIRMED) return null;
+    if (pilotEvidence(later, layout, at).evidence < CONFIRMED) return null;
   }
   return { proposal: best, evidence };
 }
@@ -124,7 +127,7 @@ function* byParts({ corners, layout, frequency }, frames) {
   for (let round = 0; round < COARSE_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, COARSE_SIZE);
     if (views === null) break;
-    const fit = coarseShift(amplitudes(views, [frequency])[0], blocks, layout);
+    const fit = coarseShift(amplitudes(views, positions(frames), [frequency])[0], blocks, layout);
     yield MOVE_WORK;
     if (fit === null) break;
     const moved = movedCorners(corners, fit.HOldFromNew, layout);
@@ -144,7 +147,7 @@ function* byClimbing({ corners, layout, frequency }, frames) {
   for (let round = 0; round < CLIMB_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
     if (views === null) break;
-    const HOldFromNew = climbToPilots(amplitudes(views, [frequency])[0], layout);
+    const HOldFromNew = climbToPilots(amplitudes(views, positions(frames), [frequency])[0], layout);
     yield MOVE_WORK;
     corners = movedCorners(corners, HOldFromNew, layout);
   }
@@ -161,7 +164,7 @@ function* byAll({ corners, layout, frequency }, frames) {
   for (let round = 0; round < FINE_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
     if (views === null) break;
-    const change = inOnePhase(amplitudes(views, [frequency])[0], layout);
+    const change = inOnePhase(amplitudes(views, positions(frames), [frequency])[0], layout);
     yield MOVE_WORK;
     const HOldFromNew = yield* fineSteps(change, blocks, layout);
     if (HOldFromNew === null) break;

@@ -2,9 +2,9 @@
  * Where in the image something toggles: a map that separates a display from the room around it.
  *
  * Frames are held still by the camera's motion first. A display that shows a message has far more
- * power at its toggling rate than at the frequencies beside it, and a room has not. Python sums up
- * the amplitudes as frames come; here they are summed up when an outline is asked for, so that the
- * frames of a camera are not kept waiting, and only where no edges gave the display away.
+ * power at its toggling rate than at the frequencies beside it, and a room has not. The amplitudes
+ * of the pixels are summed up when an outline is asked for: only then is it known which time the
+ * frames cover, and only where no edges gave the display away.
  */
 
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
@@ -12,6 +12,7 @@ import { roundHalfEven } from "../../image/round.js";
 import { upright } from "../quads.js";
 import { median, quantile } from "./order.js";
 import { fittedOutline, outlines } from "./outlines.js";
+import { spanOf, waves } from "./waves.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
@@ -46,31 +47,34 @@ export const FAINT = 0.12;
 /** Number of frames that are summed up in one pass over the pixels. */
 const AT_ONCE = 4;
 
-/** Tells how much each pixel toggles at each frequency of a window of frames. */
+/** Tells how much each pixel toggles at each frequency, over the frames that were added. */
 export class ToggleMap {
   /** @type {Uint8Array[]} */
   #stills = [];
+  /** Positions of the frames. @type {number[]} */
+  #at = [];
   /** @type {Map<number, FloatPlane>} */
   #logs = new Map();
 
   /**
    * @param {number} width - of the frames that will come
    * @param {number} height - of the frames that will come
-   * @param {number} frames - in the window
    */
-  constructor(width, height, frames) {
+  constructor(width, height) {
     this.width = width;
     this.height = height;
-    this.frames = frames;
   }
 
   /**
    * Take the next frame, aligned with those before.
    *
    * @param {BytePlane} still - is kept
+   * @param {number} at - position of the frame (waves.js)
    */
-  add(still) {
+  add(still, at) {
     this.#stills.push(still.data);
+    this.#at.push(at);
+    this.#logs.clear();
   }
 
   /**
@@ -91,7 +95,7 @@ export class ToggleMap {
   /**
    * Work out, step by step, what `outline` needs for a frequency, so that it does not take long.
    *
-   * @param {number} frequency - in periods for each frame
+   * @param {number} frequency - in periods for each nominal frame
    * @returns {Generator<void, void>}
    */
   *prepare(frequency) {
@@ -105,9 +109,9 @@ export class ToggleMap {
   /**
    * Outline what toggles at a frequency.
    *
-   * @param {number} frequency - in periods for each frame
+   * @param {number} frequency - in periods for each nominal frame
    * @returns {Point[] | null} pixels of the map, in corner order nearest to upright; null where
-   *   nothing toggles there, or the window is not full
+   *   nothing toggles there, or the frames do not cover enough time
    */
   outline(frequency) {
     const [at, ...beside] = this.#needed(frequency);
@@ -173,11 +177,11 @@ export class ToggleMap {
    * @returns {number[]} none where no outline can be had
    */
   #needed(frequency) {
-    const last = Math.floor(this.frames / 2);
-    const at = roundHalfEven(frequency * this.frames);
-    if (this.#stills.length < this.frames || at < SLOWEST || at > last) return [];
+    const { span, fastest } = spanOf(this.#at);
+    const at = roundHalfEven(frequency * span);
+    if (at < SLOWEST || at > fastest) return [];
     const beside = BESIDE.flatMap((step) => [at - step, at + step]);
-    return [at, ...beside.filter((number) => number >= 2 && number <= last)];
+    return [at, ...beside.filter((number) => number >= SLOWEST - 1 && number <= fastest)];
   }
 
   /**
@@ -189,14 +193,14 @@ export class ToggleMap {
   #amplitudes(number) {
     const real = new Float32Array(this.width * this.height);
     const imaginary = new Float32Array(real.length);
-    const turns = this.#stills.map((_, t) => (2 * Math.PI * ((number * t) % this.frames)) / this.frames);
-    for (let t = 0; t < this.frames; t += AT_ONCE) {
-      const frames = [0, 1, 2, 3].map((k) => this.#stills[Math.min(t + k, this.frames - 1)]);
-      const [a, b, c, d] = frames;
-      const weight = (/** @type {(turn: number) => number} */ part) =>
-        [0, 1, 2, 3].map((k) => (t + k < this.frames ? part(turns[t + k]) : 0));
-      const [a0, b0, c0, d0] = weight(Math.cos);
-      const [a1, b1, c1, d1] = weight((turn) => -Math.sin(turn));
+    const count = this.#stills.length;
+    const { span } = spanOf(this.#at);
+    const slower = Array.from({ length: SLOWEST - 1 }, (_, periods) => periods / span);
+    const [wave] = waves(this.#at, [number / span], slower);
+    for (let t = 0; t < count; t += AT_ONCE) {
+      const [a, b, c, d] = [0, 1, 2, 3].map((k) => this.#stills[Math.min(t + k, count - 1)]);
+      const [a0, b0, c0, d0] = [0, 1, 2, 3].map((k) => wave.real[t + k] ?? 0);
+      const [a1, b1, c1, d1] = [0, 1, 2, 3].map((k) => wave.imaginary[t + k] ?? 0);
       for (let i = 0; i < real.length; i++) {
         real[i] += a0 * a[i] + b0 * b[i] + c0 * c[i] + d0 * d[i];
         imaginary[i] += a1 * a[i] + b1 * b[i] + c1 * c[i] + d1 * d[i];

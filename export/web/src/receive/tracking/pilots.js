@@ -4,6 +4,7 @@ import { identity, multiply3 } from "../../link/linear.js";
 import { movedCorners } from "../../locate/pilots/corners.js";
 import { pilotEvidence, pilotValues } from "../../locate/pilots/evidence.js";
 import { PilotSearch } from "../../locate/pilots/search.js";
+import { position } from "../../locate/pilots/waves.js";
 import { Follower } from "./follow.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
@@ -29,6 +30,9 @@ export class PilotTracker {
   #HFollowedFromShown = identity(3);
   /** @type {Float32Array[]} */
   #values = [];
+  /** Positions of the frames with these values, since `#start`. @type {number[]} */
+  #at = [];
+  #start = 0;
   #count = 0;
   #missed = 0;
 
@@ -38,6 +42,7 @@ export class PilotTracker {
    */
   constructor(layouts, fps) {
     this.#search = new PilotSearch(layouts, fps);
+    this.fps = fps;
     this.#follower = new Follower(layouts[0]);
   }
 
@@ -61,13 +66,14 @@ export class PilotTracker {
    * Find the display in the next frame.
    *
    * @param {BytePlane} image - gray
+   * @param {number} time - of the frame, seconds; rising from frame to frame
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image) {
-    if (this.#follower.corners === null) return this.#look(image);
+  follow(image, time) {
+    if (this.#follower.corners === null) return this.#look(image, time);
     const step = this.#follower.step(image);
     const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
-    if (tracked === null || !this.#stillThere(tracked)) {
+    if (tracked === null || !this.#stillThere(tracked, time)) {
       this.#follower.forget();
       return null;
     }
@@ -76,14 +82,17 @@ export class PilotTracker {
 
   /**
    * @param {BytePlane} image
+   * @param {number} time
    * @returns {Tracked | null}
    */
-  #look(image) {
-    const found = this.#search.push(image);
+  #look(image, time) {
+    const found = this.#search.push(image, time);
     if (found === null) return null;
     this.#follower = new Follower(found.layout);
     this.#HFollowedFromShown = identity(3);
     this.#values = [];
+    this.#at = [];
+    this.#start = time;
     this.#count = this.#missed = 0;
     return this.#accept(image, found.corners, true);
   }
@@ -114,15 +123,20 @@ export class PilotTracker {
    * Look at the pilots from time to time, and tell whether they are still seen.
    *
    * @param {Tracked} tracked
+   * @param {number} time
    * @returns {boolean}
    */
-  #stillThere(tracked) {
+  #stillThere(tracked, time) {
     const { layout } = this;
     this.#values.push(pilotValues(tracked.rectified, layout));
-    if (this.#values.length > WATCHED) this.#values.shift();
+    this.#at.push(position(time - this.#start, this.fps));
+    if (this.#values.length > WATCHED) {
+      this.#values.shift();
+      this.#at.shift();
+    }
     this.#count++;
     if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
-    const { evidence } = pilotEvidence(this.#values, layout);
+    const { evidence } = pilotEvidence(this.#values, layout, this.#at);
     this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
     return this.#missed < PATIENCE;
   }
