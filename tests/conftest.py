@@ -159,17 +159,6 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 
 # A browser
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-BROWSER_FLAGS = [
-    "--no-sandbox",  # tests may run as root
-    "--disable-gpu",
-    "--disable-quic",
-    "--disable-sync",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-]
-
 
 @pytest.fixture(scope="module")
 def browser() -> "Iterator[Browser]":
@@ -178,7 +167,9 @@ def browser() -> "Iterator[Browser]":
     One for each module, not for the session: Playwright keeps an event loop in this thread while it
     runs, and Dask's tests should not meet it.
     """
-    executable = next((path for path in map(shutil.which, BROWSERS) if path), None)
+    from reports.films.browser import BROWSER_FLAGS, BROWSERS, find_browser
+
+    executable = find_browser()
     if executable is None:
         pytest.skip(f"needs a browser: found none of {', '.join(BROWSERS)}")
     from playwright.sync_api import sync_playwright

@@ -1,29 +1,47 @@
 """The study that sets the page's receiver beside Python's."""
 
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import Command
 
-from reports.films import page
-from reports.films.page import Read, Y4mFile, page_table, stages_table
+from link.code.framing import encode
+from link.errors import InputError
+from reports.films import browser, page
+from reports.films.browser import open_chromium
+from reports.films.page import (
+    FilmRead,
+    PageConfig,
+    PageTake,
+    Read,
+    page_table,
+    read_films,
+    stages_table,
+)
+from reports.films.y4m import Y4mFile, read_y4m
 
 
 def read(data: bytes | None, time: float, **stages: float) -> Read:
-    return Read(data, time, frames=10, seconds=0.5, stages=stages)
+    return Read(data, time, frames=10, seconds=0.5, stages=stages, waited=time / 2)
 
 
-def films() -> list[dict[str, object]]:
-    right = {"setting": "paper", "message": b"yes", "python": read(b"yes", 2.0, track=0.1)}
-    return [
-        right | {"page": read(b"yes", 3.0, track=0.2)},
-        right | {"page": read(None, 9.0, track=0.2)},
-        right | {"page": read(b"no!", 2.0, track=0.2)},
-    ]
+def films() -> list[FilmRead]:
+    python = read(b"yes", 2.0, track=0.1)
+    reads = [read(b"yes", 3.0, track=0.2), read(None, 9.0, track=0.2), read(b"no!", 2.0, track=0.2)]
+    return [FilmRead("paper", "canon-lg", 0.0, b"yes", python, found) for found in reads]
+
+
+def cells_of(table: page.Table) -> list[str]:
+    row = table.markdown().splitlines()[-1]
+    return [cell.strip() for cell in row.strip("|").split("|")]
 
 
 def test_what_did_not_come_and_what_is_wrong_count_apart() -> None:
-    row = page_table(films()).markdown().splitlines()[-1]
-    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    cells = cells_of(page_table(films(), "node"))
     assert cells[:2] == ["paper", "3"]
     assert cells[2].startswith("3 (") and cells[3].startswith("1 (")
     assert cells[4] == "1"
@@ -31,27 +49,123 @@ def test_what_did_not_come_and_what_is_wrong_count_apart() -> None:
     assert cells[8:] == ["20", "20"]
 
 
+def test_before_a_camera_the_page_is_loaded_first() -> None:
+    cells = cells_of(page_table(films(), "chromium"))
+    assert cells[:10] == cells_of(page_table(films(), "node"))
+    assert cells[10:] == ["1.5"]
+
+
 def test_stages_are_given_a_frame() -> None:
     row = stages_table(films()).markdown().splitlines()[-1]
     assert row == "| paper | track | 10.00 | 20.00 | 2.0 |"
 
 
-def test_a_film_is_written_as_the_page_reads_it(tmp_path) -> None:
+def test_what_was_read_can_be_stored() -> None:
+    for film in films():
+        assert FilmRead.from_stored(film.stored()) == film
+
+
+def written(frames: list[np.ndarray], times: list[float | None], *more: str) -> bytes:
+    stream = io.BytesIO()
+    film = Y4mFile(stream, 30, *more)
+    for frame, time in zip(frames, times, strict=True):
+        film.write(frame, time)
+    return stream.getvalue()
+
+
+def test_a_film_is_written_as_the_page_reads_it() -> None:
     frame = np.arange(16 * 16, dtype=np.uint8).reshape(16, 16)
-    with Y4mFile(tmp_path / "film.y4m", 30) as file:
-        file.write(frame, 0.0)
-        file.write(frame, 1 / 30)
-    data = (tmp_path / "film.y4m").read_bytes()
-    first, rest = data.split(b"\n", 1)
-    assert first == b"YUV4MPEG2 W16 H16 F30000:1000 Ip Cmono"
+    first, rest = written([frame, frame], [0.0, 1 / 30]).split(b"\n", 1)
+    assert first == b"YUV4MPEG2 W16 H16 F30000:1000 Ip A1:1 Cmono"
     assert rest == b"FRAME XTIME=0.000000\n" + frame.tobytes() + (
         b"FRAME XTIME=0.033333\n" + frame.tobytes()
     )
 
 
+def test_a_film_is_written_as_chromium_plays_it() -> None:
+    frame = np.zeros((5, 3), np.uint8)
+    first, second, rest = written([frame], [None], "420jpeg", "XCOLORRANGE=FULL").split(b"\n", 2)
+    assert first.endswith(b" C420jpeg XCOLORRANGE=FULL")
+    assert (second, rest) == (b"FRAME", frame.tobytes() + bytes([128]) * (2 * 2 * 3))
+
+
+@pytest.mark.parametrize("chroma", ["mono", "420jpeg", "422", "444"])
+def test_a_film_is_read_as_it_was_written(chroma, tmp_path) -> None:
+    frames = list(np.random.default_rng(0).integers(0, 256, (3, 5, 7)).astype(np.uint8))
+    data = written(frames, [None] * 3, chroma)
+    (tmp_path / "film.y4m").write_bytes(data)
+    np.testing.assert_array_equal(list(read_y4m(tmp_path / "film.y4m")), frames)
+    (tmp_path / "film.y4m").write_bytes(data[: data.index(b"FRAME", data.index(b"FRAME") + 5) + 20])
+    assert len(list(read_y4m(tmp_path / "film.y4m"))) == 1
+    (tmp_path / "film.y4m").write_bytes(b"RIFF")
+    with pytest.raises(InputError, match="no film that this program wrote"):
+        list(read_y4m(tmp_path / "film.y4m"))
+
+
+@pytest.mark.parametrize("way", page.WAYS)
+def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> None:
+    (tmp_path / "site").mkdir()
+    asked = []
+
+    def reading(take: PageTake) -> dict[str, object]:
+        asked.append((take.way, take.setting, take.number))
+        return films()[take.number].stored()
+
+    monkeypatch.setattr(page, "read_film", reading)
+    monkeypatch.setattr(page, "code_digest", lambda *modules: "")  # it takes a second
+    config = PageConfig(by=way, films=1, settings=("paper",), out=tmp_path)
+    assert read_films(config) == films()[:1]
+    assert read_films(replace(config, films=2)) == films()[:2]
+    assert asked == [(way, "paper", 0), (way, "paper", 1)]
+    (tmp_path / "site" / "page.js").write_text("changed")
+    assert read_films(config) == films()[:1]
+    assert len(asked) == (3 if way == "chromium" else 2)
+    (tmp_path / "site" / "worker.js").write_text("changed")
+    read_films(config)
+    assert len(asked) == (4 if way == "chromium" else 3)
+
+
+def test_both_ways_read_the_same_films_of_one_length(monkeypatch) -> None:
+    monkeypatch.setattr(page, "film_message", lambda take: take)
+    takes = [PageTake(way, "hidden", 3, 0, Path(), None).film() for way in page.WAYS]
+    assert takes[0] == takes[1]
+    config = takes[0].config
+    pairs = len(encode(bytes(100), config.layout.n_bits, config.coded))
+    assert config.loops * 2 * pairs / 15 == pytest.approx(page.FILM_S)
+
+
+def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
+    written_to = []
+    monkeypatch.setattr(page, "code_digest", lambda *modules: "")
+    monkeypatch.setattr(
+        page, "write_film", lambda _, path: (written_to.append(path), path.write_text("film"))
+    )
+    for kept in (None, tmp_path / "kept"):
+        take = PageTake("node", "paper", 0, 0, Path(), kept)
+        for _ in range(2):
+            with page.film_file(take, None) as path:
+                assert path.read_text() == "film"
+            assert path.exists() == (kept is not None)
+    assert len(written_to) == 3
+
+
+def test_what_is_missing_for_the_camera_is_said_in_one_line(monkeypatch) -> None:
+    monkeypatch.setattr(browser.shutil, "which", lambda _: None)
+    with pytest.raises(InputError, match=r"no Chromium: .* apt install chromium"), open_chromium():
+        pass
+    monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
+    with pytest.raises(InputError, match=r"Playwright is missing.*pip install"), open_chromium():
+        pass
+
+
 @pytest.mark.parametrize(
     ("flags", "says"),
-    [(["--films", "0"], "--films: need"), (["--settings", "x"], "unknown name in --settings 'x'")],
+    [
+        (["--films", "0"], "--films: need"),
+        (["--settings", "x"], "unknown name in --settings 'x'"),
+        (["--by", "x"], "unknown way in --by 'x'"),
+        (["--settings", "paper", "paper"], "--settings: name at least one, and none twice"),
+    ],
 )
 def test_a_wrong_flag_is_refused(flags: list[str], says: str, command: Command) -> None:
     done = command(page.main, *flags)

@@ -1,16 +1,26 @@
 """The receiver in the browser beside Python's, on the same films: python -m reports.films.page.
 
-Displays are filmed by a simulated hand-held camera of 30 frames a second. Python's receiver reads
-the gray frames, and the page's receiver reads the same frames from a file, in Node.js. Both look
-for all presets, on one thread. A film ends three loops of the message after its beginning, or some
-time after Python has the message.
+Displays are filmed by a simulated hand-held camera of 30 frames a second. Both receivers look for
+all presets. Python's receiver reads the gray frames of each film. The page's receiver reads the
+same film in one of two ways:
 
-Films are read one after the other, so that times can be compared. Needs Node.js and npm.
+- ``--by node``: it reads the frames from a file, in Node.js, one after another; both receivers have
+  one thread.
+- ``--by chromium``: the whole page runs in Chromium, whose simulated camera plays the film over and
+  over in its own time. Frames that come while the page is busy are lost, as on a phone. Where the
+  film begins again, the display jumps, and so does its clock.
+
+Films are read one after the other, so that times can be compared. They are stored as they end, and
+a restarted command goes on where it stopped. Needs Node.js and npm; ``chromium`` needs Playwright
+and Chromium, too.
 """
 
 import base64
+import hashlib
 import json
+import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -20,19 +30,23 @@ from typing import Any
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
-from tqdm import tqdm
 
 from data_gen.pairs import PAIRS
 from export.receive.decoders import ShippedDecoder
 from export.receive.receiver import Receiver
 from export.web.site import build_site, run_node
-from link.errors import at_least, choose, read_flags, run_cli
-from link.images import as_gray, write_bytes
+from link.code.framing import frames_needed
+from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.files.lock import locked
+from link.images import as_gray, make_folder, temporary_name, write_bytes
 from models import shipped_graphs
 from reports.engine.backends import one_thread
+from reports.engine.digest import code_digest, file_digest, package_versions
 from reports.engine.provenance import provenance
+from reports.engine.stored import resume
+from reports.films.browser import camera_flags, open_chromium, serve_folder, text_of
 from reports.films.delivery import DeliveryConfig, MessageFilm, Take, film_message
+from reports.films.y4m import Y4mFile, read_y4m
 from reports.render.tables import Table, share_interval, write_blocks
 from reports.score.accuracy import wilson
 
@@ -42,27 +56,80 @@ SETTINGS = {
     "hidden": DeliveryConfig(preset="hidden", kappa=1, n_bytes=100),
 }
 """Settings of display, camera and message, by name of the preset; all show 15 states a second."""
+WAYS = {"node": "page", "chromium": "camera"}
+"""Ways in which the page reads films, by the name that ``--by`` takes, and the blocks of
+docs/phone.md that show them."""
+RECEIVERS = ("python", "page")
+"""Names of the two receivers."""
 VIEWS = (0.0, 45.0)
 """Angles between the camera and the normal of the display, degrees."""
-LONGER, MORE_S = 2.0, 1.0
-"""Factor by which a film goes on beyond the time at which Python has the message, and seconds that
-it goes on longer."""
+FILM_S = 6.0
+"""Length of a film, seconds."""
+CAMERA_S = 90.0
+"""Time, in seconds, that the page has before the camera until a film is given up."""
+STORED_VERSION = 1
+"""Raise it when `read_film` changes what it does, so that older films are not read again."""
+FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")
+"""Modules that decide, with all that they import, what a film shows."""
+READING = "export.receive.receiver"
+"""Module that decides, with all that it imports, what Python reads in a film."""
+FILMED = (
+    "Simulated hand-held films at 1280 × 720, 30 frames/s, of 15 states/s, with messages of 100 "
+    f"bytes, at 0° and 45°, each {FILM_S:g} s long."
+)
+"""Words above a table of films."""
+READ = {
+    "node": "Both receivers on one thread. Medians; 95 % intervals of shares.",
+    "chromium": (
+        f"Chromium's camera plays each over and over, for at most {CAMERA_S:g} s. The page's "
+        "seconds run from the camera's start, while the page is still being loaded; its frames are "
+        "those that it had time for. Medians; 95 % intervals of shares."
+    ),
+}
+"""Words above a table of how films were read, by the way of the page."""
+COUNTS = re.compile(r"(\d+) frames read, (\d+) skipped")
+"""Pattern of the numbers of frames that the page shows among its details."""
+WATCH = """
+window.seen = { camera: null, first: null, message: null };
+const devices = navigator.mediaDevices;
+const open = devices.getUserMedia.bind(devices);
+devices.getUserMedia = async (wanted) => {
+  const stream = await open(wanted);
+  window.seen.camera ??= performance.now();
+  return stream;
+};
+addEventListener("DOMContentLoaded", () => {
+  const [letter, details] = ["letter", "details"].map((id) => document.getElementById(id));
+  const look = () => {
+    if (details.textContent) window.seen.first ??= performance.now();
+    if (!letter.hidden) window.seen.message ??= performance.now();
+  };
+  new MutationObserver(look).observe(letter, { attributes: true });
+  new MutationObserver(look).observe(details, { childList: true });
+});
+"""
+"""Script that notes when the camera starts, when the first frame is read, and when the message is
+shown, in milliseconds of the page."""
 
 
 @dataclass(frozen=True)
 class PageConfig:
     """The page's receiver beside Python's, on the same films (simulated)."""
 
+    by: str = "node"
+    """Way in which the page reads: "node" from files, "chromium" before a simulated camera."""
     settings: tuple[str, ...] = tuple(SETTINGS)
     """Names of settings, keys of SETTINGS in reports/films/page.py."""
     films: int = 20
     """Number of films of each setting."""
     seed: int = 0
     """Seed of all draws."""
+    kept: Path | None = None
+    """Folder in which films are kept, 0.3 GB each, so that another run need not simulate them."""
     out: Path = Path("runs/page")
-    """Folder of page.json and of the site."""
+    """Folder of the results, of the site, and of the stored films."""
     page: Path = Path("docs/phone.md")
-    """Page whose block "page" is written."""
+    """Page of which a block is written: "page" for films by "node", "camera" by "chromium"."""
 
 
 @dataclass(frozen=True)
@@ -72,73 +139,144 @@ class Read:
     data: bytes | None
     """The message, or None where none came."""
     time: float
-    """Time of the film until then, seconds."""
+    """Time of the film until then, seconds; before a camera since it started."""
     frames: int
-    """Number of frames until then."""
+    """Number of frames that the receiver took until then."""
     seconds: float
-    """Time that the receiver took for them, seconds."""
+    """Time that the receiver took for them, seconds; before a camera the whole time."""
     stages: dict[str, float]
-    """Part of this time that each stage took, seconds."""
+    """Part of this time that each stage took, seconds; empty where it was not measured."""
     memory: int | None = None
     """Memory of the process, in bytes, where it was measured."""
+    skipped: int = 0
+    """Number of frames that came while the receiver was busy."""
+    waited: float = 0.0
+    """Time from the camera's start until the receiver took a frame, seconds; 0 without a camera."""
+    said: str = ""
+    """What the page said at the end, where it was shown."""
 
 
-class Y4mFile:
-    """A film of gray frames without compression, written frame by frame.
+@dataclass(frozen=True)
+class FilmRead:
+    """One film that both receivers read."""
 
-    Args:
-        path: of the file.
-        fps: frames a second.
-    """
+    setting: str
+    """Name of the setting."""
+    pair: str
+    """Camera-display pair."""
+    view_deg: float
+    """Angle between the camera and the normal of the display, degrees."""
+    message: bytes
+    """Message that the display sent."""
+    python: Read
+    """What Python's receiver made of the film."""
+    page: Read
+    """What the page's receiver made of it."""
 
-    def __init__(self, path: Path, fps: float) -> None:
-        self._file = path.open("wb")
-        self._rate = f"F{round(1000 * fps)}:1000"
-        self._begun = False
+    def read_by(self, who: str) -> Read:
+        """Return what one receiver made of it, "python" or "page"."""
+        return self.python if who == "python" else self.page
 
-    def __enter__(self) -> "Y4mFile":
-        return self
+    def stored(self) -> dict[str, Any]:
+        """Return all fields as JSON holds them, bytes as hexadecimal digits."""
+        fields: dict[str, Any] = asdict(self) | {"message": self.message.hex()}
+        for who in RECEIVERS:
+            data = self.read_by(who).data
+            fields[who]["data"] = None if data is None else data.hex()
+        return fields
 
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
+    @classmethod
+    def from_stored(cls, fields: dict[str, Any]) -> "FilmRead":
+        """Make what `stored` returned into an object again."""
+        reads = {}
+        for who in RECEIVERS:
+            data = fields[who]["data"]
+            reads[who] = Read(
+                **fields[who] | {"data": None if data is None else bytes.fromhex(data)}
+            )
+        return cls(**fields | {"message": bytes.fromhex(fields["message"]), **reads})
 
-    def write(self, gray: NDArray[np.uint8], time: float) -> None:
-        """Append a frame, (H, W) uint8, and its time in seconds."""
-        if not self._begun:
-            height, width = gray.shape
-            self._file.write(f"YUV4MPEG2 W{width} H{height} {self._rate} Ip Cmono\n".encode())
-            self._begun = True
-        self._file.write(f"FRAME XTIME={time:.6f}\n".encode())
-        self._file.write(gray.tobytes())
+
+@dataclass(frozen=True)
+class PageTake:
+    """One film that is to be read in one way."""
+
+    way: str
+    """Way in which the page reads, a key of `WAYS`."""
+    setting: str
+    """Name of the setting."""
+    number: int
+    """Number of the film among those of its setting."""
+    seed: int
+    """Seed of all draws."""
+    site: Path
+    """Folder of the page's site."""
+    kept: Path | None
+    """Folder in which films are kept, or None."""
+
+    def film(self) -> MessageFilm:
+        """Draw the film; no frame is filmed yet."""
+        config = replace(SETTINGS[self.setting], seed=self.seed)
+        pairs = frames_needed(config.n_bytes, config.layout.n_bits, "n_bytes", config.coded)
+        config = replace(config, loops=FILM_S * config.state_hz / (2 * pairs))
+        views, pairs_filmed = len(VIEWS), list(PAIRS)
+        view = VIEWS[self.number % views]
+        pair = pairs_filmed[self.number // views % len(pairs_filmed)]
+        return film_message(Take(config, pair, view, self.number, Path()))
 
 
-def gray_frames(filmed: MessageFilm) -> Iterator[tuple[NDArray[np.uint8], float]]:
-    """Give a film's frames as (H, W) uint8 and their times in seconds."""
-    for frame in filmed.frames:
-        yield as_gray(frame.rgb), frame.time_s
+def write_film(filmed: MessageFilm, path: Path) -> None:
+    """Film, and write the gray frames to a .y4m file, which Chromium's camera plays, too."""
+    hidden = temporary_name(path)
+    try:
+        with hidden.open("wb") as stream:
+            file = Y4mFile(stream, filmed.take.config.fps, "420jpeg")
+            for frame in filmed.frames:
+                file.write(as_gray(frame.rgb))
+        hidden.replace(path)
+    finally:
+        hidden.unlink(missing_ok=True)
+
+
+def film_mark(setting: str, seed: int) -> str:
+    """Name all that decides a setting's films, apart from their numbers."""
+    decides = [
+        repr((SETTINGS[setting], seed, FILM_S)),
+        code_digest(*FILMED_BY),
+        *package_versions(),
+    ]
+    return hashlib.sha256("\n".join(decides).encode()).hexdigest()[:16]
+
+
+@contextmanager
+def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
+    """Write a film to a file, or take it from where it is kept; one that is not is removed."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "film.y4m"
+        if take.kept is not None:
+            make_folder(take.kept)
+            mark = film_mark(take.setting, take.seed)
+            path = take.kept / f"{take.setting}_{take.number}_{mark}.y4m"
+        if not path.is_file():
+            write_film(filmed, path)
+        yield path
 
 
 def read_in_python(filmed: MessageFilm, path: Path) -> Read:
-    """Read a film by Python's receiver, and write it to a file for the page's."""
-    fps = filmed.take.config.fps
+    """Read a film's file by Python's receiver."""
     decoders = [ShippedDecoder(graph, layout, 1) for layout, graph in shipped_graphs().items()]
+    fps = filmed.take.config.fps
     receiver = Receiver(decoders, fps)
-    read: Read | None = None
-    frames, seconds, time = 0, 0.0, 0.0
-    with Y4mFile(path, fps) as file:
-        for gray, time in gray_frames(filmed):
-            file.write(gray, time)
-            if read is not None:
-                if time > LONGER * read.time + MORE_S:
-                    break
-                continue
-            start = perf_counter()
-            step = receiver.push(gray, time)
-            frames, seconds = frames + 1, seconds + perf_counter() - start
-            if step.message is not None:
-                data, stages = step.message.data, dict(receiver.timing.spent)
-                read = Read(data, time, frames, seconds, stages)
-    return read or Read(None, time, frames, seconds, dict(receiver.timing.spent))
+    message: bytes | None = None
+    seconds, time = 0.0, 0.0
+    for number, gray in enumerate(read_y4m(path)):
+        start, time = perf_counter(), number / fps
+        step = receiver.push(gray, time)
+        seconds += perf_counter() - start
+        if step.message is not None:
+            message = step.message.data
+            break
+    return Read(message, time, receiver.frames, seconds, dict(receiver.timing.spent))
 
 
 def read_in_node(site: Path, path: Path) -> Read:
@@ -153,69 +291,118 @@ def read_in_node(site: Path, path: Path) -> Read:
     return Read(data, read["time"], read["frames"], read["seconds"], read["stages"], read["memory"])
 
 
-def read_film(name: str, number: int, config: PageConfig, site: Path) -> dict[str, Any]:
-    """Read one film by both receivers.
+def read_in_chromium(site: Path, path: Path) -> Read:
+    """Let the page watch a film in Chromium's simulated camera, until it has a message.
+
+    Raises:
+        InputError: Playwright or Chromium is missing.
+    """
+    with serve_folder(site) as address, open_chromium(camera_flags(path)) as page:
+        page.add_init_script(WATCH)
+        page.goto(address)
+        end = perf_counter() + CAMERA_S
+        while (seen := page.evaluate("seen"))["message"] is None and perf_counter() < end:
+            page.wait_for_timeout(100)
+        counts = COUNTS.search(text_of(page, "details"))
+        taken, skipped = (int(count) for count in counts.groups()) if counts else (0, 0)
+        camera = seen["camera"] or 0
+        data, time, waited = None, CAMERA_S, ((seen["first"] or camera) - camera) / 1000
+        if seen["message"] is not None:
+            time = (seen["message"] - camera) / 1000
+            with page.expect_download() as saved:
+                page.locator("#keep").click()
+            data = Path(saved.value.path()).read_bytes()
+        said = f"{text_of(page, 'status')}. {text_of(page, 'advice')}"
+    return Read(data, time, taken, time, {}, skipped=skipped, waited=waited, said=said)
+
+
+def read_film(take: PageTake) -> dict[str, Any]:
+    """Film, and read the film by both receivers.
 
     Returns:
-        setting and number of the film, the message, and both `Read`, ``python`` and ``page``.
+        the fields of a `FilmRead`, as JSON holds them.
     """
-    setting = replace(SETTINGS[name], seed=config.seed)
-    views, pairs = len(VIEWS), list(PAIRS)
-    view, pair = VIEWS[number % views], pairs[number // views % len(pairs)]
-    filmed = film_message(Take(setting, pair, view, number, Path()))
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "film.y4m"
+    one_thread()
+    filmed = take.film()
+    with film_file(take, filmed) as path:
         python = read_in_python(filmed, path)
-        page = read_in_node(site, path)
-    film = {"setting": name, "number": number, "pair": pair, "view_deg": view}
-    return {**film, "message": filmed.message, "python": python, "page": page}
+        page = (read_in_chromium if take.way == "chromium" else read_in_node)(take.site, path)
+    of = filmed.take
+    return FilmRead(take.setting, of.pair, of.view, filmed.message, python, page).stored()
 
 
-def page_table(films: Sequence[dict[str, Any]]) -> Table:
-    """Compare deliveries, times of the film, and frames a second of both receivers."""
+def stored_reads(config: PageConfig) -> Path:
+    """File of the films, named after all that decides them; the site must be built."""
+    site = config.out / "site"
+    films = [film_mark(setting, config.seed) for setting in SETTINGS]
+    parts = ["worker.js", "presets.json", *(["page.js"] if config.by == "chromium" else [])]
+    files = [site / name for name in parts]
+    files += [*sorted(site.rglob("*.onnx")), *sorted(site.glob("*.wasm"))]
+    decides = [str(STORED_VERSION), *films, code_digest(READING), file_digest(files)]
+    mark = hashlib.sha256("\n".join(decides).encode()).hexdigest()[:16]
+    return config.out / f"{config.by}_{mark}.jsonl"
+
+
+def read_films(config: PageConfig) -> list[FilmRead]:
+    """Read all films, or take them from where they are stored; the site must be built."""
+    takes = {
+        f"{name} {number}": PageTake(
+            config.by, name, number, config.seed, config.out / "site", config.kept
+        )
+        for name, number in product(config.settings, range(config.films))
+    }
+    stored = resume(read_film, takes, stored_reads(config), 1, f"films by {config.by}")
+    return [FilmRead.from_stored(fields) for fields in stored.values()]
+
+
+def page_table(films: Sequence[FilmRead], by: str) -> Table:
+    """Compare deliveries, times of the message, and frames a second of both receivers.
+
+    Args:
+        films: that were read.
+        by: way in which the page read them, a key of `WAYS`.
+    """
     rows = []
-    for name in dict.fromkeys(film["setting"] for film in films):
-        mine = [film for film in films if film["setting"] == name]
+    for name in dict.fromkeys(film.setting for film in films):
+        mine = [film for film in films if film.setting == name]
         row = [name, str(len(mine))]
-        for who in ("python", "page"):
-            came = sum(film[who].data == film["message"] for film in mine)
+        for who in RECEIVERS:
+            came = sum(film.read_by(who).data == film.message for film in mine)
             interval = share_interval(*wilson(came, len(mine)), 0)
             row.append(f"{came} ({interval} %)")
-        row.append(str(sum(film["page"].data not in (None, film["message"]) for film in mine)))
-        both = [film for film in mine if film["python"].data and film["page"].data]
-        times = np.array([[film[who].time for who in ("python", "page")] for film in both])
-        rates = np.array(
-            [[film[who].frames / film[who].seconds for who in ("python", "page")] for film in mine]
-        )
+        row.append(str(sum(film.page.data not in (None, film.message) for film in mine)))
+        both = [film for film in mine if film.python.data and film.page.data]
+        times = np.array([[film.python.time, film.page.time] for film in both])
         if len(both):
             ratios = times[:, 1] / times[:, 0]
             row += [f"{value:.1f}" for value in np.median(times, axis=0)]
             row.append(f"{np.median(ratios):.2f} ({ratios.min():.2f} – {ratios.max():.2f})")
         else:
             row += ["–"] * 3
-        row += [f"{value:.0f}" for value in np.median(rates, axis=0)]
+        for who in RECEIVERS:
+            rates = [film.read_by(who).frames / film.read_by(who).seconds for film in mine]
+            row.append(f"{np.median(rates):.0f}")
+        if by == "chromium":
+            row.append(f"{np.median([film.page.waited for film in mine]):.1f}")
         rows.append(row)
     heads = ["preset", "films", "Python", "page", "wrong, page", "Python, s", "page, s"]
     heads += ["page's s over Python's", "Python, frames/s", "page, frames/s"]
-    title = (
-        "Simulated hand-held films at 1280 × 720, 30 frames/s, of 15 states/s, with messages of "
-        "100 bytes, at 0° and 45°; both receivers on one thread. Medians; 95 % intervals of shares."
-    )
-    return Table(heads, rows, title)
+    if by == "chromium":
+        heads.append("page's first frame, s")
+    return Table(heads, rows, f"{FILMED} {READ[by]}")
 
 
-def stages_table(films: Sequence[dict[str, Any]]) -> Table:
+def stages_table(films: Sequence[FilmRead]) -> Table:
     """Compare the time that each stage takes for a camera frame, in milliseconds."""
     rows = []
-    for name in dict.fromkeys(film["setting"] for film in films):
-        mine = [film for film in films if film["setting"] == name]
-        for stage in mine[0]["python"].stages:
-            spent = [
-                np.median(
-                    [1000 * film[who].stages.get(stage, 0) / film[who].frames for film in mine]
-                )
-                for who in ("python", "page")
-            ]
+    for name in dict.fromkeys(film.setting for film in films):
+        mine = [film for film in films if film.setting == name]
+        for stage in mine[0].python.stages:
+            spent = []
+            for who in RECEIVERS:
+                reads = [film.read_by(who) for film in mine]
+                times = [1000 * read.stages.get(stage, 0) / read.frames for read in reads]
+                spent.append(np.median(times))
             ratio = f"{spent[1] / spent[0]:.1f}" if spent[0] > 0 else "–"
             rows.append([name, stage, f"{spent[0]:.2f}", f"{spent[1]:.2f}", ratio])
     heads = ["preset", "stage", "Python, ms a frame", "page, ms a frame", "page over Python"]
@@ -223,33 +410,29 @@ def stages_table(films: Sequence[dict[str, Any]]) -> Table:
 
 
 def main() -> None:
-    """Film, read twice, print, store page.json, and write the page's block."""
+    """Film, read, store, print, and write the results and a block of the page."""
     config = read_flags(lambda: tyro.cli(PageConfig))
     at_least(1, films=config.films)
     at_least(0, seed=config.seed)
+    each_once(settings=config.settings)
+    choose(WAYS, config.by, "way in --by")
     for name in config.settings:
         choose(SETTINGS, name, "name in --settings")
-    one_thread()
-    site = config.out / "site"
-    build_site(site)
-    wanted = list(product(config.settings, range(config.films)))
-    films = [read_film(name, number, config, site) for name, number in tqdm(wanted, "films")]
-    tables = f"{page_table(films).markdown()}\n\n{stages_table(films).markdown()}"
-    stored = [
-        {
-            **film,
-            "message": film["message"].hex(),
-            **{
-                who: asdict(film[who]) | {"data": film[who].data and film[who].data.hex()}
-                for who in ("python", "page")
-            },
-        }
-        for film in films
-    ]
-    content = {"meta": provenance(config.seed, simulated=True), "films": stored}
-    write_bytes(config.out / "page.json", (json.dumps(content, indent=1) + "\n").encode())
-    print(tables)
-    write_blocks(config.page, {"page": tables})
+    with locked(config.out):
+        build_site(config.out / "site")
+        films = read_films(config)
+    text = page_table(films, config.by).markdown()
+    if config.by == "node":
+        text += f"\n\n{stages_table(films).markdown()}"
+    content = {
+        "meta": provenance(config.seed, simulated=True),
+        "films": [film.stored() for film in films],
+    }
+    file = config.out / f"{WAYS[config.by]}.json"
+    write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
+    print(text)
+    write_blocks(config.page, {WAYS[config.by]: text})
+    print(f"written: {file}, {config.page}")
 
 
 if __name__ == "__main__":

@@ -1,13 +1,10 @@
 """The page in Chromium: what it shows, and that it reads films and cameras."""
 
-import functools
-import http.server
 import json
 import shutil
 import subprocess
 import sys
 import tarfile
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +14,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import BROWSER_FLAGS, BROWSERS
 from web_films import gray, limited, y4m_bytes
 from web_fixtures import WEB
 
@@ -27,19 +23,21 @@ from link.code.framing import encode
 from link.images import image_files, read_image
 from link.loop import Loop
 from link.presets import PRESETS
+from reports.films.browser import (
+    ALLOWED,
+    BROWSER_FLAGS,
+    CAMERA,
+    camera_flags,
+    find_browser,
+    serve_folder,
+    text_of,
+)
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 PATIENCE_S = 100.0
 """Time, in seconds, that a loaded machine may take for what takes two."""
-
-
-class Quiet(http.server.SimpleHTTPRequestHandler):
-    """Serves the site, and films beside it."""
-
-    def log_message(self, *_: object) -> None:
-        pass
 
 
 @pytest.fixture(scope="module")
@@ -54,19 +52,14 @@ def address(site, tmp_path_factory) -> Iterator[tuple[str, Path]]:
     """The address of the served site, and the folder that is served."""
     folder = tmp_path_factory.mktemp("served")
     shutil.copytree(site, folder, dirs_exist_ok=True)
-    handler = functools.partial(Quiet, directory=folder)
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}/", folder
-        server.shutdown()
+    with serve_folder(folder) as url:
+        yield url, folder
 
 
 @contextmanager
 def open_page(browser, flags=(), worker=None, width=390, height=844, offline=False, **more):
     """Open a window in a browser with more flags; ``worker`` stands in for the page's worker."""
-    own = browser.browser_type.launch(
-        executable_path=browser_executable(), args=[*BROWSER_FLAGS, *flags]
-    )
+    own = browser.browser_type.launch(executable_path=find_browser(), args=[*BROWSER_FLAGS, *flags])
     services = "allow" if offline else "block"
     context = own.new_context(
         viewport={"width": width, "height": height}, service_workers=services, **more
@@ -86,14 +79,6 @@ def open_page(browser, flags=(), worker=None, width=390, height=844, offline=Fal
         assert page.dialogs == page.errors == []
     finally:
         own.close()
-
-
-def browser_executable() -> str:
-    return next(path for path in map(shutil.which, BROWSERS) if path)
-
-
-def text_of(page, name: str) -> str:
-    return page.evaluate("name => document.getElementById(name).textContent", name)
 
 
 def wait_for(page, condition, patience=PATIENCE_S) -> None:
@@ -215,10 +200,6 @@ def test_what_a_worker_without_a_browser_it_knows_says_is_shown(browser, short_f
         assert text_of(page, "advice").startswith("No WebAssembly.")
 
 
-CAMERA = "--use-fake-device-for-media-stream"
-ALLOWED = "--use-fake-ui-for-media-stream"
-
-
 def test_a_machine_without_a_camera_is_told_so(browser, address) -> None:
     with open_page(browser, [ALLOWED], worker=answering({})) as page:
         page.goto(address[0])
@@ -337,10 +318,6 @@ def film_at(make_once):
         return folder / "film.y4m"
 
     return make
-
-
-def camera_flags(film: Path) -> list[str]:
-    return [CAMERA, ALLOWED, f"--use-file-for-fake-video-capture={film}"]
 
 
 @pytest.mark.parametrize("name", FILMS)

@@ -19,6 +19,25 @@ from models import shipped_graphs
 PAGE = WEB / "src" / "page"
 
 
+HEADERS = [
+    (words, {"fps": fps, "limited": limited, "bits": bits, "rest": rest})
+    for words, fps, limited, bits, rest in (
+        ("", 30, False, 8, 2 * 11 * 9),
+        ("F30000:1001 Ip A0:0 C420mpeg2 XYSCSS=420MPEG2", 30000 / 1001, False, 8, 2 * 11 * 9),
+        ("F25:1 It A1:1 C422 XCOLORRANGE=LIMITED", 25, True, 8, 2 * 11 * 18),
+        ("F60:1 Ib C444 XCOLORRANGE=FULL", 60, False, 8, 2 * 21 * 18),
+        ("F24000:1001 Im C411", 24000 / 1001, False, 8, 2 * 6 * 18),
+        ("F0:0 Cmono", 30, False, 8, 0),
+        ("F50:1 C440", 50, False, 8, 2 * 21 * 9),
+        ("F50:1 C444alpha", 50, False, 8, 3 * 21 * 18),
+        ("F50:1 C420paldv", 50, False, 8, 2 * 11 * 9),
+        ("F50:1 Cmono10", 50, False, 10, 0),
+        ("F50:1 C422p12", 50, False, 12, 4 * 11 * 18),
+    )
+]
+"""First lines of films of 21 x 18 pixels, after the size, and what they mean."""
+
+
 def as_array(data):
     return np.frombuffer(data, np.uint8)
 
@@ -47,6 +66,7 @@ def test_parts_of_the_page(tmp_path):
         },
     ]
     write_fixture(tmp_path, "y4m", films)
+    write_fixture(tmp_path, "headers", HEADERS)
     rgba = rng.integers(0, 256, (11, 13, 4)).astype(np.uint8)
     write_fixture(tmp_path, "colours", {"rgba": rgba, "luma": gray(rgba[:, :, :3].copy())})
     texts = [b"plain", "grün 😀".encode(), b"\xff\x00a", b"\xf0\x9f\x98", b"a\xc3", b"\xed\xa0\x80"]

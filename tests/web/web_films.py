@@ -1,12 +1,12 @@
 """Films without compression (.y4m), which the page reads and Chromium's fake camera plays."""
 
+import io
 from collections.abc import Iterable
 
 import cv2
 import numpy as np
 
-CHROMA = {"mono": 0, "420jpeg": 0.5, "422": 1, "444": 2}
-"""Number of chroma samples a pixel, by the name of the format."""
+from reports.films.y4m import Y4mFile
 
 
 def limited(luma):
@@ -20,16 +20,9 @@ def gray(image):
 
 
 def y4m_bytes(frames: Iterable[np.ndarray], fps, chroma="420jpeg", tag="", times=None):
-    """A film of gray frames (H, W) uint8; ``tag`` ends its first line, chroma is gray."""
-    parts = []
+    """A film of gray frames (H, W) uint8, of which ``times`` states the times where it is given."""
+    stream = io.BytesIO()
+    film = Y4mFile(stream, fps, chroma, tag)
     for number, luma in enumerate(frames):
-        height, width = luma.shape
-        if not parts:
-            rate = f"{round(1000 * fps)}:1000"
-            line = f"YUV4MPEG2 W{width} H{height} F{rate} Ip A1:1 C{chroma} {tag}".strip()
-            parts.append(f"{line}\n".encode())
-        half = 2 * -(-width // 2) * -(-height // 2)
-        samples = half if chroma.startswith("420") else int(CHROMA[chroma] * width * height)
-        time = "" if times is None else f" XTIME={times[number]:.6f}"
-        parts += [f"FRAME{time}\n".encode(), luma.tobytes(), bytes([128]) * samples]
-    return b"".join(parts)
+        film.write(luma, None if times is None else times[number])
+    return stream.getvalue()

@@ -9,7 +9,7 @@ import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
 import { planeOfFrame, planeOfRgba } from "../src/page/planes.js";
 import { recordingFile } from "../src/page/recording.js";
 import { linkOf, textOf } from "../src/page/text.js";
-import { readY4m } from "../src/page/y4m.js";
+import { parseHeader, readY4m } from "../src/page/y4m.js";
 import { readFixture } from "./fixtures.js";
 
 /** @param {Uint8Array} bytes @param {number} size @returns {ReadableStream<Uint8Array>} */
@@ -48,12 +48,34 @@ test("films without compression are read bit for bit, however their bytes come",
   }
 });
 
+test("headers of all kinds are understood", () => {
+  const size = "YUV4MPEG2 W21 H18";
+  for (const [words, expected] of readFixture("headers")) {
+    const { fps, limited, bits, restBytes } = parseHeader(`${size} ${words}`.trim());
+    assert.ok(Math.abs(fps - expected.fps) < 1e-9, words);
+    assert.deepEqual([limited, bits, restBytes], [expected.limited, expected.bits, expected.rest]);
+  }
+});
+
+test("samples of more than eight bits lose the lower ones", async () => {
+  const first = new TextEncoder().encode("YUV4MPEG2 W16 H16 F30:1 C420p10\nFRAME\n");
+  const film = new Uint8Array(first.length + 2 * (256 + 128));
+  film.set(first);
+  for (let i = 0; i < 256; i++) {
+    film.set([(4 * i + 3) & 255, (4 * i + 3) >> 8], first.length + 2 * i);
+  }
+  const [frame] = await framesOf(film, 100);
+  assert.deepEqual([...frame.plane.data], Array.from({ length: 256 }, (_, i) => i));
+});
+
 test("what is no such film is refused in words", async () => {
   for (const line of [
     "RIFF",
     "YUV4MPEG2 W8 H8 F30:1",
     "YUV4MPEG2 W640 F30:1",
-    "YUV4MPEG2 W640 H480 C420p10",
+    "YUV4MPEG2 W640 H480 C420p7",
+    "YUV4MPEG2 W640 H480 C420p17",
+    "YUV4MPEG2 W640 H480 C450",
     "YUV4MPEG2 W640 H480 Cfoo",
     `YUV4MPEG2 ${"X".repeat(5000)}`,
     "",

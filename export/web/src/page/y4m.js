@@ -21,13 +21,21 @@ const MAX_LINE = 4096;
 /** Largest number of pixels in a frame, as for images that Python reads. */
 const MAX_PIXELS = 50e6;
 
-/** By the name of a chroma format how many samples each pixel has, all planes together. */
-const SAMPLES = [
-  [/^mono$/, 1],
-  [/^420/, 1.5],
-  [/^422$/, 2],
-  [/^444$/, 3],
-];
+/** Number of columns and of rows of pixels that share a chroma sample, by the format's name. */
+const SHARED = new Map([
+  ["mono", [0, 0]], // there is none
+  ["411", [4, 1]],
+  ["420", [2, 2]],
+  ["422", [2, 1]],
+  ["440", [1, 2]],
+  ["444", [1, 1]],
+]);
+
+/** Pattern of a format: its name, where its chroma samples lie or an "alpha" plane, its bits. */
+const FORMAT = /^(mono|4\d\d)(jpeg|mpeg2|paldv|alpha)?(?:p?(\d\d?))?$/;
+
+/** Smallest and largest number of bits of a sample. */
+const [MIN_BITS, MAX_BITS] = [8, 16];
 
 /**
  * What the first line of a film says.
@@ -36,8 +44,9 @@ const SAMPLES = [
  * @property {number} width - of a frame, in pixels
  * @property {number} height - of a frame, in pixels
  * @property {number} fps - frames a second
- * @property {boolean} limited - whether black is known to be 16 and white 235
- * @property {number} chromaBytes - bytes of a frame after its luma
+ * @property {boolean} limited - whether black is known to be 16 and white 235, of 255
+ * @property {number} bits - of a sample; from 9 on, it takes two bytes, the lower one first
+ * @property {number} restBytes - bytes of a frame after its luma
  */
 
 /**
@@ -45,7 +54,7 @@ const SAMPLES = [
  *
  * @param {string} line
  * @returns {Y4mHeader}
- * @throws {Error} it is no line of a .y4m film, or of one with more than 8 bits a sample
+ * @throws {Error} it is no line of a .y4m film, or of a format that is unknown
  */
 export function parseHeader(line) {
   const [magic, ...words] = line.split(" ");
@@ -57,19 +66,24 @@ export function parseHeader(line) {
     throw new Error("the film does not say how large its frames are");
   }
   const chroma = value("C") || "420";
-  const samples = SAMPLES.find(([name]) => /** @type {RegExp} */ (name).test(chroma))?.[1];
-  if (samples === undefined || /p\d\d$/.test(chroma)) {
-    throw new Error(`the film's format, ${chroma}, has more than 8 bits or is unknown`);
+  const [, name, place, digits] = FORMAT.exec(chroma) ?? [];
+  const shared = SHARED.get(name);
+  const bits = Number(digits ?? MIN_BITS);
+  if (!shared || !(bits >= MIN_BITS && bits <= MAX_BITS)) {
+    throw new Error(`the film's format, ${chroma.slice(0, 20)}, is unknown`);
   }
   const [frames, seconds] = value("F").split(":").map(Number);
   const fps = frames / seconds;
-  const half = Math.ceil(width / 2) * Math.ceil(height / 2);
+  const [columns, rows] = shared;
+  const samples = columns ? 2 * Math.ceil(width / columns) * Math.ceil(height / rows) : 0;
+  const alpha = place === "alpha" ? width * height : 0;
   return {
     width,
     height,
     fps: fps > 0 && fps <= 1000 ? fps : DEFAULT_FPS,
     limited: words.includes("XCOLORRANGE=LIMITED"),
-    chromaBytes: samples === 1.5 ? 2 * half : (Number(samples) - 1) * width * height,
+    bits,
+    restBytes: (samples + alpha) * (bits > 8 ? 2 : 1),
   };
 }
 
@@ -141,14 +155,15 @@ class ByteReader {
  */
 export async function* readY4m(stream) {
   const reader = new ByteReader(stream);
-  const { width, height, fps, limited, chromaBytes } = parseHeader((await reader.line()) ?? "");
+  const { width, height, fps, limited, bits, restBytes } = parseHeader((await reader.line()) ?? "");
   try {
     for (let number = 0; ; number++) {
       const line = await reader.line();
       if (!line?.startsWith("FRAME")) return;
       const stated = Number(/ XTIME=(\S+)/.exec(line)?.[1] ?? NaN);
-      const data = new Uint8Array(width * height);
-      if (!(await reader.bytes(data.length, data)) || !(await reader.bytes(chromaBytes))) return;
+      const samples = new Uint8Array(width * height * (bits > 8 ? 2 : 1));
+      if (!(await reader.bytes(samples.length, samples)) || !(await reader.bytes(restBytes))) return;
+      const data = bits > 8 ? upperBits(samples, bits) : samples;
       if (limited) stretchRange(data);
       const time = Number.isFinite(stated) ? stated : number / fps;
       yield { plane: { width, height, data }, time, fps };
@@ -156,4 +171,17 @@ export async function* readY4m(stream) {
   } finally {
     await reader.reader.cancel();
   }
+}
+
+/**
+ * Reduce samples of two bytes to their upper eight bits.
+ *
+ * @param {Uint8Array} samples - two bytes each, the lower one first
+ * @param {number} bits - of a sample
+ * @returns {Uint8Array} of half the length
+ */
+function upperBits(samples, bits) {
+  return Uint8Array.from({ length: samples.length / 2 }, (_, at) =>
+    Math.min(255, (samples[2 * at] | (samples[2 * at + 1] << 8)) >> (bits - 8)),
+  );
 }

@@ -1,0 +1,106 @@
+"""The page in Chromium without a window, before a simulated camera that plays a film."""
+
+import shutil
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from link.errors import InputError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+"""Names of the programs that are looked for, the first one first."""
+BROWSER_FLAGS = [
+    "--no-sandbox",  # tests may run as root
+    "--disable-gpu",
+    "--disable-quic",
+    "--disable-sync",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+]
+"""Flags with which Chromium is started."""
+CAMERA = "--use-fake-device-for-media-stream"
+"""Flag that gives Chromium a simulated camera."""
+ALLOWED = "--use-fake-ui-for-media-stream"
+"""Flag with which every page may use the camera without being asked."""
+
+
+def camera_flags(film: Path) -> list[str]:
+    """Flags with which Chromium's camera plays a film over and over, and every page may use it.
+
+    Args:
+        film: a .y4m file of format 420jpeg whose frames state no times.
+    """
+    return [CAMERA, ALLOWED, f"--use-file-for-fake-video-capture={film}"]
+
+
+def find_browser() -> str | None:
+    """Path of the machine's Chromium, or None where there is none."""
+    return next((path for path in map(shutil.which, BROWSERS) if path), None)
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves a folder's files and prints nothing."""
+
+    def log_message(self, *_: object) -> None:
+        """Leave out the line that is usually printed for each request."""
+
+
+@contextmanager
+def serve_folder(folder: Path) -> Iterator[str]:
+    """Serve a folder to this machine alone; gives its address, which ends with a slash."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(QuietHandler, directory=folder)) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/"
+        finally:
+            server.shutdown()
+
+
+@contextmanager
+def open_chromium(flags: Sequence[str] = ()) -> Iterator["Page"]:
+    """Open a window of the size of a phone in a Chromium of its own, without a page yet.
+
+    Args:
+        flags: more flags for Chromium.
+
+    Raises:
+        InputError: Playwright or Chromium is missing.
+    """
+    try:
+        playwright_api = import_module("playwright.sync_api")
+    except ModuleNotFoundError:
+        raise InputError(
+            "Playwright is missing, which drives Chromium; pip install -e '.[test]'"
+        ) from None
+    program = find_browser()
+    if program is None:
+        raise InputError(
+            f"no Chromium: found none of {', '.join(BROWSERS)}; apt install chromium, or your "
+            "system's way"
+        )
+    with playwright_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=program, args=[*BROWSER_FLAGS, *flags]
+        )
+        try:
+            context = chromium.new_context(
+                viewport={"width": 390, "height": 844}, service_workers="block"
+            )
+            yield context.new_page()
+        finally:
+            chromium.close()
+
+
+def text_of(page: "Page", name: str) -> str:
+    """Text of the element of a page that has an id."""
+    script = "name => document.getElementById(name).textContent"
+    return str(page.evaluate(script, name))
