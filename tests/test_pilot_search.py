@@ -13,6 +13,7 @@ from export.locate.pilots.evidence import pilot_evidence, pilot_signs
 from export.locate.pilots.search import PilotSearch
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
+from export.locate.pilots.waves import position, span_of, waves
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
@@ -153,3 +154,20 @@ def test_what_toggles_is_outlined() -> None:
 def test_layouts_need_pilots() -> None:
     with pytest.raises(InputError, match="pilots"):
         PilotSearch([make_layout()])
+
+
+@pytest.mark.parametrize("fps", [24.0, 30.0, 59.94, 120.0, 240.0])
+def test_times_in_whole_milliseconds_leave_even_frames_even(fps: float) -> None:
+    times = np.round(np.arange(40) / fps, 3)
+    at = [position(time - times[0], fps) for time in times]
+    assert at == list(range(40))
+    assert span_of(at) == (40.0, 20)
+
+
+def test_the_fastest_wave_is_real() -> None:
+    """At two frames a period, times that are a little off must not make an imaginary part."""
+    at = np.arange(24) + np.where(np.arange(24) % 3 == 0, 0.05, -0.02)
+    fast, slower = waves(at, np.array([0.5, 0.25]), np.zeros(1))
+    assert not fast.imag.any()
+    assert np.abs(fast.real).min() > 0.9
+    assert (slower.imag**2).sum() == pytest.approx((slower.real**2).sum(), rel=0.1)
