@@ -100,11 +100,15 @@ def compose_state(
     for frame, share in used:
         chosen = (share >= limit).astype(np.float32)
         weight = cv2.resize(chosen, (width, height), interpolation=cv2.INTER_LINEAR)
-        total += frame.rectified * (weight if total.ndim == 2 else weight[:, :, None])
+        total += frame.rectified * _like(total, weight)
         weights += weight
-    weights = np.maximum(weights, 1e-3)
-    mean = total / (weights if total.ndim == 2 else weights[:, :, None])
+    mean = total / _like(total, np.maximum(weights, 1e-3))
     return DisplayState(np.asarray(mean + 0.5, np.uint8), purity, len(used))
+
+
+def _like(image: NDArray[np.float32], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Give (height, width) weights the channels of an image; numpy would spread them slowly."""
+    return weights if image.ndim == 2 else np.asarray(cv2.merge([weights] * image.shape[2]))
 
 
 def _mean(images: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
