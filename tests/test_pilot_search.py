@@ -17,6 +17,7 @@ from export.locate.pilots.waves import position, span_of, waves
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
+from link.presets import PRESETS
 
 CLOSE_PX = 4.0
 """A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
@@ -70,22 +71,88 @@ def test_does_not_find_what_is_not_there(kind: str) -> None:
     assert search(images, [FINE]) is None
 
 
+def dropped(frames: int, kept: int, seed: int) -> NDArray[np.float64]:
+    """Positions of the frames that are left of some evenly spaced ones."""
+    rng = np.random.default_rng(seed)
+    return np.sort(rng.choice(frames, kept, replace=False)).astype(np.float64)
+
+
+@pytest.mark.parametrize("missing", [0, 36, 300])
 @pytest.mark.parametrize("frames_a_period", [4, 2])
-def test_evidence_is_no_surer_than_chance(frames_a_period: int) -> None:
+def test_evidence_is_no_surer_than_chance(frames_a_period: int, missing: int) -> None:
     """Whatever toggles, signs that it does not keep to are believed as rarely as evidence says."""
     rng = np.random.default_rng(5)
-    wave = np.cos(2 * np.pi * np.arange(24) / frames_a_period)
+    at = dropped(24 + missing, 24, seed=8)
+    wave = np.cos(2 * np.pi * at / frames_a_period) + 3 * np.sin(2 * np.pi * at / 500)
+    runs = 1000 if missing == 0 else 300
     evidence = np.array(
         [
-            pilot_evidence(wave[:, None] * rng.standard_normal(FINE.pilots) * 9, FINE)[0]
-            for _ in range(1000)
+            pilot_evidence(wave[:, None] * rng.standard_normal(FINE.pilots) * 9, FINE, at)[0]
+            for _ in range(runs)
         ]
     )
-    paid = np.log(11)  # of the frequencies that are looked at, only one holds anything
+    paid = np.log(11)  # of the frequencies that are looked at, at least one holds anything
     for rare in (1.0, 2.0):
-        usual = 1000 * np.exp(-rare - paid)
+        usual = runs * np.exp(-rare - (paid if missing == 0 else 0))
         assert (evidence >= rare).sum() <= usual + 4 * np.sqrt(usual)
     assert evidence.max() < 6.0
+
+
+@pytest.mark.parametrize("frequency", [0.25, 0.5, 0.1875])
+def test_evidence_is_found_where_frames_are_missing(frequency: float) -> None:
+    """The frequency is right, and a display that drifts slowly is as sure as one that does not."""
+    rng, signs = np.random.default_rng(3), pilot_signs(FINE)
+    at = dropped(72, 24, seed=2)
+    noise = rng.standard_normal((24, FINE.pilots))
+    wave = np.sign(np.cos(2 * np.pi * frequency * (at + 0.3)))[:, None] * signs
+    evidence, found = pilot_evidence(list(noise + wave), FINE, at + rng.uniform(-0.02, 0.02, 24))
+    assert evidence > 20
+    assert found == pytest.approx(frequency, abs=0.5 / 72)
+    assert pilot_evidence(list(noise), FINE, at)[0] < 6
+    assert pilot_evidence(list(noise + wave), FINE)[0] < evidence - 20  # as if none were missing
+    drift = np.cos(2 * np.pi * at / 144)[:, None] * rng.standard_normal(FINE.pilots)
+    drifting, _ = pilot_evidence(list(noise + wave + drift), FINE, at)
+    assert drifting > 0.7 * evidence
+
+
+def test_evenly_spaced_frames_are_so_however_their_times_were_rounded() -> None:
+    for digits in (3, 6):
+        at = [position(round(number / 120, digits), 120) for number in range(48)]
+        if digits == 6:
+            assert at == list(range(48))
+        assert span_of(at)[1] == 24
+    series = np.random.default_rng(1).standard_normal((24, 3))
+    numbers = np.arange(2, 13)
+    lines = waves(np.arange(24.0), numbers / 24, np.arange(2) / 24) @ series
+    np.testing.assert_allclose(lines, np.fft.rfft(series, axis=0)[2:], atol=1e-9)
+
+
+def test_waves_do_not_see_what_is_slow() -> None:
+    at = dropped(100, 30, seed=1)
+    slower = np.array([0.0, 0.01, 0.02])
+    made = waves(at, np.array([0.1, 0.25, 0.5]), slower)
+    slow = np.cos(2 * np.pi * np.outer(slower, at) + 1)
+    assert np.abs(made @ slow.T).max() < 1e-9
+    assert np.abs(made).max() < 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden", "fast", "robust"])
+def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
+    preset = PRESETS[name]
+    fps = 2 * preset.state_hz
+    images, corners = filmed(preset.layout, 120, seed=0, kappa=5.0)
+    finder = PilotSearch([p.layout for p in PRESETS.values() if p.layout.pilots], fps)
+    rng = np.random.default_rng(0)
+    for number, image in enumerate(images):
+        if rng.random() < 0.6:
+            continue
+        found = finder.push(image, number / fps)
+        if found is not None:
+            assert found.layout == preset.layout
+            assert np.abs(found.corners - corners[number]).max() < CLOSE_PX
+            return
+    pytest.fail("no display was found")
 
 
 def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
