@@ -26,6 +26,7 @@ from export.locate.pilots.evidence import (
 )
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
+from export.locate.pilots.waves import position, span_of, waves
 from export.web.tables import layout_table
 from link.geometry import frame_corners, homography_from_corners
 from link.layout import Layout, make_layout
@@ -78,6 +79,28 @@ def evidence() -> dict[str, object]:
             }
         )
     return {"signs": signs, "layout": layout_table(FINE), "cases": cases, "grays": grays}
+
+
+def times() -> list[dict[str, object]]:
+    """Frames of several rates whose times are rounded, and of which some are missing."""
+    rng, cases = np.random.default_rng(9), []
+    for fps, kept, digits in ((30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2)):
+        numbers = np.flatnonzero(rng.random(60) < kept)
+        seconds = np.round(numbers / fps, digits)
+        at = [position(second - seconds[0], fps) for second in seconds]
+        span, fastest = span_of(at)
+        made = waves(at, np.arange(2, fastest + 1) / span, np.arange(2) / span)
+        cases.append(
+            {
+                "fps": fps,
+                "seconds": seconds,
+                "at": at,
+                "span": (span, fastest),
+                "real": made.real,
+                "imaginary": made.imag,
+            }
+        )
+    return cases
 
 
 def phases() -> list[dict[str, object]]:
@@ -207,7 +230,7 @@ def stabilising() -> dict[str, object]:
 
 
 def test_pilots_are_weighed_and_corners_moved_as_in_python(tmp_path: Path) -> None:
-    parts = (evidence, phases, coarse, fine, climb, moved, toggling, stabilising)
+    parts = (evidence, times, phases, coarse, fine, climb, moved, toggling, stabilising)
     for part in parts:
         write_fixture(tmp_path, part.__name__, part())
     run_node_tests("pilots", tmp_path)

@@ -25,6 +25,7 @@ import {
 import { median, quantile } from "../src/locate/pilots/order.js";
 import { Stabiliser } from "../src/locate/pilots/stabilise.js";
 import { ToggleMap } from "../src/locate/pilots/toggleMap.js";
+import { position, spanOf, waves } from "../src/locate/pilots/waves.js";
 import { close, differences, planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 
@@ -76,6 +77,19 @@ test("evidence of pilots", () => {
     const shown = new Layout(table);
     close(standingOut(planeOf(gray), shown), blocks.data, 1e-4);
     close(pilotValues(planeOf(gray), shown), pilots.data, 1e-4);
+  }
+});
+
+test("times of frames, and waves at them", () => {
+  for (const { fps, seconds, at, span: expected, real, imaginary } of readFixture("times")) {
+    const places = Array.from(seconds.data, (second) => position(second - seconds.data[0], fps));
+    assert.deepEqual(places, at);
+    const { span, fastest } = spanOf(places);
+    assert.deepEqual([span, fastest], expected);
+    const periods = Array.from({ length: fastest - 1 }, (_, i) => (2 + i) / span);
+    const made = waves(places, periods, [0, 1 / span]);
+    close(made.flatMap((wave) => [...wave.real]), real.data, 1e-9);
+    close(made.flatMap((wave) => [...wave.imaginary]), imaginary.data, 1e-9);
   }
 });
 
