@@ -13,6 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
+import cv2
+
 T = TypeVar("T")
 MAX_NUMBER = 10**6
 """Largest number, and with a minus the smallest, that a flag takes, if `MAX_OF_FLAG` has no
@@ -49,6 +51,10 @@ PLAIN_WORDS = (
     (r"\. Expected one of \((.*)\)", r"; choose one of \1"),
 )
 """Patterns of what parsers of flags say, each with the words of this project for it."""
+
+
+NO_MEMORY = re.compile(r"Insufficient memory|can't allocate memory|bad_?alloc", re.IGNORECASE)
+"""Pattern of what OpenCV and torch say where memory is used up; they raise no `MemoryError`."""
 
 
 class InputError(ValueError):
@@ -106,6 +112,8 @@ def run_cli(main: Callable[[], None]) -> None:
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # its descriptor was closed, as by >&-
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper):  # some terminals know no κ, and none half of one
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         try:
             main()
@@ -126,8 +134,10 @@ def run_cli(main: Callable[[], None]) -> None:
         where = "the output or a file" if error.filename is None else error.filename
         print_error(f"{where}: {error.strerror or error}")
         sys.exit(2)
-    except MemoryError as error:
-        print_error(f"too little memory; use smaller sizes or fewer frames ({error})")
+    except (MemoryError, RuntimeError, cv2.error) as error:
+        if not isinstance(error, MemoryError) and NO_MEMORY.search(str(error)) is None:
+            raise
+        print_error("too little memory; use smaller sizes or fewer frames")
         sys.exit(2)
 
 

@@ -5,15 +5,28 @@ pixels. So the header is read here: PNG, JPEG, BMP, TIFF and WebP, the kinds of
 `link.images.IMAGE_SUFFIXES`.
 """
 
+import re
 import struct
+from collections.abc import Iterator
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
 START_OF_FRAME = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
 """Second bytes of the JPEG markers that begin with the size (ITU-T T.81, table B.1)."""
 START_OF_SCAN = 0xDA
 """Second byte of the JPEG marker behind which compressed pixels begin."""
+END_OF_IMAGE = 0xD9
+"""Second byte of the JPEG marker at the end."""
 STANDALONE = {0x01, *range(0xD0, 0xD9)}
 """Second bytes of the JPEG markers that no length follows."""
+IN_SCANS = re.compile(rb"\xff+[^\x00\xd0-\xd7\xff]")
+"""Pattern of a JPEG marker behind the first scan; pixels hold FF only before 00 or a restart."""
+MAX_SCANS = 100
+"""Largest number of scans of a JPEG file. Each scan passes over all pixels; usual are 1 to 12."""
+MAX_PIXEL_BYTES = 16
+"""Largest number of compressed bytes of a PNG file for each pixel, twice what the largest pixels
+take without compression."""
+SPARE_PIXELS = 4096
+"""Number of pixels by which a PNG file may seem larger than it is, so that small ones pass."""
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257
 """Tags of a TIFF directory that give the size."""
 TIFF_NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}
@@ -64,14 +77,49 @@ def ends_early(data: bytes) -> bool:
     return False
 
 
-def _png_ends(data: bytes) -> bool:
-    """Whether the chunks of a PNG file, one after the other, lead to its end."""
+def is_overfull(data: bytes, width: int, height: int) -> bool:
+    """Whether a PNG or JPEG file holds far more than its pixels, which would keep a reader busy.
+
+    A JPEG file of 1 MB can repeat a scan of 50 million pixels ten thousand times, and a PNG file of
+    1 MB can hold 1 GB behind its last row. Readers go through all of it.
+
+    Args:
+        data: the file, which does not end early (`ends_early`).
+        width: of the image in pixels, as `image_size` gives it.
+        height: of the image in pixels.
+    """
+    if data.startswith(PNG):
+        compressed = sum(length for name, length in _png_chunks(data) if name == b"IDAT")
+        return compressed > MAX_PIXEL_BYTES * (width * height + SPARE_PIXELS)
+    return data.startswith(JPEG) and _jpeg_scans(data) > MAX_SCANS
+
+
+def _jpeg_scans(data: bytes) -> int:
+    """The number of scans of a JPEG file, counted no further than one beyond `MAX_SCANS`."""
+    at, scans = _jpeg_marker(data, {START_OF_SCAN}), 0
+    while at is not None and scans <= MAX_SCANS:
+        marker = IN_SCANS.search(data, at)
+        if marker is None or data[marker.end() - 1] == END_OF_IMAGE:
+            break
+        scans += data[marker.end() - 1] == START_OF_SCAN
+        at = marker.end() + int.from_bytes(data[marker.end() : marker.end() + 2], "big")
+    return scans
+
+
+def _png_chunks(data: bytes) -> Iterator[tuple[bytes, int]]:
+    """Name and length of each chunk of a PNG file that the file could hold, up to its end."""
     at = len(PNG)
     while at + 12 <= len(data):  # each has a length, a name, content, and a checksum
-        if data[at + 4 : at + 8] == b"IEND":
-            return True
-        at += 12 + int.from_bytes(data[at : at + 4], "big")
-    return False
+        name, length = data[at + 4 : at + 8], int.from_bytes(data[at : at + 4], "big")
+        yield name, length
+        if name == b"IEND":
+            break
+        at += 12 + length
+
+
+def _png_ends(data: bytes) -> bool:
+    """Whether the chunks of a PNG file, one after the other, lead to its end."""
+    return any(name == b"IEND" for name, _ in _png_chunks(data))
 
 
 def _jpeg_marker(data: bytes, wanted: set[int]) -> int | None:
@@ -84,7 +132,7 @@ def _jpeg_marker(data: bytes, wanted: set[int]) -> int | None:
             return at
         elif data[at + 1] == 0xFF or data[at + 1] in STANDALONE or not data[at + 1]:
             at += 1 if data[at + 1] == 0xFF else 2
-        elif data[at + 1] in (START_OF_SCAN, 0xD9):
+        elif data[at + 1] in (START_OF_SCAN, END_OF_IMAGE):
             return None
         else:
             at += 2 + max(2, int.from_bytes(data[at + 2 : at + 4], "big"))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
-from link.image_size import ends_early, image_size
+from link.image_size import ends_early, image_size, is_overfull
 from link.layout import COLOURS
 from link.outside import is_file, read_bounded
 
@@ -38,6 +38,8 @@ INTENSITIES = {
 """By the name of a colour direction the weights of red, green and blue in the intensity at which
 decoders look. Chroma bits hardly change luma, so their weights are the direction itself, with
 absolute values that sum to 1. docs/visibility.md compares it with red alone."""
+if "OPENCV_LOG_LEVEL" not in os.environ:  # our one line says what is wrong
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -155,6 +157,11 @@ def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray
     image = None
     if size is not None:
         check_pixels(*size, path, limit)
+        if is_overfull(data, *size):
+            raise InputError(
+                f"{path}: not a readable image: it holds more than an image of {size[0]}x{size[1]} "
+                "has; save it again"
+            )
         try:
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         except cv2.error:
@@ -238,7 +245,7 @@ def write_image(path: Path | str, image: NDArray[np.uint8]) -> None:
     path = Path(path)
     bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
     try:
-        ok, data = cv2.imencode(path.suffix, bgr)
+        ok, data = cv2.imencode(path.suffix.encode(errors="replace").decode(), bgr)
     except cv2.error:
         ok = False
     if not ok:

@@ -14,13 +14,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import check_pixels, make_folder, pixel_limit, temporary_name
+from link.images import MIN_SIDE_PX, check_pixels, make_folder, pixel_limit, temporary_name
 from link.outside import is_file
 
 LOSSLESS = "FFV1"
@@ -38,6 +39,15 @@ PROBED_FRAMES = 31
 """Number of frames from whose times a file's rate is measured."""
 MAX_GAP_S = 60.0
 """Largest time from one frame of a file to the next that is believed, seconds."""
+CONTAINERS = (
+    "asf,av1,avi,flv,gif,h264,hevc,ivf,jpeg_pipe,m4v,matroska,mjpeg,mov,mpeg,mpegts,mpegvideo,mxf,nut,"
+    "obu,ogg,yuv4mpegpipe"
+)
+"""Kinds of files, by FFmpeg's names, that are read as videos: those that hold their frames. FFmpeg
+also follows playlists, which name other files and addresses, waits for more of them, and takes
+any text for a screen."""
+OPEN_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+"""Name of the environment variable from which OpenCV takes options whenever it opens a video."""
 # our one line says what is wrong; OpenCV asks for this when it first reads or writes a video
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
@@ -86,8 +96,9 @@ class VideoReader:
             `link.images.pixel_limit`.
 
     Raises:
-        InputError: the file is missing, no video that OpenCV can read, or its frames have more
-            pixels than `link.images.pixel_limit` allows.
+        InputError: the file is missing, no video that OpenCV can read, a list of other files, or
+            its frames have more pixels than `link.images.pixel_limit` allows, or are smaller than
+            16 x 16.
     """
 
     def __init__(self, path: Path | str, max_megapixels: float | None = None) -> None:
@@ -105,6 +116,11 @@ class VideoReader:
             for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
         )
         check_pixels(width, height, self.path, pixel_limit(max_megapixels))
+        if min(width, height) < MIN_SIDE_PX:
+            raise InputError(
+                f"{path}: its frames are {width}x{height}, need at least "
+                f"{MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
+            )
         fps = float(self._video.get(cv2.CAP_PROP_FPS))
         count = float(self._video.get(cv2.CAP_PROP_FRAME_COUNT))
         self._stated_s = count / fps if fps > 0 and count > 0 else 0.0
@@ -181,13 +197,24 @@ class VideoReader:
 
 
 def _open_capture(path: Path) -> cv2.VideoCapture:
-    """Open a video file without OpenCV's messages; the result may not be open."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    """Open a video file that holds its own frames; the result may not be open."""
+    usual = os.environ.get(OPEN_OPTIONS)
+    os.environ[OPEN_OPTIONS] = f"protocol_whitelist;file|format_whitelist;{CONTAINERS}"
     try:
-        return cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        return cv2.VideoCapture(_as_file(path), cv2.CAP_FFMPEG)
     finally:
-        cv2.utils.logging.setLogLevel(level)
+        if usual is None:
+            del os.environ[OPEN_OPTIONS]
+        else:
+            os.environ[OPEN_OPTIONS] = usual
+
+
+def _as_file(path: Path) -> str:
+    """Name a file for FFmpeg, which takes what stands before a colon for a protocol.
+
+    OpenCV takes bytes, too, and crashes on text that is not UTF-8.
+    """
+    return cast(str, os.fsencode(os.path.abspath(path)))
 
 
 def next_frame(capture: cv2.VideoCapture) -> NDArray[np.uint8] | None:
@@ -286,7 +313,7 @@ def _open_writer(path: Path, width: int, height: int, fps: float) -> cv2.VideoWr
     if not (math.isfinite(fps) and 0 < fps <= MAX_FPS):
         raise InputError(f"{path.suffix}: need a rate from 0 to {MAX_FPS:g} frames/s, got {fps:g}")
     code = cv2.VideoWriter_fourcc(*LOSSLESS)  # type: ignore[attr-defined,unused-ignore]
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, code, fps, (width, height))
+    writer = cv2.VideoWriter(_as_file(path), cv2.CAP_FFMPEG, code, fps, (width, height))
     if not writer.isOpened():
         raise InputError(
             f"{path.suffix}: the installed OpenCV cannot write {LOSSLESS} video; "

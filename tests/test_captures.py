@@ -471,6 +471,29 @@ def test_a_small_file_of_too_many_pixels_is_refused_without_decoding_them(tmp_pa
     assert int(grown_kib) < 20_000
 
 
+def test_an_image_that_holds_more_than_its_pixels_is_refused(tmp_path: Path) -> None:
+    gray = np.full((64, 64), 90, np.uint8)
+    plain, file = black_png(32), tmp_path / "busy.png"
+    end = plain.index(b"IDAT") - 4
+    after = bytes(10**5)  # compressed, these might be 100 MB
+    chunk = b"IDAT" + after
+    file.write_bytes(
+        plain[:end]
+        + struct.pack(">I", len(after)) + chunk + struct.pack(">I", zlib.crc32(chunk))
+        + plain[end:]
+    )  # fmt: skip
+    with pytest.raises(InputError, match="holds more than an image of 32x32 has"):
+        read_image(file)
+    progressive = cv2.imencode(".jpg", gray, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    scan = progressive[progressive.rindex(b"\xff\xda") : -2]
+    file = tmp_path / "busy.jpg"
+    file.write_bytes(progressive)
+    assert read_image(file).shape == (64, 64, 3)
+    file.write_bytes(progressive[:-2] + scan * 100 + progressive[-2:])
+    with pytest.raises(InputError, match="holds more than an image of 64x64 has"):
+        read_image(file)
+
+
 def test_the_limit_of_pixels_can_be_moved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "picture.png"
     write_image(file, UNKNOWN.original)

@@ -1,10 +1,12 @@
 """One line for whoever made the mistake: a parameter in Python, a flag on the command line."""
 
+import os
 import pickle
 import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import pytest
 
 from link.embed import check_kappa
@@ -54,6 +56,8 @@ def test_python_reads_of_parameters_and_the_command_line_of_flags(
         (FileNotFoundError(2, "No such file", "a\nb.txt"), "a b.txt: No such file"),
         (OSError(36, "File name too long", "n" * 300), f"{'n' * 300}: File name too long"),
         (MemoryError("Unable to allocate 112 GiB"), "too little memory; use smaller sizes"),
+        (cv2.error("(-4:Insufficient memory) Failed to allocate"), "too little memory; use"),
+        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "too little memory; use"),
     ],
 )
 def test_what_the_system_refuses_is_one_line(
@@ -62,6 +66,27 @@ def test_what_the_system_refuses_is_one_line(
     message = printed(error, capsys)
     assert message.startswith(f"error: {said}")
     assert message.count("\n") == 1
+
+
+def test_other_errors_of_libraries_are_not_hidden() -> None:
+    def main() -> None:
+        raise RuntimeError("a mistake of ours")
+
+    with pytest.raises(RuntimeError, match="a mistake of ours"):
+        run_cli(main)
+
+
+def test_a_terminal_without_the_characters_of_an_output_gets_escapes() -> None:
+    script = "from link.errors import run_cli; run_cli(lambda: print('κ', chr(0xdcff)))"
+    for encoding, said in (("ascii", b"\\u03ba"), ("utf-8:strict", "κ".encode())):
+        done = subprocess.run(
+            [sys.executable, "-c", script],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONIOENCODING": encoding},
+            capture_output=True,
+            timeout=20,
+        )
+        assert (done.stdout, done.stderr) == (said + b" \\udcff\n", b"")
 
 
 PRINTS_FOR_EVER = """

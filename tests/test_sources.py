@@ -1,5 +1,6 @@
 """When each camera frame was taken: times of files, numbers of folders, and repeated frames."""
 
+import os
 from fractions import Fraction
 from pathlib import Path
 
@@ -14,9 +15,10 @@ from export.receive.repeats import Repeats
 from export.receive.sources import open_source
 from export.runtime import Decoder
 from link.code.framing import encode
+from link.errors import InputError
 from link.images import write_image
 from link.layout import make_layout
-from link.video import VideoReader, write_video
+from link.video import VideoReader, read_video, write_video
 from models import PRETRAINED
 
 LAYOUT = make_layout()
@@ -140,6 +142,48 @@ def test_times_that_cannot_be_are_replaced(
     source = open_source(str(tmp_path / "film.mp4"))
     assert [frame.time for frame in source.frames] == pytest.approx(used)
     assert source.fps == pytest.approx(20)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("list.avi", "ffconcat version 1.0\nfile secret.avi\n"),
+        ("list.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.avi\n"),
+        ("list.sdp", "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nt=0 0\nm=video 5004 RTP/AVP 96\n"),
+        ("text.avi", "a screen full of text\n" * 500),
+    ],
+)
+def test_a_file_that_leads_to_others_is_no_video(tmp_path: Path, name: str, content: str) -> None:
+    write_video(tmp_path / "secret.avi", grays((0, 1)), 30)
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"{name}: not a readable video"):
+        open_source(str(tmp_path / name))
+
+
+def test_a_name_of_images_in_order_is_the_name_of_one_file(tmp_path: Path) -> None:
+    for name in ("%03d.png", "000.png", "001.png"):
+        write_image(tmp_path / name, np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(InputError, match="not a readable video"):
+        open_source(str(tmp_path / "%03d.png"))
+
+
+@pytest.mark.parametrize("name", ["12:30.avi", "crypto:x.mkv", os.fsdecode(b"\xff.avi")])
+def test_a_video_may_have_any_name(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_video(Path(name), grays((0, 1)), 30)
+    assert [np.ptp(frame) for frame in read_video(Path(name))] == [0, 0]
+    assert os.listdir() == [name]
+
+
+def test_frames_of_a_few_pixels_are_refused(tmp_path: Path) -> None:
+    write_video(tmp_path / "small.avi", [np.zeros((16, 16, 3), np.uint8)], 30)
+    open_source(str(tmp_path / "small.avi"))
+    pixel = cv2.imencode(".jpg", np.zeros((2, 2, 3), np.uint8))[1].tobytes()
+    (tmp_path / "tiny.mjpeg").write_bytes(pixel * 3)
+    with pytest.raises(InputError, match=r"tiny\.mjpeg: its frames are 2x2, need at least 16x16"):
+        open_source(str(tmp_path / "tiny.mjpeg"))
 
 
 def test_a_constant_rate_is_read_as_before(tmp_path: Path) -> None:

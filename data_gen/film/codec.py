@@ -256,7 +256,8 @@ def write_film(
     temporary = hidden.with_name(hidden.name + path.suffix)  # which tells FFmpeg the kind
     make_folder(path.parent)
     try:
-        with av.open(str(temporary), "w") as container:
+        # an absolute name, because FFmpeg takes what stands before a colon for a protocol
+        with av.open(str(temporary.absolute()), "w") as container:
             stream, start_s = None, 0.0
             for frame in frames:
                 if stream is None:

@@ -268,6 +268,8 @@ class DisplayReader:
         if levels.size < 2:
             return pairs, None
         high = levels > (levels.max() + levels.min()) / 2
+        if not high.any():  # all have one level
+            return pairs, None
         spread = max(levels[high].std(), levels[~high].std(), 1e-6) if (~high).any() else np.inf
         if levels[high].mean() - levels[~high].mean() < APART * spread:
             return pairs, None
