@@ -1,6 +1,7 @@
 """Every file of a stored run, damaged in every place: a page, or one line."""
 
 import json
+import pickle
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,9 +13,10 @@ from conftest import Command, slow
 
 from link.images import write_image
 from reports.engine.records import to_records
+from reports.evaluation import page
 from reports.evaluation.page import write_report
 from reports.evaluation.versus import compare_runs
-from reports.run import Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
+from reports.run import Cost, Response, Run, RunFolder, Story, SweepCurve, SweepPoint
 from reports.score.accuracy import score, write_scores
 from reports.studies.ablation import compare_rows
 from reports.studies.peers.page import PeerRow, write_peers
@@ -147,7 +149,29 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-Shown = Callable[[str], bool]
+CHARTS = ("summary_chart", "peers_charts", "seen_charts", "reliability_charts", "response_charts")
+CHARTS += ("cost_chart", "sweep_charts")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def charts_of_the_same_numbers_are_drawn_once() -> Iterator[None]:
+    """A damaged run is mostly as it was, and drawing takes three quarters of a page's time."""
+    drawn: dict[bytes, Any] = {}
+
+    def once(draw: Callable[..., Any]) -> Callable[..., Any]:
+        def remembered(*numbers: Any) -> Any:
+            used = [part.sweeps if isinstance(part, Run) else part for part in numbers]
+            key = pickle.dumps((draw.__name__, used))
+            if key not in drawn:
+                drawn[key] = draw(*numbers)
+            return drawn[key]
+
+        return remembered
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in CHARTS:
+            patch.setattr(page, name, once(getattr(page, name)))
+        yield
 
 
 @pytest.fixture
