@@ -3,12 +3,14 @@
 import json
 import subprocess
 import sys
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished, slow
+from conftest import Command, Finished, MakeOnce, slow
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
@@ -71,19 +73,21 @@ def images(captured: Captured, tmp_path_factory: pytest.TempPathFactory) -> Path
 
 
 @pytest.fixture(scope="module")
-def captures(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def captures(make_once: MakeOnce) -> Path:
     """Two frame pairs that `python -m data_gen` wrote, sony-lg, 20 degrees."""
-    folder = tmp_path_factory.mktemp("captures")
-    done = shell(
-        "-m", "data_gen", "--out", folder, "--frames", 2, "--pair", "sony-lg", "--view", 20
-    )
-    assert done.status == 0, done.stderr
-    report = json.loads(done.stdout)
-    assert report["frame_pairs"] == 2
-    assert report["simulated"] is True
-    assert 30 < report["psnr_db"] < 50
-    assert 0.9 < report["ssim"] < 1
-    return folder
+
+    def fill(folder: Path) -> None:
+        flags = ["--frames", "2", "--pair", "sony-lg", "--view", "20", "--out", str(folder)]
+        with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+            patch.setattr("sys.argv", ["data_gen", *flags])
+            data_gen_cli.main()
+        report = json.loads(printed.getvalue())
+        assert report["frame_pairs"] == 2
+        assert report["simulated"] is True
+        assert 30 < report["psnr_db"] < 50
+        assert 0.9 < report["ssim"] < 1
+
+    return make_once("sony-lg", fill)
 
 
 def points(corners: np.ndarray) -> list[str]:
