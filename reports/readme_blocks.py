@@ -1,6 +1,5 @@
 """Blocks of numbers in README.md and docs, each made of what a command left in docs/."""
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -65,28 +64,6 @@ def measured_table(docs: Path) -> str:
     answers = (_against_oorc, _left_out, _repeated, _other_systems, _wrong_messages)
     heads = ["question", "measured (simulated)", "by", "bits"]
     return Table(heads, [answer(docs) for answer in answers], left=3).markdown()
-
-
-def current_command(stored: str) -> str:
-    """Name a command as it is called today.
-
-    Results that were stored before the studies had folders of their own name ``reports.NAME``.
-
-    >>> current_command("python -m reports.peers --out runs/peers")
-    'python -m reports.studies.peers --out runs/peers'
-    >>> current_command("python -m reports.delivery --runs 6")
-    'python -m reports.films.delivery --runs 6'
-    >>> current_command("python -m reports.readme")
-    'python -m reports.readme'
-    """
-    stored = re.sub(
-        r"^(python -m reports)\.(?:studies\.)?(?=(?:delivery|endless)\b)", r"\1.films.", stored
-    )
-    return re.sub(
-        r"^python -m reports\.(?!studies\.|films\.|lab\.|visibility\.|readme)",
-        r"\g<0>studies.",
-        stored,
-    )
 
 
 @dataclass(frozen=True)
@@ -213,4 +190,4 @@ def _entries(file: Path) -> Entries:
 
 
 def _command(content: dict[str, Any]) -> str:
-    return f"`{current_command(content['meta']['command'])}`"
+    return f"`{content['meta']['command']}`"
