@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import Command
+from conftest import Command, MakeOnce
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -49,13 +49,15 @@ def read_strictly(file: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def evaluated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The tiny protocol, by one process."""
-    out = tmp_path_factory.mktemp("evaluation")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sys.argv", ["evaluate.py", *TINY, "--jobs", "1", "--out", str(out)])
-        evaluate.main()
-    return out
+def evaluated(make_once: MakeOnce) -> Path:
+    """The tiny protocol, by one process; tests only read it."""
+
+    def fill(folder: Path) -> None:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("sys.argv", ["evaluate.py", *TINY, "--jobs", "1", "--out", str(folder)])
+            evaluate.main()
+
+    return make_once("evaluation", fill)
 
 
 def test_metrics_hold_the_fields_of_the_format(evaluated: Path) -> None:
