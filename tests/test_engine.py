@@ -16,7 +16,7 @@ import dask
 import distributed
 import pytest
 import torch
-from conftest import Command, slow
+from conftest import Command
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import evaluate
@@ -164,7 +164,8 @@ def test_a_failing_cell_is_reported_and_the_others_are_written(
     assert not trace.exists()
 
 
-@pytest.mark.parametrize("where", ["loky", slow("dask")])
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["loky", "dask"])
 def test_a_cell_that_fails_elsewhere_is_reported_too(
     where: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

@@ -124,12 +124,6 @@ def test_the_report_is_printed_and_kept(evaluated: Path) -> None:
     assert "simulated" in tables
 
 
-def test_two_jobs_predict_what_one_does(evaluated: Path, tmp_path: Path, command: Command) -> None:
-    assert command(evaluate.main, *TINY, "--jobs", 2, "--out", tmp_path).status == 0
-    one, two = (folder / "predictions.jsonl" for folder in (evaluated, tmp_path))
-    assert one.read_bytes() == two.read_bytes()
-
-
 def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, command: Command) -> None:
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
     assert command(evaluate.main, *run).status == 0

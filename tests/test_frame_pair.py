@@ -261,6 +261,7 @@ def test_episodes_are_batches_of_rectified_frames(episodes: EpisodeSet) -> None:
     assert not torch.equal(episodes.original, episodes.embedded)
 
 
+@pytest.mark.slow
 def test_episodes_do_not_depend_on_the_number_of_jobs(episodes: EpisodeSet) -> None:
     again = simulate_episodes(Source(SMALL, "train"), ("canon-lg", "nikon-imac"), PLAN, 2)
     assert equal(episodes, again)
