@@ -46,8 +46,10 @@ export class Receiver {
   /**
    * @param {PairDecoder[]} decoders - one for each layout that is looked for
    * @param {number} [fps] - nominal number of frames of the camera in a second
+   * @param {number} [frameMs] - time, in milliseconds, after which the search by pilots begins no
+   *   step with a frame, for a camera that does not wait
    */
-  constructor(decoders, fps = 30) {
+  constructor(decoders, fps = 30, frameMs = Infinity) {
     if (decoders.length === 0) throw new Error("decoders: need at least one");
     const layouts = decoders.map(({ layout }) => layout);
     /** Time spent in each stage so far. */
@@ -57,7 +59,7 @@ export class Receiver {
     /** Number of frames taken. */
     this.frames = 0;
     this.#fps = fps;
-    this.#trackers = makeTrackers(layouts, fps);
+    this.#trackers = makeTrackers(layouts, fps, frameMs);
     const readers = decoders.map(
       (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight),
     );
@@ -202,12 +204,14 @@ export class Receiver {
  *
  * @param {Layout[]} layouts - those that are looked for, each with ratex patches or pilots
  * @param {number} fps - nominal number of frames of the camera in a second
+ * @param {number} [frameMs] - time after which the search by pilots begins no step with a frame
  * @returns {(Tracker | PilotTracker)[]}
  */
-export function makeTrackers(layouts, fps) {
+export function makeTrackers(layouts, fps, frameMs = Infinity) {
   const withPilots = layouts.filter((layout) => layout.pilotBlocks.length > 0);
   const withPatches = layouts.filter((layout) => layout.pilotBlocks.length === 0);
   /** @type {(Tracker | PilotTracker)[]} */
   const trackers = withPatches.map((layout) => new Tracker(layout));
-  return withPilots.length > 0 ? [...trackers, new PilotTracker(withPilots, fps)] : trackers;
+  if (withPilots.length > 0) trackers.push(new PilotTracker(withPilots, fps, frameMs));
+  return trackers;
 }

@@ -65,24 +65,77 @@ export function standingOut(gray, layout) {
  * @returns {Float32Array} (pilots,) gray levels
  */
 export function pilotValues(view, layout) {
-  const blocks = standingOut(view, layout);
-  return Float32Array.from(layout.pilotBlocks, (block) => blocks[block]);
+  return pilotsOfBlocks(areaMeans(view, layout.cols, layout.rows).data, layout, false);
+}
+
+/** @type {WeakMap<Layout, Int32Array>} */
+const aroundOfLayouts = new WeakMap();
+
+/**
+ * Measure by how much each pilot is brighter than its neighbourhood, where blocks are known.
+ *
+ * @param {Float32Array} blocks - (rows * cols,) levels
+ * @param {Layout} layout - with pilots
+ * @param {boolean} turned - whether the display is upside down
+ * @returns {Float32Array} (pilots,) in the levels of the blocks
+ */
+export function pilotsOfBlocks(blocks, layout, turned) {
+  const around = aroundPilots(layout);
+  const { pilotBlocks } = layout;
+  const values = new Float32Array(pilotBlocks.length);
+  const [last, way] = turned ? [blocks.length - 1, -1] : [0, 1];
+  for (let p = 0, at = 0; p < values.length; p++) {
+    let sum = 0;
+    for (const end = at + 9; at < end; at++) sum += blocks[last + way * around[at]];
+    values[p] = blocks[last + way * pilotBlocks[p]] - Math.fround(sum / 9);
+  }
+  return values;
 }
 
 /**
- * Factors of all pilots for each of `PHASE_SLOPES`, one slope after the other: real and imaginary
- * part, and those of their squares.
+ * List the 3 x 3 blocks around each pilot; beyond the border the display is mirrored.
  *
- * @typedef {{ real: Float64Array, imaginary: Float64Array, squareReal: Float64Array,
- *   squareImaginary: Float64Array }} SignedPhases
+ * @param {Layout} layout
+ * @returns {Int32Array} (pilots, 9)
+ */
+function aroundPilots(layout) {
+  const known = aroundOfLayouts.get(layout);
+  if (known) return known;
+  const { rows, cols, pilotBlocks } = layout;
+  const inside = (/** @type {number} */ i, /** @type {number} */ count) =>
+    i < 0 ? Math.min(1, count - 1) : i >= count ? Math.max(0, count - 2) : i;
+  const around = Int32Array.from(
+    [...pilotBlocks].flatMap((block) =>
+      [-1, 0, 1].flatMap((y) =>
+        [-1, 0, 1].map((x) => {
+          const row = inside(Math.floor(block / cols) + y, rows);
+          return row * cols + inside((block % cols) + x, cols);
+        }),
+      ),
+    ),
+  );
+  aroundOfLayouts.set(layout, around);
+  return around;
+}
+
+/**
+ * Where the pilots of a layout are along one axis, and by how much a slope of phase turns them:
+ * cosines and sines of 1, 2, ... 6 times a quarter turn across the display, for each row or column.
+ *
+ * @typedef {{ of: Int32Array, count: number, cosines: Float64Array[], sines: Float64Array[] }} Axis
+ */
+
+/**
+ * What brings all pilots into one phase if their phases have a slope of `PHASE_SLOPES`.
+ *
+ * @typedef {{ signs: Float64Array, down: Axis, across: Axis }} SignedPhases
  */
 
 /** @type {WeakMap<Layout, SignedPhases>} */
 const phasesOfLayouts = new WeakMap();
 
 /**
- * Give factors that bring all pilots into one phase if their phases have a slope of
- * `PHASE_SLOPES`: the pilots' signs, turned back by the phase at their places.
+ * Give the pilots' signs, and by how much slopes of phase turn the rows and columns of a layout.
  *
  * @param {Layout} layout - with pilots
  * @returns {SignedPhases}
@@ -91,28 +144,28 @@ export function signedPhases(layout) {
   const known = phasesOfLayouts.get(layout);
   if (known) return known;
   const { rows, cols, pilotBlocks } = layout;
-  const signs = pilotSigns(layout);
-  const count = PHASE_SLOPES.length * signs.length;
   const phases = {
-    real: new Float64Array(count),
-    imaginary: new Float64Array(count),
-    squareReal: new Float64Array(count),
-    squareImaginary: new Float64Array(count),
+    signs: pilotSigns(layout),
+    down: axisOf(Int32Array.from(pilotBlocks, (block) => Math.floor(block / cols)), rows),
+    across: axisOf(Int32Array.from(pilotBlocks, (block) => block % cols), cols),
   };
-  PHASE_SLOPES.forEach(([across, down], slope) => {
-    pilotBlocks.forEach((block, p) => {
-      const x = ((block % cols) + 0.5) / cols - 0.5;
-      const y = (Math.floor(block / cols) + 0.5) / rows - 0.5;
-      const phase = -(across * x + down * y);
-      const at = slope * signs.length + p;
-      phases.real[at] = signs[p] * Math.cos(phase);
-      phases.imaginary[at] = signs[p] * Math.sin(phase);
-      phases.squareReal[at] = Math.cos(2 * phase);
-      phases.squareImaginary[at] = Math.sin(2 * phase);
-    });
-  });
   phasesOfLayouts.set(layout, phases);
   return phases;
+}
+
+/**
+ * @param {Int32Array} of - row or column of each pilot
+ * @param {number} count - of rows or columns
+ * @returns {Axis}
+ */
+function axisOf(of, count) {
+  const tables = (/** @type {(phase: number) => number} */ wave) =>
+    [1, 2, 3, 4, 5, 6].map((times) =>
+      Float64Array.from({ length: count }, (_, i) =>
+        wave((times * Math.PI * ((i + 0.5) / count - 0.5)) / 2),
+      ),
+    );
+  return { of, count, cosines: tables(Math.cos), sines: tables(Math.sin) };
 }
 
 /**
@@ -124,15 +177,73 @@ export function signedPhases(layout) {
  * @returns {[number, number][]} real and imaginary part of the sum for each slope
  */
 export function sumsAlong(real, imaginary, phases) {
-  const pilots = real.length;
-  return PHASE_SLOPES.map((_, slope) => {
-    let [across, up] = [0, 0];
-    for (let p = 0, at = slope * pilots; p < pilots; p++, at++) {
-      across += phases.real[at] * real[p] - phases.imaginary[at] * imaginary[p];
-      up += phases.real[at] * imaginary[p] + phases.imaginary[at] * real[p];
+  return slopedSums(real, imaginary, phases.signs, phases, 1);
+}
+
+/**
+ * Add up numbers of all pilots, turned back by each of `PHASE_SLOPES`.
+ *
+ * Pilots of one row, or of one column, are turned alike, so that they are added up first; and a
+ * slope and its opposite share their products.
+ *
+ * @param {ArrayLike<number>} real - (pilots,)
+ * @param {ArrayLike<number>} imaginary - (pilots,)
+ * @param {Float64Array | null} signs - (pilots,) with which the numbers are multiplied, if any
+ * @param {SignedPhases} phases
+ * @param {1 | 2} times - how often they are turned back: squares twice
+ * @returns {[number, number][]} real and imaginary part of the sum for each slope
+ */
+function slopedSums(real, imaginary, signs, { down, across }, times) {
+  const [plain, ...downwards] = axisSums(real, imaginary, signs, down, times);
+  const sideways = axisSums(real, imaginary, signs, across, times).slice(1);
+  const [down1, up1, down2, up2, down3, up3] = downwards;
+  const [right1, left1, right2, left2, right3, left3] = sideways;
+  // in the order of PHASE_SLOPES
+  return [
+    ...[up3, up2, up1, plain, down1, down2, down3],
+    ...[left3, left2, left1, right1, right2, right3],
+  ];
+}
+
+/**
+ * Add up numbers along one axis, turned back by no slope, and by each and its opposite in turn.
+ *
+ * @param {ArrayLike<number>} real
+ * @param {ArrayLike<number>} imaginary
+ * @param {Float64Array | null} signs
+ * @param {Axis} axis
+ * @param {1 | 2} times
+ * @returns {[number, number][]} seven sums
+ */
+function axisSums(real, imaginary, signs, { of, count, cosines, sines }, times) {
+  const rowsReal = new Float64Array(count);
+  const rowsImaginary = new Float64Array(count);
+  for (let p = 0; p < of.length; p++) {
+    const sign = signs === null ? 1 : signs[p];
+    rowsReal[of[p]] += sign * real[p];
+    rowsImaginary[of[p]] += sign * imaginary[p];
+  }
+  let [allReal, allImaginary] = [0, 0];
+  for (let i = 0; i < count; i++) {
+    allReal += rowsReal[i];
+    allImaginary += rowsImaginary[i];
+  }
+  /** @type {[number, number][]} */
+  const sums = [[allReal, allImaginary]];
+  for (let step = 1; step <= 3; step++) {
+    const cosine = cosines[step * times - 1];
+    const sine = sines[step * times - 1];
+    let [cosReal, cosImaginary, sinReal, sinImaginary] = [0, 0, 0, 0];
+    for (let i = 0; i < count; i++) {
+      cosReal += cosine[i] * rowsReal[i];
+      cosImaginary += cosine[i] * rowsImaginary[i];
+      sinReal += sine[i] * rowsReal[i];
+      sinImaginary += sine[i] * rowsImaginary[i];
     }
-    return [across, up];
-  });
+    sums.push([cosReal + sinImaginary, cosImaginary - sinReal]);
+    sums.push([cosReal - sinImaginary, cosImaginary + sinReal]);
+  }
+  return sums;
 }
 
 /**
@@ -245,15 +356,11 @@ function explainedShare(real, imaginary, phases) {
     power += real[p] * real[p] + imaginary[p] * imaginary[p];
   }
   power = power * (1 + 1e-9) + 1e-12;
+  // sums of the turned amplitudes' squares
+  const squares = slopedSums(squareReal, squareImaginary, null, phases, 2);
   let most = -1;
   along.forEach(([a, b], slope) => {
-    // sums of the turned amplitudes' squares
-    let [across, up] = [0, 0];
-    for (let p = 0, at = slope * pilots; p < pilots; p++, at++) {
-      const [turnReal, turnImaginary] = [phases.squareReal[at], phases.squareImaginary[at]];
-      across += turnReal * squareReal[p] - turnImaginary * squareImaginary[p];
-      up += turnReal * squareImaginary[p] + turnImaginary * squareReal[p];
-    }
+    const [across, up] = squares[slope];
     const rr = (power + across) / 2;
     const ii = (power - across) / 2;
     const ri = up / 2;

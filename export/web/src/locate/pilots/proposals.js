@@ -1,7 +1,8 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import { rolled } from "../quads.js";
-import { pilotEvidence, pilotValues, standingOut } from "./evidence.js";
+import { pilotEvidence, pilotValues, pilotsOfBlocks } from "./evidence.js";
+import { areaMeans } from "./means.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
 /** @typedef {import("../../link/geometry.js").Point} Point */
@@ -48,12 +49,13 @@ export class Watched {
     /** @type {Float32Array} */
     let blocks = new Float32Array(0);
     for (const { layout, turn, values } of this.guesses) {
-      if (view !== null && layout !== last) blocks = standingOut(view, layout);
+      if (view === null) {
+        values.push(new Float32Array(layout.pilotBlocks.length));
+        continue;
+      }
+      if (layout !== last) blocks = areaMeans(view, layout.cols, layout.rows).data;
       last = layout;
-      const end = turn ? layout.rows * layout.cols - 1 : 0;
-      values.push(
-        Float32Array.from(layout.pilotBlocks, (block) => blocks[Math.abs(end - block)] ?? 0),
-      );
+      values.push(pilotsOfBlocks(blocks, layout, turn !== 0));
     }
   }
 

@@ -53,11 +53,19 @@ export const PROMISING = 9.0;
 export const HINT = 6.0;
 /** Units of work (`../steps.js`) from which on a frame has had its share. */
 export const FRAME_WORK = 36;
+/**
+ * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
+ * the first frames take many times as long, as code is compiled while it runs.
+ */
+export const FRAME_MS = 45;
+/** Number of nominal frames from one frame to the next above which a frame is missing. */
+export const MISSING = 1.5;
 /** Units of work of the power at one frequency, and of an outline. */
 const POWER_WORK = 10;
 const OUTLINE_WORK = 20;
 /** Units of work of a layout's fit, and of weighing the evidence of a quadrilateral. */
 const FIT_WORK = 4;
+const SURE_WORK = 1;
 const WEIGH_WORK = 6;
 
 /**
@@ -71,6 +79,10 @@ const WEIGH_WORK = 6;
 /** Looks for a display that shows one of several layouts with pilots. */
 export class PilotSearch {
   #stabiliser = new Stabiliser();
+  /** Whether frames were missing, as happens where a camera does not wait for the search. */
+  #isLate = false;
+  /** Time of the newest frame, seconds. */
+  #last = NaN;
   /** Time of the frame from which the search began, seconds. */
   #start = 0;
   /** From which the search began. @type {BytePlane} */
@@ -89,13 +101,16 @@ export class PilotSearch {
   /**
    * @param {readonly Layout[]} layouts - those that are looked for, at least one, each with pilots
    * @param {number} [fps] - nominal number of frames of the camera in a second; some may be missing
+   * @param {number} [frameMs] - time after which no step is begun with a frame, milliseconds, such
+   *   as `FRAME_MS`; of films, which wait, it counts only until quadrilaterals are watched
    */
-  constructor(layouts, fps = 30) {
+  constructor(layouts, fps = 30, frameMs = Infinity) {
     if (layouts.length === 0 || layouts.some((layout) => layout.pilotBlocks.length === 0)) {
       throw new Error("layouts: need at least one, each with pilots");
     }
     this.layouts = [...layouts];
     this.fps = fps;
+    this.frameMs = frameMs;
     this.largest = layouts.reduce((most, layout) =>
       layout.width * layout.height > most.width * most.height ? layout : most,
     );
@@ -119,6 +134,9 @@ export class PilotSearch {
    * @returns {PilotDisplay | null} the display once it is sure
    */
   push(gray, time) {
+    const until = performance.now() + this.frameMs;
+    if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
+    this.#last = time;
     const H = this.#stabiliser.follow(gray);
     if (H === null) {
       this.#stabiliser.begin(gray);
@@ -135,6 +153,7 @@ export class PilotSearch {
       const step = this.#work.next();
       if (!step.done) {
         work += step.value;
+        if ((this.#isLate || this.#map === null) && performance.now() >= until) break;
         continue;
       }
       this.#stabiliser.forget();
@@ -223,6 +242,7 @@ export class PilotSearch {
         let best = null;
         for (const quad of this.#watched) {
           const { evidence, proposal } = quad.surest();
+          yield SURE_WORK;
           if (!(evidence > most)) continue;
           most = evidence;
           best = proposal;

@@ -39,9 +39,10 @@ export class PilotTracker {
   /**
    * @param {Layout[]} layouts - those that are looked for, at least one, each with pilots
    * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {number} [frameMs] - time after which the search begins no step (`PilotSearch`)
    */
-  constructor(layouts, fps) {
-    this.#search = new PilotSearch(layouts, fps);
+  constructor(layouts, fps, frameMs) {
+    this.#search = new PilotSearch(layouts, fps, frameMs);
     this.fps = fps;
     this.#follower = new Follower(layouts[0]);
   }
