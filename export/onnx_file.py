@@ -30,6 +30,9 @@ DOMAINS = (b"", b"ai.onnx", b"com.microsoft")
 """Sets of operators that decoders are made of."""
 MAX_NODES = 50_000
 """Largest number of nodes of a model, subgraphs included; the shipped decoder has 794."""
+MAX_FIELDS = 500_000
+"""Largest number of fields that are looked at; the shipped decoders have 9,000. More would take
+seconds and, where each holds an empty message, gigabytes."""
 VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
 """Wire types of protobuf."""
 
@@ -42,10 +45,10 @@ def check_onnx_file(data: bytes) -> None:
 
     Raises:
         InputError: a tensor's values lie outside the file, a tensor is sparse, an operator is from
-            an unknown set or works on text, there are too many nodes, or it is no protobuf. The
-            message does not name the file.
+            an unknown set or works on text, there are too many nodes or fields, or it is no
+            protobuf. The message does not name the file.
     """
-    nodes = 0
+    nodes = fields = 0
     waiting = [(MODEL, 0, len(data))]
     while waiting:
         kind, start, end = waiting.pop()
@@ -57,6 +60,9 @@ def check_onnx_file(data: bytes) -> None:
             raise InputError("it holds sparse tensors")
         children = CHILDREN[kind]
         for field, first, last in _fields(data, start, end):
+            fields += 1
+            if fields > MAX_FIELDS:
+                raise InputError(f"it has more than {MAX_FIELDS} fields")
             if field in children:
                 waiting.append((children[field], first, last))
             elif kind == TENSOR and field in (EXTERNAL_DATA, DATA_LOCATION):

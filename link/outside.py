@@ -11,6 +11,7 @@ import math
 import os
 import re
 import stat
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -51,8 +52,8 @@ def parse_json(text: bytes | str, where: str) -> Any:
         dicts, lists, texts, finite numbers, booleans and None.
 
     Raises:
-        InputError: not JSON, too long, nested too deep, or a number that is not finite or has too
-            many digits. The message names the key.
+        InputError: not JSON, too long, nested too deep, a number that is not finite or has too
+            many digits, or a key that one object has twice. The message names the key.
 
     >>> parse_json('{"view_deg": 45}', "manifest.jsonl, line 1")
     {'view_deg': 45}
@@ -84,10 +85,18 @@ at most 64 digits, got NaN
         value = float(number) if len(number) <= MAX_FLOAT_CHARACTERS else math.inf
         return value if math.isfinite(value) else refuse(number)
 
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            twice = next(name for name, count in Counter(n for n, _ in pairs).items() if count > 1)
+            raise InputError(f"{where}: an object has the key {twice!a:.60} twice; keep one")
+        return found
+
     careful = SUSPECT.search(text) is not None  # reading every number in Python is slow
     try:
         value = json.loads(
             text,
+            object_pairs_hook=unique,
             parse_constant=refuse,
             parse_int=whole if careful else None,
             parse_float=with_point if careful else None,

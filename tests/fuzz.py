@@ -96,6 +96,19 @@ SOUND = (
 """Command lines that are mutated; that of train.py is refused as it is, because it takes long."""
 
 
+LISTS = (
+    "ffconcat version 1.0\n" + "file film.avi\n" * 50,
+    "ffconcat version 1.0\nfile {good}/film.avi\n",
+    "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\n{good}/film.avi\n",
+    "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nhttp://127.0.0.1:9/a.ts\n#EXT-X-ENDLIST\n",
+    "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nt=0 0\nm=video 5004 RTP/AVP 96\n",
+    "a screen full of text\n" * 500,
+)
+"""Files that FFmpeg would take for videos, and that name others or none."""
+NAMES = ("bad", "bad", "bad", "12:30", "concat:x", "%03d", "\udcff", "a\nb")
+"""Names of files without their endings; some mean something to FFmpeg, or are no text in UTF-8."""
+
+
 LAYOUTS = (
     LAYOUT,
     make_layout(ratex=0, modulation="antipodal", pilots=12),
@@ -190,6 +203,8 @@ def mutated_text(text: str, rng: random.Random) -> bytes:
         return mutated_bytes(text.encode(), rng)
     if rng.random() < 0.06:
         return (rng.choice("[{9") * 10**5).encode()
+    if rng.random() < 0.03:
+        return text.replace("{", '{"kappa": 3, "kappa": 5, ', 1).encode()
     lines = [text] if text.startswith(("[", "{\n")) else text.splitlines()
     at = rng.randrange(len(lines))
     value = json.loads(lines[at])
@@ -300,7 +315,9 @@ class Inputs:
     def model(self, folder: Path) -> Case:
         data = MODEL.read_bytes()
         how = self.rng.random()
-        if how < 0.6:
+        if how < 0.02:
+            data = self.rng.choice((b"\x3a\x00", b"\x0a\x00", b"\x80\x01")) * 10**7
+        elif how < 0.6:
             data = mutated_bytes(data, self.rng)
         else:
             model = onnx.load_from_string(data)
@@ -325,7 +342,7 @@ class Inputs:
 
     def image(self, folder: Path) -> Case:
         source = self.good / f"photo{self.rng.choice(('.png', '.jpg', '.bmp', '.tiff', '.webp'))}"
-        file = folder / f"bad{source.suffix}"
+        file = folder / f"{self.rng.choice(NAMES)}{source.suffix}"
         data, header = source.read_bytes(), 64
         if self.rng.random() < 0.5:  # sizes stand in the first bytes
             file.write_bytes(mutated_bytes(data[:header], self.rng) + data[header:])
@@ -339,12 +356,19 @@ class Inputs:
     def video(self, folder: Path) -> Case:
         data = (self.good / "film.avi").read_bytes()
         head = 6000  # where the container describes its streams
-        if self.rng.random() < 0.7:
+        how = self.rng.random()
+        if how < 0.1:
+            data = self.rng.choice(LISTS).format(good=self.good).encode()
+        elif how < 0.7:
             data = mutated_bytes(data[:head], self.rng) + data[head:]
         else:
             data = mutated_bytes(data, self.rng)
-        (folder / "film.avi").write_bytes(data)
-        return Case("video", "export.receive.__main__", [str(folder / "film.avi")])
+        film = folder / f"{self.rng.choice(NAMES)}.{self.rng.choice(('avi', 'avi', 'm3u8'))}"
+        film.write_bytes(data)
+        if self.rng.random() < 0.1:
+            flags = [str(film), "--message", "hi", "--preset", "paper", "--out", "\udcff.mkv"]
+            return Case("video", "export.send.__main__", flags)
+        return Case("video", "export.receive.__main__", [str(film)])
 
     def layout(self, folder: Path) -> Case:
         text = (self.good / f"layout{self.rng.randrange(len(LAYOUTS))}.json").read_text()

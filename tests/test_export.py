@@ -19,6 +19,7 @@ from tolerances import ONNX_SCORE
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from export import to_onnx
+from export.onnx_file import check_onnx_file
 from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from export.watchdog import Watchdog
@@ -441,6 +442,11 @@ def test_a_model_that_asks_for_12_gigabytes_is_refused(
         decode_black(
             handmade(shipped_model, nodes, {"n": np.array([3 * 10**9])}), tmp_path / "big.onnx"
         )
+
+
+def test_a_file_of_a_million_empty_graphs_is_refused_at_once() -> None:
+    with pytest.raises(InputError, match="more than 500000 fields"):
+        check_onnx_file(b"\x3a\x00" * 10**6)
 
 
 @pytest.mark.parametrize("kind", ["sparse", "domain", "text"])

@@ -9,10 +9,10 @@ import pytest
 
 from data_gen.effects import parse_settings
 from export.locate.find import locate
-from export.onnx_file import MAX_NODES
+from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
-from link import errors, images, layout, outside
+from link import errors, image_size, images, layout, outside
 from link.errors import InputError, ParameterError
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
@@ -147,7 +147,6 @@ def test_a_prediction_out_of_range_is_refused(run: Path, changes: dict[str, Any]
     ("text", "expected"),
     [
         ("[1, 2.5, -3e10]", [1, 2.5, -3e10]),
-        ('{"a": 1, "a": 2}', {"a": 2}),
         (f"[{10**60}, 1e+100, 1e-400]", [10**60, 1e100, 0.0]),
         ('"\\ud83d\\ude00"', "\N{GRINNING FACE}"),
         ("[" * 32 + "]" * 32, None),
@@ -157,6 +156,12 @@ def test_a_prediction_out_of_range_is_refused(run: Path, changes: dict[str, Any]
 def test_json_within_bounds_is_read_as_it_is(text: str | bytes, expected: Any) -> None:
     value = parse_json(text, "here")
     assert expected is None or value == expected
+
+
+@pytest.mark.parametrize("text", ['{"a": 1, "a": 2}', '[{"b": {"c": 1, "a": 2, "a": 2}}]'])
+def test_a_key_that_an_object_has_twice_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="here: an object has the key 'a' twice; keep one"):
+        parse_json(text, "here")
 
 
 @pytest.mark.parametrize("text", ['"' + "[" * 40, "[" * 40 + '"', '"\\' + '"[' * 20_000])
@@ -249,8 +254,11 @@ def test_the_page_on_security_states_the_limits_of_the_code() -> None:
         f"frame of a video | {images.MAX_MEGAPIXELS:g} megapixels; `--max-megapixels` or "
         f"`{images.MEGAPIXELS_VARIABLE}`",
         f"and its pixels | {layout.MAX_SIDE_PX}, and {layout.MAX_PIXELS / 1e6:g} million |",
+        f"scans of a JPEG | {image_size.MAX_SCANS} |",
+        f"a pixel of a PNG | {image_size.MAX_PIXEL_BYTES} |",
         f"blocks of a layout | {layout.MAX_BLOCKS:,} |",
-        f"and its nodes | {MAX_MODEL_BYTES / mib:g} MiB, and {MAX_NODES:,} |",
+        f"its nodes and its fields | {MAX_MODEL_BYTES / mib:g} MiB, {MAX_NODES:,} and "
+        f"{MAX_FIELDS:,} |",
         f"models of a process | {MAX_MEMORY_BYTES / mib:g} MiB |",
         f"or to run it | {TIME_LIMIT_S:g} s, and 1 s more",
         f"let itself be stopped within {GRACE_S:g} s",
