@@ -20,6 +20,7 @@ from link import __version__
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import temporary_name, write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
+from link.outside import is_no_file
 from models.neural.checkpoint import load_checkpoint, read_config
 from models.neural.decoder import PhiDecoder
 
@@ -181,8 +182,8 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(ExportConfig))
     at_least(1, parity_frames=config.parity_frames)
     path = config.out or config.run / "decoder.onnx"
-    if path.is_dir():
-        raise ParameterError("out", f"{path} is a folder; name a file")
+    if is_no_file(path):
+        raise ParameterError("out", f"{path} is a folder or a device; name a file")
     module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
     training = read_config(config.run).get("train")
     parity = export(module, path, config.run.name, config.parity_frames, training)

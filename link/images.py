@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from link.errors import InputError, ParameterError
 from link.image_size import ends_early, image_size, is_overfull
 from link.layout import COLOURS
-from link.outside import is_file, read_bounded
+from link.outside import is_file, is_no_file, read_bounded
 
 MIN_SIDE_PX = 16
 """Smallest width and height, in pixels, of an image that is read."""
@@ -257,10 +257,12 @@ def write_bytes(path: Path | str, data: bytes) -> None:
     """Write a file under a temporary name and rename it, so that a reader never sees half.
 
     Raises:
-        InputError: the folder cannot be made or written.
+        InputError: the folder cannot be made or written, or the name is that of a folder or device.
     """
     path = Path(path)
     temporary = temporary_name(path)
+    if is_no_file(path):
+        raise InputError(f"{path}: is a folder or a device; name a file")
     make_folder(path.parent)
     try:
         try:

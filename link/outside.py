@@ -156,6 +156,20 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def is_no_file(path: Path) -> bool:
+    """Whether a path leads to something that must not be replaced by a file.
+
+    Folders are such, and devices and pipes: /dev/null would be gone for every program.
+
+    >>> is_no_file(Path("/dev/null")), is_no_file(Path("new.png"))
+    (True, False)
+    """
+    try:
+        return not stat.S_ISREG(os.stat(path).st_mode)
+    except (OSError, ValueError):
+        return False
+
+
 def read_bounded(file: Path, max_bytes: int) -> bytes:
     """Read a regular file that may come from a stranger.
 

@@ -90,7 +90,7 @@ def test_an_out_that_is_a_folder_is_refused_before_the_export(
     tmp_path: Path, command: Command
 ) -> None:
     done = command(to_onnx_cli.main, PRETRAINED, "--out", tmp_path)
-    assert done.stderr == f"error: --out: {tmp_path} is a folder; name a file\n"
+    assert done.stderr == f"error: --out: {tmp_path} is a folder or a device; name a file\n"
 
 
 def test_no_space_left_is_what_the_message_says(

@@ -1,6 +1,7 @@
 """Stored runs, photographs and settings from strangers: a right result or one line."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
 from link import errors, image_size, images, layout, outside
 from link.errors import InputError, ParameterError
-from link.images import read_image, write_image
+from link.images import read_image, write_bytes, write_image
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from link.video import VideoReader
@@ -178,6 +179,18 @@ def test_files_that_never_end_are_none(tmp_path: Path) -> None:
     (tmp_path / "long").write_bytes(bytes(11))
     with pytest.raises(InputError, match="larger than 10 bytes"):
         read_bounded(tmp_path / "long", 10)
+
+
+def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "device").symlink_to("/dev/null")
+    for name in ("pipe", "device", "."):
+        with pytest.raises(InputError, match="name a file"):
+            write_bytes(tmp_path / name, b"message")
+    assert sorted(os.listdir(tmp_path)) == ["device", "pipe"]
+    write_bytes(tmp_path / "file", b"old")
+    write_bytes(tmp_path / "file", b"message")
+    assert (tmp_path / "file").read_bytes() == b"message"
 
 
 def test_a_link_that_leads_to_itself_is_no_way_out(tmp_path: Path) -> None:

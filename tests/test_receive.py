@@ -201,7 +201,7 @@ def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, comman
         (("--key", "key", "--max-age", "nan"), "--max-age: need a finite number, got nan"),
         (("--key", "key", "--max-age", "-1"), "--max-age: need more than 0"),
         (("--out", ""), "--out: the name is empty; give the path of a file"),
-        (("--out", "."), "--out: . is a folder; name a file"),
+        (("--out", "."), "--out: . is a folder or a device; name a file"),
         (("--threads", 0), "--threads: need at least 1"),
     ],
 )

@@ -10,6 +10,7 @@ from link.code.authenticate import Verifier
 from link.code.collect import Message
 from link.errors import ParameterError
 from link.images import write_bytes
+from link.outside import is_no_file
 
 
 def say(event: str, **what: Any) -> None:
@@ -29,8 +30,8 @@ class Inbox:
     """
 
     def __init__(self, out: Path | None, verifier: Verifier | None) -> None:
-        if out is not None and (not out.name or out.is_dir()):
-            raise ParameterError("out", f"{out} is a folder; name a file for the message")
+        if out is not None and (not out.name or is_no_file(out)):
+            raise ParameterError("out", f"{out} is a folder or a device; name a file")
         self._out = out
         self._verifier = verifier
         self.last: Message | None = None
