@@ -107,28 +107,39 @@ def test_the_solve_is_weighted_ridge_regression(modulation: str) -> None:
     """Against rows written out twice, once for each bit."""
     layout = layout_of((8, 8), modulation)
     refiner = PilotRefiner(layout, 768.0, rounds=1, rows=True, space=True).double()
-    S, N, y, _ = (v.detach() for v in refiner.design(torch.cat(statistics_of(layout), dim=1)))
+    S, N, _ = (v.detach() for v in refiner.design(torch.cat(statistics_of(layout), dim=1)))
     rng = np.random.default_rng(2)
-    weight = torch.from_numpy(rng.uniform(0, 2, (2, 2, y.shape[2])))
+    weight = torch.from_numpy(rng.uniform(0, 2, (2, 2, N.shape[2])))
     amplitude, flicker = (torch.from_numpy(rng.uniform(0.5, 2, (2, 1, 1))) for _ in range(2))
-    spilled = torch.from_numpy(rng.uniform(-1, 1, (2, 2, y.shape[2])))
-    F = torch.cat([N, spilled], dim=1)
-    upright = S.mT, torch.cat([N, y], dim=1).mT, spilled.mT
-    covariance, solution = refiner.solve(S, F, upright, weight, amplitude, flicker)
-    k, n_bands = S.shape[1], len(refiner.frequency)
+    spilled = torch.from_numpy(rng.uniform(-1, 1, (2, 2, N.shape[2])))
+    k, n, n_bands = S.shape[1], N.shape[1], len(refiner.frequency)
     low, high = layout.change_of_bits
-    for i in range(2):
-        A = np.concatenate([np.vstack([m * S[i], F[i]]).T for m in (high, low)])
-        w = weight[i].numpy().reshape(-1)
-        prior = np.ones(len(A.T))
-        prior[:k] = amplitude[i].item() ** -2
-        prior[k : k + n_bands] = 1 / flicker[i].item()
-        normal = A.T @ (w[:, None] * A) + np.diag(prior)
-        expected = np.linalg.solve(normal, A.T @ (w * np.tile(y[i, 0].numpy(), 2)))
-        np.testing.assert_allclose(solution[i, 0], expected, rtol=0, atol=1e3 * FLOAT64)
-        np.testing.assert_allclose(
-            covariance[i].numpy() @ normal, np.eye(len(normal)), atol=1e3 * FLOAT64
-        )
+    for beside in (spilled, None):
+        covariance, solution = refiner.solve(S, N, beside, weight, amplitude, flicker)
+        for i in range(2):
+            F, y = N[i, :-1], N[i, -1].numpy()
+            still = F if beside is None else torch.cat([F, beside[i]])
+            A = np.concatenate([np.vstack([m * S[i], still]).T for m in (high, low)])
+            w = weight[i].numpy().reshape(-1)
+            prior = np.ones(len(A.T))
+            prior[:k] = amplitude[i].item() ** -2
+            prior[k : k + n_bands] = 1 / flicker[i].item()
+            normal = A.T @ (w[:, None] * A) + np.diag(prior)
+            expected = np.linalg.solve(normal, A.T @ (w * np.tile(y, 2)))
+            # in the decoder's order: what counts whatever the bit, the signal, the spilled light
+            order = np.r_[k : k + n - 1, :k, k + n - 1 : len(expected)]
+            free = np.delete(np.arange(solution.shape[2]), n - 1)
+            np.testing.assert_allclose(
+                solution[i, 0, free], expected[order], rtol=0, atol=1e3 * FLOAT64
+            )
+            assert solution[i, 0, n - 1] == -1
+            found = covariance[i].numpy()
+            np.testing.assert_allclose(
+                found[np.ix_(free, free)] @ normal[np.ix_(order, order)],
+                np.eye(len(normal)),
+                atol=1e3 * FLOAT64,
+            )
+            assert not found[n - 1].any() and not found[:, n - 1].any()
 
 
 def test_neighbours_are_those_of_the_grid() -> None:

@@ -64,6 +64,11 @@ class PilotRefiner(nn.Module):
     unknown: Tensor
     beside: Tensor
     bands_alone: Tensor
+    two_sums: Tensor
+    three_sums: Tensor
+    times: Tensor
+    free: Tensor
+    change_alone: Tensor
     priors: Tensor
 
     def __init__(self, layout: Layout, pixels: float, rounds: int, rows: bool, space: bool) -> None:
@@ -95,7 +100,7 @@ class PilotRefiner(nn.Module):
         self.temperature = _logs(1.0)
         self.surprise = _logs(1e-4)
         n_bands = min(BANDS, layout.rows) if rows else 0
-        n_other = len(self.nuisance) + (7 if space else 0) + len(self.motion) + len(self.spill)
+        n_other = len(self.nuisance) + (7 if space else 0) + len(self.motion)
         message = layout.message_mask.reshape(-1).nonzero()[0]
         order = np.concatenate([layout.pilot_blocks, message])  # numbers of the blocks
         row, col = np.divmod(order, layout.cols)
@@ -109,8 +114,11 @@ class PilotRefiner(nn.Module):
         bits = np.concatenate([layout.pilot_bits, np.full(len(message), np.nan)])
         low, high = layout.change_of_bits
         x, y = (2 * col + 1) / layout.cols - 1, (2 * row + 1) / layout.rows - 1
-        n_signal = 1 + len(self.bends) + (2 if space else 0)
-        kinds = np.repeat([0, 1, 2], [n_signal, n_bands, n_other])
+        n_signal, n_spill = 1 + len(self.bends) + (2 if space else 0), len(self.spill)
+        # coefficients: bands, other nuisances, the change of intensity, the signal, spilled light
+        kinds = np.repeat([1, 2, 2, 0, 2], [n_bands, n_other, 1, n_signal, n_spill])
+        change = np.arange(len(kinds)) == n_bands + n_other
+        ends = np.repeat(np.eye(3), [n_signal, n_spill, 1], axis=0).T
         for name, value in (
             ("places", np.stack([np.ones_like(x), x, y])),
             ("bends_of_place", np.stack([x, y, x * x, x * y, y * y])),
@@ -122,6 +130,11 @@ class PilotRefiner(nn.Module):
             ("unknown", np.isnan(bits).astype(np.float64)),
             ("beside", neighbours),
             ("bands_alone", np.eye(n_bands)),
+            ("two_sums", np.delete(ends[[0, 2]], np.s_[n_signal:-1], axis=1)),
+            ("three_sums", ends),
+            ("times", np.repeat([1.0, 2.0], [n_signal, n_spill])[:, None]),
+            ("free", 1.0 - (change | change[:, None])),
+            ("change_alone", change.astype(np.float64)),
             ("priors", np.stack([np.diag(kinds == kind) for kind in range(3)]).astype(np.float64)),
         ):
             self.register_buffer(name, torch.from_numpy(value), persistent=False)
@@ -139,76 +152,85 @@ class PilotRefiner(nn.Module):
             that are fitted together are still what each capture says by itself, and add.
         """
         P, R = pilots.shape[1], pilots.shape[1] + blocks.shape[1]
-        S, N, y, variance = self.design(torch.cat([pilots, blocks], dim=1))
-        k = S.shape[1]
-        F, upright_S, upright_N = N, S.transpose(1, 2), torch.cat([N, y], dim=1).transpose(1, 2)
+        S, N, variance = self.design(torch.cat([pilots, blocks], dim=1))
+        k, n = S.shape[1], N.shape[1]
         # of a block's predictions: variance as bit 1, variance as bit 0, covariance; by their parts
         m, both = self.changes, self.changes.sum()
         of_signal = torch.cat([m * m, m[:1] * m[1:]])
         of_product = torch.cat([2 * m, both.reshape(1, 1)])
         relative = (2 * self.spread.double()).exp() * m * m
         trust, trust_r = self.noise_trust.double().exp(), self.band_trust.double().exp()
-        amplitude = torch.ones_like(y[..., :1]) * self.amplitude.double().exp()
+        ones = torch.ones_like(variance)
+        amplitude = ones[..., :1] * self.amplitude.double().exp()
         noise = flicker = torch.ones_like(amplitude)
         # pilots alone, before anything is known of the other blocks
-        weight = self.known[:, :P] / variance[..., :P]
-        upright: tuple[Tensor, Tensor, Tensor | None]
-        upright = upright_S[:, :P], upright_N[:, :P], None
-        covariance, solution = self.solve(
-            S[..., :P], N[..., :P], upright, weight, amplitude, flicker
-        )
-        weight, n = pad(weight, (0, R - P)), P
+        weight, counted = self.known[:, :P] / variance[..., :P], P
+        covariance, solution = self.solve(S[..., :P], N[..., :P], None, weight, amplitude, flicker)
+        weight = pad(weight, (0, R - P))
+        S_one = torch.cat([S, ones], dim=1)
+        spilled: Tensor | None = None
         for left in reversed(range(1 + self.rounds)):
-            signal, still = solution[..., :k] @ S, solution[..., k:] @ F
-            residual = (y - still) - m * signal
-            parts = [
-                (covariance[:, :k, :k] @ S) * S,
-                (covariance[:, k:, :k] @ S) * F,
-                (covariance[:, k:, k:] @ F) * F,
-            ]
-            in_signal, product, rest = (_column_sum(part) for part in parts)
+            # a row of `covariance` below makes a share of the variance that the coefficients leave
+            # in a prediction, and the mean of the coefficients, beside it, makes the prediction
+            of_S = torch.cat([covariance[:, n : n + k, n : n + k], solution[..., n : n + k]], dim=1)
+            in_signal, signal = (self.two_sums @ ((of_S @ S) * S_one)).split(1, dim=1)
+            rest = _column_sum((covariance[:, :n, :n] @ N) * N)
+            times = self.times[: covariance.shape[1] - n]
+            across = torch.cat([covariance[:, n:, :n] * times, solution[..., :n]], dim=1) @ N
+            if spilled is None:
+                product, excess = (self.two_sums @ (across * S_one)).split(1, dim=1)
+            else:
+                of_spill = torch.cat([covariance[:, n:, n + k :], solution[..., n + k :]], dim=1)
+                across = (across + of_spill @ spilled) * torch.cat([S, spilled, ones], dim=1)
+                product, beside, excess = (self.three_sums @ across).split(1, dim=1)
+                rest = rest + beside
+            residual = -excess - m * signal
             doubts = of_signal * in_signal + of_product * product + rest  # (B, 3, R)
             doubt, shared = doubts[:, :2], doubts[:, 2:]
             # what this frame pair says of its own amplitude, noise and flicker
             misfit = (weight * residual * residual).sum((1, 2), keepdim=True)
             spent = (weight * doubt).sum((1, 2), keepdim=True)
-            noise = (trust + noise * misfit) / (trust + n - spent)
+            noise = (trust + noise * misfit) / (trust + counted - spent)
             swing = relative * (signal * signal)
             total = noise * variance + swing
-            llr = cavity_llr(shared, residual, total, doubt, weight, lambda v: v.flip(1))
+            llr = cavity_llr(shared, residual, total, doubt, weight, lambda v: v.flip(1))[:, :1]
             if left == 0:
                 break
-            amplitude = solution[..., :1].abs() + LEAST_AMPLITUDE
+            amplitude = solution[..., n : n + 1].abs() + LEAST_AMPLITUDE
             if self.bands is not None:
-                K = k + len(self.frequency)
-                spread = covariance[:, k:K, k:K] * self.bands_alone
-                bent = solution[..., k:K]
+                K = len(self.frequency)
+                spread = covariance[:, :K, :K] * self.bands_alone
+                bent = solution[..., :K]
                 power = (bent * bent).sum((1, 2), keepdim=True) + spread.sum((1, 2), keepdim=True)
-                flicker = (trust_r + power) / (trust_r + len(self.frequency))
-            q = said_of_bits(llr, together).sigmoid() * self.unknown + self.known
+                flicker = (trust_r + power) / (trust_r + K)
+            q = said_of_bits(llr, together).sigmoid() * self.unknown + self.known[:1]
+            q = torch.cat([q, 1 - q], dim=1)
             spilled = self.neighbours((m.T @ q) * (S[:, :1] * amplitude))
             spilled = spilled * self.spill.double().exp().unsqueeze(1)
-            F, weight, n = torch.cat([N, spilled], dim=1), q / total, R
-            upright = upright_S, upright_N, spilled.transpose(1, 2)
-            covariance, solution = self.solve(S, F, upright, weight, amplitude, flicker)
+            weight, counted = q / total, R
+            covariance, solution = self.solve(S, N, spilled, weight, amplitude, flicker)
         return with_surprises(self.temperature.exp() * llr[:, 0, P:], self.surprise)
 
     def solve(
         self,
         S: Tensor,
-        F: Tensor,
-        upright: tuple[Tensor, Tensor, Tensor | None],
+        N: Tensor,
+        spilled: Tensor | None,
         weight: Tensor,
         amplitude: Tensor,
         flicker: Tensor,
     ) -> tuple[Tensor, Tensor]:
         """Solve the ridge problem in which each block counts as bit 1 and as bit 0, by its weights.
 
+        The coefficients stand in the order of N, S and the spilled light. The change of intensity
+        is one of the rows of N, so that the same products make both sides of the normal equations.
+        Its coefficient is -1, known for certain: then all rows together predict what is left over.
+
         Args:
             S: (B, k, R) columns of the signal.
-            F: (B, K - k, R) columns that count whatever the bit.
-            upright: S as (B, R, k); all of F but the spilled light, and the change of intensity in
-                gray levels, as one (B, R, ...); and the spilled light as (B, R, 2) if there is any.
+            N: (B, n, R) columns that count whatever the bit, and last the change of intensity in
+                gray levels.
+            spilled: (B, 2, R) columns of the light that neighbours spill over, if there is any.
             weight: (B, 2, R) inverse variances of each block as bit 1 and as bit 0.
             amplitude: (B, 1, 1) prior standard deviation of the signal's coefficients, gray levels.
             flicker: (B, 1, 1) prior variance of the bands' coefficients.
@@ -216,20 +238,27 @@ class PilotRefiner(nn.Module):
         Returns:
             (B, K, K) covariance of the coefficients, and (B, 1, K) their mean.
         """
-        k = S.shape[1]
+        k, n = S.shape[1], N.shape[1]
         powers = torch.cat([self.changes, self.changes**2, self.changes**0], dim=1).T
-        sums = powers @ weight  # (B, 3, R)
-        crossed, squared, all_weight = sums[:, 0:1], sums[:, 1:2], sums[:, 2:3]
-        weighted = torch.cat([S * crossed, F * all_weight], dim=1)
-        beside = weighted @ upright[1]
-        columns, right = beside[..., :-1], beside[..., -1:]
-        if upright[2] is not None:
-            columns = torch.cat([columns, weighted @ upright[2]], dim=2)
-        first = torch.cat([(S * squared) @ upright[0], columns[:, :k].transpose(1, 2)], dim=1)
-        a, b, c = self.priors[:, : F.shape[1] + k, : F.shape[1] + k]
-        normal = torch.cat([first, columns], dim=2)
-        covariance = inverse(normal + a / (amplitude * amplitude) + b / flicker + c)
-        return covariance, (covariance @ right).transpose(1, 2)
+        crossed, squared, all_weight = (powers @ weight).split(1, dim=1)  # (B, 1, R) each
+        among_N = (N * all_weight) @ N.transpose(1, 2)
+        among_T = (S * squared) @ S.transpose(1, 2)
+        weighted = S * crossed
+        if spilled is not None:
+            weighted = torch.cat([weighted, spilled * all_weight], dim=1)
+            beside = weighted @ spilled.transpose(1, 2)
+            upper = torch.cat([among_T, beside[:, :k].transpose(1, 2)], dim=1)
+            among_T = torch.cat([upper, beside], dim=2)
+        across = weighted @ N.transpose(1, 2)
+        left = torch.cat([among_N, across], dim=1)
+        normal = torch.cat([left, torch.cat([across.transpose(1, 2), among_T], dim=1)], dim=2)
+        K = normal.shape[1]
+        a, b, c = self.priors[:, :K, :K]
+        free = self.free[:K, :K]
+        prior = a / (amplitude * amplitude) + b / flicker + c
+        covariance = inverse(normal * free + prior) * free
+        solution = (covariance @ left[:, :, n - 1 : n]).transpose(1, 2)
+        return covariance, solution - self.change_alone[:K]
 
     def neighbours(self, shown: Tensor) -> Tensor:
         """Add up what the neighbours of each block show, along its row and along its column.
@@ -245,7 +274,7 @@ class PilotRefiner(nn.Module):
         around = pad(shown, (0, 1)).gather(2, index)
         return (around[..., : 2 * R] + around[..., 2 * R :]).reshape(-1, 2, R)
 
-    def design(self, statistics: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def design(self, statistics: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Build the linear model of a frame pair, whose R rows are its pilots, then its blocks.
 
         Args:
@@ -253,8 +282,8 @@ class PilotRefiner(nn.Module):
 
         Returns:
             S: (B, k, R) columns of the signal, the first of which is the typical response.
-            N: (B, K, R) columns that count whatever the bit; the bands come first.
-            y: (B, 1, R) change of intensity, gray levels.
+            N: (B, n, R) columns that count whatever the bit; the bands come first, and the change
+                of intensity, in gray levels, comes last.
             variance: (B, 1, R) learned variance of y, squared gray levels.
         """
         B = statistics.shape[0]
@@ -286,8 +315,8 @@ class PilotRefiner(nn.Module):
         noise = (2 * (self.pixel_noise.double() @ P[:, :3])).exp().unsqueeze(1)
         variance = (noise + varies * jitter[0]) / pixels + varies * jitter[1]
         variance = variance + (2 * self.block_noise.double()).exp()
-        S = response * torch.cat(signal, dim=1)
-        return S, torch.cat(columns, dim=1), GRAY_LEVELS * each[:, :1], variance
+        columns.append(GRAY_LEVELS * each[:, :1])
+        return response * torch.cat(signal, dim=1), torch.cat(columns, dim=1), variance
 
 
 def _column_sum(columns: Tensor) -> Tensor:
