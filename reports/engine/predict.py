@@ -153,23 +153,23 @@ def _decode_missing(
                 tasks.append(_Task(condition, cell, missing, own if backend.scheduler else ()))
     total = sum(len(condition.cells) for condition in conditions)
     failed: dict[tuple[str, Cell], str] = {}
-    progress = tqdm(
+    bar = tqdm(
         total=total, initial=total - len(tasks), unit="cell", desc="decode", disable=not total
     )
-    for outcome in run_tasks(decode_cell, tasks, backend):
-        task = tasks[outcome.index]
-        trace = folder / "failed" / _trace_name(task)
-        if outcome.result is None:
-            failure = outcome.failure or DIED
-            write_bytes(trace, failure.trace.encode())
-            failed[task.condition.name, task.cell] = f"{failure.reason} ({trace})"
-        else:
-            for method, lines in zip(task.methods, outcome.result, strict=True):
-                write_bytes(file_of(task.condition, task.cell, method), seal_lines(lines))
-                found[task.condition.name, task.cell, method.label] = lines
-            trace.unlink(missing_ok=True)
-        progress.update()
-    progress.close()
+    with bar as progress:  # an error begins a new line
+        for outcome in run_tasks(decode_cell, tasks, backend):
+            task = tasks[outcome.index]
+            trace = folder / "failed" / _trace_name(task)
+            if outcome.result is None:
+                failure = outcome.failure or DIED
+                write_bytes(trace, failure.trace.encode())
+                failed[task.condition.name, task.cell] = f"{failure.reason} ({trace})"
+            else:
+                for method, lines in zip(task.methods, outcome.result, strict=True):
+                    write_bytes(file_of(task.condition, task.cell, method), seal_lines(lines))
+                    found[task.condition.name, task.cell, method.label] = lines
+                trace.unlink(missing_ok=True)
+            progress.update()
     return found, failed
 
 
