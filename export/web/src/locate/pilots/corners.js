@@ -73,9 +73,9 @@ export const ROUNDS = 30;
 /** Rise of the correlation below which the fine fit stops. */
 export const STEP = 1e-4;
 /** Largest number of pixels times rounds of the fine fit in one step. */
-const PIXEL_ROUNDS = 1_500_000;
+const PIXEL_ROUNDS = 750_000;
 /** Units of work (`../steps.js`) of such a step. */
-const FINE_WORK = 25;
+const FINE_WORK = 12;
 /** Correlation of what toggles with what should, below which the fine fit is not believed. */
 export const LEAST_CORRELATION = 0.1;
 

@@ -57,7 +57,7 @@ export const FRAME_WORK = 36;
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
  * the first frames take many times as long, as code is compiled while it runs.
  */
-export const FRAME_MS = 45;
+export const FRAME_MS = 60;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 export const MISSING = 1.5;
 /** Units of work of the power at one frequency, and of an outline. */
@@ -202,6 +202,7 @@ export class PilotSearch {
       .flatMap(({ corners }) => [corners, rolled(corners, 1)])
       .map((corners) => new Watched(corners, this.layouts));
     const map = new ToggleMap(this.#stabiliser.width, this.#stabiliser.height);
+    yield WEIGH_WORK;
     this.#map = map;
     this.#watch(map);
     const proposal = yield* this.#promising();

@@ -51,8 +51,9 @@ export const FINE_ROUNDS = 2;
 export const SETTLED_PX = 3.0;
 /** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
-/** Units of work of a move of corners, by parts, by the sum over the pilots, or by all. */
-const MOVE_WORK = 10;
+/** Units of work of measuring how a display toggles, and of a move of its corners. */
+const MEASURE_WORK = 4;
+const MOVE_WORK = 6;
 
 /**
  * A display that is sure: where it is in the reference frame, and the natural logarithm of the odds
@@ -127,7 +128,9 @@ function* byParts({ corners, layout, frequency }, frames) {
   for (let round = 0; round < COARSE_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, COARSE_SIZE);
     if (views === null) break;
-    const fit = coarseShift(amplitudes(views, positions(frames), [frequency])[0], blocks, layout);
+    const [line] = amplitudes(views, positions(frames), [frequency]);
+    yield MEASURE_WORK;
+    const fit = coarseShift(line, blocks, layout);
     yield MOVE_WORK;
     if (fit === null) break;
     const moved = movedCorners(corners, fit.HOldFromNew, layout);
@@ -147,7 +150,9 @@ function* byClimbing({ corners, layout, frequency }, frames) {
   for (let round = 0; round < CLIMB_ROUNDS; round++) {
     const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
     if (views === null) break;
-    const HOldFromNew = climbToPilots(amplitudes(views, positions(frames), [frequency])[0], layout);
+    const [line] = amplitudes(views, positions(frames), [frequency]);
+    yield MEASURE_WORK;
+    const HOldFromNew = climbToPilots(line, layout);
     yield MOVE_WORK;
     corners = movedCorners(corners, HOldFromNew, layout);
   }
@@ -165,8 +170,9 @@ function* byAll({ corners, layout, frequency }, frames) {
     const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
     if (views === null) break;
     const change = inOnePhase(amplitudes(views, positions(frames), [frequency])[0], layout);
-    yield MOVE_WORK;
+    yield MEASURE_WORK;
     const HOldFromNew = yield* fineSteps(change, blocks, layout);
+    yield MOVE_WORK;
     if (HOldFromNew === null) break;
     corners = movedCorners(corners, HOldFromNew, layout);
   }
