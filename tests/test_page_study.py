@@ -138,7 +138,7 @@ def test_a_film_that_is_kept_is_filmed_once(tmp_path, monkeypatch) -> None:
     written_to = []
     monkeypatch.setattr(page, "code_digest", lambda *modules: "")
     monkeypatch.setattr(
-        page, "write_film", lambda _, path: (written_to.append(path), path.write_text("film"))
+        page, "write_gray_film", lambda _, path: (written_to.append(path), path.write_text("film"))
     )
     for kept in (None, tmp_path / "kept"):
         take = PageTake("node", "paper", 0, 0, Path(), kept)

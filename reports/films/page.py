@@ -225,7 +225,7 @@ class PageTake:
         return film_message(Take(config, pair, view, self.number, Path()))
 
 
-def write_film(filmed: MessageFilm, path: Path) -> None:
+def write_gray_film(filmed: MessageFilm, path: Path) -> None:
     """Film, and write the gray frames to a .y4m file, which Chromium's camera plays, too."""
     hidden = temporary_name(path)
     try:
@@ -258,7 +258,7 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
             mark = film_mark(take.setting, take.seed)
             path = take.kept / f"{take.setting}_{take.number}_{mark}.y4m"
         if not path.is_file():
-            write_film(filmed, path)
+            write_gray_film(filmed, path)
         yield path
 
 

@@ -1,11 +1,13 @@
 """The page in Chromium: what it shows, and that it reads films and cameras."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
 import tarfile
 import time
+import wave
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,9 +17,9 @@ import cv2
 import numpy as np
 import pytest
 from web_films import gray, limited, y4m_bytes
-from web_fixtures import WEB
+from web_fixtures import built_site
 
-from export.web.site import MAX_GZIP_BYTES, build_site, measure_site
+from export.web.site import MAX_GZIP_BYTES, measure_site
 from link.code.authenticate import sign
 from link.code.framing import encode
 from link.images import image_files, read_image
@@ -42,9 +44,7 @@ PATIENCE_S = 100.0
 
 @pytest.fixture(scope="module")
 def site(make_once) -> Path:
-    if shutil.which("npm") is None and not (WEB / "node_modules").is_dir():
-        pytest.skip("needs Node.js")
-    return make_once("site", lambda empty: build_site(empty / "web")) / "web"
+    return built_site(make_once)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def answering(*answers) -> str:
 
 
 def arrived(text: str, **more) -> dict:
-    arrival = {"text": text, "refused": None, "stamp": None, **more}
+    arrival = {"text": text, "refused": None, "stale": False, "stamp": None, **more}
     return {"progress": 1, "corners": CORNERS, "synchronised": True, "arrival": arrival}
 
 
@@ -183,13 +183,39 @@ def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> No
         assert "noopener" in link.get_attribute("rel")
 
 
-def test_a_refused_message_is_not_shown(browser, short_film) -> None:
-    refused = arrived("secret", refused="the tag does not fit")
-    with open_page(browser, worker=answering(refused)) as page:
+@pytest.mark.parametrize("stale", [False, True])
+def test_a_refused_message_is_not_shown(stale, browser, short_film) -> None:
+    """Nor is it forgotten when the film ends."""
+    refused = arrived("secret", refused="the tag does not fit", stale=stale)
+    says = "A stale message was refused" if stale else "A message was refused"
+    ended = {"last": True, "preset": "paper"}
+    with open_page(browser, worker=answering({}, refused, *[{}] * 38, ended)) as page:
         page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "status") == "A message was refused")
+        wait_for(page, lambda: text_of(page, "status") == says)
         assert text_of(page, "advice") == "The tag does not fit."
         assert text_of(page, "message") == ""
+        wait_for(page, lambda: page.locator("#start").is_visible())
+        assert text_of(page, "status") == says
+
+
+UNSEEN = {
+    "a bell\u0007": "cannot be seen or",
+    "\u0000\u0001\t": "its bytes are 00 01 09",
+    "\u202egpj.exe": "turn the direction",
+    "\u05e9\u05dc\u05d5\u05dd": "",
+    "long " * 13_000: "",
+}
+
+
+@pytest.mark.parametrize("text", UNSEEN, ids=["bell", "bytes", "turned", "hebrew", "long"])
+def test_what_cannot_be_seen_in_a_message_is_said(text, browser, short_film) -> None:
+    with open_page(browser, worker=answering(arrived(text))) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "status") == "Message received")
+        assert text_of(page, "message") == text
+        assert UNSEEN[text] in text_of(page, "note")
+        assert page.locator("#note").is_visible() == bool(UNSEEN[text])
+        assert page.evaluate("document.documentElement.scrollHeight") < 3000
 
 
 def test_what_a_worker_without_a_browser_it_knows_says_is_shown(browser, short_film) -> None:
@@ -217,13 +243,29 @@ def test_a_refused_camera_is_explained(browser, address) -> None:
         wait_for(page, lambda: text_of(page, "status") == "No camera")
 
 
-def test_a_film_elsewhere_or_nowhere_is_refused(browser, address) -> None:
+def write_silence(file: Path) -> None:
+    """A second of silence, of the kind .wav."""
+    with wave.open(str(file), "wb") as sound:
+        sound.setnchannels(1)
+        sound.setsampwidth(2)
+        sound.setframerate(8000)
+        sound.writeframes(bytes(16000))
+
+
+def test_what_is_no_film_is_refused_in_plain_words(browser, address) -> None:
+    folder = address[1]
+    (folder / "empty.webm").touch()
+    write_silence(folder / "sound.wav")
+    (folder / "odd.y4m").write_text("YUV4MPEG2 W640 H480 F30:1 C333\nFRAME\n")
     with open_page(browser, worker=answering({})) as page:
         for film_name, why in (
             ("https://example.org/a.y4m", "same site"),
             ("none.y4m", "There is no film"),
-            ("none.mp4", "no such film"),
-            ("presets.json", "cannot play it"),
+            ("none.mp4", "There is no film"),
+            ("presets.json", "no film, or this browser cannot play it"),
+            ("empty.webm", "The file is empty"),
+            ("sound.wav", "sound and no picture"),
+            ("odd.y4m", "format, 333, is unknown"),
         ):
             page.goto(f"{address[0]}?film={film_name}")
             wait_for(page, lambda: text_of(page, "status") == "The film cannot be read")
@@ -340,6 +382,26 @@ def test_the_message_before_a_camera_is_shown(name, browser, address, film_at) -
         assert text_of(page, "status") == "Message received"
 
 
+@pytest.mark.parametrize("kind", ["mp4", "webm"])
+def test_a_film_that_browsers_play_is_read(kind, browser, address, film_at) -> None:
+    """The film is compressed, and its name says nothing of its kind."""
+    av = pytest.importorskip("av")
+    url, folder = address
+    codec, options = {"mp4": ("libx264", {"crf": "18"}), "webm": ("libvpx", {"crf": "8"})}[kind]
+    with av.open(folder / "coded", "w", format=kind) as container:
+        stream = container.add_stream(codec, rate=30, options=options)
+        stream.width, stream.height, stream.pix_fmt = *FILMS["paper 0"].size, "yuv420p"
+        stream.bit_rate = 8_000_000
+        for path in image_files(film_at("paper 0").parent / "frames"):
+            frame = av.VideoFrame.from_ndarray(gray(read_image(path)), "gray")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+    with open_page(browser) as page:
+        page.goto(f"{url}?film=coded")
+        wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
+        assert text_of(page, "message") == FILMS["paper 0"].message
+
+
 WITHOUT = {
     "planes of a track": "delete self.MediaStreamTrackProcessor;",
     "frames of a video": "delete self.MediaStreamTrackProcessor; delete self.VideoFrame;",
@@ -435,6 +497,8 @@ def test_only_messages_with_the_key_are_shown(browser, address, tmp_path) -> Non
     with open_page(browser, worker=None) as page:
         page.goto(url)
         page.locator("summary").click()
+        age = page.get_by_label("largest age of a message")
+        assert age.is_disabled()  # only a message with a key has an age
         page.locator("#key").set_input_files(tmp_path / "short")
         assert text_of(page, "status") == "This file is no key"
         page.locator("#key").set_input_files(tmp_path / "other")
@@ -444,6 +508,22 @@ def test_only_messages_with_the_key_are_shown(browser, address, tmp_path) -> Non
         page.locator("#key").set_input_files(tmp_path / "key")
         wait_for(page, lambda: text_of(page, "message") == "Hi")
         assert text_of(page, "seal") == "It was sent with your key; stamp 7."
+        for wrong in ("0", "-3", "1e300"):
+            age.fill(wrong)
+            age.blur()
+            wait_for(page, lambda: text_of(page, "status") == "This is no age")
+            assert age.input_value() == ""
+        age.fill("100")
+        age.blur()
+        wait_for(page, lambda: text_of(page, "status") == "A stale message was refused")
+        assert re.fullmatch(
+            r"Stale: made \d+ s ago, and the largest age is 100 s\.", text_of(page, "advice")
+        )
+        wait_for(page, lambda: page.locator("#start").is_visible())  # the film has ended
+        assert text_of(page, "status") == "A stale message was refused"
+        age.fill("")
+        age.blur()
+        wait_for(page, lambda: text_of(page, "message") == "Hi")
 
 
 def test_the_page_opens_without_a_network(browser, address, film_at) -> None:

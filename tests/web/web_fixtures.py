@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from export.web.site import build_site
+
 WEB = Path(__file__).parents[2] / "export" / "web"
 DTYPES = ("uint8", "uint16", "int32", "float32", "float64")
 
@@ -45,3 +47,10 @@ def run_node_tests(name, folder):
         timeout=300,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def built_site(make_once):
+    """The page's site, built once a session."""
+    if shutil.which("npm") is None and not (WEB / "node_modules").is_dir():
+        pytest.skip("needs Node.js")
+    return make_once("site", lambda empty: build_site(empty / "web")) / "web"

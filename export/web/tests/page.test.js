@@ -8,7 +8,7 @@ import { test } from "node:test";
 import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
 import { planeOfFrame, planeOfRgba } from "../src/page/planes.js";
 import { recordingFile } from "../src/page/recording.js";
-import { linkOf, textOf } from "../src/page/text.js";
+import { linkOf, noteOf, textOf } from "../src/page/text.js";
 import { parseHeader, readY4m } from "../src/page/y4m.js";
 import { readFixture } from "./fixtures.js";
 
@@ -146,6 +146,18 @@ test("a recording is an archive of a film and of what is known about it", async 
 
 test("bytes are shown as Python shows them", () => {
   for (const { data, text } of readFixture("texts")) assert.equal(textOf(data.data), text);
+});
+
+test("what cannot be seen in a message is said", () => {
+  const bytesOf = (/** @type {string} */ text) => new TextEncoder().encode(text);
+  for (const text of ["Hi", "two\nlines\twith tabs\r\n", "\u05e9\u05dc\u05d5\u05dd", "👩‍👩‍👧", "\\xff"]) {
+    assert.equal(noteOf(bytesOf(text), text), "", text);
+  }
+  for (const text of ["a\u0000b", "\u202emoc.live", "pass\u200bword", "\u001b[31mred"]) {
+    assert.match(noteOf(bytesOf(text), text), /cannot be seen or/, text);
+  }
+  assert.match(noteOf(bytesOf(" \n\u0007"), " \n\u0007"), /nothing .* are 20 0a 07$/);
+  assert.match(noteOf(new Uint8Array(99), "\0".repeat(99)), /00 …$/);
 });
 
 test("only plain addresses of the web can be opened", () => {

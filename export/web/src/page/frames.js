@@ -63,10 +63,11 @@ export async function cameraFrames(stream, video, take, signal) {
 export function videoFrames(video, take, signal) {
   const canvas = document.createElement("canvas");
   let last = -1;
+  let isOver = false;
   return new Promise((resolve) => {
     /** @param {number} time - of the frame, in seconds */
     const shown = (time) => {
-      if (signal.aborted) return;
+      if (signal.aborted || isOver) return;
       ask();
       if (!video.videoWidth || time === last) return;
       last = time;
@@ -81,7 +82,10 @@ export function videoFrames(video, take, signal) {
         requestAnimationFrame(() => shown(video.currentTime));
       }
     };
-    const end = () => resolve(undefined);
+    const end = () => {
+      isOver = true;
+      resolve(undefined);
+    };
     signal.addEventListener("abort", end);
     video.addEventListener("ended", end, { signal });
     ask();

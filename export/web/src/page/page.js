@@ -5,7 +5,7 @@ import { cameraControls, listCameras, openCamera } from "./camera.js";
 import { cameraFrames, videoFrames, y4mFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
-import { linkOf, textOf } from "./text.js";
+import { linkOf, noteOf, textOf } from "./text.js";
 import { Y4M_MAGIC } from "./y4m.js";
 
 /** @import { Plane } from "../image/opencv.js" */
@@ -19,17 +19,26 @@ const REFUSAL_MS = 4000;
 /** Sizes of a key, in bytes, as `link.code.authenticate` takes them. */
 const [MIN_KEY_BYTES, MAX_KEY_BYTES] = [16, 4096];
 
-/** Slowest rate, relative to its own, at which a film is played. */
-const SLOWEST = 0.1;
+/** Largest age of a message, in seconds, that can be asked for, as of its stamp. */
+const MAX_AGE_S = 256 ** 4 - 1;
+
+/** Slowest rate, relative to its own, at which a film is played, and that at which it begins. */
+const [SLOWEST, FIRST_RATE] = [0.0625, 0.5];
 
 /** Number of frames after which a film's rate is chosen anew. */
 const WATCHED = 10;
 
-/** Factors of a film's rate: where frames were dropped, and where none was. */
-const [SLOWER, FASTER] = [0.75, 1.1];
+/** Factor of a film's rate where no frame was lost, and of that at which it is played again. */
+const [FASTER, AGAIN] = [1.1, 0.5];
+
+/** Share of a film's frames that may be lost without playing it again, more slowly. */
+const FEW_LOST = 0.02;
 
 /** Advice where a film shows a display, and not for long or well enough. */
 const FILM_LONGER = "Film longer, closer, or with a steadier hand.";
+
+/** Why a film is not played. */
+const NO_FILM = "the file is no film, or this browser cannot play it";
 
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
@@ -48,8 +57,8 @@ let running = new AbortController();
 let shown = null;
 /** State that is shown, and since when, in milliseconds of the page. */
 const state = { text: "", since: 0 };
-/** Time, in milliseconds of the page, until which a refusal stays. */
-let refusedUntil = 0;
+/** The message that was refused last, as it is said; empty before. */
+const refusal = { text: "", advice: "", until: 0 };
 /** @type {Step | null} */
 let lastStep = null;
 /** Reads once more what was read last. */
@@ -104,18 +113,23 @@ function showStep(step) {
   overlay.show(step.corners, step.synchronised);
   byId("progress").value = Math.min(1, step.progress);
   byId("percent").textContent = `${Math.min(100, Math.floor(100 * step.progress))} %`;
+  byId("received").hidden = false;
   byId("details").textContent = detailsOf(step);
   if (step.arrival && step.arrival.refused === null) {
     stop();
     showMessage(step.arrival);
   } else if (step.arrival) {
-    say("A message was refused", sentence(step.arrival.refused ?? ""));
-    refusedUntil = performance.now() + REFUSAL_MS;
+    refusal.text = `A ${step.arrival.stale ? "stale " : ""}message was refused`;
+    refusal.advice = sentence(step.arrival.refused ?? "");
+    refusal.until = performance.now() + REFUSAL_MS;
+    say(refusal.text, refusal.advice);
+    if (step.last) stop();
   } else if (step.last) {
     stop();
-    if (step.preset) say("The film ended before the message was whole", FILM_LONGER);
+    if (refusal.text) say(refusal.text, refusal.advice);
+    else if (step.preset) say("The film ended before the message was whole", FILM_LONGER);
     else say("No display found in this film", adviceFor(step, Infinity, step));
-  } else if (performance.now() > refusedUntil) {
+  } else if (performance.now() > refusal.until) {
     const text = stateOf(step);
     const waiting = text === state.text ? (performance.now() - state.since) / 1000 : 0;
     say(text, fromCamera ? adviceFor(step, waiting, step) : "");
@@ -142,6 +156,9 @@ function showMessage({ data, stamp }) {
   byId("message").textContent = text;
   byId("seal").hidden = stamp === null;
   byId("seal").textContent = stamp === null ? "" : `It was sent with your key; stamp ${stamp}.`;
+  const note = noteOf(data, text);
+  byId("note").hidden = note === "";
+  byId("note").textContent = note;
   const link = linkOf(text);
   byId("open").hidden = link === null;
   if (link) {
@@ -153,6 +170,7 @@ function showMessage({ data, stamp }) {
   byId("start").hidden = fromCamera; // where "Read again" does the same
   byId("progress").value = 1;
   byId("percent").textContent = "100 %";
+  byId("received").hidden = false;
   say("Message received");
   navigator.vibrate?.(80);
 }
@@ -164,8 +182,10 @@ function clearMessage() {
   byId("message").textContent = "";
   byId("progress").value = 0;
   byId("percent").textContent = "";
+  byId("received").hidden = true;
   byId("details").textContent = "";
   lastStep = null;
+  Object.assign(refusal, { text: "", advice: "", until: 0 });
 }
 
 /** End what is read now, and give the camera back; its last picture stays. */
@@ -313,12 +333,10 @@ async function readFilm(film) {
   const signal = prepare(false, () => void readFilm(film));
   say("Opening the film", reception.isReady ? "" : "The receiver is still being loaded.");
   try {
-    const address = film instanceof Blob ? URL.createObjectURL(film) : film.href;
     await whenReady(signal);
     if (signal.aborted) return;
     if (await isY4m(film)) await readPlanes(film, signal);
-    else await readVideo(address, signal);
-    if (film instanceof Blob) URL.revokeObjectURL(address);
+    else await readVideo(film, signal);
     if (!signal.aborted) await reception.finish();
   } catch (error) {
     if (signal.aborted) return;
@@ -337,26 +355,46 @@ async function whenReady(signal) {
 }
 
 /**
- * Tell films without compression, which browsers do not play, from others.
+ * Tell films without compression, which browsers do not play, from others by their first bytes.
  *
  * @param {Blob | URL} film
+ * @returns {Promise<boolean>}
+ * @throws {Error} there is no such film, or it is empty
  */
 async function isY4m(film) {
-  if (film instanceof URL) return film.pathname.toLowerCase().endsWith(".y4m");
-  return (await film.slice(0, Y4M_MAGIC.length).text()) === Y4M_MAGIC;
+  const reader = (await streamOfFilm(film)).getReader();
+  let start = "";
+  while (start.length < Y4M_MAGIC.length) {
+    const { value, done } = await reader.read();
+    if (done) break;
+    start += String.fromCharCode(...value.subarray(0, Y4M_MAGIC.length));
+  }
+  await reader.cancel(); // what follows is not loaded
+  if (!start) throw new Error("the file is empty");
+  return start.startsWith(Y4M_MAGIC);
+}
+
+/**
+ * Open a film's bytes.
+ *
+ * @param {Blob | URL} film
+ * @param {AbortSignal} [signal]
+ * @returns {Promise<ReadableStream<Uint8Array>>}
+ * @throws {Error} there is no such film
+ */
+async function streamOfFilm(film, signal) {
+  if (film instanceof Blob) return film.stream();
+  const response = await fetch(film, { signal }).catch(() => null);
+  signal?.throwIfAborted();
+  if (response?.ok && response.body) return response.body;
+  throw new Error(`there is no film at ${film.pathname}`);
 }
 
 /** @param {Blob | URL} film @param {AbortSignal} signal */
 async function readPlanes(film, signal) {
   video.hidden = true;
   picture.hidden = false;
-  let stream;
-  if (film instanceof Blob) stream = film.stream();
-  else {
-    const response = await fetch(film, { signal });
-    if (!response.ok || !response.body) throw new Error(`there is no film at ${film.pathname}`);
-    stream = response.body;
-  }
+  const stream = await streamOfFilm(film, signal);
   const take = async (/** @type {any} */ pixels, /** @type {number} */ time) => {
     await reception.whenIdle();
     if (!signal.aborted) await reception.offer(pixels, time);
@@ -376,36 +414,76 @@ function showPlane({ width, height, data }) {
 }
 
 /**
- * Play a film, as slowly as its frames are read.
+ * Play a film, as slowly as its frames are read; where too many are lost, play it again.
  *
- * @param {string} address
+ * @param {Blob | URL} film
  * @param {AbortSignal} signal
+ * @throws {Error} the browser cannot play it, or it has no picture
  */
-async function readVideo(address, signal) {
-  video.src = address;
-  reception.begin(null);
-  let [seen, dropped] = [0, 0];
-  const slowDown = () => {
-    if (reception.taken + reception.dropped - seen < WATCHED) return;
-    const change = reception.dropped > dropped ? SLOWER : FASTER;
-    [seen, dropped] = [reception.taken + reception.dropped, reception.dropped];
-    video.playbackRate = Math.min(1, Math.max(SLOWEST, video.playbackRate * change));
-  };
+async function readVideo(film, signal) {
+  const address = film instanceof Blob ? URL.createObjectURL(film) : film.href;
+  const broken = new Promise((_, reject) => {
+    const fail = (/** @type {string} */ why) => () => reject(new Error(why));
+    video.addEventListener("error", fail(NO_FILM), { signal });
+    const noPicture = fail("the file has sound and no picture");
+    video.addEventListener("loadeddata", () => video.videoWidth || noPicture(), { signal });
+  });
+  try {
+    video.src = address;
+    reception.begin(null);
+    for (let rate = FIRST_RATE; ; rate = Math.min(rate, video.playbackRate) * AGAIN) {
+      const lost = await Promise.race([playFilm(Math.max(rate, SLOWEST), signal), broken]);
+      if (signal.aborted || lost < FEW_LOST || rate <= SLOWEST) return;
+      await reception.whenIdle();
+      reception.begin(reception.fps);
+    }
+  } finally {
+    if (film instanceof Blob) URL.revokeObjectURL(address);
+  }
+}
+
+/**
+ * Play the film of the video element once.
+ *
+ * @param {number} rate - relative to the film's own, at first; it becomes slower where frames are
+ *   lost, because the worker is busy or the browser does not show them, and faster where none is
+ * @param {AbortSignal} signal
+ * @returns {Promise<number>} share of the frames that were lost
+ */
+async function playFilm(rate, signal) {
+  let [taken, lost, last] = [0, 0, 0];
+  const all = { taken: 0, lost: 0 };
   /** @type {import("./frames.js").Take} */
   const take = (pixels, time) => {
     if (video.seeking) return null;
-    const isMeasured = reception.fps !== null;
+    const { fps } = reception;
     const answer = reception.offer(pixels, time);
-    if (!isMeasured && reception.fps !== null) video.currentTime = 0; // read what was measured
-    slowDown();
+    if (fps === null) {
+      if (reception.fps !== null) video.currentTime = 0; // read what was measured
+      return answer;
+    }
+    const missed = all.taken ? Math.max(0, Math.round((time - last) * fps) - 1) : 0;
+    const gone = missed + (answer ? 0 : 1);
+    [taken, lost, last] = [taken + 1 - (answer ? 0 : 1), lost + gone, time];
+    if (taken + lost >= WATCHED) {
+      const change = lost ? taken / (taken + lost) : FASTER;
+      video.playbackRate = Math.min(1, Math.max(SLOWEST, video.playbackRate * change));
+      [taken, lost] = [0, 0];
+    }
+    all.taken += answer ? 1 : 0;
+    all.lost += gone;
     return answer;
   };
-  const broken = new Promise((_, reject) => {
-    const fail = () => reject(new Error("there is no such film, or this browser cannot play it"));
-    video.addEventListener("error", fail, { signal });
-  });
-  await Promise.race([video.play(), broken]);
-  await Promise.race([videoFrames(video, take, signal), broken]);
+  video.currentTime = 0;
+  try {
+    await video.play();
+  } catch {
+    if (signal.aborted) return 0;
+    throw new Error(video.error ? NO_FILM : "the browser refused to play it; try again");
+  }
+  video.playbackRate = rate;
+  await videoFrames(video, take, signal);
+  return all.lost / Math.max(1, all.taken + all.lost);
 }
 
 /**
@@ -469,6 +547,16 @@ byId("key").addEventListener("change", async () => {
     return say("This file is no key", `${sizes}, and this file has ${file.size}.`);
   }
   reception.key = file ? new Uint8Array(await file.arrayBuffer()) : null;
+  byId("age").disabled = !file; // only a message with a key has an age
+  readAgain();
+});
+byId("age").addEventListener("change", () => {
+  const age = byId("age").value === "" ? null : byId("age").valueAsNumber;
+  if (age !== null && !(age > 0 && age <= MAX_AGE_S)) {
+    byId("age").value = reception.maxAgeS ?? "";
+    return say("This is no age", `Need more than 0 and at most ${MAX_AGE_S} seconds.`);
+  }
+  reception.maxAgeS = age;
   readAgain();
 });
 byId("record").addEventListener("click", () => {

@@ -8,10 +8,11 @@
 /** @import { Sight } from "./advice.js" */
 
 /**
- * From the page: a new film or camera, a session, with the key of its messages or null; its next
- * frame; its end; the wish to keep frames, as many as given, in place of reading them.
+ * From the page: a new film or camera, a session, with the key of its messages or null, and their
+ * largest age in seconds or null; its next frame; its end; the wish to keep frames, as many as given, in place of reading them.
  *
- * @typedef {{ type: "start", session: number, fps: number, key: Uint8Array | null }
+ * @typedef {{ type: "start", session: number, fps: number, key: Uint8Array | null,
+ *     maxAgeS: number | null }
  *   | ({ type: "frame", time: number } & Pixels)
  *   | { type: "finish" }
  *   | { type: "record", frames: number, about: Record<string, unknown> }} Request
@@ -23,6 +24,7 @@
  * @typedef {object} Arrival
  * @property {Uint8Array} data - the bytes that were sent
  * @property {string | null} refused - why the message is not to be shown, or null
+ * @property {boolean} stale - whether it is authentic but too old, as in a recording shown again
  * @property {number | null} stamp - of a message with a key, seconds since 1970 or a counter
  */
 

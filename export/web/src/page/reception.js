@@ -39,6 +39,8 @@ export class Reception {
     this.fps = null;
     /** Key of the messages that are shown, or null for all. @type {Uint8Array | null} */
     this.key = null;
+    /** Largest age of a message with a key, in seconds, or null for any. @type {number | null} */
+    this.maxAgeS = null;
     /** Whether the worker can read. */
     this.isReady = false;
     /** Number of the film or camera that is read, so that late answers on others do not count. */
@@ -65,7 +67,9 @@ export class Reception {
     this.taken = this.dropped = 0;
     this.fps = fps;
     this.session++;
-    if (fps !== null) this.send({ type: "start", session: this.session, fps, key: this.key });
+    if (fps === null) return;
+    const { session, key, maxAgeS } = this;
+    this.send({ type: "start", session, fps, key, maxAgeS: key && maxAgeS });
   }
 
   /**

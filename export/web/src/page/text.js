@@ -29,6 +29,28 @@ export function textOf(data) {
   return text;
 }
 
+/** Number of bytes of a message that a note shows. */
+const SHOWN_BYTES = 16;
+
+/**
+ * Say what cannot be seen in a message; empty where there is nothing to say.
+ *
+ * @param {Uint8Array} data - the message
+ * @param {string} text - the same as text
+ * @returns {string}
+ */
+export function noteOf(data, text) {
+  if (!/[^\p{C}\p{Z}\s]/u.test(text)) {
+    const shown = [...data.subarray(0, SHOWN_BYTES)];
+    const bytes = shown.map((byte) => byte.toString(16).padStart(2, "0")).join(" ");
+    const more = data.length > SHOWN_BYTES ? " …" : "";
+    return `It holds nothing that can be seen; its bytes are ${bytes}${more}`;
+  }
+  const withoutUsual = text.replace(/[\n\r\t\u200d]/gu, ""); // \u200d joins emoji
+  if (!/[\p{Cc}\p{Cf}]/u.test(withoutUsual)) return "";
+  return "It holds characters that cannot be seen or that turn the direction of writing.";
+}
+
 /**
  * Find the address that a message is, where it is nothing else.
  *

@@ -4,7 +4,9 @@ import * as ort from "onnxruntime-web/wasm";
 import { Decoder } from "../decoder.js";
 import { loadOpenCv } from "../image/opencv.js";
 import { Verifier } from "../link/code/authenticate.js";
+import { equalBytes } from "../link/code/bits.js";
 import { Layout } from "../link/layout.js";
+import { FRAME_MS } from "../locate/pilots/search.js";
 import { explainSilence, OFTEN } from "../receive/diagnosis.js";
 import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";
@@ -32,6 +34,16 @@ const film = {
   /** @type {Receiver | null} */
   receiver: null,
   inbox: new Inbox(null),
+};
+
+/** Judges messages with a key; it knows what was delivered until another key or age is chosen. */
+const judge = {
+  /** @type {Uint8Array | null} */
+  key: null,
+  /** @type {number | null} */
+  maxAgeS: null,
+  /** @type {Verifier | null} */
+  verifier: null,
 };
 
 /** What is kept in place of being read. */
@@ -81,7 +93,7 @@ async function prepare() {
 async function answer(request) {
   switch (request.type) {
     case "start":
-      return start(request.session, request.fps, request.key);
+      return start(request);
     case "record":
       recording.wanted = request.frames;
       recording.about = request.about;
@@ -107,11 +119,13 @@ async function planeOf({ frame, rgba, plane }) {
   throw new Error("a frame without pixels");
 }
 
-/** @param {number} session @param {number} fps @param {Uint8Array | null} key */
-function start(session, fps, key) {
+/** @param {Extract<Request, { type: "start" }>} request */
+function start({ session, fps, key, maxAgeS }) {
   Object.assign(film, { session, fps });
-  film.receiver = new Receiver(decoders, fps);
-  film.inbox = new Inbox(key && new Verifier(key));
+  film.receiver = new Receiver(decoders, fps, FRAME_MS);
+  const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
+  if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
+  film.inbox = new Inbox(judge.verifier);
 }
 
 /** @param {Plane} plane @param {number} time */
@@ -149,6 +163,7 @@ function report(corners, message, last) {
     arrival: delivery && {
       data: delivery.message.data,
       refused: delivery.refused,
+      stale: delivery.stale,
       stamp: delivery.stamp,
     },
   });
