@@ -13,7 +13,7 @@ from link.layout import Layout
 from link.ratex import SAMPLES, TILES, sample_grid, sample_position, tile_labels
 from models.classical.oorc import inverse_response
 from models.neural.config import CHANNELS, DecoderConfig
-from models.neural.phi import PhiPolynomial, legendre_maps
+from models.neural.phi import PhiPolynomial, legendre_from_powers, legendre_maps, power_maps
 from models.neural.reduce import Reduce
 from models.neural.refine import MOMENTS, Refiner
 from models.neural.refine_pilots import TEXTURES, PilotRefiner
@@ -63,6 +63,8 @@ class PhiDecoder(nn.Module):
     tile_index: Tensor
     pilot_index: Tensor
     message_index: Tensor
+    factors: Tensor
+    constants: Tensor
 
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
         super().__init__()
@@ -87,6 +89,13 @@ class PhiDecoder(nn.Module):
         self.guide: Reduce | None = None
         if config.register and layout.colour != "gray":
             self.guide = Reduce(CHANNELS["gray"][config.channels], config.coarsen)
+        # of higher powers than these, float32 keeps too few digits
+        self.by_powers = self.refiner is not None and config.degree <= MOMENTS
+        factors, constants = legendre_from_powers(MOMENTS)
+        degree = config.degree if self.by_powers else MOMENTS
+        both = np.zeros((degree + MOMENTS, degree + MOMENTS))
+        both[:degree, :degree] = factors[:degree, :degree]  # of the changes, then of the moments
+        both[degree:, degree:] = factors
         grid = sample_grid(layout)
         rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
         cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
@@ -104,6 +113,8 @@ class PhiDecoder(nn.Module):
             ("tile_cols", torch.from_numpy(cols)),
             ("tile_index", torch.from_numpy(len(cols) * row + col)),
             ("pilot_index", torch.from_numpy(layout.pilot_blocks)),
+            ("factors", torch.from_numpy(both)),
+            ("constants", torch.from_numpy(np.append(np.zeros(degree), constants)[:, None])),
             ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
         ):
             self.register_buffer(name, value, persistent=False)
@@ -170,7 +181,8 @@ class PhiDecoder(nn.Module):
 
         Returns:
             maps: (B, F, h, w) float32 features of the pixels that `Reduce` leaves, in the order of
-                `summarise`; without the mean weight of a block's pixels, which comes last there.
+                `summarise`, but for the mean weight of a block's pixels, which comes last there.
+                With refinement, powers of 2 i - 1 stand in the places of Legendre polynomials.
             weights: (B, 1, h, w) float32 weight of each pixel in its block's mean.
         """
         i_o, i_e = self.reduce(original), self.reduce(embedded)
@@ -180,18 +192,25 @@ class PhiDecoder(nn.Module):
         if self.config.register:
             guide = (self.guide(original), self.guide(embedded)) if self.guide else None
             i_e = register(i_o, i_e, xx, yy, guide)
-        maps = self.phi(i_o, i_e)
-        if self.refiner is not None:
-            maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
-        stacked = torch.cat([channel_mean(each) for each in maps], dim=1)
-        weights = torch.ones_like(stacked[:, :1])
+        if self.by_powers:
+            p_o, p_e = power_maps(i_o, MOMENTS), power_maps(i_e, self.config.degree)
+            maps = [o - e for o, e in zip(p_o, p_e, strict=False)] + p_o
+        else:
+            maps = self.phi(i_o, i_e)
+            if self.refiner is not None:
+                maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
+        if self.config.texture or on_pilots:
+            dx, dy = channel_mean(dx), channel_mean(dy)
+            steepness = dx * dx + dy * dy
         if self.config.texture:
             limit = (self.config.coarsen * self.config.texture) ** 2
-            weights = limit / (limit + channel_mean(dx) ** 2 + channel_mean(dy) ** 2)
+            weights = limit / (limit + steepness)
+        else:
+            weights = torch.ones_like(maps[0][:, :1])
+        parts = [channel_mean(each) for each in maps]
         if on_pilots:
-            dx, dy, curvature = (channel_mean(each) for each in (dx, dy, xx + yy))
-            stacked = torch.cat([stacked, dx, dy, curvature, dx * dx + dy * dy], dim=1)
-        return stacked, weights
+            parts += [dx, dy, channel_mean(xx + yy), steepness]
+        return torch.cat(parts, dim=1), weights
 
     def average(self, maps: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
         """Average the features of pixels over training samples and message blocks.
@@ -204,7 +223,7 @@ class PhiDecoder(nn.Module):
             what `summarise` returns.
         """
         on_pilots = isinstance(self.refiner, PilotRefiner)
-        means = self.block_means(maps, weights, with_weight=on_pilots)
+        means = self.as_legendre(self.block_means(maps, weights, with_weight=on_pilots))
         blocks, pilots = (
             means.index_select(2, index).transpose(1, 2).double()
             for index in (self.message_index, self.pilot_index)
@@ -273,14 +292,29 @@ class PhiDecoder(nn.Module):
             rows = bin_mean(height, TILES * self.layout.rows, self.tile_rows, MARGIN, maps)
             cols = bin_mean(width, TILES * self.layout.cols, self.tile_cols, MARGIN, maps)
             means = (rows @ maps @ cols.T).flatten(2)  # (B, F, tile rows x tile cols)
-            return means.index_select(2, self.tile_index).transpose(1, 2).double()
+            return self.as_legendre(means.index_select(2, self.tile_index)).transpose(1, 2).double()
         tiles = self.tile.new_tensor([[self.layout.rows * TILES], [self.layout.cols * TILES]])
         length = torch.cat([self.tile.new_full((1, 1), n) for n in (height, width)])
         y, x = torch.minimum(sample_position(self.tile, self.step, tiles, length), length - 1)
         u = maps.flatten(2).index_select(2, (y * width + x).long()).double()  # (B, F, pixels)
         if self.config.train_on == "tile":
             u = u.reshape(u.shape[0], u.shape[1], -1, SAMPLES * SAMPLES).mean(3)
-        return u.transpose(1, 2)
+        return self.as_legendre(u).transpose(1, 2)
+
+    def as_legendre(self, means: Tensor) -> Tensor:
+        """Turn means of powers into means of Legendre polynomials, where pixels have powers.
+
+        Args:
+            means: (B, F, N) means over pixels of the features of `pixel_maps`.
+
+        Returns:
+            (B, F, N) means of the features of `summarise`.
+        """
+        if not self.by_powers:
+            return means
+        n = len(self.constants)
+        sums = self.factors.to(means.dtype) @ means[:, :n] + self.constants.to(means.dtype)
+        return torch.cat([sums, means[:, n:]], dim=1)
 
     def block_means(self, maps: Tensor, weights: Tensor, with_weight: bool) -> Tensor:
         """Average feature maps over each block of the grid.

@@ -1,5 +1,8 @@
 """PhiPolynomial: the paper's feature space as a torch layer, numerically conditioned."""
 
+import numpy as np
+from numpy.polynomial.legendre import leg2poly
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from models.neural.config import check_degrees
@@ -60,6 +63,42 @@ class PhiPolynomial(nn.Module):
         """
         p_o, p_e = legendre_maps(i_o, self.degree), legendre_maps(i_e, self.degree)
         return [o - e for o, e in zip(p_o, p_e, strict=True)] + p_o[: self.drift_degree]
+
+
+def power_maps(i: Tensor, degree: int) -> list[Tensor]:
+    """Compute the powers x, x^2, ..., x^degree of x = 2 i - 1.
+
+    A mean over pixels of a Legendre polynomial is a sum of means of powers, of which a pixel has
+    fewer operations (`legendre_from_powers`).
+
+    Args:
+        i: intensities in [0, 1], any shape.
+        degree: number of powers, at least 1.
+
+    Returns:
+        ``degree`` tensors, each with the shape of ``i`` and values in [-1, 1].
+    """
+    terms = [2 * i - 1]
+    for k in range(2, degree + 1):
+        terms.append(terms[k // 2 - 1] * terms[k - k // 2 - 1])
+    return terms
+
+
+def legendre_from_powers(degree: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Give the Legendre polynomials P_1 ... P_degree as sums of powers.
+
+    Returns:
+        (degree, degree) factors of x, x^2, ..., x^degree in each polynomial, and (degree,) constant
+        terms.
+
+    >>> legendre_from_powers(2)
+    (array([[1. , 0. ],
+           [0. , 1.5]]), array([ 0. , -0.5]))
+    """
+    factors = np.zeros((degree, degree + 1))
+    for k in range(1, degree + 1):
+        factors[k - 1, : k + 1] = leg2poly(np.eye(k + 1)[k])
+    return factors[:, 1:], factors[:, 0]
 
 
 def legendre_maps(i: Tensor, degree: int) -> list[Tensor]:

@@ -173,16 +173,16 @@ class PilotRefiner(nn.Module):
             # a row of `covariance` below makes a share of the variance that the coefficients leave
             # in a prediction, and the mean of the coefficients, beside it, makes the prediction
             of_S = torch.cat([covariance[:, n : n + k, n : n + k], solution[..., n : n + k]], dim=1)
-            in_signal, signal = (self.two_sums @ ((of_S @ S) * S_one)).split(1, dim=1)
+            in_signal, signal = (self.two_sums @ ((of_S @ S) * S_one)).chunk(2, dim=1)
             rest = _column_sum((covariance[:, :n, :n] @ N) * N)
             times = self.times[: covariance.shape[1] - n]
             across = torch.cat([covariance[:, n:, :n] * times, solution[..., :n]], dim=1) @ N
             if spilled is None:
-                product, excess = (self.two_sums @ (across * S_one)).split(1, dim=1)
+                product, excess = (self.two_sums @ (across * S_one)).chunk(2, dim=1)
             else:
                 of_spill = torch.cat([covariance[:, n:, n + k :], solution[..., n + k :]], dim=1)
                 across = (across + of_spill @ spilled) * torch.cat([S, spilled, ones], dim=1)
-                product, beside, excess = (self.three_sums @ across).split(1, dim=1)
+                product, beside, excess = (self.three_sums @ across).chunk(3, dim=1)
                 rest = rest + beside
             residual = -excess - m * signal
             doubts = of_signal * in_signal + of_product * product + rest  # (B, 3, R)
@@ -240,7 +240,7 @@ class PilotRefiner(nn.Module):
         """
         k, n = S.shape[1], N.shape[1]
         powers = torch.cat([self.changes, self.changes**2, self.changes**0], dim=1).T
-        crossed, squared, all_weight = (powers @ weight).split(1, dim=1)  # (B, 1, R) each
+        crossed, squared, all_weight = (powers @ weight).chunk(3, dim=1)  # (B, 1, R) each
         among_N = (N * all_weight) @ N.transpose(1, 2)
         among_T = (S * squared) @ S.transpose(1, 2)
         weighted = S * crossed

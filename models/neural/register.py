@@ -125,9 +125,11 @@ def least_squares(motion: list[Tensor], i_o: Tensor, change: Tensor) -> Tensor:
     Returns:
         (B, len(motion), 1) unknowns of the motion, in the pixels of these images.
     """
-    columns = torch.cat([*motion, torch.ones_like(i_o), i_o, i_o * i_o, change], dim=1)
+    # flat: onnxruntime keeps sixteen channels of what a convolution made, and works on all of them
+    i = i_o.flatten(2)
+    columns = [*(each.flatten(2) for each in motion), torch.ones_like(i), i, i * i]
     # float64: torch and onnxruntime sum in different orders
-    A = columns.flatten(2).double()  # (B, terms + 1, H W)
+    A = torch.cat([*columns, change.flatten(2)], dim=1).double()  # (B, terms + 1, H W)
     n = A.shape[1] - 1
     products = A @ A.transpose(1, 2)
     ridge = A.shape[-1] * (RIDGE * torch.eye(n, dtype=A.dtype, device=A.device))

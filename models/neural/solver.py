@@ -95,11 +95,11 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
 
     fixed = rows.detach(), aimed.detach()
     columns = fixed[1][:, :D].contiguous()
-    sizes = torch.tensor(STEP_SIZES, dtype=X.dtype, device=X.device).unsqueeze(-1)  # (S, 1)
+    sizes = torch.tensor(STEP_SIZES, dtype=X.dtype, device=X.device).reshape(-1, 1, 1)  # (S, 1, 1)
     most = torch.tensor(MAX_STEPS, device=X.device)
 
     def unsettled(step: Tensor, w: Tensor, left: Tensor, moving: Tensor) -> Tensor:
-        return (step < most) & moving.any()
+        return (step < most) & (moving.sum() > 0)
 
     def descend(
         step: Tensor, w: Tensor, left: Tensor, moving: Tensor
@@ -107,15 +107,16 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
         counts = left > least
         direction = newton(counts, *fixed) - w
         change = direction @ columns
-        trials = left - sizes * change  # (B, S, N + D)
+        trials = left - sizes[:, 0] * change  # (B, S, N + D)
         cost = torch.linalg.vector_norm(trials.maximum(least), dim=-1)
-        size = sizes[cost.argmin(1)].unsqueeze(-1)  # (B, 1, 1)
-        moving = (counts ^ (trials[:, 1:2] > least)).any(-1)  # by the whole step
+        size = sizes.index_select(0, cost.argmin(1))  # (B, 1, 1)
+        changed = counts ^ (trials[:, 1:2] > least)  # by the whole step
+        moving = changed.to(X.dtype).sum(-1)
         return step + 1, w + size * direction, left - size * change, moving
 
     w = prior.detach().expand(X.shape[0], 1, -1).clone()
     left = (aims.detach() - w @ columns).contiguous()
-    moving = torch.ones_like(w[..., 0], dtype=torch.bool)
+    moving = torch.ones_like(w[..., 0])  # (B, 1), how many samples became or ceased to be violators
     state = (torch.zeros((), dtype=torch.int64), w, left, moving)
     with torch.no_grad():
         if torch.compiler.is_exporting():
@@ -126,4 +127,4 @@ def fit_head(X: Tensor, y: Tensor, C: Tensor, ridge: Tensor, prior: Tensor) -> T
     _, w, left, moving = state
     if torch.compiler.is_exporting():
         return w.squeeze(1)
-    return torch.where(moving.unsqueeze(-1), w, newton(left > least, rows, aimed)).squeeze(1)
+    return torch.where(moving.unsqueeze(-1) > 0, w, newton(left > least, rows, aimed)).squeeze(1)
