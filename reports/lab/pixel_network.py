@@ -74,7 +74,7 @@ class NetworkConfig:
     """Folder for results.json and the states of both trained decoders."""
     episodes: int = 198
     """Number of simulated frame pairs for each grid, of training pictures."""
-    steps: int = 1200
+    steps: int = 400
     """Number of steps of the optimiser for each of the two trained decoders."""
     batch: int = 4
     """Number of frame pairs in a step."""
@@ -119,7 +119,7 @@ class NetworkRow:
 
 
 class PixelNetwork(nn.Module):
-    """A network that gives each pixel a weight and an expected change; about 6,800 parameters.
+    """A network that gives each pixel a weight and an expected change; 6,676 parameters.
 
     It is convolutional, so any grid and any size of the frames will do.
     """
