@@ -83,7 +83,9 @@ READ = {
     "chromium": (
         f"Chromium's camera plays each over and over, for at most {CAMERA_S:g} s. The page's "
         "seconds run from the camera's start, while the page is still being loaded; its frames are "
-        "those that it had time for. Medians; 95 % intervals of shares."
+        "those that it had time for. Where the camera gives fewer than the film's 30 frames/s, the "
+        "machine was too busy, and the film ran slower and less evenly than it was taken. Medians; "
+        "95 % intervals of shares."
     ),
 }
 """Words above a table of how films were read, by the way of the page."""
@@ -154,6 +156,11 @@ class Read:
     """Time from the camera's start until the receiver took a frame, seconds; 0 without a camera."""
     said: str = ""
     """What the page said at the end, where it was shown."""
+
+    @property
+    def camera_fps(self) -> float:
+        """Number of frames a second that the camera gave; a busy machine has less than the film."""
+        return (self.frames + self.skipped) / max(self.time - self.waited, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -384,11 +391,12 @@ def page_table(films: Sequence[FilmRead], by: str) -> Table:
             row.append(f"{np.median(rates):.0f}")
         if by == "chromium":
             row.append(f"{np.median([film.page.waited for film in mine]):.1f}")
+            row.append(f"{np.median([film.page.camera_fps for film in mine]):.0f}")
         rows.append(row)
     heads = ["preset", "films", "Python", "page", "wrong, page", "Python, s", "page, s"]
     heads += ["page's s over Python's", "Python, frames/s", "page, frames/s"]
     if by == "chromium":
-        heads.append("page's first frame, s")
+        heads += ["page's first frame, s", "camera, frames/s"]
     return Table(heads, rows, f"{FILMED} {READ[by]}")
 
 

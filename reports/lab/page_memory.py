@@ -184,7 +184,7 @@ def renderer_bytes(page: "Page") -> int:
 
 
 def memory_table(watched: dict[str, list[MemorySample]]) -> Table:
-    """Compare what a page needs after a tenth of the time, at most, and at the end.
+    """Compare what a page needs after a tenth of the time, at most in both halves, and at the end.
 
     Args:
         watched: samples in the order of their times, by what was before the camera.
@@ -193,27 +193,23 @@ def memory_table(watched: dict[str, list[MemorySample]]) -> Table:
     for name, samples in watched.items():
         early, last = samples[len(samples) // 10], samples[-1]
         process = [sample.process_mib for sample in samples]
-        half = samples[len(samples) // 2 :]
-        slope = float("nan")
-        if len(half) > 1:
-            minutes = [sample.seconds / 60 for sample in half]
-            slope = np.polyfit(minutes, [sample.process_mib for sample in half], 1)[0]
+        half = len(samples) // 2
         rows.append(
             [
                 name,
                 f"{last.seconds / 60:.1f}",
                 str(last.messages),
                 f"{early.process_mib:.0f}",
-                f"{max(process):.0f}",
+                f"{max(process[: half + 1]):.0f}",
+                f"{max(process[half:]):.0f}",
                 f"{last.process_mib:.0f}",
-                f"{slope:+.1f}",
                 f"{early.wasm_mib:.0f}",
                 f"{last.wasm_mib:.0f}",
             ]
         )
-    heads = ["before the camera", "minutes", "messages", "after a tenth, MiB", "most, MiB"]
-    heads += ["at the end, MiB", "trend of the second half, MiB/min", "WebAssembly after a tenth"]
-    heads += ["WebAssembly at the end, MiB"]
+    heads = ["before the camera", "minutes", "messages", "after a tenth, MiB"]
+    heads += ["most, first half", "most, second half", "at the end"]
+    heads += ["WebAssembly after a tenth", "at the end"]
     title = (
         "Memory of Chromium's process that runs the page, before its simulated camera of 1280 × "
         f"720 at 30 frames/s, measured every {EVERY_S:g} s; WebAssembly is a part of it."
