@@ -275,7 +275,7 @@ def test_the_table_of_colours_counts_right_bits(
     assert done.status == 0, done.stderr
     rows = [line.split(" | ") for line in page.read_text().splitlines() if "× 6" in line]
     assert [row[1:3] for row in rows] == [["gray", "5"], ["chroma", "10"]]
-    assert all(float(share) > 90 for row in rows for share in row[6:8])
+    assert all(float(share) > 90 for row in rows for share in row[6:9])
     assert command(colours.main, "--frames", 0).stderr.startswith("error: --frames: need at least")
 
 

@@ -29,7 +29,7 @@ KAPPAS = {"gray": (3, 5), "chroma": (3, 5, 10)}
 """Kappas by colour direction; the eye takes more of chroma."""
 SEATS = (("canon-lg", 0.0), ("nikon-samsung", 45.0))
 """Camera-display pairs, and angles of observation in degrees."""
-METHODS = ("oorc", "blind")
+METHODS = ("oorc", "blind", "learned")
 """Decoders that read chroma."""
 
 
