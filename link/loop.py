@@ -17,6 +17,9 @@ from link.visibility.quality import psnr, ssim
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
+MEASURED_PAIRS = 100
+"""Number of frame pairs, from a loop's first on, of which PSNR and SSIM are taken. That takes
+longer than making a pair."""
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
@@ -52,7 +55,9 @@ class Loop:
     pyramid_level: int = 0
     """Softness of the blocks' edges, which blur over about 2**level pixels; 0 for hard edges."""
     seen: list[tuple[float, float]] = field(default_factory=list)
-    """PSNR in decibels and SSIM of each frame pair that `pairs` has given so far."""
+    """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PAIRS`."""
+    given: int = 0
+    """Number of frame pairs that `pairs` has given so far."""
 
     def pairs(self) -> Iterator[Displayed]:
         """Give the frame pairs of one loop, one after another.
@@ -61,7 +66,7 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        self.seen = []
+        self.seen, self.given = [], 0
         for number, picture in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
@@ -71,9 +76,10 @@ class Loop:
             picture = fit_picture(picture, self.layout.width, self.layout.height)
             bits = self.bits[number % len(self.bits)]
             pair = embed(picture, bits, self.layout, self.kappa, self.pyramid_level)
-            self.seen.append(
-                (psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded))
-            )
+            if number < MEASURED_PAIRS:
+                likeness = psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)
+                self.seen.append(likeness)
+            self.given += 1
             yield pair
 
     def states(self) -> Iterator[NDArray[np.uint8]]:
@@ -112,7 +118,7 @@ class Loop:
         Returns:
             values of JSON's types by name; seconds, bits a second and decibels as the names say.
         """
-        frames, pairs = len(self.bits), len(self.seen)
+        frames, pairs = len(self.bits), self.given
         message_s = 2 * frames / state_hz
         noise = np.mean([10 ** (-db / 10) for db, _ in self.seen])
         return {

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import export.send.__main__ as send_cli
+import link.loop as loop_module
 from export.send.hiding import SECONDS, SEED, Hiding, Onlooker
 from export.send.pictures import open_pictures
 from export.send.player import write_player
@@ -35,6 +36,7 @@ from link.loop import Loop
 from link.presets import DEFAULT_PRESET, PRESETS
 from link.video import read_video, write_video
 from link.visibility.flicker import contrast_over_threshold, random_message
+from link.visibility.quality import psnr
 from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
 ROOT = Path(__file__).parents[1]
@@ -358,6 +360,20 @@ def test_any_layout_survives_folder_and_player(
         np.testing.assert_array_equal(player_states(out), states)
     if pyramid_level == 0:
         assert [read_bits(pair, layout) for pair in pairs_of(states)] == bits.tolist()
+
+
+def test_likeness_is_taken_of_the_first_pairs_and_all_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(loop_module, "MEASURED_PAIRS", 2)
+    layout = make_layout(8, 8, 128, 128)
+    bits = framing.encode(b"counted", layout.n_bits)
+    loop = Loop(layout, 3, bits, lambda: iter([noise(128, 128)]))
+    measured = [psnr(pair.original, pair.embedded) for pair in loop.pairs()]
+    said = loop.report(7, 15.0)
+    assert said["pairs"] == said["frames"] == len(bits) == len(measured) > 2
+    assert said["loop_seconds"] == pytest.approx(2 * len(bits) / 15, abs=1e-3)
+    assert [db for db, _ in loop.seen] == measured[:2]
 
 
 def test_fit_cuts_evenly_and_does_not_stretch() -> None:
