@@ -49,7 +49,6 @@ class ShippedDecoder:
         self.layout = layout
         self._path = path
         self._threads = threads
-
         self._loading: Future[Decoder] | None = None
 
     def prepare(self) -> None:

@@ -65,6 +65,15 @@ def imported_modules(modules: Sequence[str], root: Path = ROOT) -> list[str]:
     return sorted(found)
 
 
+def short_digest(*parts: str) -> str:
+    """First 16 hexadecimal digits of the SHA-256 of some lines, to name a file of stored results.
+
+    >>> short_digest("seed 0", "version 1")
+    '2eb09a246924e199'
+    """
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
 def package_versions() -> list[str]:
     """Name and version of each of `PACKAGES`."""
     return [f"{package} {version(package)}" for package in PACKAGES]

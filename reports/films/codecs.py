@@ -10,7 +10,6 @@ Films are stored as they end, and a restarted command goes on where it stopped. 
 into a block of docs/films.md.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable, Mapping
@@ -38,6 +37,7 @@ from link.images import write_bytes
 from link.layout import Layout
 from models import PRETRAINED
 from reports.engine.backends import one_thread
+from reports.engine.digest import short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.films.delivery import (
@@ -354,7 +354,7 @@ def stored_films(config: CodecsConfig, model: Path) -> Path:
         *deciding_parts(config.delivery(DeliveryConfig.kappa), model),
         version("av") if any(variant.codec.on for _, variant in variants) else "",
     ]
-    mark = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    mark = short_digest(*parts)
     return config.out / f"films_{mark}.jsonl"
 
 

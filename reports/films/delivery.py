@@ -7,7 +7,6 @@ chosen. The receiver gets the frames and their times alone. Runs are stored as t
 restarted command goes on where it stopped.
 """
 
-import hashlib
 import json
 import os
 import zlib
@@ -47,7 +46,7 @@ from link.presets import PRESETS
 from models import shipped_checkpoint, shipped_graphs
 from models.neural.checkpoint import load_checkpoint
 from reports.engine.backends import one_thread
-from reports.engine.digest import code_digest, file_digest, package_versions
+from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.render.tables import Table, percent, share_interval
@@ -382,7 +381,7 @@ def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
 
 def stored_runs(config: DeliveryConfig, model: Path) -> Path:
     """File of the runs, named after all that decides them apart from pair, view and number."""
-    mark = hashlib.sha256("\n".join(deciding_parts(config, model)).encode()).hexdigest()[:16]
+    mark = short_digest(*deciding_parts(config, model))
     return config.out / config.name / f"runs_{mark}.jsonl"
 
 

@@ -16,7 +16,6 @@ and Chromium, too.
 """
 
 import base64
-import hashlib
 import json
 import re
 from collections.abc import Iterator, Sequence
@@ -41,7 +40,7 @@ from link.files.lock import locked
 from link.images import as_gray, make_folder, temporary_name, write_bytes
 from models import shipped_graphs
 from reports.engine.backends import one_thread
-from reports.engine.digest import code_digest, file_digest, package_versions
+from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.films.browser import camera_flags, open_chromium, serve_folder, text_of
@@ -247,12 +246,8 @@ def write_gray_film(filmed: MessageFilm, path: Path) -> None:
 
 def film_mark(setting: str, seed: int) -> str:
     """Name all that decides a setting's films, apart from their numbers."""
-    decides = [
-        repr((SETTINGS[setting], seed, FILM_S)),
-        code_digest(*FILMED_BY),
-        *package_versions(),
-    ]
-    return hashlib.sha256("\n".join(decides).encode()).hexdigest()[:16]
+    drawn = repr((SETTINGS[setting], seed, FILM_S))
+    return short_digest(drawn, code_digest(*FILMED_BY), *package_versions())
 
 
 @contextmanager
@@ -345,8 +340,7 @@ def stored_reads(config: PageConfig) -> Path:
     parts = ["worker.js", "presets.json", *(["page.js"] if config.by == "chromium" else [])]
     files = [site / name for name in parts]
     files += [*sorted(site.rglob("*.onnx")), *sorted(site.glob("*.wasm"))]
-    decides = [str(STORED_VERSION), *films, code_digest(READING), file_digest(files)]
-    mark = hashlib.sha256("\n".join(decides).encode()).hexdigest()[:16]
+    mark = short_digest(str(STORED_VERSION), *films, code_digest(READING), file_digest(files))
     return config.out / f"{config.by}_{mark}.jsonl"
 
 

@@ -9,7 +9,6 @@ nuisances.json. `python -m reports.studies.prediction` then predicts all four co
 pictures.
 """
 
-import hashlib
 import json
 import os
 from collections import defaultdict
@@ -32,7 +31,7 @@ from link.ratex import tile_labels
 from models.classical.common import fit_svm, require_ratex, tile_mean
 from models.classical.two_step import fit_inverse_response
 from reports.engine.backends import one_thread
-from reports.engine.digest import code_digest, package_versions
+from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import command
 from reports.engine.stored import resume
 from reports.score.paper import paper_accuracy
@@ -200,7 +199,7 @@ def observe_all(config: CalibrateConfig, tasks: Sequence[GridCell], title: str) 
     """Observe every cell at its grid point, in parallel; each is stored as it ends."""
     code = code_digest("data_gen.frame_pair", "models.classical.two_step")
     parts = (STORED_VERSION, config.frames, config.seed, code, *package_versions())
-    mark = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    mark = short_digest(repr(parts))
     named = {
         f"{task.cell.pair} {task.cell.view_deg:g} {task.cell.kappa} {task.point}": task
         for task in tasks

@@ -44,7 +44,7 @@ from models.neural.config import DecoderConfig
 from models.neural.decoder import PhiDecoder
 from models.neural.methods import decode_with
 from reports.engine.provenance import commit, provenance
-from reports.render.tables import write_blocks
+from reports.render.tables import Table, write_blocks
 from reports.score.paired import Paired, compare
 
 GRIDS = ((24, 32), (48, 64))
@@ -356,28 +356,24 @@ def time_ratios(decoders: Mapping[str, PhiDecoder], layout: Layout, rounds: int)
 
 def network_block(rows: Sequence[NetworkRow], cost: float) -> str:
     """Tabulate wrong bits of the three decoders, what each step gains, and the cost in time."""
-    lines = [
-        "| setting | view | shipped, wrong % | trained further | with the network "
-        "| gained by training, points | by the network, points |",
-        "|---|---|---:|---:|---:|---:|---:|",
-    ]
+    table = []
     for row in rows:
         shares = (100 * row.wrong[kind] / row.network.bits for kind in KINDS)
         gains = (
             f"{g.difference:+.2f} ({g.low:+.2f} to {g.high:+.2f})"
             for g in (row.further, row.network)
         )
-        cells = [
-            f"{row.rows} × {row.cols}, κ {row.kappa}",
-            f"{row.view_deg:g}°",
-            *(f"{share:.2f}" for share in shares),
-            *gains,
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
+        setting = f"{row.rows} × {row.cols}, κ {row.kappa}"
+        table.append([setting, f"{row.view_deg:g}°", *(f"{share:.2f}" for share in shares), *gains])
+    heads = ["setting", "view", "shipped, wrong %", "trained further", "with the network"]
+    heads += ["gained by training, points", "by the network, points"]
     frames = sorted({row.network.frames for row in rows})
-    return (
+    title = (
         f"{', '.join(map(str, frames))} held-out frame pairs a row, simulated; 95 % intervals of a "
-        "paired bootstrap over frame pairs.\n\n" + "\n".join(lines) + "\n\n"
+        "paired bootstrap over frame pairs."
+    )
+    return (
+        f"{Table(heads, table, title, left=2).markdown()}\n\n"
         f"On {GRIDS[-1][0]} × {GRIDS[-1][1]} blocks, fit and decision through onnxruntime take "
         f"{cost:.2f} times as long with the network (CPU time of one thread)."
     )
@@ -392,7 +388,8 @@ def main() -> None:
     each_once(kappas=config.kappas, views=config.views)
     for kappa in config.kappas:
         check_kappa(kappa, "kappas")
-    for view in (config.max_view, *config.views):
+    check_view(config.max_view, "max_view")
+    for view in config.views:
         check_view(view, "views")
     make_folder(config.out)
     shipped = load_checkpoint(PRETRAINED_PILOTS)

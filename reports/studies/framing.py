@@ -7,7 +7,6 @@ numbers, in a fixed order. So every batch of trials is told where in the stream 
 run in parallel, are stored as they end, and a restarted command goes on where it stopped.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -27,7 +26,7 @@ from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
-from reports.engine.digest import code_digest, package_versions
+from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels, save_png
@@ -320,7 +319,7 @@ def _run(config: FramingConfig) -> None:
     code = code_digest("link.code.framing", "link.layout")
     settings = (config.n_bytes, config.trials, config.ber, config.seed, codes)
     parts = (STORED_VERSION, code, *package_versions(), *settings)
-    mark = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    mark = short_digest(repr(parts))
     file = config.out / f"batches_{mark}.jsonl"
     found = resume(count_decoded, curves | counted, file, config.jobs, "batches")
     rows = failure_rows(curves, found)

@@ -99,8 +99,8 @@ class _Frame:
 
     gray: Gray
     """(H, W) uint8."""
-    H: Array
-    """(3, 3) H_image_from_reference: where points of the reference lie in it."""
+    H_image_from_reference: Array
+    """(3, 3) homography: where points of the reference lie in it."""
     at: float
     """Its position since the reference (`export.locate.pilots.waves.position`)."""
 
@@ -203,7 +203,7 @@ class PilotSearch:
     def _watch(self, frame: _Frame) -> None:
         """Record what this frame shows, and propose what looks promising after some frames."""
         self._frames.append(frame)
-        self._map.add(self._stabiliser.still(frame.gray, frame.H), frame.at)
+        self._map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
         size = 2 * self._finest.cols, 2 * self._finest.rows
         for corners, values in zip(self._watched, self._values, strict=True):
             view = _rectified(frame, corners, self._largest)
@@ -292,9 +292,8 @@ class PilotSearch:
         evidence, proposal = self._surest(quad, list(views))
         hints = [proposal] if evidence > HINT else []
         best: tuple[int, _Proposal] | None = None
-        at = [frame.at for frame in self._frames]
         for frequency in self._frequencies:
-            line = _line(views, at, frequency)
+            line = _line(views, self._frames, frequency)
             for layout in self.layouts:
                 blocks = self._expected[layout]
                 for turn in (0, 2):
@@ -349,7 +348,7 @@ class PilotSearch:
             views = _views(corners, layout, frames, COARSE_SIZE)
             if views is None:
                 break
-            line = _line(views, [frame.at for frame in frames], proposal.frequency)
+            line = _line(views, frames, proposal.frequency)
             fit = coarse_shift(line, self._expected[layout], layout)
             yield None
             if fit is None:
@@ -402,7 +401,7 @@ def _by_whole(
         views = _views(corners, layout, frames, map_size(layout))
         if views is None:
             break
-        H_old_from_new = shift(_line(views, [frame.at for frame in frames], proposal.frequency))
+        H_old_from_new = shift(_line(views, frames, proposal.frequency))
         yield None
         if H_old_from_new is None:
             break
@@ -431,10 +430,11 @@ def _views(
 
 
 def _line(
-    views: NDArray[np.float32], at: Sequence[float], frequency: float
+    views: NDArray[np.float32], frames: Sequence[_Frame], frequency: float
 ) -> NDArray[np.complex64]:
-    """Amplitude (h, w) of (T, h, w) maps at a frequency, over each place's deviation."""
+    """Amplitude (h, w) of (T, h, w) maps of T frames, over each place's deviation."""
     stack = views - views.mean(axis=0)
+    at = [frame.at for frame in frames]
     turns = waves(at, np.array([frequency]), np.zeros(1))[0].round(12).astype(np.complex64)
     line = np.tensordot(turns, stack, axes=1) / (stack.std(axis=0) + LEAST_DEVIATION)
     return np.asarray(line, np.complex64)
@@ -459,7 +459,7 @@ def _rectified(frame: _Frame, corners: Array, layout: Layout) -> Gray | None:
         corners: (4, 2) pixels of the reference frame.
         layout: to whose size it is rectified.
     """
-    quad = transform(frame.H, corners)
+    quad = transform(frame.H_image_from_reference, corners)
     size = np.array(frame.gray.shape[::-1])
     inside = (quad > -FAR_OUTSIDE * size).all() and (quad < (1 + FAR_OUTSIDE) * size).all()
     outline = np.asarray(quad, np.float32)

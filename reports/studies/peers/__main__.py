@@ -3,7 +3,6 @@
 Packages, without their dependencies: `adapters.INSTALL` is the command that installs them.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
-from reports.engine.digest import code_digest, package_versions
+from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.methods import methods_for
 from reports.engine.predict import fingerprint
 from reports.engine.provenance import provenance
@@ -113,7 +112,7 @@ def read_all(
     """
     settings = (source, config.pairs, config.views, config.frames, config.bits, peer_versions())
     parts = (repr(settings), code_digest("reports.studies.peers.study"), *package_versions())
-    mark = hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+    mark = short_digest(*parts)
     tasks = {}
     for system in systems:
         name = f"{system.name}, {system.strength}"
