@@ -13,31 +13,19 @@ from typing import Literal
 
 import tyro
 
-from data_gen.channel.optics import check_view
-from data_gen.effects import parse_settings
-from data_gen.flags import LayoutFlags
-from data_gen.frame_pair import Source, shuffled_pictures
+from data_gen.flags import SourceFlags
+from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS
-from link.embed import check_kappa
 from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from models import DECODERS, shipped_checkpoint
 from reports.engine.backends import make_backend
-from reports.engine.methods import METHODS, Method, methods_for, suited_methods
-from reports.engine.predict import (
-    Condition,
-    paper_cells,
-    predict,
-)
+from reports.engine.methods import Method, methods_for, suited_methods
+from reports.engine.predict import Condition, paper_cells, predict
 from reports.engine.protocols import PROTOCOLS, apply_protocol
 from reports.engine.provenance import provenance
 from reports.evaluation.captures import evaluate_folder
-from reports.evaluation.evidence import (
-    QUICK,
-    USUAL,
-    Stopwatch,
-    simulated_evidence,
-)
+from reports.evaluation.evidence import QUICK, Stopwatch, simulated_evidence
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import chosen_sweeps, decisive_settings
 from reports.evaluation.versus import compare_runs
@@ -45,11 +33,11 @@ from reports.render.annotated import show
 from reports.render.tables import cell_tables, summary_table
 from reports.run import RunFolder
 from reports.score.accuracy import score
-from reports.studies.sweeps import SWEEPS, sweep_conditions, swept_methods
+from reports.studies.sweeps import SWEEPS
 
 
 @dataclass(frozen=True)
-class EvaluateConfig(LayoutFlags):
+class EvaluateConfig(SourceFlags):
     """The paper's protocol on simulated captures, or your own captures with --captures."""
 
     pairs: tuple[str, ...] = tuple(PAIRS)
@@ -68,14 +56,9 @@ class EvaluateConfig(LayoutFlags):
     beside others."""
     quick: bool = False
     """At most 4 frame pairs a cell, fewer values a sweep: three minutes on two cores."""
-    seed: int = 0
     protocol: str = "fair"
     """How thresholds are set: "fair" (in each frame pair), "paper", or another of
     reports/engine/protocols.py."""
-    without: tuple[str, ...] = ()
-    """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
-    set: tuple[str, ...] = ()
-    """Parameters of the channel, such as drift=0.1 jpeg_quality=70 (data_gen/parameters.py)."""
     out: Path = Path("runs/evaluation")
     """Folder for predictions.jsonl, metrics.json, tables.md and report.html. A run of the same
     settings that was cut off goes on there; a folder that holds another run is refused, and so is
@@ -88,8 +71,6 @@ class EvaluateConfig(LayoutFlags):
     """Compare two finished runs on the same captures, the second against the first."""
     captures: Path | None = None
     """Folder of captures, own or simulated, with a manifest.jsonl; replaces the simulation."""
-    pictures: Path | None = None
-    """Your own pictures, in place of the built-in test pictures."""
     run: Path | None = None
     """Checkpoint of the method "learned": by default the shipped one, trained on all pairs."""
     show: Path | None = None
@@ -130,32 +111,25 @@ def main() -> None:
 
 def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: RunFolder) -> None:
     """Compare on simulated captures; raises an `InputError` at the end where cells failed."""
-    amount, clock = QUICK if config.quick else USUAL, Stopwatch()
+    comparison, clock = comparison_of(config), Stopwatch()
     backend = make_backend(config.backend, config.jobs, config.scheduler)
-    cells = paper_cells(config.pairs, config.views, config.kappas)
-    comparison = Condition("", source_of(config), cells, config.frames)
     methods, left_out = suited_methods(methods, comparison.source.layout)
     print(*left_out, sep="\n", end="\n" * bool(left_out))
     with clock.time("decoding"):
         predicted = predict([comparison], methods, config.out, backend)
-    meta = {**provenance(config.seed, simulated=True), "failed_cells": predicted.failed}
+    failed = predicted.failed
+    meta = {**provenance(config.seed, simulated=True), "failed_cells": failed}
     scores = score(predicted.records)
     kind = "held-out pictures" if config.pictures is None else "your own pictures"
     title = f"All cells (simulated captures, {kind})"
     tables = [table.markdown() for table in (*cell_tables(scores), summary_table(scores, title))]
     folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
     print(*tables, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
-    failed = predicted.failed
     if config.html:
-        names, fewer = chosen_sweeps(config, config.sweeps), max(1, 2 * config.frames // 3)
-        conditions, curves = sweep_conditions(names, comparison.source, fewer, config.quick)
-        with clock.time("sweeps"):
-            swept = predict(conditions, swept_methods(methods), config.out, backend)
-        folder.write_sweeps(curves, swept.records)
-        simulated_evidence(
-            folder, [comparison, *conditions], curves, predicted, swept, methods, amount, clock
+        sweeps = chosen_sweeps(config, config.sweeps)
+        failed = failed + simulated_evidence(
+            folder, comparison, predicted.records, methods, sweeps, config.quick, backend, clock
         )
-        failed = [*failed, *swept.failed]
         folder.finish(meta, clock.seconds, [*left_out, *failed])
         print(f"written: {write_report(config.out)}")
     for line in failed:
@@ -169,37 +143,26 @@ def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: Ru
 
 def check(config: EvaluateConfig) -> None:
     """Refuse wrong flags before any work."""
-    for pair in config.pairs:
-        source_of(config).pair(pair)
-    for kappa in config.kappas:
-        check_kappa(kappa, "kappas")
-    for name in config.methods:
-        choose(METHODS, name, "method")
+    at_least(1, frames=config.frames, jobs=config.jobs)
+    each_once(methods=config.methods)
     for name in config.sweeps or ():
         choose(SWEEPS, name, "sweep")
-    for view in config.views:
-        check_view(view, "--views")
-    at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, seed=config.seed)
     make_backend(config.backend, config.jobs, config.scheduler)
+    source = comparison_of(config).source
     if config.pictures is not None and config.captures is None:
-        shuffled_pictures(source_of(config))
+        shuffled_pictures(source)
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
-    each_once(pairs=config.pairs, views=config.views, kappas=config.kappas, methods=config.methods)
 
 
-def source_of(config: EvaluateConfig) -> Source:
-    """Test pictures, and the channel as the flags set it."""
-    return Source(
-        config.layout(),
-        "test",
-        config.seed,
-        pictures=config.pictures,
-        ratex_kappa=choose(PROTOCOLS, config.protocol, "protocol").ratex_kappa,
-        without=config.without,
-        parameters=parse_settings(config.set),
-    )
+def comparison_of(config: EvaluateConfig) -> Condition:
+    """Return the main comparison that the flags describe, or raise an `InputError`."""
+    protocol = choose(PROTOCOLS, config.protocol, "protocol")
+    source = replace(config.source(), ratex_kappa=protocol.ratex_kappa)
+    for pair in config.pairs:
+        source.pair(pair)
+    cells = paper_cells(config.pairs, config.views, config.kappas)
+    return Condition("", source, cells, config.frames)
 
 
 if __name__ == "__main__":

@@ -15,11 +15,9 @@ import torch
 import tyro
 from tqdm import tqdm
 
-from data_gen.channel.optics import check_view
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS, get_pair
-from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
@@ -36,17 +34,9 @@ from models.neural.training import (
     training_step,
 )
 from reports.engine.digest import code_digest
-from reports.evaluation.trained import export_and_evaluate
+from reports.engine.records import write_lines
+from reports.evaluation.trained import FinalTest, export_and_evaluate
 from reports.run import claim_folder
-
-STATE = "state.pt"
-UNDECISIVE = ("jobs", "device")
-"""Settings in which two runs of one folder may differ, because they decide no result, but for the
-rounding of another processor."""
-TRAINED_BY = ("data_gen.episodes", "models.neural.training")
-"""Modules that decide, with all that they import, what a step of training computes."""
-LOOP_VERSION = 2
-"""Raise it when `train` changes what it computes, so that an older state.pt is not continued."""
 
 
 @dataclass(frozen=True)
@@ -90,71 +80,47 @@ class TrainConfig:
     """Processor on which the parameters are trained."""
 
 
+STATE = "state.pt"
+"""Name of the file from which a training that was cut off goes on."""
+UNDECISIVE = ("jobs", "device")
+"""Settings in which two runs of one folder may differ, because they decide no result, but for the
+rounding of another processor."""
+TRAINED_BY = ("data_gen.episodes", "models.neural.training")
+"""Modules that decide, with all that they import, what a step of training computes."""
+LOOP_VERSION = 2
+"""Raise it when `train` changes what it computes, so that an older state.pt is not continued."""
+
+
 def main() -> None:
     """Simulate, train, export, evaluate."""
     config = read_flags(lambda: tyro.cli(TrainConfig))
-    pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     check_training(config)
-    folder = config.out or Path("runs") / config.pair
-    module = initial_decoder(LAYOUTS[config.layouts][0], config.decoder, config.start)
-    module.to(config.device)
-    with locked(folder):
-        claim_folder(folder, training_settings(config), "train", UNDECISIVE)
-        train_and_evaluate(module, pairs, config, folder)
-
-
-def train_and_evaluate(
-    module: PhiDecoder, pairs: tuple[str, ...], config: TrainConfig, folder: Path
-) -> None:
-    """Simulate, train, export and evaluate, in a folder that is claimed.
-
-    Args:
-        module: the decoder with its initial parameters, which are changed.
-        pairs: names of the camera-display pairs.
-        config: settings of the run.
-        folder: where the run is written.
-    """
+    pairs = tuple(PAIRS) if config.pair == "all" else (get_pair(config.pair).name,)
     layouts = LAYOUTS[config.layouts]
     plan = EpisodePlan(config.episodes // len(layouts), config.kappas, config.max_view)
-    episodes = {
-        layout: simulate_episodes(Source(layout, "train", config.seed), pairs, plan, config.jobs)
-        for layout in layouts
-    }
-    train(module, episodes, config, folder)
-    module.cpu()
-    settings = training_settings(config)
-    save_checkpoint(folder, module, {"train": settings})
-    tables, parity = export_and_evaluate(
-        module,
-        folder,
-        layouts,
-        pairs,
-        settings,
-        name=config.pair,
-        frames=config.frames,
-        seed=config.seed,
-        jobs=config.jobs,
-    )
-    (folder / STATE).unlink(missing_ok=True)
-    print(*(table.markdown() for table in tables), sep="\n")
-    print(
-        f"\n{folder / 'decoder.onnx'}: torch and onnxruntime agree on all {parity.bits} bits of "
-        f"{parity.frames} synthetic frame pairs, scores within {parity.max_difference:.1e}"
-    )
+    test = FinalTest(config.pair, pairs, config.frames, config.seed, config.jobs)
+    module = initial_decoder(layouts[0], config.decoder, config.start).to(config.device)
+    folder, settings = config.out or Path("runs") / config.pair, training_settings(config)
+    with locked(folder):
+        claim_folder(folder, settings, "train", UNDECISIVE)
+        episodes = {
+            layout: simulate_episodes(
+                Source(layout, "train", config.seed), pairs, plan, config.jobs
+            )
+            for layout in layouts
+        }
+        train(module, episodes, config, folder)
+        save_checkpoint(folder, module.cpu(), {"train": settings})
+        print(export_and_evaluate(module, layouts, test, folder, settings))
+        (folder / STATE).unlink(missing_ok=True)
 
 
 def check_training(config: TrainConfig) -> None:
     """Raise a `ParameterError` that names the first flag whose value is wrong."""
     at_least(len(LAYOUTS[config.layouts]), episodes=config.episodes)
-    at_least(1, rounds=config.rounds, steps=config.steps)
-    at_least(1, batch=config.batch, frames=config.frames, jobs=config.jobs)
+    at_least(1, rounds=config.rounds, steps=config.steps, batch=config.batch)
+    at_least(1, frames=config.frames, jobs=config.jobs)
     at_least(0, seed=config.seed)
-    if not config.kappas:
-        raise ParameterError("kappas", "name at least one")
-    for kappa in config.kappas:
-        check_kappa(kappa, "kappas")
-    if check_view(config.max_view, "max_view") < 0:
-        raise ParameterError("max_view", f"need at least 0 degrees, got {config.max_view:g}")
     if not 0 < config.lr < 10:
         raise ParameterError("lr", f"need more than 0 and less than 10, got {config.lr:g}")
     if config.device == "cuda" and not torch.cuda.is_available():
@@ -204,8 +170,7 @@ def train(
             progress.update()
             progress.set_postfix(loss=f"{result.loss:.4f}", errors=f"{result.bit_error:.2%}")
         save_state(folder / STATE, parts, generator, key, number + 1, log)
-        lines = "".join(json.dumps(entry) + "\n" for entry in log)
-        write_bytes(folder / "log.jsonl", lines.encode())
+        write_bytes(folder / "log.jsonl", write_lines(log))
     progress.close()
 
 

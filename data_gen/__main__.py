@@ -37,7 +37,7 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(DataGenConfig))
     at_least(1, frames=config.frames)
     cell = config.cell()
-    source = replace(config.source(), pyramid_level=config.pyramid_level)
+    source = replace(config.source(config.split), pyramid_level=config.pyramid_level)
     source.pair(cell.pair)
     shuffled_pictures(source)  # a wrong folder of pictures is refused before any work
     visibility = []

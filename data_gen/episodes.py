@@ -12,14 +12,24 @@ from torch import Tensor
 from tqdm import tqdm, trange
 
 from data_gen.augment import augment
+from data_gen.channel.optics import check_view
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.errors import choose
+from link.embed import check_kappa
+from link.errors import ParameterError, choose, each_once
 
 
 @dataclass(frozen=True)
 class EpisodePlan:
-    """What the episodes are drawn from."""
+    """What the episodes are drawn from.
+
+    A `link.errors.ParameterError` says which of kappas and largest view is out of its range.
+
+    >>> EpisodePlan(240, kappas=(3,), max_view=-1.0)
+    Traceback (most recent call last):
+    ...
+    link.errors.ParameterError: max_view: need at least 0 degrees, got -1
+    """
 
     count: int
     """Number of episodes."""
@@ -27,6 +37,13 @@ class EpisodePlan:
     """Values of κ, in gray levels, of which each episode draws one."""
     max_view: float
     """Largest view, in degrees; the episodes' views are uniform from 0 to this."""
+
+    def __post_init__(self) -> None:
+        each_once(kappas=self.kappas)
+        for kappa in self.kappas:
+            check_kappa(kappa, "kappas")
+        if check_view(self.max_view, "max_view") < 0:
+            raise ParameterError("max_view", f"need at least 0 degrees, got {self.max_view:g}")
 
 
 @dataclass(frozen=True)

@@ -71,18 +71,19 @@ class SourceFlags(LayoutFlags):
 
     seed: int = 0
     """Seed of every random draw."""
-    split: str = "test"
-    """Split whose pictures and channel draws are used: "train" or "test"."""
     pictures: Path | None = None
-    """Folder with your own pictures."""
+    """Folder with your own pictures, in place of the built-in ones."""
     without: tuple[str, ...] = ()
     """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
     set: tuple[str, ...] = ()
     """Parameters of the channel to set, such as drift=0.1 jpeg_quality=70
     (data_gen/parameters.py)."""
 
-    def source(self) -> Source:
+    def source(self, split: str = "test") -> Source:
         """Return where pictures, messages and channel draws come from.
+
+        Args:
+            split: split whose pictures and channel draws are used, "train" or "test".
 
         Raises:
             InputError: the layout is impossible, the seed negative, or a setting is not written
@@ -91,7 +92,7 @@ class SourceFlags(LayoutFlags):
         at_least(0, seed=self.seed)
         return Source(
             layout=self.layout(),
-            split=self.split,
+            split=split,
             seed=self.seed,
             pictures=self.pictures,
             without=self.without,
@@ -109,6 +110,8 @@ class CellFlags(SourceFlags):
     """Angle of observation, degrees from the display's normal."""
     kappa: int = 5
     """Gray levels of [0, 255] added where a bit is 1."""
+    split: str = "test"
+    """Split whose pictures and channel draws are used: "train" or "test"."""
 
     def cell(self) -> Cell:
         """Return pair, view and kappa.

@@ -128,7 +128,7 @@ def main() -> None:
     config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
     at_least(0, first=config.first)
     at_least(1, shown=config.shown)
-    settings, cell, source = config.stream, config.cell(), config.source()
+    settings, cell, source = config.stream, config.cell(), config.source(config.split)
     seconds = settings.seconds or 0.0
     if not 0 < seconds <= 3600:
         raise ParameterError("seconds", f"need more than 0 and at most 3600, got {seconds:g}")

@@ -244,16 +244,20 @@ def test_train_refuses_the_folder_of_another_run_before_any_work(
 ) -> None:
     simulated: list[Path] = []
 
-    def simulate(*arguments: object) -> None:
-        simulated.append(Path(str(arguments[3])))
-        (Path(str(arguments[3])) / "state.pt").touch()
+    def simulate(*_: object) -> None:
+        simulated.append(tmp_path)
 
-    monkeypatch.setattr(train, "train_and_evaluate", simulate)
+    def train_and_die(*arguments: object) -> None:
+        (Path(str(arguments[3])) / "state.pt").touch()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train, "simulate_episodes", simulate)
+    monkeypatch.setattr(train, "train", train_and_die)
     flags = ["--episodes", "2", "--rounds", "1", "--out", tmp_path]
-    assert command(train.main, *flags).status == 0
+    assert command(train.main, *flags).status == 130
     settings = json.loads((tmp_path / "config.json").read_text())["train"]
     assert (settings["episodes"], settings["pair"]) == (2, "canon-lg")
-    assert command(train.main, *flags, "--jobs", 1).status == 0  # decides nothing
+    assert command(train.main, *flags, "--jobs", 1).status == 130  # decides nothing
     assert len(simulated) == 2
     before = {file: file.read_bytes() for file in tmp_path.iterdir()}
     for other in (["--seed", 1], ["--frames", 3], ["--pair", "all"], ["--lr", 0.02]):

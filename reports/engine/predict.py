@@ -15,9 +15,11 @@ from typing import Any
 import pandas as pd
 from tqdm import tqdm
 
+from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.captures import load_capture, read_manifest
-from link.errors import InputError, UnsuitedError
+from link.embed import check_kappa
+from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from reports.engine.backends import DIED, Backend, one_thread, run_tasks
@@ -67,7 +69,16 @@ class _Task:
 def paper_cells(
     pairs: Sequence[str], views: Sequence[float] = (0.0, 45.0), kappas: Sequence[int] = (5, 3)
 ) -> tuple[Cell, ...]:
-    """The paper's protocol: every pair at every view and kappa, ordered as its tables are."""
+    """The paper's protocol: every pair at every view and kappa, ordered as its tables are.
+
+    Raises:
+        ParameterError: a list is empty or names a value twice, or a view or kappa is out of range.
+    """
+    each_once(pairs=pairs, views=views, kappas=kappas)
+    for view in views:
+        check_view(view, "views")
+    for kappa in kappas:
+        check_kappa(kappa, "kappas")
     return tuple(Cell(pair, view, kappa) for kappa in kappas for view in views for pair in pairs)
 
 

@@ -120,7 +120,7 @@ def to_lines(records: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def write_lines(lines: Iterable[dict[str, Any]]) -> bytes:
-    """Predictions as the bytes of a file."""
+    """Objects as the bytes of a file with one line of JSON each, such as predictions or a log."""
     return "".join(json.dumps(line) + "\n" for line in lines).encode()
 
 

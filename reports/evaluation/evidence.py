@@ -1,4 +1,4 @@
-"""What the report shows beside the predictions: pictures, responses, and time."""
+"""What the report shows beside the main comparison: sweeps, pictures, responses, and time."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -9,13 +9,15 @@ from time import perf_counter
 import pandas as pd
 
 from data_gen.frame_pair import Cell, FramePair
+from reports.engine.backends import Backend
 from reports.engine.methods import Method
-from reports.engine.predict import Condition, Predicted
+from reports.engine.predict import Condition, predict
 from reports.evaluation.cost import measure_cost
 from reports.evaluation.findings import REFERENCES, leaders
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import Place, captured_stories, simulated_stories
-from reports.run import RunFolder, SweepCurve
+from reports.run import RunFolder
+from reports.studies.sweeps import sweep_conditions, swept_methods
 
 
 @dataclass(frozen=True)
@@ -56,29 +58,37 @@ class Stopwatch:
 
 def simulated_evidence(
     folder: RunFolder,
-    conditions: Sequence[Condition],
-    curves: Sequence[SweepCurve],
-    predicted: Predicted,
-    swept: Predicted,
+    comparison: Condition,
+    predicted: pd.DataFrame,
     methods: Sequence[Method],
-    amount: Amount,
+    sweeps: Sequence[str],
+    quick: bool,
+    backend: Backend,
     clock: Stopwatch,
-) -> None:
-    """Write pictures, responses and time of a simulated run.
+) -> list[str]:
+    """Write sweeps, pictures, responses and time of a simulated run.
 
     Args:
-        folder: of the run.
-        conditions: the main comparison first, then all values of sweeps.
-        curves: what the sweeps' conditions are values of.
-        predicted: the main comparison.
-        swept: the sweeps.
-        methods: all that were compared.
-        amount: how much is shown.
+        folder: folder of the run; it holds the main comparison already.
+        comparison: the main comparison.
+        predicted: predictions of the main comparison.
+        methods: all methods that were compared.
+        sweeps: names of the sweeps, keys of `reports.studies.sweeps.SWEEPS`.
+        quick: whether fewer values are swept, and fewer frame pairs shown.
+        backend: where the cells of sweeps are decoded.
         clock: gets the times.
+
+    Returns:
+        one line for each cell of a sweep that failed.
     """
-    comparison = conditions[0]
+    amount = QUICK if quick else USUAL
+    fewer = max(1, 2 * comparison.frames // 3)
+    swept_conditions, curves = sweep_conditions(sweeps, comparison.source, fewer, quick)
+    with clock.time("sweeps"):
+        swept = predict(swept_conditions, swept_methods(methods), folder.path, backend)
+    folder.write_sweeps(curves, swept.records)
     with clock.time("pictures"):
-        best = leaders(predicted.records, swept.records)
+        best = leaders(predicted, swept.records)
         labels = {method.label for method in methods}
         shown = [m for m in REFERENCES[:1] if m in labels and m not in best] + best[::-1]
         hidden = [method.label for method in methods if method.card.hidden]
@@ -87,9 +97,9 @@ def simulated_evidence(
             condition.name: Place(
                 condition.source, *words.get(condition.name, ("", "main comparison"))
             )
-            for condition in conditions
+            for condition in (comparison, *swept_conditions)
         }
-        records = pd.concat([predicted.records, swept.records], ignore_index=True)
+        records = pd.concat([predicted, swept.records], ignore_index=True)
         stories = simulated_stories(
             records, places, shown, best, hidden, folder.path, amount.strips, amount.failures
         )
@@ -108,6 +118,7 @@ def simulated_evidence(
         folder.write_cost(
             measure_cost(comparison.source, comparison.cells[0], amount.cost_rounds, methods)
         )
+    return swept.failed
 
 
 def capture_evidence(

@@ -4,7 +4,6 @@ The network of `models.neural.cnn` gets the captures on which the method ``learn
 They are augmented anew in each round, as for ``learned``, and flipped besides.
 """
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,17 +14,16 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import tqdm
 
-from data_gen.channel.optics import check_view
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.embed import check_kappa
-from link.errors import InputError, ParameterError, at_least, each_once, read_flags, run_cli
+from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
 from models import PRETRAINED_CNN
 from models.neural.checkpoint import save_checkpoint, training_settings
 from models.neural.cnn import BlockNet, CnnConfig, to_cells
+from reports.engine.records import write_lines
 
 
 @dataclass(frozen=True)
@@ -75,19 +73,14 @@ def main() -> None:
             raise ParameterError(
                 name, f"need at least 0 and less than 1, got {getattr(config, name):g}"
             )
-    each_once(kappas=config.kappas)
-    for kappa in config.kappas:
-        check_kappa(kappa, "kappas")
-    check_view(config.max_view, "max_view")
+    plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
     make_folder(config.out)
     layout = make_layout()
-    plan = EpisodePlan(config.episodes, config.kappas, config.max_view)
     source = Source(layout, "train", config.seed)
     episodes = simulate_episodes(source, tuple(PAIRS), plan, config.jobs)
     module, log = train_network(episodes, layout, config)
     save_checkpoint(config.out, module, {"train": training_settings(config)})
-    lines = "".join(json.dumps(entry) + "\n" for entry in log)
-    write_bytes(config.out / "log.jsonl", lines.encode())
+    write_bytes(config.out / "log.jsonl", write_lines(log))
     print(f"written: {config.out}/decoder.pt, config.json, log.jsonl")
 
 
