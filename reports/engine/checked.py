@@ -1,17 +1,19 @@
 """Content of stored files, checked against the types that their readers rely on.
 
-`checked` turns parsed JSON into dataclasses. `seal` and `unseal` tell a stored line that is as it
-was written from one that is damaged.
+`write_json` stores results, and `checked` turns parsed JSON into dataclasses. `seal` and `unseal`
+tell a stored line that is as it was written from one that is damaged.
 """
 
 import hashlib
 import json
 from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
 from link.errors import InputError
+from link.images import write_bytes
 
 T = TypeVar("T")
 Count = Annotated[int, Field(ge=0, le=2**53)]
@@ -55,6 +57,20 @@ def checked(kind: type[T], content: Any, where: str) -> T:
         named = f"{where}, {key:.100}" if key else where
         raise InputError(f"{named}: {first['msg']:.200}") from None
     return value
+
+
+def write_json(file: Path, content: dict[str, Any]) -> None:
+    """Write a study's results as strict JSON, with one space of indentation.
+
+    Args:
+        file: name of the file; an older one is replaced at once.
+        content: dicts, lists, texts, booleans, None, and numbers.
+
+    Raises:
+        ValueError: a number is not finite, which strict JSON cannot hold.
+        InputError: the file cannot be written.
+    """
+    write_bytes(file, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
 
 
 def seal(line: dict[str, Any]) -> str:

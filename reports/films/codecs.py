@@ -10,7 +10,6 @@ Films are stored as they end, and a restarted command goes on where it stopped. 
 into a block of docs/films.md.
 """
 
-import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
@@ -33,10 +32,10 @@ from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from link.embed import check_kappa
 from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
-from link.images import write_bytes
 from link.layout import Layout
 from models import PRETRAINED
 from reports.engine.backends import one_thread
+from reports.engine.checked import write_json
 from reports.engine.digest import short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
@@ -386,7 +385,7 @@ def _run(config: CodecsConfig) -> None:
         "rows": rows,
     }
     file = config.out / f"{config.block}.json"
-    write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(file, content)
     table = codecs_table(rows, config).markdown()
     print(table)
     write_blocks(config.page, {config.block: table})

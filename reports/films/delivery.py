@@ -46,6 +46,7 @@ from link.presets import PRESETS
 from models import shipped_checkpoint, shipped_graphs
 from models.neural.checkpoint import load_checkpoint
 from reports.engine.backends import one_thread
+from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
@@ -545,7 +546,7 @@ def run_deliveries(config: DeliveryConfig) -> Path:
         "runs": sorted(stored.values(), key=lambda run: (run["pair"], run["view_deg"], run["run"])),
     }
     file = config.out / f"{config.name}.json"
-    write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(file, content)
     return file
 
 

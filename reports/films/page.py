@@ -37,9 +37,10 @@ from export.web.site import build_site, run_node
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
-from link.images import as_gray, make_folder, temporary_name, write_bytes
+from link.images import as_gray, make_folder, temporary_name
 from models import shipped_graphs
 from reports.engine.backends import one_thread
+from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
@@ -431,7 +432,7 @@ def main() -> None:
         "films": [film.stored() for film in films],
     }
     file = config.out / f"{WAYS[config.by]}.json"
-    write_bytes(file, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(file, content)
     print(text)
     write_blocks(config.page, {WAYS[config.by]: text})
     print(f"written: {file}, {config.page}")

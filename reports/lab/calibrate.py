@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED_FILE
 from link.errors import at_least, read_flags, run_cli
-from link.images import intensity, write_bytes
+from link.images import intensity
 from link.layout import block_mean, make_layout
 from link.ratex import tile_labels
 from models.classical.common import fit_svm, require_ratex, tile_mean
 from models.classical.two_step import fit_inverse_response
 from reports.engine.backends import one_thread
+from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import command
 from reports.engine.stored import resume
@@ -361,7 +362,7 @@ def main() -> None:
         },
         "falloff": {d: falloff_value(d, green) for d, green in falloff.items()},
     }
-    write_bytes(config.out, (json.dumps(content, indent=1) + "\n").encode())
+    write_json(config.out, content)
     print(json.dumps(content["meta"], indent=1))
     print(f"written: {config.out}; next: python -m reports.studies.prediction")
 

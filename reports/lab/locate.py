@@ -6,7 +6,6 @@ whose corners are known.
 """
 
 import io
-import json
 import os
 import time
 import zipfile
@@ -29,10 +28,11 @@ from export.locate.refine import corners_on_patches
 from link.embed import embed
 from link.errors import InputError, at_least, read_flags, run_cli
 from link.geometry import as_corners
-from link.images import IMAGE_SUFFIXES, as_gray, read_image, write_bytes
+from link.images import IMAGE_SUFFIXES, as_gray, read_image
 from link.layout import Layout, make_layout
 from link.outside import read_bounded
 from reports.engine.backends import one_thread
+from reports.engine.checked import write_json
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
 from reports.render.tables import Table, TableCell, percent, share_interval
@@ -418,7 +418,7 @@ def main() -> None:
         "outcomes": [asdict(sighting) for sighting in (*sightings, *empty)],
     }
     path = config.out / "locate.json"
-    write_bytes(path, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+    write_json(path, content)
     print(path)
 
 

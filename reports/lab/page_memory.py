@@ -8,7 +8,6 @@ that OpenCV and onnxruntime have from WebAssembly, which never gives any back.
 Needs Linux, Node.js, Playwright and Chromium.
 """
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -27,8 +26,9 @@ from data_gen.frame_pair import Source, shuffled_pictures
 from export.web.site import build_site
 from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.files.lock import locked
-from link.images import as_gray, write_bytes
+from link.images import as_gray
 from link.presets import PRESETS
+from reports.engine.checked import write_json
 from reports.engine.provenance import provenance
 from reports.films.browser import camera_flags, open_chromium, serve_folder, text_of
 from reports.films.page import COUNTS, PageTake, film_file
@@ -240,7 +240,7 @@ def main() -> None:
         "meta": provenance(config.seed, simulated=True),
         "samples": {name: [asdict(s) for s in samples] for name, samples in watched.items()},
     }
-    write_bytes(config.out / "memory.json", (json.dumps(content, indent=1) + "\n").encode())
+    write_json(config.out / "memory.json", content)
     table = memory_table(watched).markdown()
     print(table)
     write_blocks(config.page, {"memory": table})

@@ -43,6 +43,7 @@ from models.neural.checkpoint import load_checkpoint
 from models.neural.config import DecoderConfig
 from models.neural.decoder import PhiDecoder
 from models.neural.methods import decode_with
+from reports.engine.checked import write_json
 from reports.engine.provenance import commit, provenance
 from reports.render.tables import Table, write_blocks
 from reports.score.paired import Paired, compare
@@ -406,7 +407,7 @@ def main() -> None:
     cost = time_ratios(compared, hidden_layout(*GRIDS[-1]), ROUNDS)[1]
     meta = provenance(config.seed, simulated=True) | {"commit": commit()}
     results = {"meta": meta, "rows": [asdict(row) for row in rows], "cost": cost}
-    write_bytes(config.out / "results.json", (json.dumps(results, indent=1) + "\n").encode())
+    write_json(config.out / "results.json", results)
     block = network_block(rows, cost)
     print(block)
     if config.page:

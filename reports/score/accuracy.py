@@ -5,7 +5,6 @@ A *score table* has a row for each method in each cell of each condition, with t
 score table also keeps the sum of squares that `clustered_interval` needs.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +14,8 @@ import numpy as np
 import pandas as pd
 from pydantic import FiniteFloat
 
-from link.images import write_bytes
 from link.outside import read_json
-from reports.engine.checked import Count, Share, checked
+from reports.engine.checked import Count, Share, checked, write_json
 from reports.engine.records import CELL
 from reports.score.paper import paper_accuracy
 
@@ -170,8 +168,7 @@ def write_scores(file: Path, scores: pd.DataFrame, meta: dict[str, Any]) -> None
         {key: None if pd.isna(value) else value for key, value in row.items()}
         for row in kept.to_dict("records")
     ]
-    text = json.dumps({"meta": meta, "rows": rows}, indent=1, allow_nan=False) + "\n"
-    write_bytes(file, text.encode())
+    write_json(file, {"meta": meta, "rows": rows})
 
 
 def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:

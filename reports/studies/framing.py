@@ -7,7 +7,6 @@ numbers, in a fixed order. So every batch of trials is told where in the stream 
 run in parallel, are stored as they end, and a restarted command goes on where it stopped.
 """
 
-import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -24,8 +23,8 @@ from numpy.typing import NDArray
 from link.code.framing import SIGNATURE, decode, encode, frames_needed
 from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
 from link.files.lock import locked
-from link.images import write_bytes
 from link.layout import make_layout
+from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
@@ -333,7 +332,7 @@ def _run(config: FramingConfig) -> None:
         content["wrong"] = wrong_rows(counted, found)
         print(*content["wrong"], sep="\n")
     save_png(framing_figure(rows), config.out / "framing.png")
-    write_bytes(config.out / "framing.json", (json.dumps(content, indent=1) + "\n").encode())
+    write_json(config.out / "framing.json", content)
 
 
 if __name__ == "__main__":

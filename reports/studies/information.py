@@ -34,6 +34,7 @@ from link.images import write_bytes
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels, save_png
+from reports.render.tables import Table
 from reports.studies.framing import received_llr
 
 STEP = 0.02
@@ -219,8 +220,8 @@ def information_figure(rows: list[dict[str, Any]]) -> Figure:
 
 
 def information_table(content: dict[str, Any]) -> str:
-    """Write the tables of docs/framing.md."""
-    lines = ["| bits wrong, % | " + " | ".join(LOOP) + " |", "|---:|" + "---:|" * len(LOOP)]
+    """Write the tables of docs/framing.md, from the content of information.json."""
+    needed = []
     for ber in dict.fromkeys(row["ber"] for row in content["rows"]):
         cells = [
             f"{row['median']:.2f} ({row['least']:.2f} – {row['most']:.2f})"
@@ -228,16 +229,14 @@ def information_table(content: dict[str, Any]) -> str:
             for row in content["rows"]
             if (row["code"], row["ber"]) == (code, ber)
         ]
-        lines.append(f"| {100 * ber:g} | " + " | ".join(cells) + " |")
-    lines += ["", "| bits wrong, % | decoded, kbit/s | time of decoding / time of a warp |"]
-    lines.append("|---:|---:|---:|")
+        needed.append([f"{100 * ber:g}", *cells])
+    speed = []
     for row in content["speed"]:
-        if row["read"]:
-            rate, warps = row["kbit_per_s"], row["warps"]
-            lines.append(f"| {100 * row['ber']:g} | {rate:.0f} | {warps:.0f} |")
-        else:
-            lines.append(f"| {100 * row['ber']:g} | not read | – |")
-    return "\n".join(lines)
+        read = [f"{row['kbit_per_s']:.0f}", f"{row['warps']:.0f}"] if row["read"] else None
+        speed.append([f"{100 * row['ber']:g}", *(read or ["not read", "–"])])
+    heads = ["bits wrong, %", "decoded, kbit/s", "time of decoding / time of a warp"]
+    tables = Table(["bits wrong, %", *LOOP], needed, left=0), Table(heads, speed, left=0)
+    return "\n\n".join(table.markdown() for table in tables)
 
 
 def main() -> None:

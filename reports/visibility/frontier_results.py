@@ -3,7 +3,6 @@
 The study `reports.visibility.frontier` stores its results in docs/hidden.json.
 """
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,10 +10,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from link.images import write_bytes
 from link.layout import Layout, make_layout
 from link.outside import read_json
-from reports.engine.checked import Count, Number, Share, checked
+from reports.engine.checked import Count, Number, Share, checked, write_json
 from reports.engine.provenance import Making
 
 Positive = Annotated[int, Field(ge=1, le=2**20)]
@@ -185,8 +183,7 @@ class FrontierResults:
 
 def write_frontier(file: Path, results: FrontierResults) -> None:
     """Write results as strict JSON: {"meta": ..., "settings": [...]}."""
-    text = json.dumps(asdict(results), indent=1, allow_nan=False) + "\n"
-    write_bytes(file, text.encode())
+    write_json(file, asdict(results))
 
 
 def read_frontier(file: Path) -> FrontierResults:

@@ -6,7 +6,6 @@ message. Writes the results and a block of docs/hidden.md; takes some minutes, a
 was cut off.
 """
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -21,11 +20,10 @@ from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
 from link.embed import check_kappa
 from link.errors import at_least, choose, each_once, read_flags, run_cli
-from link.images import write_bytes
 from link.layout import Layout, count_pilots, make_layout
 from link.outside import read_json
 from models import shipped_checkpoint
-from reports.engine.checked import Count, Number, checked
+from reports.engine.checked import Count, Number, checked, write_json
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
@@ -113,8 +111,7 @@ def main() -> None:
     rows = measure(config, PILOTS)
     stored = config.page.with_name("pilots.json")
     meta = provenance(config.seed, simulated=True) | {"commit": commit()}
-    text = json.dumps(asdict(PilotResults(meta, rows)), indent=1, allow_nan=False) + "\n"
-    write_bytes(stored, text.encode())
+    write_json(stored, asdict(PilotResults(meta, rows)))
     block = pilots_block(stored)
     print(block)
     write_blocks(config.page, {"hidden_pilots": block})

@@ -4,7 +4,6 @@ The rows are stored in docs/peers.json. The command, docs/peers.md and the repor
 show them by `peers_table` and `peers_figure`.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,10 +15,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 from pydantic import Field
 
-from link.images import write_bytes
 from link.outside import read_json
 from models import DECODERS
-from reports.engine.checked import Count, Number, Share, checked
+from reports.engine.checked import Count, Number, Share, checked, write_json
 from reports.engine.provenance import Making
 from reports.render.charts import (
     Point,
@@ -144,7 +142,7 @@ def _pooled(readings: Sequence[Reading]) -> PeerRow:
 def write_peers(file: Path, rows: Sequence[PeerRow], meta: dict[str, Any]) -> None:
     """Write rows and what produced them as strict JSON: {"meta": ..., "rows": [...]}."""
     content = {"meta": meta, "rows": [asdict(row) for row in rows]}
-    write_bytes(file, (json.dumps(content, indent=1, allow_nan=False) + "\n").encode())
+    write_json(file, content)
 
 
 def read_peers(file: Path) -> PeerResults:
