@@ -101,16 +101,28 @@ def main() -> None:
     folder = RunFolder(config.out)
     with locked(config.out):
         folder.claim(decisive_settings(config, methods))
+        failed = []
         if config.captures is None:
-            evaluate_simulated(config, methods, folder)
+            failed = evaluate_simulated(config, methods, folder)
         else:
             evaluate_folder(config.captures, methods, folder, config.seed, config.html)
-            if config.show is not None:
-                show(config.captures, methods, config.show)
+        if config.html:
+            print(f"written: {write_report(config.out)}")
+        if config.captures is not None and config.show is not None:
+            show(config.captures, methods, config.show)
+    for line in failed:
+        print(f"failed: {line}", file=sys.stderr)
+    if failed:
+        raise InputError(
+            f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
+            "same command tries the failed ones again"
+        )
 
 
-def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: RunFolder) -> None:
-    """Compare on simulated captures; raises an `InputError` at the end where cells failed."""
+def evaluate_simulated(
+    config: EvaluateConfig, methods: list[Method], folder: RunFolder
+) -> list[str]:
+    """Compare on simulated captures; return a line for each cell that failed."""
     comparison, clock = comparison_of(config), Stopwatch()
     backend = make_backend(config.backend, config.jobs, config.scheduler)
     methods, left_out = suited_methods(methods, comparison.source.layout)
@@ -131,14 +143,7 @@ def evaluate_simulated(config: EvaluateConfig, methods: list[Method], folder: Ru
             folder, comparison, predicted.records, methods, sweeps, config.quick, backend, clock
         )
         folder.finish(meta, clock.seconds, [*left_out, *failed])
-        print(f"written: {write_report(config.out)}")
-    for line in failed:
-        print(f"failed: {line}", file=sys.stderr)
-    if failed:
-        raise InputError(
-            f"{len(failed)} cells failed, as listed above; the others are in {config.out}, and the "
-            "same command tries the failed ones again"
-        )
+    return failed
 
 
 def check(config: EvaluateConfig) -> None:

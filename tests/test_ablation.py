@@ -15,15 +15,11 @@ from models.neural.config import FULL, DecoderConfig
 from models.neural.decoder import PhiDecoder
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.records import to_records
-from reports.studies import ablation
-from reports.studies.ablation import compare_rows
-from reports.studies.ablation_page import (
-    Ablation,
-    ablation_figure,
-    ablation_tables,
-    read_ablation,
-)
-from reports.studies.switches import ADDED, FLOORS, REMOVED, ROWS, row_method
+from reports.studies.ablation import __main__ as ablation
+from reports.studies.ablation.__main__ import compare_rows
+from reports.studies.ablation.page import ablation_figure, ablation_tables
+from reports.studies.ablation.results import Ablation, read_ablation
+from reports.studies.ablation.switches import ADDED, FLOORS, REMOVED, ROWS, row_method
 
 NOWHERE = Path("nowhere")
 QUICK = ["--frames", "1", "--pairs", "canon-lg", "--jobs", "1"]

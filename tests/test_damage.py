@@ -18,7 +18,7 @@ from reports.evaluation.page import write_report
 from reports.evaluation.versus import compare_runs
 from reports.run import Cost, Response, Run, RunFolder, Story, SweepCurve, SweepPoint
 from reports.score.accuracy import score, write_scores
-from reports.studies.ablation import compare_rows
+from reports.studies.ablation.__main__ import compare_rows
 from reports.studies.peers.page import PeerRow, write_peers
 from reports.visibility.frontier_results import (
     PAPER_SETTING,

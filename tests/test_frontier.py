@@ -16,11 +16,11 @@ from reports.visibility.frontier import (
     SETTINGS,
     condition_of,
     displayed_psnr,
-    information,
     measured_jod,
     shown_rate,
 )
 from reports.visibility.frontier_charts import chart_figure, frontier_charts, frontier_figure
+from reports.visibility.frontier_reading import information
 from reports.visibility.frontier_results import (
     CHART_HZ,
     PAPER_HZ,

@@ -21,7 +21,8 @@ from link.captures import save_captures
 from link.layout import make_layout
 from reports.engine.records import to_records
 from reports.evaluation.findings import leaders
-from reports.evaluation.page import SECTIONS, render, write_report
+from reports.evaluation.html import render
+from reports.evaluation.page import SECTIONS, write_report
 from reports.evaluation.settings import chosen_sweeps
 from reports.render.charts import (
     ACCURACY_TICKS,

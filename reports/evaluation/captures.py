@@ -9,7 +9,6 @@ from reports.engine.methods import Method
 from reports.engine.predict import decode_captures
 from reports.engine.provenance import provenance
 from reports.evaluation.evidence import USUAL, Stopwatch, capture_evidence
-from reports.evaluation.page import write_report
 from reports.render.tables import summary_table
 from reports.run import RunFolder
 from reports.score.accuracy import score
@@ -25,7 +24,7 @@ def evaluate_folder(
         methods: those that do not suit a frame pair are left out of it, and a line says so.
         folder: of the run; its settings are written already.
         seed: of the paired comparisons' resamples.
-        html: write report.html, and what it shows beside the predictions.
+        html: whether to write what report.html shows beside the predictions.
     """
     clock = Stopwatch()
     with clock.time("decoding"):
@@ -41,4 +40,3 @@ def evaluate_folder(
         capture_evidence(folder, captures, records, USUAL, clock)
         manifest = f"manifest {file_digest([captures / MANIFEST])[:16]}"
         folder.finish(meta, clock.seconds, notes, captures=manifest)
-        print(f"written: {write_report(folder.path)}")

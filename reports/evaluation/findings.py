@@ -15,7 +15,7 @@ from reports.score.paired import (
     compare_methods,
     same_captures,
 )
-from reports.studies.ablation_page import Ablation
+from reports.studies.ablation.results import Ablation
 
 REFERENCES = ("oorc", "hidden_ratex")
 """Methods of the paper with which others are compared: a method's reference is the first of them

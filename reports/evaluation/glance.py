@@ -14,7 +14,7 @@ from reports.evaluation.findings import (
     worst_points,
 )
 from reports.run import Run
-from reports.studies.ablation_page import Ablation
+from reports.studies.ablation.results import Ablation
 
 PART_WORDS = {
     "refine": "refinement",

@@ -1,10 +1,9 @@
 """The page of a run: report.html, one file that needs nothing else, the same bytes every time."""
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import jinja2
 import pandas as pd
 from markupsafe import Markup
 
@@ -24,15 +23,13 @@ from reports.evaluation.findings import (
     swept_accuracies,
 )
 from reports.evaluation.glance import PART_WORDS, find_glance
+from reports.evaluation.html import render
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
 from reports.render.tables import (
     FAR,
     Table,
     cell_tables,
-    difference_interval,
-    percent,
-    share_interval,
     summary_table,
 )
 from reports.run import (
@@ -47,7 +44,8 @@ from reports.run import (
 from reports.score.accuracy import read_scores
 from reports.score.paired import MIN_FRAMES
 from reports.score.reliability import ALL, Curves, reliability_curves
-from reports.studies.ablation_page import ablation_tables, read_ablation
+from reports.studies.ablation.page import ablation_tables
+from reports.studies.ablation.results import read_ablation
 from reports.studies.peers.page import (
     COLOURS,
     PeerRow,
@@ -60,8 +58,6 @@ from reports.visibility.frontier_charts import chart_figure, frontier_charts
 from reports.visibility.frontier_results import CHART_HZ, FrontierResults, read_frontier
 from reports.visibility.frontier_tables import bits_table, close_table, rate_table
 
-TEMPLATES = Path(__file__).parent / "templates"
-"""Folder of the Jinja2 templates and of the style sheet."""
 SECTIONS = {
     "glance": "At a glance",
     "summary": "Summary",
@@ -78,20 +74,6 @@ SECTIONS = {
     "provenance": "Provenance",
 }
 """Titles of the report's sections by anchor, in the order of the page."""
-ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(TEMPLATES),
-    autoescape=True,
-    undefined=jinja2.StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
-"""Compiles the templates; every text is escaped, and a name that is not given is an error."""
-ENVIRONMENT.filters |= {
-    "percent": percent,
-    "interval": share_interval,
-    "difference_interval": difference_interval,
-    "count": "{:,}".format,
-}
 MAIN, SWEPT = "main comparison", "all sweeps"
 """Names of the two conditions whose reliability the page shows."""
 
@@ -171,17 +153,6 @@ def report_page(run: Run) -> str:
         story_table=exhibits.story_table,
         picture=lambda file: picture_data(run.folder, file),
     )
-
-
-def render(template: str, colours: Mapping[str, str], **content: object) -> str:
-    """Fill a template.
-
-    Args:
-        template: name of a file of `TEMPLATES`.
-        colours: by text, the colour of a dot that stands before it in tables.
-        **content: what the template shows; texts are escaped, `markupsafe.Markup` is not.
-    """
-    return ENVIRONMENT.get_template(template).render(content, colours=colours)
 
 
 def summary_chart(ranked: Sequence[Standing]) -> Markup:

@@ -11,7 +11,7 @@ from data_gen.flags import LayoutFlags
 from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
-from reports.evaluation.page import render
+from reports.evaluation.html import render
 from reports.render.charts import colour_of
 from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
 from reports.run import Run, RunFolder

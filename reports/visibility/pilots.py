@@ -28,7 +28,7 @@ from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
 from reports.render.tables import Table, TableCell, percent, share_interval, write_blocks
-from reports.visibility.frontier import read_rows
+from reports.visibility.frontier_reading import read_rows
 from reports.visibility.frontier_results import Positive, ReadRow
 
 PILOTS = {

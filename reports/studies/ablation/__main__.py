@@ -33,13 +33,9 @@ from reports.render.tables import Table
 from reports.score.accuracy import pool, score
 from reports.score.paired import COUNTS, cells_behind, compare, tally
 from reports.score.reliability import ALL, reliability_curves
-from reports.studies.ablation_page import (
-    AblationEntry,
-    ablation_figure,
-    ablation_tables,
-    read_ablation,
-)
-from reports.studies.switches import FLOORS, ROWS, WHOLE_DECODERS, row_method
+from reports.studies.ablation.page import ablation_figure, ablation_tables
+from reports.studies.ablation.results import AblationEntry, read_ablation
+from reports.studies.ablation.switches import FLOORS, ROWS, WHOLE_DECODERS, row_method
 
 REFERENCES = ("oorc", "full", "ideal")
 """Rows with which every other row is compared, where they are decoded."""
@@ -52,7 +48,8 @@ class AblationConfig:
     conditions: tuple[str, ...] = tuple(SETTINGS)
     """Settings of the channel, named in reports/engine/conditions.py."""
     rows: tuple[str, ...] = ROWS
-    """Rows, named in reports/studies/switches.py; the references oorc and full always join."""
+    """Rows, named in reports/studies/ablation/switches.py; the references oorc and full always
+    join."""
     learned: bool = True
     """Add the trained decoder."""
     ideal: bool = False
