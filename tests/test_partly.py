@@ -138,9 +138,9 @@ def test_the_work_of_a_frame_is_bounded_and_falls_in_vain(monkeypatch: pytest.Mo
     counted, rng = Counted(), np.random.default_rng(0)
     monkeypatch.setattr(track, "search_steps", counted)
     tracker, works = Tracker(LAYOUT), []
-    for _ in range(120):
+    for number in range(120):
         counted.work = 0
-        assert tracker.follow(noisy(90, rng)) is None
+        assert tracker.follow(noisy(90, rng), number / 30) is None
         works.append(counted.work)
     assert max(works) < track.FIRST_WORK + counted.each
     assert np.mean(works[40:]) < SEARCH_WORK / 4 / 4  # of a search in every fourth frame
@@ -173,7 +173,7 @@ def test_a_display_that_appears_is_looked_for_at_once(
         image = noisy(90, rng)
         if noted.now >= before:
             image[30:60, 40:120] = 200
-        tracker.follow(image)
+        tracker.follow(image, noted.now / 30)
     first = next(end for begun, end in noted.searches if begun >= before)
     assert first - before <= 15
 

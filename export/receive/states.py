@@ -98,15 +98,37 @@ def compose_state(
     total = np.zeros(used[0][0].rectified.shape, np.float32)
     weights = np.zeros((height, width), np.float32)
     for frame, share in used:
-        chosen = (share >= limit).astype(np.float32)
-        weight = cv2.resize(chosen, (width, height), interpolation=cv2.INTER_LINEAR)
-        total += frame.rectified * _like(total, weight)
-        weights += weight
-    mean = total / _like(total, np.maximum(weights, 1e-3))
-    return DisplayState(np.asarray(mean + 0.5, np.uint8), purity, len(used))
+        chosen = share >= limit
+        if not chosen.any():
+            continue
+        rows = _rows_reached(chosen, height)
+        mesh = chosen.astype(np.float32)
+        weight = cv2.resize(mesh, (width, height), interpolation=cv2.INTER_LINEAR)[rows]
+        pixels = frame.rectified[rows]
+        total[rows] += cv2.multiply(pixels, _like(pixels, weight), dtype=cv2.CV_32F)
+        weights[rows] += weight
+    total /= _like(total, np.maximum(weights, 1e-3, out=weights))
+    total += 0.5
+    return DisplayState(total.astype(np.uint8), purity, len(used))
 
 
-def _like(image: NDArray[np.float32], weights: NDArray[np.float32]) -> NDArray[np.float32]:
+def _rows_reached(chosen: NDArray[np.bool_], height: int) -> slice:
+    """Find the rows of an image in which some of the chosen points of the mesh count.
+
+    Points count as far as the points beside them, so rows farther from all of them do not. Display
+    states often are put together from a few bands of rows, because camera rows are exposed one
+    after the other.
+
+    Args:
+        chosen: (MESH, MESH), true somewhere.
+        height: of the image, pixels.
+    """
+    points = np.flatnonzero(chosen.any(axis=1))
+    first, last = (points[0] - 0.5) * height / MESH, (points[-1] + 1.5) * height / MESH
+    return slice(max(0, int(first) - 1), min(height, int(np.ceil(last)) + 1))
+
+
+def _like(image: NDArray[np.generic], weights: NDArray[np.float32]) -> NDArray[np.float32]:
     """Give (height, width) weights the channels of an image; numpy would spread them slowly."""
     return weights if image.ndim == 2 else np.asarray(cv2.merge([weights] * image.shape[2]))
 

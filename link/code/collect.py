@@ -44,12 +44,29 @@ class Collector(Protocol):
         """Say that the next frame's distance to the earlier ones is not known."""
         ...
 
-    def add(self, scores: NDArray[np.float64], count: int) -> Message | None:
+    def add(self, scores: NDArray[np.float64], count: int, work: float = np.inf) -> Message | None:
         """Add one frame, and try to decode.
 
         Args:
             scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
             count: number of the frame on the display, from any start; rising within a run.
+            work: largest work of decoding that is begun now, as `go_on` takes it.
+
+        Returns:
+            the message where it is whole now and not the one that was returned last, else None.
+        """
+        ...
+
+    def go_on(self, work: float = np.inf) -> Message | None:
+        """Go on with decoding that is under way.
+
+        Decoding a long message takes as long as several camera frames, so it may be done in steps.
+        It goes on with what was collected when it began. Coarse grids decode at once, and have
+        nothing to go on with.
+
+        Args:
+            work: number of messages passed by the decoder (`link.code.rateless`) after which no
+                further step is taken; without it, decoding goes on until it ends.
 
         Returns:
             the message where it is whole now and not the one that was returned last, else None.

@@ -191,12 +191,13 @@ class CoarseCollector:
         self._place: tuple[int, int] | None = None
         self._trust: list[float] = []
 
-    def add(self, scores: NDArray[np.float64], count: int) -> Message | None:
+    def add(self, scores: NDArray[np.float64], count: int, work: float = np.inf) -> Message | None:
         """Add one frame, and try to decode.
 
         Args:
             scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
             count: number of the frame on the display, from any start; rising within a run.
+            work: of decoding, which coarse grids do at once, whatever it is.
 
         Returns:
             the message where it is whole now and not the one that was returned last, else None.
@@ -222,6 +223,14 @@ class CoarseCollector:
         self._place = int(frames[best]), int(first[best])
         waiting, self._waiting, self._belief = self._waiting, [], None
         return self._try() if self._put(waiting) else None
+
+    def go_on(self, work: float = np.inf) -> Message | None:
+        """Return None: coarse grids decode when a frame is added, and leave nothing to go on with.
+
+        Args:
+            work: of no effect.
+        """
+        return None
 
     def _lost(self, words: NDArray[np.float32], count: int) -> bool:
         """Whether the last signatures speak against the place of this run."""

@@ -19,11 +19,12 @@ from link.code.fine import (
     Shape,
     Terms,
     coded_bits,
-    decode_coded,
+    coded_decoding_steps,
     number_likelihoods,
     read_terms,
 )
 from link.code.message import MAX_SCORE, Message
+from link.code.rateless import Steps
 from link.code.words import NUMBERS
 
 UNSURE = 1e-4
@@ -100,6 +101,24 @@ class CodedScores:
         return enough or (2 * self.seen >= self.terms.frames and self.seen % turn == 0)
 
 
+class Attempt:
+    """Decoding that is under way, of what a loop had brought when it began.
+
+    Args:
+        loop: what was collected; it may grow while this goes on.
+    """
+
+    def __init__(self, loop: CodedScores) -> None:
+        self.terms = loop.terms
+        """Terms of the loop."""
+        self.seen = loop.seen
+        """Number of received frames that had been added."""
+        self.sums = loop.sums.copy()
+        """(frames, body) log-likelihood ratios that are decoded."""
+        self.steps: Steps[bytes | None] = coded_decoding_steps(self.sums, loop.terms)
+        """Steps of the decoding, which return the message or None."""
+
+
 @dataclass
 class WaitingFrame:
     """A frame that cannot be used yet."""
@@ -121,6 +140,8 @@ class FineCollector:
         self.attempts = 0
         self._terms: Terms | None = None
         self._loop: CodedScores | None = None
+        self._attempt: Attempt | None = None
+        self._due = False
         self._delivered: Terms | None = None
         self._forget_terms()
         self.start_run()
@@ -128,7 +149,7 @@ class FineCollector:
     @property
     def collecting(self) -> bool:
         """Whether scores are kept that may be those of a message not returned yet."""
-        return self._loop is not None
+        return self._loop is not None or self._attempt is not None
 
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
@@ -136,24 +157,27 @@ class FineCollector:
         self._count = 0
         self._waiting: list[WaitingFrame] = []
 
-    def add(self, scores: NDArray[np.floating], count: int) -> Message | None:
+    def add(self, scores: NDArray[np.floating], count: int, work: float = np.inf) -> Message | None:
         """Add one frame, and try to decode; `Collector.add` says the rest."""
+        self._take(scores, count)
+        return self.go_on(work)
+
+    def _take(self, scores: NDArray[np.floating], count: int) -> None:
+        """Add one frame, or let it wait."""
         frame = WaitingFrame(
             np.clip(np.nan_to_num(scores), -MAX_SCORE, MAX_SCORE).astype(np.float32), count, None
         )
         self._waiting = [*self._waiting, frame][-MAX_WAITING:]
         frame.number = self._follow(number_likelihoods(frame.scores), count)
         if frame.number is None:
-            return None
+            return
         self._number_waiting(frame)
         self._learn_terms(ReadFrame(frame.scores, frame.number))
         if self._terms is None:
-            return None
-        new = False
+            return
         for waiting in self._waiting:
-            new = self._put(waiting, self._terms) or new
+            self._put(waiting, self._terms)
         self._waiting = []
-        return self._try() if new and self._loop is not None else None
 
     def _follow(self, likelihoods: Floats, count: int) -> int | None:
         """Weigh the numbers that the next frame may have; returns it once it is sure."""
@@ -208,35 +232,50 @@ class FineCollector:
         if self._terms is None and self._heard.all():
             self._terms = read_terms(self._evidence.argmax(axis=1), self.n_bits)
 
-    def _put(self, waiting: WaitingFrame, terms: Terms) -> bool:
-        """Add a frame to the loop; false where it brings nothing new that may be decoded."""
+    def _put(self, waiting: WaitingFrame, terms: Terms) -> None:
+        """Add a frame to the loop, and note whether decoding is due."""
         assert waiting.number is not None
         if waiting.number >= terms.frames:
-            return False
+            return
         frame = ReadFrame(waiting.scores, waiting.number)
         if frame.supports(terms) < 0:
-            return False
+            return
         if terms == self._delivered:
-            self._loop, self.progress = None, 1.0
-            return False
+            self._loop, self._due, self.progress = None, False, 1.0
+            return
         if self._loop is None or self._loop.terms != terms:
-            self._loop = CodedScores(terms, self.n_bits)
+            self._loop, self._due = CodedScores(terms, self.n_bits), False
         self._loop.add(waiting.number, frame.coded)
         self.progress = self._loop.progress
-        return self._loop.worth_decoding()
+        self._due = self._due or self._loop.worth_decoding()
 
-    def _try(self) -> Message | None:
-        """Decode what was collected; a message ends the collection."""
-        loop = self._loop
-        assert loop is not None
-        self.attempts += 1
-        loop.tried = loop.progress
-        data = decode_coded(loop.sums, loop.terms)
-        if data is None:
-            return None
-        sent = coded_bits(data, loop.terms, self.n_bits)
-        weight = np.abs(loop.sums)
-        agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
+    def go_on(self, work: float = np.inf) -> Message | None:
+        """Go on with decoding; `Collector.go_on` says the rest."""
+        spent = 0
+        while True:
+            if self._attempt is None:
+                if self._loop is None or not self._due:
+                    return None
+                self.attempts += 1
+                self._due, self._loop.tried = False, self._loop.progress
+                self._attempt = Attempt(self._loop)
+            try:
+                while spent < work:
+                    spent += next(self._attempt.steps)
+                return None
+            except StopIteration as end:
+                attempt, data = self._attempt, end.value
+                self._attempt = None
+                if data is not None:
+                    return self._deliver(attempt, data)
+
+    def _deliver(self, attempt: Attempt, data: bytes) -> Message:
+        """Make the message of decoding that succeeded; it ends the collection."""
+        sent = coded_bits(data, attempt.terms, self.n_bits)
+        weight = np.abs(attempt.sums)
+        agree = float(weight[(attempt.sums > 0) == (sent == 1)].sum() / weight.sum())
         changed = self._delivered is not None
-        self._loop, self._delivered, self.progress = None, loop.terms, 1.0
-        return Message(data, loop.terms.frames, loop.seen, agree, changed)
+        if self._loop is not None and self._loop.terms == attempt.terms:
+            self._loop, self._due, self.progress = None, False, 1.0
+        self._delivered = attempt.terms
+        return Message(data, attempt.terms.frames, attempt.seen, agree, changed)

@@ -20,7 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.ldpc import scrambled
-from link.code.rateless import MAX_INFORMATION, MIN_INFORMATION, RatelessCode, make_rateless
+from link.code.rateless import (
+    MAX_INFORMATION,
+    MIN_INFORMATION,
+    RatelessCode,
+    Steps,
+    decode_at_once,
+    make_rateless,
+)
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError
 
@@ -313,20 +320,27 @@ def coded_bits(message: bytes, terms: Terms, n_bits: int) -> NDArray[np.uint8]:
 
 
 def decode_coded(scores: Floats, terms: Terms) -> bytes | None:
-    """Read a message whose terms are known.
+    """Read a message whose terms are known, at once; `coded_decoding_steps` says the rest."""
+    return decode_at_once(coded_decoding_steps(scores, terms))
+
+
+def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
+    """Read a message whose terms are known, step by step.
 
     Args:
         scores: (frames, body) log-likelihood ratios of the coded bits, positive for 1; 0 where
-            nothing is known.
+            nothing is known. They must not change before the first step is done.
         terms: terms of the loop.
 
     Returns:
-        the message, or None where the scores do not suffice.
+        a generator, which yields the work of each step in messages passed by the decoder, and
+        returns the message, or None where the scores do not suffice.
     """
     count = -(-scores.size // terms.blocks)
     llr = np.zeros(count * terms.blocks, np.float32)
     llr[: scores.size] = scores.reshape(-1)
-    information, done = terms.code.decode(llr.reshape(count, terms.blocks))
+    found = yield from terms.code.decoding_steps(llr.reshape(count, terms.blocks))
+    information, done = found
     if not done.all():
         return None
     content = np.packbits(information.T).tobytes()

@@ -9,9 +9,10 @@ All blocks of a message are equally long and share one graph. The decoder works 
 once: arrays have one column for each block, which makes numpy fast.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,12 @@ ITERATIONS = 60
 PATIENCE, LEAST_GROWTH = 8, 1.05
 """Number of rounds after which the mean certainty of some block must have grown by a factor, as it
 does wherever decoding goes on to succeed; otherwise the decoder gives up early."""
-MAX_COLUMNS = 16
-"""Number of blocks that are decoded at once; more would not fit into the processor's caches."""
+MAX_COLUMNS = 4
+"""Number of blocks that are decoded at once. A message of four blocks is 16 bytes, which numpy
+copies from place to place several times as fast as one of ten, and more would not fit into the
+processor's caches."""
+GRAPH_WORK = 8
+"""Work of building the graph, for each of its edges, in messages passed: about the same time."""
 MAX_HALF_LLR = np.float32(9)
 """Largest magnitude of half a log-likelihood ratio in belief propagation; larger ones are cut."""
 MAX_PRODUCT = np.float32(1 - 2**-23)
@@ -41,6 +46,9 @@ Bits = NDArray[np.uint8]
 """Bits 0 and 1."""
 Floats = NDArray[np.float32]
 """Scores or messages."""
+T = TypeVar("T")
+Steps = Generator[int, None, T]
+"""Decoding that is done in steps: it yields the work of each, and returns a result of type T."""
 Group = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Checks of one degree: the (n,) numbers of their coded bits, and their (degree, n) members."""
 
@@ -105,23 +113,54 @@ class RatelessCode:
     def decode(
         self, llr: NDArray[np.floating], iterations: int = ITERATIONS
     ) -> tuple[Bits, NDArray[np.bool_]]:
-        """Find the information by belief propagation (sum-product).
+        """Find the information at once; arguments and results are those of `decoding_steps`."""
+        return decode_at_once(self.decoding_steps(llr, iterations))
+
+    def decoding_steps(
+        self, llr: NDArray[np.floating], iterations: int = ITERATIONS
+    ) -> Steps[tuple[Bits, NDArray[np.bool_]]]:
+        """Find the information by belief propagation (sum-product), step by step.
+
+        `MAX_COLUMNS` blocks are decoded at a time. If one of them cannot be, the blocks after them
+        are left alone, because a message needs all of its blocks.
 
         Args:
             llr: (count, blocks) log-likelihood ratios of coded bits 0 to ``count`` - 1, positive
-                for 1; 0 where nothing was received.
+                for 1; 0 where nothing was received. It must not change between steps.
             iterations: number of rounds after which it gives up.
 
         Returns:
+            a generator, which yields the work of each step in messages passed, and returns
             (information, blocks) bits, and (blocks,) whether a block's are thought to be right.
         """
         graph = _Graph(self, np.flatnonzero(llr.any(axis=1)))
+        yield GRAPH_WORK * graph.edges
         bits = np.zeros((self.information, llr.shape[1]), np.uint8)
         done = np.zeros(llr.shape[1], bool)
         for first in range(0, llr.shape[1], MAX_COLUMNS):
             columns = slice(first, first + MAX_COLUMNS)
-            bits[:, columns], done[columns] = graph.decode(llr[:, columns], iterations)
+            found = yield from graph.decoding_steps(llr[:, columns], iterations)
+            bits[:, columns], done[columns] = found
+            if not done[columns].all():
+                break
         return bits, done
+
+
+def decode_at_once(steps: Steps[T]) -> T:
+    """Take all steps of a decoding, and return what it found.
+
+    >>> def steps() -> Steps[str]:
+    ...     yield 5
+    ...     return "found"
+    >>> decode_at_once(steps())
+    'found'
+    """
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
 
 
 class _Graph:
@@ -143,15 +182,18 @@ class _Graph:
         self.rank[order] = np.arange(order.size)
         self.single = single[0], self.rank[single[1][0]]
         self.groups = [(numbers, self.rank[members]) for numbers, members in groups]
-        by_bit = np.argsort(self.rank[edges], kind="stable")
+        small = np.min_scalar_type(order.size)  # of 16 bits, which are sorted by their digits
+        by_bit = np.argsort(self.rank.astype(small)[edges], kind="stable")
         starts = np.cumsum(degree[order]) - degree[order]
         reach = np.searchsorted(-degree[order], -np.arange(degree.max()), side="left")
         self.messages_to = [by_bit[starts[:many] + turn] for turn, many in enumerate(reach)]
         """By turn the message that each of the first bits receives as its turn-th."""
         self.edges = edges.size
 
-    def decode(self, llr: NDArray[np.floating], iterations: int) -> tuple[Bits, NDArray[np.bool_]]:
-        """Decode some blocks; arguments and results are those of `RatelessCode.decode`."""
+    def decoding_steps(
+        self, llr: NDArray[np.floating], iterations: int
+    ) -> Steps[tuple[Bits, NDArray[np.bool_]]]:
+        """Decode some blocks at once; `RatelessCode.decoding_steps` says the rest."""
         count, columns = self.code.intermediate + 1, llr.shape[1]
         bits, done = np.zeros((count, columns), np.uint8), np.zeros(columns, bool)
         half = np.clip(llr, -2 * MAX_HALF_LLR, 2 * MAX_HALF_LLR).astype(np.float32) / -2
@@ -165,6 +207,7 @@ class _Graph:
         for turn in range(iterations):
             self._pass(messages, channel, total)
             total = self._sum(messages, known)
+            yield messages.size
             word = (total < 0).astype(np.uint8)
             failed = np.bitwise_xor.reduce(word.take(self.groups[-1][1], axis=0), axis=0)
             whole = ~failed.any(axis=0) & total.all(axis=0)
@@ -202,16 +245,17 @@ class _Graph:
             told *= np.float32(0.5)
             np.tanh(np.clip(told, -MAX_HALF_LLR, MAX_HALF_LLR, out=told), out=told)
             # each message is the product of all others: of those before it and those after it
-            product = tanh if tanh.size else np.ones((checks, total.shape[1]), np.float32)
-            for turn in range(degree):
-                mine[turn] = product
-                product = product * told[turn]
+            mine[0] = tanh if tanh.size else 1
+            for turn in range(1, degree):
+                np.multiply(mine[turn - 1], told[turn - 1], out=mine[turn])
             product = told[-1]
             for turn in range(degree - 2, -1, -1):
                 mine[turn] *= product
-                product = product * told[turn]
+                np.multiply(product, told[turn], out=product)
             np.clip(mine, -MAX_PRODUCT, MAX_PRODUCT, out=mine)
-            np.log((1 + mine) / (1 - mine), out=mine)
+            np.add(mine, 1, out=told)
+            np.subtract(1, mine, out=mine)
+            np.log(np.divide(told, mine, out=mine), out=mine)
 
 
 @lru_cache(maxsize=8)

@@ -139,7 +139,7 @@ def film_still_display(number: int, config: ClockConfig) -> tuple[Array, Array]:
     codec = CodecSettings("h264" if number % 2 else "none")
     tracker, rows = Tracker(layout), []
     for frame in through_codec(frames, codec, config.fps):
-        tracked = tracker.follow(frame.rgb)
+        tracked = tracker.follow(frame.rgb, frame.time_s)
         if tracked is not None:
             rows.append((frame.time_s, patch_toggles(tracked.rectified, layout)))
     times, toggles = zip(*rows, strict=True)

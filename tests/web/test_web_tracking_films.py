@@ -28,7 +28,7 @@ def patches_film() -> dict[str, object]:
         there = hand(WHOLE, max(0, number - STILL + 1))
         images.append(photographed(shown, there, number))
         corners.append(there)
-        tracked = tracker.follow(images[-1])
+        tracked = tracker.follow(images[-1], number / 60)
         assert tracked is None or np.abs(tracked.corners - there).max() < 0.7
         seen.append(np.full((4, 2), np.nan) if tracked is None else tracked.corners)
     assert np.isfinite(seen[STILL:]).all()

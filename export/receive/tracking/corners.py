@@ -17,6 +17,7 @@ from link.layout import Layout
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Map = NDArray[np.float32]
 
 FIRST_BLOCKS = 0.4
 """Standard deviation of the corners before anything is decoded, in blocks."""
@@ -32,6 +33,19 @@ LEAST_TOGGLING = 1.0
 what does not toggle tells of no corner."""
 FAR_BLOCKS = 1.0
 """Largest move of a corner, in blocks, that one frame pair may bring."""
+MOTIONS = (
+    ((0, 1, 1, 0),),
+    ((0, 1, 0, 1),),
+    ((0, 1, 0, 0),),
+    ((1, 1, 1, 0),),
+    ((1, 1, 0, 1),),
+    ((1, 1, 0, 0),),
+    ((0, -1, 2, 0), (1, -1, 1, 1)),
+    ((0, -1, 1, 1), (1, -1, 0, 2)),
+)
+"""How each of the eight numbers of a homography moves a point (x, y) of a display from -1 to 1, to
+first order: along which axis, 0 for x and 1 for y, with which sign, and with which powers of x and
+of y. The last two move it along both axes."""
 
 
 class CornerShift:
@@ -46,11 +60,9 @@ class CornerShift:
         self._shift: Array | None = None
         self._size = map_size(layout)
         width, height = self._size
-        x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
-        # motions of a pixel, in maps as wide as 2, by each of the eight numbers
-        zero, one = np.zeros_like(x), np.ones_like(x)
-        self._motion_x = np.stack([x, y, one, zero, zero, zero, -x * x, -x * y])
-        self._motion_y = np.stack([zero, zero, zero, x, y, one, -x * y, -y * y])
+        x_powers = np.vander(np.linspace(-1, 1, width), 5, increasing=True)
+        self._x_powers = x_powers.astype(np.float32)
+        self._y_powers = np.vander(np.linspace(-1, 1, height), 5, increasing=True)
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
@@ -66,32 +78,73 @@ class CornerShift:
         if not layout.pilots:
             return
         first, second = (
-            np.asarray(cv2.resize(as_gray(image), size, interpolation=cv2.INTER_AREA), np.float32)
+            cv2.resize(as_gray(image), size, interpolation=cv2.INTER_AREA)
             for image in (original, embedded)
         )
         expected = self._expected(scores)
         block = np.array([size[0] / layout.cols, size[1] / layout.rows])
-        change = without_slope(second - first, block)
-        mean = np.asarray((first + second) / 2, np.float32)
-        weight = 1 / (1 + _squared_gradient(mean) / STEEP**2)
-        power = float((weight * expected**2).sum())
-        amplitude = float((weight * expected * change).sum()) / max(power, 1e-9)
-        residual = change - amplitude * expected
-        variance = float((weight * residual**2).sum() / weight.sum()) * float(block.prod())
+        change = without_slope(cv2.subtract(second, first, dtype=cv2.CV_32F), block)
+        weight = _weight(cv2.addWeighted(first, 0.5, second, 0.5, 0, dtype=cv2.CV_32F))
+        weighed = weight * expected
+        power = _product(weighed, expected)
+        amplitude = _product(weighed, change) / max(power, 1e-9)
+        residual = cv2.scaleAdd(expected, -amplitude, change)
+        weighed = np.multiply(weight, residual, out=weighed)
+        variance = _product(weighed, residual) / float(weight.sum()) * float(block.prod())
         # noise is alike over a block, which so counts once
         if amplitude**2 * power < LEAST_TOGGLING**2 * variance or power == 0:
             return
-        slope_x = amplitude * cv2.Sobel(expected, -1, 1, 0, scale=size[0] / 16)
-        slope_y = amplitude * cv2.Sobel(expected, -1, 0, 1, scale=size[1] / 16)
-        columns = (slope_x * self._motion_x + slope_y * self._motion_y).reshape(8, -1)
-        weighed = columns * (weight / max(variance, 1e-6)).reshape(-1)  # (h, w) -> (pixels,)
-        self._information = KEPT * self._information + weighed @ columns.T
-        move = -np.linalg.solve(self._information, weighed @ residual.reshape(-1))
+        slopes = [
+            cv2.Sobel(expected, -1, 1 - axis, axis, scale=amplitude * size[axis] / 16)
+            for axis in (0, 1)
+        ]
+        seen, right = self._normal_equations(slopes, weight, residual)
+        sure = 1 / max(variance, 1e-6)
+        self._information = KEPT * self._information + sure * seen
+        move = np.asarray(np.linalg.solve(self._information, -sure * right), np.float64)
         shift = self._homography(move)
         corners = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
         moved = cv2.perspectiveTransform(corners[:, None], _matrix(move))[:, 0] - corners
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
             self._shift = shift
+
+    def _normal_equations(
+        self, slopes: list[Map], weight: Map, residual: Map
+    ) -> tuple[Array, Array]:
+        """Write the weighed least squares of the eight numbers, from what is left of the change.
+
+        Each of the numbers changes a pixel by its slopes times powers of x and y (`MOTIONS`). So
+        all products of two such changes are moments of three maps, and their products with what is
+        left are moments of two.
+
+        Args:
+            slopes: two maps (h, w): the change of each pixel where a display from -1 to 1 moves by
+                1 along x, and where it moves so along y.
+            weight: (h, w) weight of each pixel.
+            residual: (h, w) change that is left.
+
+        Returns:
+            the (8, 8) matrix and the (8,) right-hand side of the normal equations.
+        """
+        weighed = np.empty_like(weight)
+        squares, products = [], []
+        for axis, slope in enumerate(slopes):
+            np.multiply(weight, slope, out=weighed)
+            products.append(self._moments(weighed * residual))
+            squares += [self._moments(weighed * other) for other in slopes[axis:]]
+        matrix, right = np.zeros((8, 8)), np.zeros(8)
+        for i, changes in enumerate(MOTIONS):
+            for axis, sign, x, y in changes:
+                right[i] += sign * products[axis][y, x]
+                for j, others in enumerate(MOTIONS):
+                    for other, other_sign, more_x, more_y in others:
+                        both = squares[axis + other][y + more_y, x + more_x]
+                        matrix[i, j] += sign * other_sign * both
+        return matrix, right
+
+    def _moments(self, pixels: Map) -> Array:
+        """Sum a map (h, w) times all powers below five of y and of x: (5, 5)."""
+        return np.asarray(self._y_powers.T @ (pixels @ self._x_powers).astype(np.float64))
 
     def shift(self) -> Array | None:
         """Return, once, the (3, 3) ``H_old_from_new`` in layout pixels that is known anew."""
@@ -125,6 +178,15 @@ def _matrix(move: Array) -> Array:
     return np.asarray(np.eye(3) + np.append(move, 0.0).reshape(3, 3))  # (9,) -> (3, 3)
 
 
-def _squared_gradient(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    x, y = (cv2.Sobel(image, -1, 1 - axis, axis, scale=1 / 8) for axis in (0, 1))
-    return np.asarray(x**2 + y**2, np.float32)
+def _weight(mean: Map) -> Map:
+    """Weigh each pixel of a picture: less where the picture is steep, which motion shows most."""
+    x, y = (cv2.Sobel(mean, -1, 1 - axis, axis, scale=1 / (8 * STEEP)) for axis in (0, 1))
+    steep = cv2.magnitude(x, y)
+    steep *= steep
+    steep += 1
+    return np.asarray(np.reciprocal(steep, out=steep), np.float32)
+
+
+def _product(one: Map, other: Map) -> float:
+    """Sum the products of the pixels of two maps."""
+    return float(np.vdot(one, other))

@@ -6,6 +6,7 @@ in the frame with which it began is then looked for once more in the frame at ha
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -48,6 +49,36 @@ class Tracked:
     """(height, width) or (height, width, 3) uint8, encoded, of the layout's size."""
 
 
+class DisplayTracker(Protocol):
+    """Finds a display, and follows it from frame to frame."""
+
+    @property
+    def layout(self) -> Layout:
+        """Layout of the display that was found last."""
+        ...
+
+    def follow(self, image: NDArray[np.uint8], time: float) -> Tracked | None:
+        """Find the display in the next frame.
+
+        Args:
+            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            time: of the frame, seconds; rising from frame to frame.
+
+        Returns:
+            the display, or None where it is not in view.
+        """
+        ...
+
+    def correct(self, H_old_from_new: NDArray[np.float64]) -> None:
+        """Move the display within its rectified image, from the next frame on.
+
+        Args:
+            H_old_from_new: (3, 3) in layout pixels; says where points of the display lie in the
+                image rectified so far.
+        """
+        ...
+
+
 class Tracker:
     """Finds a display by its ratex patches, and follows it as long as these are seen.
 
@@ -72,11 +103,20 @@ class Tracker:
         self._vain = 0
         self._thumbnail: NDArray[np.float32] | None = None
 
-    def follow(self, image: NDArray[np.uint8]) -> Tracked | None:
+    def correct(self, H_old_from_new: NDArray[np.float64]) -> None:
+        """Do nothing: the patches are seen in each frame, and say where the display lies.
+
+        Args:
+            H_old_from_new: (3, 3) in layout pixels; of no effect.
+        """
+
+    def follow(self, image: NDArray[np.uint8], time: float) -> Tracked | None:
         """Find the display in the next frame.
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            time: of the frame, seconds; of no effect, because each frame tells by itself where the
+                patches lie.
 
         Returns:
             the display, or None where it is not in view.
