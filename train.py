@@ -53,6 +53,7 @@ class TrainConfig:
     """Layouts that the decoder learns to read: "ratex" is the usual grid with patches, "hidden" are
     grids of 8 x 8 to 96 x 128 blocks with pilots, of both modulations, gray and chroma."""
     decoder: DecoderConfig = FULL
+    """Parts that the decoder has, and their sizes."""
     start: Start = "shipped"
     """Initial parameters: "shipped" goes on from the shipped decoder, which all pairs' training
     pictures taught; "constants" wants more: --rounds 4 --steps 75 --batch 256 --lr 0.03."""

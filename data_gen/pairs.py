@@ -102,6 +102,7 @@ CAMERAS = {
         jpeg_quality=90,
     ),
 }
+"""The three cameras, by the first part of a pair's name."""
 
 # gamma: SPECTRA, log-log fit over the upper 80 % of levels of the stand-in [+-0.15]. Assumed:
 # edge_loss [0.05 to 0.2]; haze: 150 lux on a surface that scatters 1 to 3 % of it back, 0.5 to 1.5
@@ -156,16 +157,17 @@ DISPLAYS = {
         washout=0.6,  # assumed: gamma 1.8 at mid-gray and 45 degrees [0.3 to 0.9]
         washout_gamma=1.2,  # assumed [1.0 to 1.6]
         leak=0.006,  # assumed: contrast about 80 at 45 degrees [0.002 to 0.02]
-        edge_loss=0.12,  # 6 % on average, 22 % at worst on a 24-inch Samsung TN (PROVENANCE)
+        edge_loss=0.12,  # reported of a 24-inch Samsung TN: 6 % mean, 22 % worst; source not kept
         haze=0.006,
         glare=0.004,  # assumed: matt front [0 to 0.01]
-        pwm_hz=180.0,  # measured on a 24-inch Samsung TN (PROVENANCE)
+        pwm_hz=180.0,  # reported of a 24-inch Samsung TN; the source was not kept
         pwm_duty=0.95,
         pwm_depth=0.3,  # assumed: fluorescent lamps glow on [0.1 to 0.6]
         grid_contrast=1.65,
         native_height=1080,  # maker: 1920 x 1080
     ),
 }
+"""The three displays, by the second part of a pair's name."""
 
 FALLOFF_BOUNDS = {"imac": (1.5, 3.0), "lg": (2.0, 3.6), "samsung": (2.8, 4.8)}
 """Lowest and highest green exponent of ``falloff`` by display, within which it is fitted."""
@@ -183,10 +185,13 @@ CROSSTALK: dict[str, Matrix] = {
     "sony-lg": ((0.634, 0.288, 0.079), (0.099, 0.714, 0.187), (0.034, 0.301, 0.665)),
     "sony-samsung": ((0.637, 0.286, 0.076), (0.091, 0.715, 0.194), (0.029, 0.297, 0.675)),
 }
+"""Share of the display's red, green and blue that each channel of the camera takes in, by pair.
+Rows are the channels of the camera, and sum to 1 but for rounding."""
 
 # The paper holds the exposure while the angle changes (Figure "Influence of observation angles").
 # corner_px: assumed; a good detector on a lit display [0.2 to 1].
 SETUP = Setup(name="setup", perspective=True, metering=0.0, corner_px=0.5)
+"""How the paper sets up camera and display."""
 
 FITTED_FILE = Path(__file__).with_name("nuisances.json")
 """File that `reports.lab.calibrate` writes and that ships with the code."""

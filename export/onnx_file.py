@@ -21,7 +21,8 @@ CHILDREN: dict[int, dict[int, int]] = {
     TENSOR: {},
     SPARSE: {},
 }
-"""By kind of message the fields, by number, that hold messages of another kind (onnx.proto)."""
+"""Numbers of the fields that hold messages of another kind, by the kind of message that has them
+(onnx.proto)."""
 EXTERNAL_DATA, DATA_LOCATION = 13, 14
 """Fields of a tensor that send the reader elsewhere for its values."""
 OP_TYPE, DOMAIN = 4, 7

@@ -30,7 +30,7 @@ def outline_display(
     Args:
         image: (H, W) or (H, W, 3) uint8 RGB.
         corners: (4, 2) pixels in corner order, or None where no display was found.
-        colour: of the outline.
+        colour: colour of the outline.
         names: whether the corners' names are written beside them.
 
     Returns:
@@ -67,8 +67,8 @@ def frame_block(
     Args:
         canvas: (H, W, 3) uint8 RGB.
         box: top, bottom, left and right, as `link.layout.Layout.cell_box` gives them.
-        colour: of the rectangle.
-        thickness: of its lines, pixels.
+        colour: colour of the rectangle.
+        thickness: thickness of its lines, pixels.
         inset: pixels between the border and the rectangle.
     """
     top, bottom, left, right = box
@@ -84,8 +84,8 @@ def cross_block(
     Args:
         canvas: (H, W, 3) uint8 RGB.
         box: top, bottom, left and right, as `link.layout.Layout.cell_box` gives them.
-        colour: of the lines.
-        thickness: of the lines, pixels.
+        colour: colour of the lines.
+        thickness: thickness of the lines, pixels.
     """
     top, bottom, left, right = box
     cv2.line(canvas, (left, top), (right, bottom), colour, thickness, cv2.LINE_AA)

@@ -61,7 +61,7 @@ def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: 
         module: the decoder in torch.
         decoder: the decoder in onnxruntime.
         frames: number of frame pairs.
-        seed: of the frame pairs.
+        seed: seed of the frame pairs.
     """
     rng = np.random.default_rng(seed)
     scores, differences, different = [], [], 0

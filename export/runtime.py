@@ -63,6 +63,7 @@ FORMAT = "1"
 
 
 WATCHDOG = Watchdog()
+"""Stops every model of this process that takes too long."""
 
 
 class SlowModelError(InputError):
@@ -352,7 +353,7 @@ def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | 
 
     Args:
         points: four texts "x,y", or None where the flag is absent.
-        flag: that the error names.
+        flag: flag that the error names.
 
     Returns:
         (4, 2) float64, or None.

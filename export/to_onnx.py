@@ -139,7 +139,7 @@ def export(
         run_name: name of the training run, kept in the metadata.
         frames: number of synthetic frame pairs on which both must agree.
         training: settings of the training run, in JSON's types, kept in the metadata.
-        seed: of the frame pairs.
+        seed: seed of the frame pairs.
 
     Returns:
         what the comparison found.

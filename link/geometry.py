@@ -20,8 +20,8 @@ def frame_corners(width: int, height: int) -> NDArray[np.float64]:
     """List the outer corners of a displayed frame, in corner order.
 
     Args:
-        width: of the frame, pixels.
-        height: of the frame, pixels.
+        width: width of the frame, pixels.
+        height: height of the frame, pixels.
 
     Returns:
         (4, 2) float64.
@@ -111,8 +111,8 @@ def homography_from_corners(corners: ArrayLike, width: int, height: int) -> NDAr
 
     Args:
         corners: (4, 2) pixels (x, y) of the image, in corner order.
-        width: of the displayed picture, pixels.
-        height: of the displayed picture, pixels.
+        width: width of the displayed picture, pixels.
+        height: height of the displayed picture, pixels.
 
     Returns:
         ``H_captured_from_display``, (3, 3) float64.
@@ -170,8 +170,8 @@ def rectify(
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded.
         H_captured_from_display: (3, 3) homography, such as `homography_from_corners` finds.
-        width: of the display frame, pixels.
-        height: of the display frame, pixels.
+        width: width of the display frame, pixels.
+        height: height of the display frame, pixels.
 
     Returns:
         (height, width) or (height, width, 3) uint8, encoded.

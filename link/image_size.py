@@ -10,6 +10,7 @@ import struct
 from collections.abc import Iterator
 
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+"""First bytes of PNG and of JPEG files."""
 START_OF_FRAME = {0xC0, 0xC1, 0xC2, 0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF}
 """Second bytes of the JPEG markers that begin with the size (ITU-T T.81, table B.1)."""
 START_OF_SCAN = 0xDA
@@ -85,8 +86,8 @@ def is_overfull(data: bytes, width: int, height: int) -> bool:
 
     Args:
         data: the file, which does not end early (`ends_early`).
-        width: of the image in pixels, as `image_size` gives it.
-        height: of the image in pixels.
+        width: width of the image in pixels, as `image_size` gives it.
+        height: height of the image in pixels.
     """
     if data.startswith(PNG):
         compressed = sum(length for name, length in _png_chunks(data) if name == b"IDAT")

@@ -218,8 +218,8 @@ def fit_picture(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[
 
     Args:
         picture: (H, W, 3) or (H, W) uint8, encoded.
-        width: of the result, pixels.
-        height: of the result, pixels.
+        width: width of the result, pixels.
+        height: height of the result, pixels.
 
     Returns:
         (height, width, 3) or (height, width) uint8; averaged down (INTER_AREA) or bilinear up.

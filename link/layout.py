@@ -279,8 +279,8 @@ def make_layout(
     Args:
         rows: number of blocks from top to bottom.
         cols: number of blocks from left to right.
-        width: of the displayed frame, pixels.
-        height: of the displayed frame, pixels.
+        width: width of the displayed frame, pixels.
+        height: height of the displayed frame, pixels.
         ratex: number of ratex patches: 0, 1, 2, 3 or 5; by default 5, or 0 beside pilots and
             beside a colour other than "gray".
         modulation: a key of `MODULATIONS`.

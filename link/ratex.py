@@ -176,7 +176,7 @@ def training_pixels(layout: Layout, kappa: int = 0) -> TrainingPixels:
     """Find the training pixels: 36 in the inner half of each tile, away from its edges.
 
     Args:
-        layout: with at least one patch, or the arrays are empty.
+        layout: layout with at least one patch; without one the arrays are empty.
         kappa: gray levels that the ratex patches toggle by; they enter the displayed intensities.
     """
     grid = sample_grid(layout)
@@ -210,7 +210,7 @@ def match_patches(frame: NDArray[np.uint8], layout: Layout) -> PatchMatch:
 
     Args:
         frame: (H, W) or (H, W, 3) uint8, encoded, of any size.
-        layout: with at least one patch.
+        layout: layout with at least one patch.
     """
     height, width = frame.shape[:2]
     pixels = training_pixels(replace(layout, height=height, width=width))
@@ -231,7 +231,7 @@ def visibility(frame: NDArray[np.uint8], layout: Layout) -> float:
 
     Args:
         frame: (H, W) or (H, W, 3) uint8, encoded, of any size.
-        layout: with at least one patch.
+        layout: layout with at least one patch.
 
     Returns:
         mean over the patches of the correlation between displayed and captured tile intensities,

@@ -91,7 +91,7 @@ class VideoReader:
     """Reads the frames of a video file, one at a time. They can be taken once.
 
     Args:
-        path: of the file.
+        path: path of the file.
         max_megapixels: largest number of pixels of a frame, in millions; see
             `link.images.pixel_limit`.
 

@@ -56,7 +56,7 @@ class SweepPoint:
     """One value of a sweep."""
 
     value: Number
-    """In the unit of the channel's parameter."""
+    """The value, in the unit of the channel's parameter."""
     condition: str
     """Name of the condition in the table of predictions."""
 
@@ -68,6 +68,7 @@ class SweepCurve:
     name: str
     """Key of `reports.studies.sweeps.SWEEPS`."""
     title: str
+    """Heading of the sweep, such as "Viewing angle"."""
     axis: str
     """Label of the axis, with the unit."""
     note: str
@@ -79,6 +80,7 @@ class SweepCurve:
     spoken: str
     """A value in words, with {} in place of its number on the axis."""
     points: list[SweepPoint]
+    """The values, in the order of the axis."""
 
     def __post_init__(self) -> None:
         if self.log and not all(self.scale * point.value > 0 for point in self.points):
@@ -96,6 +98,7 @@ class Story:
     kind: Literal["strip", "failure"]
     """A typical frame pair, or one with many wrong bits."""
     title: str
+    """Heading above the pictures."""
     where: str
     """Pair, view, kappa, picture and number, in words."""
     pictures: list[tuple[str, str]]
@@ -103,7 +106,7 @@ class Story:
     reason: str = ""
     """Why bits are wrong, in a sentence; empty for a typical frame pair."""
     measured: dict[str, tuple[Number, Number]] = field(default_factory=dict)
-    """By quantity its mean size in the wrong and in the other blocks, gray levels."""
+    """Mean size of each quantity in the wrong blocks and in the other ones, gray levels."""
 
 
 @dataclass(frozen=True)
@@ -111,9 +114,13 @@ class Response:
     """The true camera-display transfer function of a frame pair, and what each method finds."""
 
     pair: str
+    """Camera-display pair."""
     view_deg: Number
+    """Angle of observation, degrees from the display's normal."""
     kappa: Count
+    """Gray levels added where a bit is 1."""
     index: Count
+    """Number of the frame pair in its cell."""
     displayed: Annotated[list[Number], Field(min_length=1)]
     """Displayed gray levels of uniform frames."""
     median: list[Number]
@@ -123,10 +130,11 @@ class Response:
     high: list[Number]
     """Captured luma of these frames, gray levels: 90th percentile over the picture."""
     found: dict[str, list[tuple[Number, Number]]]
-    """By method: (displayed, captured) gray levels, over what the ratex tiles cover."""
+    """Points (displayed, captured) of the response that each method finds, in gray levels, over
+    what the ratex tiles cover."""
     error: dict[str, Number]
-    """By method: root mean square error, in displayed gray levels, of the levels that the method
-    finds for the captured levels of the true curve."""
+    """Root mean square error of each method, in displayed gray levels: of the levels that it finds
+    for the captured levels of the true curve."""
 
     def __post_init__(self) -> None:
         if len({len(self.displayed), len(self.median), len(self.low), len(self.high)}) != 1:
@@ -138,11 +146,13 @@ class Cost:
     """Time to fit and decide a frame pair, as a multiple of a reference in the same round."""
 
     rounds: Count
+    """Number of times that each method was timed."""
     reference: str
+    """What the times are multiples of, in words."""
     reference_ms: Number
     """Median time of the reference, milliseconds."""
     ratios: dict[str, tuple[Multiple, Multiple, Multiple]]
-    """By method: lower quartile, median and upper quartile of the multiple."""
+    """Lower quartile, median and upper quartile of each method's multiple."""
 
 
 @dataclass(frozen=True)
@@ -158,14 +168,15 @@ class About:
     """How a run was made."""
 
     meta: dict[str, Any]
-    """What `reports.engine.provenance.provenance` says."""
+    """What made the run, as `reports.engine.provenance.provenance` says it."""
     commit: str
     """Commit of the checkout; empty where there is no git."""
     machine: Machine
+    """Machine that made the run."""
     settings: dict[str, Any]
-    """Content of config.json."""
+    """Settings of the run, as config.json holds them."""
     seconds: dict[str, Number]
-    """Time by what took it, seconds."""
+    """Seconds that were spent, by what took them."""
     notes: list[str]
     """What a reader must know: methods that were left out, cells that failed."""
 
@@ -175,7 +186,9 @@ class Run:
     """Everything of one finished run."""
 
     folder: Path
+    """Folder of the run."""
     about: About
+    """How the run was made."""
     records: pd.DataFrame
     """Predictions of the main comparison."""
     scores: pd.DataFrame
@@ -183,9 +196,13 @@ class Run:
     swept: pd.DataFrame
     """Predictions of all sweeps; their conditions are named by `SweepPoint.condition`."""
     sweeps: list[SweepCurve]
+    """What was swept; empty without sweeps."""
     stories: list[Story]
+    """Frame pairs that the report shows as pictures."""
     responses: list[Response]
+    """Responses that methods found; empty where they were not measured."""
     cost: Cost | None
+    """Time that the methods take; None where it was not measured."""
     references: dict[str, Path]
     """Files of results of other commands, by the names of `REFERENCES`; those that are there."""
 

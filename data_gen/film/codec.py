@@ -216,7 +216,7 @@ def through_codec(
     ([0, 1, 3], True)
 
     Args:
-        frames: of one film, as `data_gen.film.stream.film` gives them.
+        frames: frames of one film, as `data_gen.film.stream.film` gives them.
         settings: the codec; "none" passes the frames on as they are.
         fps: nominal number of frames a second.
 
@@ -243,7 +243,7 @@ def write_film(
 
     Args:
         path: ends in one of `COMPRESSED_SUFFIXES`.
-        frames: of one film, as `data_gen.film.stream.film` gives them.
+        frames: frames of one film, as `data_gen.film.stream.film` gives them.
         settings: a codec that is on.
         fps: nominal number of frames a second.
 

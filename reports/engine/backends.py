@@ -26,6 +26,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 BACKENDS = ("loky", "dask")
+"""Names that ``--backend`` takes: processes of this machine, or workers of a Dask cluster."""
 CONNECT_S = 10
 """Seconds to wait for the scheduler, for its first worker, and for another once all are gone."""
 
@@ -45,7 +46,7 @@ class Failure:
     """An exception of one task, as text: exceptions of some packages cannot be sent."""
 
     reason: str
-    """One line."""
+    """What went wrong, in one line."""
     trace: str = ""
     """Python's traceback; empty where there is none."""
 
@@ -55,15 +56,23 @@ class Outcome(Generic[R]):
     """What became of the task number ``index``: its result, or its failure."""
 
     index: int
+    """Number of the task among those that were given."""
     result: R | None = None
+    """What the task returned; None where it failed."""
     failure: Failure | None = None
+    """Why the task failed; None where it did not."""
 
 
 DIED = Failure("its process died, perhaps out of memory; the system's log may say more")
+"""Failure of a task whose process ended without an exception."""
 
 
 def make_backend(name: str, jobs: int, scheduler: str | None) -> Backend:
-    """From the flags ``--backend``, ``--jobs``, ``--scheduler``; an `InputError` if they clash."""
+    """Make a backend of the flags ``--backend``, ``--jobs`` and ``--scheduler``.
+
+    Raises:
+        InputError: the flags clash.
+    """
     if name not in BACKENDS:
         raise InputError(f"--backend: choose one of {', '.join(BACKENDS)}, got {name!r}")
     if name == "dask" and scheduler is None:

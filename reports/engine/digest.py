@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+"""Folder of the checkout."""
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "scikit-image", "scikit-learn", "torch")
 """Installed packages that decide what a decoder answers, up to the processor's rounding."""
 DATA = {"data_gen.pairs": ("data_gen/nuisances.json",)}

@@ -49,7 +49,7 @@ class Method:
 
     @property
     def card(self) -> Card:
-        """All that is known of it."""
+        """All that is known of the method."""
         return METHODS[self.name]
 
     @property
@@ -83,7 +83,7 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
 
     Args:
         methods: all that are asked for.
-        layout: of the frame pairs.
+        layout: layout of the frame pairs.
 
     Returns:
         the methods that suit, and a line for each that is left out.

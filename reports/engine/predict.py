@@ -41,8 +41,9 @@ class Condition:
     source: Source
     """Pictures, seed, and the channel as it is set."""
     cells: tuple[Cell, ...]
+    """Camera-display pairs, views and kappas that are decoded."""
     frames: int
-    """Frame pairs of each cell."""
+    """Number of frame pairs of each cell."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,9 @@ def predict(
     captures.
 
     Args:
-        conditions: with different names.
-        methods: with different labels.
-        folder: of the stored cells.
+        conditions: conditions with different names.
+        methods: methods with different labels.
+        folder: folder of the stored cells.
         backend: where cells are decoded.
 
     Returns:

@@ -25,6 +25,7 @@ CELL = ["pair", "view_deg", "kappa"]
 FRAME = [*CELL, "index"]
 """Columns that name a frame pair."""
 COLUMNS = ["condition", "method", *FRAME, "picture", "scores", "bits"]
+"""Columns of the table of predictions, as stored; `to_records` adds two counts."""
 MOST_BITS = 2**20
 """Largest number of bits of a frame pair in a stored file."""
 
@@ -82,7 +83,7 @@ def to_records(lines: Iterable[dict[str, Any]], condition: str = "") -> pd.DataF
     0   oorc      2        1
 
     Args:
-        lines: as `to_line` makes them.
+        lines: predictions as `to_line` makes them.
         condition: name of the condition, for lines that do not name theirs.
 
     Returns:

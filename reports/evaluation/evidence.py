@@ -47,6 +47,7 @@ class Stopwatch:
     """Seconds by what took them."""
 
     seconds: dict[str, float] = field(default_factory=dict)
+    """Seconds that were spent so far, by what took them."""
 
     @contextlib.contextmanager
     def time(self, name: str) -> Iterator[None]:
@@ -127,7 +128,7 @@ def capture_evidence(
     """Write the pictures of a folder of captures.
 
     Args:
-        folder: of the run.
+        folder: folder of the run.
         captures: folder with a manifest.
         records: predictions of these captures.
         amount: how much is shown.

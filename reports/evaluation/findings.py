@@ -45,7 +45,7 @@ class Standing:
     paper: float | None
     """Mean accuracy of the paper's cells, in [0, 1]; None where the paper lacks one of them."""
     reference: str | None
-    """One of `REFERENCES`: another method that decoded the same captures."""
+    """The first of `REFERENCES`, other than itself, that decoded the same captures, or None."""
     against: Paired | None
     """Comparison with the reference."""
     behind: int | None
@@ -143,8 +143,11 @@ class SweptAccuracy:
     """A method at one value of a sweep, over all its camera-display pairs."""
 
     curve: SweepCurve
+    """What is swept."""
     point: SweepPoint
+    """The value, and the name of its condition."""
     method: str
+    """Label of the method."""
     frames: int
     """Number of frame pairs."""
     bits: int

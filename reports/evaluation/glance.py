@@ -37,6 +37,7 @@ class Winner:
     """The best method of those that decoded the same captures."""
 
     standing: Standing
+    """Its accuracy and its comparison with the paper's methods."""
     rivals: list[str]
     """Methods that the main comparison does not tell apart from it."""
     hidden: bool

@@ -82,7 +82,7 @@ def write_report(folder: Path) -> Path:
     """Build report.html from what a run left in its folder.
 
     Args:
-        folder: of a finished run.
+        folder: folder of a finished run.
 
     Returns:
         the page.

@@ -38,7 +38,7 @@ def decisive_settings(config: LayoutFlags, methods: Sequence[Method]) -> dict[st
 
     Args:
         config: settings of evaluate.py.
-        methods: that are compared.
+        methods: methods that are compared.
     """
     layout, usual = config.layout(), type(config)().layout()
     flags = {field.name for field in fields(LayoutFlags)}

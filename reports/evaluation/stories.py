@@ -35,6 +35,7 @@ class Place:
     """One condition of a run, with all that is needed to film its frame pairs again."""
 
     source: Source
+    """Pictures, messages and channel draws of the condition."""
     sweep: str
     """Name of the sweep that it belongs to; empty for the main comparison."""
     words: str
@@ -46,6 +47,7 @@ class Chosen:
     """A frame pair to show, and the predictions of its methods."""
 
     place: Place
+    """Condition in which the frame pair was filmed."""
     by_method: Mapping[str, Any]
     """Rows of the table of predictions, by method."""
 
@@ -68,7 +70,7 @@ def simulated_stories(
         shown: methods whose bits are drawn, the best one last.
         leaders: methods whose failures are told, the best one first.
         hidden: methods that decode equalised pictures without patches.
-        folder: of the run.
+        folder: folder of the run.
         strips: largest number of typical frame pairs, one for each view and kappa.
         failures: largest number of frame pairs with most wrong bits.
     """
@@ -140,7 +142,7 @@ def captured_stories(
         captures: folder with a manifest.
         records: predictions, by the number of the manifest's entry.
         shown: methods whose bits are drawn, the best one last.
-        folder: of the run.
+        folder: folder of the run.
         strips: largest number of first captures.
         failures: largest number of captures with most wrong bits of the best method.
     """

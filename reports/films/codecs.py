@@ -155,7 +155,7 @@ class Lane:
     Args:
         variant: what happens to the frames.
         filmed: the film, whose frames are not taken.
-        decoder: of the receiver.
+        decoder: decoder of the receiver.
         layout: layout of the displayed picture.
     """
 

@@ -257,7 +257,7 @@ class FilmReading:
 
     Args:
         filmed: the film, whose truth is compared with what is read; its frames are not taken.
-        decoder: of the receiver.
+        decoder: decoder of the receiver.
     """
 
     def __init__(self, filmed: MessageFilm, decoder: Decoder) -> None:

@@ -168,7 +168,7 @@ def endure(stream: str, frames: int, seed: int) -> list[StreamBlock]:
     Args:
         stream: one of `STREAMS`.
         frames: number of frames, at least `BLOCKS`.
-        seed: of all draws.
+        seed: seed of all draws.
 
     Returns:
         `BLOCKS` blocks in order.

@@ -361,7 +361,7 @@ def page_table(films: Sequence[FilmRead], by: str) -> Table:
     """Compare deliveries, times of the message, and frames a second of both receivers.
 
     Args:
-        films: that were read.
+        films: films that both receivers read.
         by: way in which the page read them, a key of `WAYS`.
     """
     rows = []

@@ -33,6 +33,7 @@ class CnnTrainConfig:
     out: Path = PRETRAINED_CNN
     """Folder for decoder.pt, config.json and log.jsonl."""
     cnn: CnnConfig = field(default_factory=CnnConfig)
+    """Size of the network."""
     episodes: int = 900
     """Number of simulated frame pairs, of training pictures."""
     rounds: int = 6

@@ -293,7 +293,7 @@ def summarise_sightings(name: str, sightings: list[Sighting], scale: float) -> d
     """Summarise a group of photographs, with 95 % intervals.
 
     Args:
-        name: of the group.
+        name: name of the group.
         sightings: what was found in each photograph.
         scale: width of the photographs relative to 1280 pixels, by which `FOUND_PX` is scaled.
 

@@ -100,7 +100,7 @@ def displayed_states(
     Args:
         seen: a key of `SEEN`.
         picture: (height, width, 3) uint8, encoded RGB, of the layouts' size.
-        preset: whose grid and kappa the display shows, if it shows a preset.
+        preset: preset whose grid and kappa the display shows, if it shows one.
         rng: draws the bits.
     """
     chosen = PRESETS[preset]

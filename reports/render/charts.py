@@ -51,7 +51,9 @@ PANEL_IN = (5.0, 3.9)
 LEGEND_IN = 1.4
 """Width beside a panel in which its lines are named, inches."""
 SVG = "{http://www.w3.org/2000/svg}"
+"""Namespace of SVG, as ElementTree writes it before the names of elements."""
 LINK = "{http://www.w3.org/1999/xlink}href"
+"""Attribute by which an element of SVG refers to another."""
 NOTE = "note: "
 """Begins the id of a drawn thing whose rest is shown where the pointer rests on it."""
 
@@ -103,7 +105,9 @@ class Point:
     """A measured value with its interval."""
 
     x: float
+    """Place on the horizontal axis, in its unit."""
     y: float
+    """Measured value, in the unit of the vertical axis."""
     low: float
     """Lower end of the interval of ``y``."""
     high: float
@@ -117,7 +121,9 @@ class Series:
     """Points of one method."""
 
     label: str
+    """Name of the method, which decides its colour."""
     points: Sequence[Point]
+    """Measured values, from left to right."""
     colour: str = ""
     """Colour as "#rrggbb"; `colour_of` the label where it is empty."""
     dashed: bool = False

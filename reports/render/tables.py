@@ -26,6 +26,7 @@ class TableCell:
     """One entry of a table: a main text, and what stands smaller beside it."""
 
     text: str
+    """Main text."""
     small: str = ""
     """Text that is smaller on the page; Markdown sets it beside the main text."""
     tint: Tint = ""
@@ -39,7 +40,9 @@ class Table:
     """Heads and rows of texts."""
 
     heads: Sequence[str | TableCell]
+    """Texts above the columns."""
     rows: Sequence[Sequence[str | TableCell]]
+    """Texts of each row, as many as there are heads."""
     title: str = ""
     """A line above the table; empty for none."""
     left: int = 1
@@ -96,7 +99,7 @@ def summary_table(
 
     Args:
         scores: a score table (`reports.score.accuracy.score`).
-        title: of the table.
+        title: title of the table.
         against: by method its comparison with a reference, where the table shall show that too;
             methods are then in this order.
     """

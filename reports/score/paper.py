@@ -7,6 +7,7 @@ cells give 92.86.
 """
 
 METHODS = ("naive", "two_step", "oorc", "hidden_ratex")
+"""Methods whose accuracies the paper prints, in the order of its columns."""
 
 _TABLES = {  # (view in degrees, kappa): pair: accuracy of METHODS
     (45, 3): {

@@ -33,6 +33,7 @@ from reports.render.tables import Table, percent
 from reports.score.paired import COUNTS, Paired, compare, tally
 
 ALL = "all nine"
+"""Name of the training that leaves no pair out."""
 KAPPAS = (1, 2, 3, 5)
 """Values of κ, in gray levels, from which the training episodes draw."""
 MAX_VIEW_DEG = 72.0

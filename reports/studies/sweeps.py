@@ -25,11 +25,13 @@ class Sweep:
     """A quantity and the values that it takes."""
 
     title: str
+    """Heading of the sweep in the report."""
     axis: str
     """Label of the axis, with the unit."""
     values: tuple[float, ...]
+    """Values that are decoded."""
     quick: tuple[float, ...]
-    """The values of a quick run."""
+    """Values that a quick run decodes."""
     spoken: str
     """A value in words, with {} in place of its number on the axis."""
     note: str = ""

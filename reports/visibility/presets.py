@@ -75,8 +75,8 @@ def seen_of(
         seed: seed of the random message.
         seconds: length of the random message.
         where: "block" for one block, "screen" for all blocks in phase.
-        level: as `viewing_of` takes it.
-        refresh_hz: as `viewing_of` takes it.
+        level: gray level as `viewing_of` takes it.
+        refresh_hz: refreshes a second as `viewing_of` takes them.
     """
     viewing = viewing_of(preset, level, refresh_hz)
     rng = np.random.default_rng(seed)
