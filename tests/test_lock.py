@@ -29,7 +29,8 @@ from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
 from reports.films import delivery, endless
-from reports.studies import ablation, framing, leave_one_out, repeats
+from reports.studies import framing, leave_one_out, repeats
+from reports.studies.ablation import __main__ as ablation
 from reports.studies.peers import __main__ as peers
 
 HOLD = """
