@@ -39,15 +39,8 @@ from reports.engine.checked import write_json
 from reports.engine.digest import short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
-from reports.films.delivery import (
-    DeliveryConfig,
-    FilmReading,
-    MessageFilm,
-    Take,
-    check_delivery,
-    deciding_parts,
-    film_message,
-)
+from reports.films.delivery import check_delivery, deciding_parts
+from reports.films.messages import DeliveryConfig, FilmReading, MessageFilm, Take, film_message
 from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.accuracy import wilson
 from reports.score.reliability import Bin, calibration_error, merge_bins

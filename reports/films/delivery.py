@@ -8,39 +8,27 @@ restarted command goes on where it stopped.
 """
 
 import json
-import os
-import zlib
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from itertools import product
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import tyro
-from numpy.typing import NDArray
-from tyro.conf import OmitArgPrefixes
 
 from data_gen.channel.optics import check_view
-from data_gen.film.codec import CodecSettings, through_codec
-from data_gen.film.frame import VideoFrame
-from data_gen.film.phone import PhoneSettings
+from data_gen.film.codec import through_codec
 from data_gen.film.scenes import SceneSettings
-from data_gen.film.stream import VideoSettings, film
-from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
-from export.receive.receiver import Receiver
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from export.to_onnx import to_onnx
-from link.code.framing import encode, frames_needed
-from link.embed import check_kappa, embed
+from link.code.framing import frames_needed
+from link.embed import check_kappa
 from link.errors import ParameterError, at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
-from link.layout import Layout, make_layout
 from link.outside import read_json
 from link.presets import PRESETS
 from models import shipped_checkpoint, shipped_graphs
@@ -50,12 +38,13 @@ from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
+from reports.films.messages import Delivery, DeliveryConfig, FilmReading, Take, film_message
 from reports.render.tables import Table, percent, share_interval
 from reports.score.accuracy import wilson
-from reports.score.reliability import Bin, confidence_bins, merge_bins
 
 STORED_VERSION = 2
-"""Raise it when `deliver` changes what it does, so that older runs are not read again."""
+"""Raise it when `deliver` or `reports.films.messages` changes what it does, so that older runs are
+not read again."""
 DECIDING = (
     "data_gen.film.stream", "data_gen.film.codec", "data_gen.frame_pair", "export.receive.receiver",
 )  # fmt: skip
@@ -64,252 +53,6 @@ GRIDS = (8, 16)
 """Numbers of blocks along each side that a message may be filmed with."""
 MAX_LOOPS = 100.0
 """Largest number of loops of the message after which a run may be given up."""
-
-
-@dataclass(frozen=True)
-class DeliveryConfig:
-    """A message from at most three loops of a hand-held video (simulated)."""
-
-    pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs."""
-    views: tuple[float, ...] = (0.0, 45.0)
-    """Angles between the camera and the normal of the display, degrees."""
-    kappa: int = 3
-    """Gray levels added to a block that carries a 1."""
-    preset: str = "paper"
-    """Preset whose grid, modulation and pilots or patches the display shows; kappa and rates are
-    those of the other flags."""
-    grid: int | None = None
-    """Number of blocks along each side, 8 or 16, instead of the preset's."""
-    redundancy: float | None = None
-    """Number of coded bits for each bit of the message, on fine grids, instead of the preset's."""
-    state_hz: float = 15.0
-    """Number of states that the display shows a second; two of them are a frame pair."""
-    fps: float = 30.0
-    """Number of frames that the camera takes a second."""
-    n_bytes: int = 100
-    """Length of the message, bytes."""
-    runs: int = 6
-    """Number of runs for each pair and view."""
-    loops: float = 3.0
-    """Number of loops of the message after which a run is given up."""
-    coverage: tuple[float, float] = (0.15, 0.6)
-    """Least and largest share of the image that the display covers; drawn between them."""
-    outside: float = 0.0
-    """Largest share of the picture's width by which a corner lies outside the image."""
-    hand: float = VideoSettings.hand
-    """Motion of the hand relative to the usual."""
-    drop: float = VideoSettings.drop
-    """Probability that a camera frame is lost."""
-    jitter_s: float = VideoSettings.jitter_s
-    """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
-    phone: OmitArgPrefixes[PhoneSettings] = field(default_factory=PhoneSettings)
-    """What a phone does to the frames before it stores them."""
-    codec: CodecSettings = field(default_factory=CodecSettings)
-    """Codec through which the frames pass."""
-    seed: int = 0
-    """Seed of all draws."""
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
-    out: Path = Path("runs/delivery")
-    """Folder of the results; runs are stored in a folder of their own in it."""
-
-    @property
-    def layout(self) -> Layout:
-        """Layout that the display shows."""
-        preset = choose(PRESETS, self.preset, "preset")
-        return preset.layout if self.grid is None else make_layout(self.grid, self.grid)
-
-    @property
-    def coded(self) -> float | None:
-        """Redundancy of the loop, or None on coarse grids, whose code has a fixed rate."""
-        usual = PRESETS[self.preset].redundancy_on(self.layout)
-        return usual if self.redundancy is None else self.redundancy
-
-    @property
-    def name(self) -> str:
-        """Name of the setting, for files."""
-        rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
-        grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
-        grid += "" if self.redundancy is None else f"_redundancy{self.redundancy:g}"
-        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
-        return "_".join([name, self.camera] if self.camera else [name])
-
-    @property
-    def camera(self) -> str:
-        """What differs from a plain camera with lossless frames, in one word; empty for nothing."""
-        words = [
-            f"{entry.name}{value:g}"
-            for part in (self, self.phone)
-            for entry in fields(part)
-            if part is self.phone or entry.name in ("outside", "hand", "drop", "jitter_s")
-            if (value := getattr(part, entry.name)) != entry.default
-        ]
-        return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
-
-    def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
-        """Return the settings of a film of a scene."""
-        return VideoSettings(
-            scene=scene,
-            fps=self.fps,
-            state_hz=self.state_hz,
-            seconds=seconds,
-            hand=self.hand,
-            drop=self.drop,
-            jitter_s=self.jitter_s,
-            phone=self.phone,
-        )
-
-
-@dataclass(frozen=True)
-class Take:
-    """One film of a message that is to be received."""
-
-    config: DeliveryConfig
-    """Setting of display, camera and message."""
-    pair: str
-    """Camera-display pair."""
-    view: float
-    """Angle between the camera and the normal of the display, degrees."""
-    run: int
-    """Number of the run among those of the pair and view."""
-    model: Path
-    """Exported decoder of the receiver."""
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """What became of one message."""
-
-    pair: str
-    """Camera-display pair."""
-    view_deg: float
-    """Angle between the camera and the normal of the display, degrees."""
-    run: int
-    """Number of the run among those of the pair and view."""
-    picture: str
-    """Name of the picture that carried the message."""
-    delivered: bool
-    """Whether the message came."""
-    wrong: bool
-    """Whether a message came that was not sent."""
-    loops: float
-    """Number of loops of the message until then, or until the run was given up."""
-    seconds: float
-    """Time of the film until then, seconds."""
-    frames: int
-    """Number of frames until then."""
-    frames_with_display: int
-    """Number of frames in which the display was found."""
-    bits: int
-    """Number of bits that were decided on the way."""
-    bits_wrong: int
-    """Number of these that are wrong, each frame pair held against the one that it fits best."""
-    loop_frames: int
-    """Number of frame pairs in a loop of the message."""
-    receiver_fps: float
-    """Number of frames that the receiver took in a second of computing."""
-    bins: list[Bin] = field(default_factory=list)
-    """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
-
-
-@dataclass(frozen=True, eq=False)
-class MessageFilm:
-    """A film of a message, drawn and ready to be taken."""
-
-    take: Take
-    """Setting, pair, view and number of the film."""
-    picture: str
-    """Name of the picture that carries the message."""
-    message: bytes
-    """Message that the display sends."""
-    bits: NDArray[np.integer]
-    """Bits of the loop's frame pairs, (loop frames, n_bits) of 0 or 1."""
-    frames: Iterator[VideoFrame]
-    """Frames of at most as many loops as the setting allows; they can be taken once."""
-
-
-def film_message(take: Take) -> MessageFilm:
-    """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
-    config = take.config
-    layout = config.layout
-    grid = layout.rows if config.preset == "paper" else config.preset
-    setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
-    key = f"{take.pair} {take.view} {take.run} {setting}"
-    rng = np.random.default_rng([config.seed, zlib.crc32(key.encode())])
-    source = Source(layout, "test", config.seed)
-    pictures = shuffled_pictures(source)
-    picture = pictures[int(rng.integers(len(pictures)))]
-    message = rng.bytes(config.n_bytes)
-    bits = encode(message, layout.n_bits, config.coded)
-    pairs_shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
-    states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
-    coverage = float(rng.uniform(*config.coverage))
-    outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
-    scene = SceneSettings(coverage=coverage, pictures=pictures, free=0.03, outside=outside)
-    settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
-    frames = film(states, layout, source.pair(take.pair), take.view, settings, rng)
-    return MessageFilm(take, picture.name, message, bits, frames)
-
-
-class FilmReading:
-    """What a receiver reads of a film, frame by frame.
-
-    Args:
-        filmed: the film, whose truth is compared with what is read; its frames are not taken.
-        decoder: decoder of the receiver.
-    """
-
-    def __init__(self, filmed: MessageFilm, decoder: Decoder) -> None:
-        self._filmed = filmed
-        self._receiver = Receiver(decoder, filmed.take.config.fps)
-        self._received: bytes | None = None
-        self._wrong = self._decided = self._frames = 0
-        self._bins: list[Bin] = []
-        self._spent = self._time = 0.0
-
-    @property
-    def ended(self) -> bool:
-        """Whether a message came."""
-        return self._received is not None
-
-    def push(self, frame: VideoFrame) -> None:
-        """Give the receiver the next frame and its time."""
-        self._frames, self._time = self._frames + 1, frame.time_s
-        start = perf_counter()
-        step = self._receiver.push(frame.rgb, frame.time_s)
-        self._spent += perf_counter() - start
-        for pair in step.pairs:
-            scores = pair.soft.scores
-            shown = nearest_frame(scores, self._filmed.bits)
-            self._wrong += int(((scores > 0) != shown).sum())
-            self._decided += len(shown)
-            seen = np.flatnonzero(scores)
-            if seen.size:
-                self._bins = merge_bins([self._bins, confidence_bins(scores[seen], shown[seen])])
-        if step.message is not None:
-            self._received = step.message.data
-
-    def delivery(self) -> Delivery:
-        """Say what became of the message."""
-        take, bits = self._filmed.take, self._filmed.bits
-        return Delivery(
-            pair=take.pair,
-            view_deg=take.view,
-            run=take.run,
-            picture=self._filmed.picture,
-            delivered=self._received == self._filmed.message,
-            wrong=self.ended and self._received != self._filmed.message,
-            loops=self._time * take.config.state_hz / 2 / len(bits),
-            seconds=self._time,
-            frames=self._frames,
-            frames_with_display=self._receiver.found,
-            bits=self._decided,
-            bits_wrong=self._wrong,
-            loop_frames=len(bits),
-            receiver_fps=self._frames / max(self._spent, 1e-9),
-            bins=self._bins,
-        )
 
 
 def deliver(take: Take) -> dict[str, Any]:
@@ -326,22 +69,6 @@ def deliver(take: Take) -> dict[str, Any]:
         if reading.ended:
             break
     return asdict(reading.delivery())
-
-
-def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDArray[np.integer]:
-    """Choose the frame pair of a loop that the scores of a frame pair fit best.
-
-    >>> nearest_frame(np.array([2.0, -1.0, 3.0]), np.array([[0, 1, 0], [1, 0, 0]])).tolist()
-    [1, 0, 0]
-
-    Args:
-        scores: (n_bits,) scores of the bits; positive means 1.
-        bits: (loop frames, n_bits) of 0 or 1.
-
-    Returns:
-        (n_bits,) bits of that frame pair.
-    """
-    return np.asarray(bits[((scores > 0) != bits).sum(axis=1).argmin()])
 
 
 def receiver_model(config: DeliveryConfig) -> Path:

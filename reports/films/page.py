@@ -45,7 +45,7 @@ from reports.engine.digest import code_digest, file_digest, package_versions, sh
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.films.browser import camera_flags, open_chromium, serve_folder, text_of
-from reports.films.delivery import DeliveryConfig, MessageFilm, Take, film_message
+from reports.films.messages import DeliveryConfig, MessageFilm, Take, film_message
 from reports.films.y4m import Y4mFile, read_y4m
 from reports.render.tables import Table, share_interval, write_blocks
 from reports.score.accuracy import wilson

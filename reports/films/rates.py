@@ -19,7 +19,8 @@ from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.outside import read_json
 from link.presets import PRESETS
-from reports.films.delivery import DeliveryConfig, check_delivery, run_deliveries
+from reports.films.delivery import check_delivery, run_deliveries
+from reports.films.messages import DeliveryConfig
 from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.accuracy import wilson
 
