@@ -29,7 +29,7 @@ from reports.evaluation.evidence import QUICK, Stopwatch, simulated_evidence
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import chosen_sweeps, decisive_settings
 from reports.evaluation.versus import compare_runs
-from reports.render.annotated import show
+from reports.render.annotated import write_annotated
 from reports.render.tables import cell_tables, summary_table
 from reports.run import RunFolder
 from reports.score.accuracy import score
@@ -109,7 +109,7 @@ def main() -> None:
         if config.html:
             print(f"written: {write_report(config.out)}")
         if config.captures is not None and config.show is not None:
-            show(config.captures, methods, config.show)
+            write_annotated(config.captures, methods, config.show)
     for line in failed:
         print(f"failed: {line}", file=sys.stderr)
     if failed:

@@ -197,7 +197,7 @@ def test_flips_move_frames_labels_and_patches_together() -> None:
     mask = torch.arange(12).reshape(3, 4) != 5
     still = replace(CONFIG, strength=0.0, drift=0.0)
     generator = torch.Generator().manual_seed(0)
-    original, embedded, moved, kept = cnn_baseline.vary(
+    original, embedded, moved, kept = cnn_baseline.vary_batch(
         cells, 2 * cells, labels, mask, still, generator
     )
     assert torch.equal(original[:, 0], moved)

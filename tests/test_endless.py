@@ -9,10 +9,10 @@ from reports.films import endless
 from reports.films.endless import (
     BLOCKS,
     StreamBlock,
-    endure,
     false_starts,
     growth_mib,
     loops_until_changed,
+    measure_stream,
 )
 
 
@@ -30,7 +30,7 @@ def test_growth_is_measured_after_the_buffers_are_full() -> None:
     ("stream", "frames", "messages"), [("noise", 400, 0), ("still", 600, 0), ("film", 900, 1)]
 )
 def test_memory_and_time_are_bounded(stream: str, frames: int, messages: int) -> None:
-    blocks = endure(stream, frames, seed=0)
+    blocks = measure_stream(stream, frames, seed=0)
     assert len(blocks) == BLOCKS
     assert blocks[-1].last == frames
     # 256 rectified frames, which wait for a clock, are 150 MiB

@@ -269,7 +269,7 @@ def test_the_table_of_colours_counts_right_bits(
 ) -> None:
     monkeypatch.setattr(colours, "GRIDS", {(6, 6): 1})
     monkeypatch.setattr(colours, "KAPPAS", {"gray": (5,), "chroma": (10,)})
-    monkeypatch.setattr(colours, "SEATS", (("canon-lg", 0.0),))
+    monkeypatch.setattr(colours, "VIEWPOINTS", (("canon-lg", 0.0),))
     page = tmp_path / "page.md"
     done = command(colours.main, "--page", page, "--frames", 1, "--seconds", 1)
     assert done.status == 0, done.stderr

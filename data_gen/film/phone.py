@@ -111,7 +111,7 @@ class PhoneProcessor:
     def process(self, frame: VideoFrame) -> VideoFrame:
         """Return the frame as the phone passes it on, with the truth about where its display is.
 
-        A frame that is the one before again stays so.
+        A frame that repeats the one before is passed on as a repetition.
         """
         if frame.duplicate and self._last is not None:
             last = self._last

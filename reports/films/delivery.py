@@ -114,7 +114,7 @@ def stored_runs(config: DeliveryConfig, model: Path) -> Path:
 
 
 def bound_seconds(delivery: Delivery, config: DeliveryConfig) -> float:
-    """Time in which no code could deliver faster at this run's share of wrong bits (hard bits).
+    """Shortest time in which a code for hard bits could deliver at this run's share of wrong bits.
 
     It is the capacity of a binary symmetric channel, for a receiver that knows from the start the
     clock of the display and the place in the loop.

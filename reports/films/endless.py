@@ -162,7 +162,7 @@ def memory_mib() -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def endure(stream: str, frames: int, seed: int) -> list[StreamBlock]:
+def measure_stream(stream: str, frames: int, seed: int) -> list[StreamBlock]:
     """Push a stream through the receiver and measure.
 
     Args:
@@ -330,7 +330,9 @@ def _run(config: EndlessConfig) -> None:
     spawned = multiprocessing.get_context("spawn")
     for stream in config.streams:
         with ProcessPoolExecutor(1, spawned) as process:
-            found[stream] = process.submit(endure, stream, config.frames, config.seed).result()
+            found[stream] = process.submit(
+                measure_stream, stream, config.frames, config.seed
+            ).result()
     cases = [*((wrong, False) for wrong in WRONG_BITS), (WRONG_BITS[0], True)]
     starts = [false_starts(*case, config.scores, config.seed) for case in cases]
     delays = {w: loops_until_changed(w, config.changes, config.seed) for w in WRONG_BITS[:3]}

@@ -70,7 +70,7 @@ class RatesConfig:
         )
 
 
-def seen(config: DeliveryConfig) -> float:
+def contrast_of(config: DeliveryConfig) -> float:
     """Contrast over threshold of one block, as `export.send` prints it for the preset."""
     onlooker = Onlooker(distance=PRESETS[config.preset].distance_m)
     return Hiding(config.layout, config.state_hz, onlooker).seen(config.kappa)
@@ -140,7 +140,7 @@ def main() -> None:
     for name, chosen in series.items():
         with locked(chosen.out):
             stored[name] = read_json(run_deliveries(chosen))
-    table = rates_table(stored, {name: seen(chosen) for name, chosen in series.items()})
+    table = rates_table(stored, {name: contrast_of(chosen) for name, chosen in series.items()})
     print(table.markdown())
     if config.page.exists():
         write_blocks(config.page, {"rates": table.markdown()})

@@ -126,7 +126,7 @@ def train_network(
             order = torch.randperm(len(labels), generator=generator)
             for index in torch.split(order, config.batch):
                 maps = cells[0][index], cells[1][index], labels[index]
-                original, embedded, wanted, kept = vary(*maps, mask, config, generator)
+                original, embedded, wanted, kept = vary_batch(*maps, mask, config, generator)
                 logits = module.decide(original, embedded)[kept]
                 loss = binary_cross_entropy_with_logits(logits, wanted[kept])
                 if not torch.isfinite(loss):
@@ -180,7 +180,7 @@ def augmented_cells(
     return augmented_features(episodes, cells_of, "cpu", generator)
 
 
-def vary(
+def vary_batch(
     original: Tensor,
     embedded: Tensor,
     labels: Tensor,

@@ -9,7 +9,7 @@ from reports.engine.methods import Method
 from reports.render.figures import annotate
 
 
-def show(captures: Path, methods: list[Method], folder: Path) -> None:
+def write_annotated(captures: Path, methods: list[Method], folder: Path) -> None:
     """Decode a folder of captures and write an annotated picture of each frame pair and method.
 
     Args:

@@ -97,7 +97,7 @@ def _run(config: LeaveOneOutConfig) -> None:
         records = predict_all([condition], methods, folder, config.jobs)
         counts = tally(records, "without", "with")[COUNTS]
         found[left_out] = compare(counts.to_numpy(), np.random.default_rng(config.seed))
-        rows.append(row(left_out, counts, found[left_out]))
+        rows.append(difference_row(left_out, counts, found[left_out]))
     heads = ["left out", "bits", "trained without it %", "trained on all %", "difference, points"]
     page = Table(heads, rows).markdown()
     meta = provenance(config.seed, simulated=True)
@@ -141,7 +141,7 @@ def without(episodes: EpisodeSet, left_out: str) -> EpisodeSet:
     return EpisodeSet(episodes.original[keep], episodes.embedded[keep], episodes.bits[keep])
 
 
-def row(left_out: str, counts: pd.DataFrame, result: Paired) -> list[str]:
+def difference_row(left_out: str, counts: pd.DataFrame, result: Paired) -> list[str]:
     """Return a row of the table.
 
     Args:

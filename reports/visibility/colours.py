@@ -27,7 +27,7 @@ GRIDS = {(8, 8): 4, (24, 32): 1}
 grids have fewer bits a frame pair."""
 KAPPAS = {"gray": (3, 5), "chroma": (3, 5, 10)}
 """Kappas by colour direction; the eye takes more of chroma."""
-SEATS = (("canon-lg", 0.0), ("nikon-samsung", 45.0))
+VIEWPOINTS = (("canon-lg", 0.0), ("nikon-samsung", 45.0))
 """Camera-display pairs, and angles of observation in degrees."""
 METHODS = ("oorc", "blind", "learned")
 """Decoders that read chroma."""
@@ -70,9 +70,9 @@ class ColourSetting:
         )
         return Source(layout, "test", seed)
 
-    def right_bits(self, seed: int, seat: tuple[str, float], index: int) -> list[int]:
+    def right_bits(self, seed: int, viewpoint: tuple[str, float], index: int) -> list[int]:
         """Count the right bits of each of `METHODS` in one frame pair."""
-        pair = FramePair(self.source(seed), Cell(*seat, self.kappa), index)
+        pair = FramePair(self.source(seed), Cell(*viewpoint, self.kappa), index)
         decided = (make_decoder(name).decode(pair.rectified).bits for name in METHODS)
         return [int((bits == pair.displayed.bits).sum()) for bits in decided]
 
@@ -96,8 +96,8 @@ def colour_row(setting: ColourSetting, config: ColoursConfig, parallel: Parallel
     frames = range(config.frames * GRIDS[setting.grid])
     bits = len(frames) * layout.n_bits
     shares = []
-    for seat in SEATS:
-        count = partial(setting.right_bits, config.seed, seat)
+    for viewpoint in VIEWPOINTS:
+        count = partial(setting.right_bits, config.seed, viewpoint)
         right = parallel(delayed(count)(index) for index in frames)
         shares += [f"{100 * sum(each) / bits:.2f}" for each in zip(*right, strict=True)]
     rows, cols = setting.grid
@@ -114,7 +114,7 @@ def main() -> None:
     parallel = Parallel(n_jobs=config.jobs)
     rows = [colour_row(setting, config, parallel) for setting in all_settings()]
     heads = ["grid", "colour", "κ", "gray 128", "worst gray", "worst colour"]
-    heads += [f"{name}, {pair} {view:g}°" for pair, view in SEATS for name in METHODS]
+    heads += [f"{name}, {pair} {view:g}°" for pair, view in VIEWPOINTS for name in METHODS]
     table = Table([*heads, "bits a cell"], rows, left=2).markdown()
     print(table)
     write_blocks(config.page, {"visibility_colour": table})
