@@ -23,11 +23,9 @@ const [count, height, width] = images.shape;
 test("a film", () => {
   const known = layouts.map((/** @type {any} */ table) => new Layout(table));
   const search = new PilotSearch(known, fps);
-  const gray = { width, height, data: new Uint8Array(width * height) };
   for (let frame = 0; frame < count; frame++) {
-    // a frame's memory is used again, as a page may
-    gray.data.set(images.data.subarray(frame * gray.data.length, (frame + 1) * gray.data.length));
-    const found = search.push(gray, frame / fps);
+    const data = images.data.subarray(frame * width * height, (frame + 1) * width * height);
+    const found = search.push({ width, height, data }, frame / fps);
     if (found === null) continue;
     assert.ok(python, `found ${JSON.stringify(found.corners)} where there is no display`);
     assert.ok(frame <= python.frame + later, `frame ${frame}, not ${python.frame}`);

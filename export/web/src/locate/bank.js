@@ -52,16 +52,19 @@ export class Bank {
   #templates;
   /** (LEADING, WINDOW_AREA) orthonormal directions. @type {Float64Array} */
   #directions;
-  /** (templates, LEADING) @type {Float32Array} */
-  #leading;
+  /** (templates, FIRST) parts along the first directions. @type {Float64Array} */
+  #first;
+  /** (templates, LEADING - FIRST) parts along the other directions. @type {Float64Array} */
+  #more;
   /**
    * (templates, 2) lengths of what the first and what all directions leave.
    *
-   * @type {Float32Array}
+   * @type {Float64Array}
    */
   #rest;
   #window = new Float64Array(WINDOW_AREA);
   #part = new Float64Array(LEADING);
+  #left = new Float64Array(2);
 
   /**
    * @param {Float32Array} templates - (count, WINDOW_AREA), patch by patch
@@ -73,12 +76,16 @@ export class Bank {
     this.patches = count / EACH;
     this.#templates = templates;
     this.#directions = directions;
-    this.#leading = new Float32Array(count * LEADING);
-    this.#rest = new Float32Array(2 * count);
+    this.#first = new Float64Array(count * FIRST);
+    this.#more = new Float64Array(count * (LEADING - FIRST));
+    this.#rest = new Float64Array(2 * count);
+    const template = new Float64Array(WINDOW_AREA);
+    const part = new Float64Array(LEADING);
     for (let t = 0; t < count; t++) {
-      const template = templates.subarray(t * WINDOW_AREA, (t + 1) * WINDOW_AREA);
-      const part = this.#leading.subarray(t * LEADING, (t + 1) * LEADING);
-      this.#rest.set(split(template, directions, part), 2 * t);
+      template.set(templates.subarray(t * WINDOW_AREA, (t + 1) * WINDOW_AREA));
+      split(template, directions, part, this.#rest.subarray(2 * t, 2 * t + 2));
+      this.#first.set(part.subarray(0, FIRST), t * FIRST);
+      this.#more.set(part.subarray(FIRST), t * (LEADING - FIRST));
     }
   }
 
@@ -101,31 +108,60 @@ export class Bank {
     }
     const mean = sum / WINDOW_AREA;
     let square = 0;
-    for (let i = 0; i < WINDOW_AREA; i++) square += (window[i] -= mean) ** 2;
-    const norm = Math.sqrt(square) + 5;
-    for (let i = 0; i < WINDOW_AREA; i++) window[i] /= norm;
+    for (let i = 0; i < WINDOW_AREA; i++) {
+      const apart = (window[i] -= mean);
+      square += apart * apart;
+    }
+    const shrink = 1 / (Math.sqrt(square) + 5);
+    for (let i = 0; i < WINDOW_AREA; i++) window[i] *= shrink;
     const part = this.#part;
-    const [firstRest, lastRest] = split(window, this.#directions, part);
+    split(window, this.#directions, part, this.#left);
+    const [firstRest, lastRest] = this.#left;
     const rest = this.#rest;
-    const templates = this.#templates;
-    const leading = this.#leading;
+    const first = this.#first;
+    const [p0, p1, p2, p3, p4, p5, p6, p7, p8, p9] = part; // as many as FIRST
     for (let patch = 0, t = 0; patch < this.patches; patch++) {
+      let least = most[patch];
       for (let i = 0; i < EACH; i++, t++) {
-        const start = t * LEADING;
-        let match = 0;
-        for (let k = 0; k < FIRST; k++) match += part[k] * leading[start + k];
-        if (match + firstRest * rest[2 * t] <= most[patch]) continue;
-        for (let k = FIRST; k < LEADING; k++) match += part[k] * leading[start + k];
-        if (match + lastRest * rest[2 * t + 1] <= most[patch]) continue;
-        match = 0;
-        for (let k = 0, at = t * WINDOW_AREA; k < WINDOW_AREA; k++) {
-          match += window[k] * templates[at + k];
-        }
-        if (match <= most[patch]) continue;
-        most[patch] = match;
+        const at = t * FIRST;
+        // sums of few terms, which the processor works out side by side
+        const leading =
+          p0 * first[at] +
+          p1 * first[at + 1] +
+          (p2 * first[at + 2] + p3 * first[at + 3]) +
+          (p4 * first[at + 4] + p5 * first[at + 5]) +
+          (p6 * first[at + 6] + p7 * first[at + 7] + (p8 * first[at + 8] + p9 * first[at + 9]));
+        if (leading + firstRest * rest[2 * t] <= least) continue;
+        const match = this.#correlation(t, leading, lastRest, least);
+        if (match <= least) continue;
+        least = most[patch] = match;
         note(patch, (Math.floor(i / SHAPES.length) * 2 * Math.PI) / TURNS);
       }
     }
+  }
+
+  /**
+   * Correlate the window with a template, unless that is sure to be too little.
+   *
+   * @param {number} t - number of the template
+   * @param {number} leading - what the first directions add to the correlation
+   * @param {number} left - length of what all directions leave of the window
+   * @param {number} least - correlation that must be exceeded
+   * @returns {number} the correlation, or a bound of it that is no more than `least`
+   */
+  #correlation(t, leading, left, least) {
+    const part = this.#part;
+    const more = this.#more;
+    let bound = leading + left * this.#rest[2 * t + 1];
+    for (let k = FIRST, at = t * (LEADING - FIRST); k < LEADING; k++) bound += part[k] * more[at++];
+    if (bound <= least) return bound;
+    const window = this.#window;
+    const templates = this.#templates;
+    let match = 0;
+    for (let k = 0, at = t * WINDOW_AREA; k < WINDOW_AREA; k++) {
+      match += window[k] * templates[at + k];
+    }
+    return match;
   }
 }
 
@@ -273,25 +309,35 @@ function orthonormalise(directions) {
 }
 
 /**
- * Split a window into its parts along the directions, and what they leave.
+ * Split a window into its parts along the directions, four of them at once, and what they leave.
  *
- * @param {Float32Array | Float64Array} window
+ * @param {Float64Array} window
  * @param {Float64Array} directions
- * @param {Float32Array | Float64Array} part - takes the (LEADING,) parts
- * @returns {[number, number]} lengths of what the first directions leave, and of what all leave
+ * @param {Float64Array} part - takes the (LEADING,) parts
+ * @param {Float64Array} rest - takes the lengths of what the first directions leave, and all
  */
-function split(window, directions, part) {
+function split(window, directions, part, rest) {
+  for (let k = 0, at = 0; k < LEADING; k += 4, at += 4 * WINDOW_AREA) {
+    let [a, b, c, d] = [0, 0, 0, 0];
+    for (let i = 0, to = at; i < WINDOW_AREA; i++, to++) {
+      const value = window[i];
+      a += value * directions[to];
+      b += value * directions[to + WINDOW_AREA];
+      c += value * directions[to + 2 * WINDOW_AREA];
+      d += value * directions[to + 3 * WINDOW_AREA];
+    }
+    part[k] = a;
+    part[k + 1] = b;
+    part[k + 2] = c;
+    part[k + 3] = d;
+  }
   let left = 0;
   for (let i = 0; i < WINDOW_AREA; i++) left += window[i] * window[i];
-  let first = 0;
-  for (let k = 0, at = 0; k < LEADING; k++) {
-    if (k === FIRST) first = left;
-    let dot = 0;
-    for (let i = 0; i < WINDOW_AREA; i++) dot += window[i] * directions[at++];
-    part[k] = dot;
-    left -= dot * dot;
+  for (let k = 0; k < LEADING; k++) {
+    if (k === FIRST) rest[0] = length(left);
+    left -= part[k] * part[k];
   }
-  return [length(first), length(left)];
+  rest[1] = length(left);
 }
 
 /**

@@ -52,6 +52,14 @@ const BIAS = -22.02;
 const ALIKE_PX = 1.5;
 
 /**
+ * Candidates of images, by their pixels: the searches by patches and by pilots begin with the same
+ * frame.
+ *
+ * @type {WeakMap<Uint8Array, Located[]>}
+ */
+const remembered = new WeakMap();
+
+/**
  * A display found in an image.
  *
  * @typedef {object} Located
@@ -76,11 +84,13 @@ export function displayCandidates(image, limit = CANDIDATES) {
 /**
  * List quadrilaterals that may bound a lit display, step by step.
  *
- * @param {BytePlane} image
+ * @param {BytePlane} image - it must stay as it is, as what was found in it is remembered
  * @param {number} [limit] - largest number returned
  * @returns {Steps<Located[]>} what `displayCandidates` returns
  */
 export function* candidateSteps(image, limit = CANDIDATES) {
+  const known = remembered.get(image.data);
+  if (known && limit <= CANDIDATES) return known.slice(0, limit);
   const { copy, scale } = smallCopy(image);
   const quads = yield* gatheringSteps(copy);
   if (!quads.length) return [];
@@ -102,12 +112,13 @@ export function* candidateSteps(image, limit = CANDIDATES) {
     first = inner;
   }
   odds[first] = top + 1e-6;
-  const chosen = distinct(quads, odds, limit, SAME_PX);
-  yield FEATURES_WORK;
-  return chosen.map((i) => ({
+  const found = distinct(quads, odds, Math.max(limit, CANDIDATES), SAME_PX).map((i) => ({
     corners: onFullImage(quads[i], scale),
     score: 1 / (1 + Math.exp(-odds[i])),
   }));
+  if (limit <= CANDIDATES) remembered.set(image.data, found);
+  yield FEATURES_WORK;
+  return found.slice(0, limit);
 }
 
 /**

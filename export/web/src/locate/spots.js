@@ -28,7 +28,7 @@ const PATCH_PX = [8, 11, 15, 20, 27, 37, 50];
 /** Number of steepest places that are compared at each size of a patch. */
 const SPOTS = 80;
 /** Number of places that are compared in one step. */
-const STEP_SPOTS = 20;
+const STEP_SPOTS = 5;
 /** Shifts, in pixels of the resized image and on each axis, that are tried around such a place. */
 const SHIFTS = [-4, -2, 0, 2, 4];
 /** Smallest correlation of a match that is kept. */
@@ -62,7 +62,7 @@ const SAME_WHOLE_PX = 4.0;
 const SAME_PARTIAL_PX = 6.0;
 /** Units of work of resizing, of comparing `STEP_SPOTS` places, and of one way of combining. */
 const RESIZE_WORK = 1;
-const COMPARE_WORK = 3;
+const COMPARE_WORK = 0.75;
 const COMBINE_WORK = 2;
 
 /**

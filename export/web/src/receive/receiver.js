@@ -7,6 +7,7 @@
  * decodes too, are left out.
  */
 
+import { MISSING } from "../locate/pilots/search.js";
 import { DisplayReader, Sight, StageTimes } from "./reader.js";
 import { Repeats } from "./repeats.js";
 import { Tracker } from "./tracking/patches.js";
@@ -31,6 +32,11 @@ export const MIN_SIDE_PX = 16;
 /** Reads a message from the frames of a camera that films the display. */
 export class Receiver {
   #fps;
+  #frameMs;
+  /** Time of the newest frame, seconds. */
+  #last = NaN;
+  /** Whether frames were missing, as happens where a camera does not wait for the receiver. */
+  #isLate = false;
   #repeats = new Repeats();
   #sight = new Sight();
   /** @type {Tracked | null} */
@@ -46,8 +52,8 @@ export class Receiver {
   /**
    * @param {PairDecoder[]} decoders - one for each layout that is looked for
    * @param {number} [fps] - nominal number of frames of the camera in a second
-   * @param {number} [frameMs] - time, in milliseconds, after which the search by pilots begins no
-   *   step with a frame, for a camera that does not wait
+   * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
+   *   frame, for a camera that does not wait
    */
   constructor(decoders, fps = 30, frameMs = Infinity) {
     if (decoders.length === 0) throw new Error("decoders: need at least one");
@@ -59,6 +65,7 @@ export class Receiver {
     /** Number of frames taken. */
     this.frames = 0;
     this.#fps = fps;
+    this.#frameMs = frameMs;
     this.#trackers = makeTrackers(layouts, fps, frameMs);
     const readers = decoders.map(
       (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight),
@@ -139,6 +146,8 @@ export class Receiver {
       throw new Error(`frames must have ${MIN_SIDE_PX} px or more along each side`);
     }
     this.frames++;
+    if ((time - this.#last) * this.#fps > MISSING) this.#isLate = true;
+    this.#last = time;
     const start = performance.now();
     if (this.#repeats.isRepeat(frame)) {
       // it was not exposed at this time
@@ -170,10 +179,13 @@ export class Receiver {
   #find(frame, time) {
     const followed = this.#following;
     this.#following = null;
+    const frameMs = this.#isLate ? this.#frameMs : Infinity;
     const others = this.#trackers.filter((tracker) => tracker !== followed);
     for (const tracker of followed !== null ? [followed, ...others] : others) {
       const tracked =
-        tracker instanceof PilotTracker ? tracker.follow(frame, time) : tracker.follow(frame);
+        tracker instanceof PilotTracker
+          ? tracker.follow(frame, time)
+          : tracker.follow(frame, frameMs);
       if (tracked === null) continue;
       this.#following = tracker;
       const reader = this.#readers.get(tracker.layout);
@@ -204,7 +216,8 @@ export class Receiver {
  *
  * @param {Layout[]} layouts - those that are looked for, each with ratex patches or pilots
  * @param {number} fps - nominal number of frames of the camera in a second
- * @param {number} [frameMs] - time after which the search by pilots begins no step with a frame
+ * @param {number} [frameMs] - time, in milliseconds, after which the search by pilots begins no step
+ *   with a frame
  * @returns {(Tracker | PilotTracker)[]}
  */
 export function makeTrackers(layouts, fps, frameMs = Infinity) {

@@ -129,7 +129,7 @@ export class PilotSearch {
   /**
    * Take the next frame.
    *
-   * @param {BytePlane} gray - a copy is kept where it is needed
+   * @param {BytePlane} gray - it may be kept, so it must not change afterwards
    * @param {number} time - of the frame, seconds; rising from frame to frame
    * @returns {PilotDisplay | null} the display once it is sure
    */
@@ -140,7 +140,7 @@ export class PilotSearch {
     const H = this.#stabiliser.follow(gray);
     if (H === null) {
       this.#stabiliser.begin(gray);
-      this.#reference = copyOf(gray);
+      this.#reference = gray;
       this.#start = time;
       this.#forget();
       return null;
@@ -181,8 +181,8 @@ export class PilotSearch {
    * @param {ToggleMap} map
    */
   #watch(map) {
-    const { gray, HFrameFromReference: H, at } = this.#given();
-    const frame = new FilmFrame(copyOf(gray), H, at);
+    const frame = this.#given();
+    const { gray, HFrameFromReference: H, at } = frame;
     this.#frames.push(frame);
     map.add(this.#stabiliser.still(gray, H), at);
     const { width, height } = this.largest;
@@ -323,12 +323,4 @@ export class PilotSearch {
     if (this.#newest === null) throw new Error("a step was taken outside of push");
     return this.#newest;
   }
-}
-
-/**
- * @param {BytePlane} plane
- * @returns {BytePlane}
- */
-function copyOf({ width, height, data }) {
-  return { width, height, data: data.slice() };
 }

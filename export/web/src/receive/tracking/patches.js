@@ -30,6 +30,14 @@ const FIRST_WORK = 90;
 const WORK = 50;
 /** Units of work, after `PATIENCE` searches in vain, while the image stays as it is. */
 const SLOW_WORK = 8;
+/**
+ * Units of work of a search in which the likeliest candidates are tried. The rest of it, which finds
+ * displays without visible borders, takes long; before a camera that does not wait, it has a
+ * smaller share of each frame's time.
+ */
+const LIKELY_WORK = 100;
+/** Share of a frame's time that the rest of a search has before such a camera. */
+const LATER_SHARE = 0.1;
 /** Number of searches in vain after which the image must change for the search to be quick. */
 const PATIENCE = 3;
 /** Width and height, in pixels, of the thumbnails that tell whether the image has changed. */
@@ -56,6 +64,8 @@ export class Tracker {
   #follower;
   /** @type {ReturnType<typeof searchSteps> | null} */
   #search = null;
+  /** Units of work of the search so far. */
+  #done = 0;
   #searchedWidth = 0;
   #searchedHeight = 0;
   #vain = 0;
@@ -74,10 +84,12 @@ export class Tracker {
   /**
    * Find the display in the next frame.
    *
-   * @param {BytePlane} image - gray
+   * @param {BytePlane} image - gray; a search may keep it, so it must not change afterwards
+   * @param {number} [frameMs] - time, in milliseconds, after which a search begins no further step
+   *   with this frame, for a camera that does not wait
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image) {
+  follow(image, frameMs = Infinity) {
     if (this.#follower.corners !== null) {
       const step = this.#follower.step(image);
       const found = step === null ? null : this.#accept(image, step.corners, step.fresh);
@@ -86,16 +98,18 @@ export class Tracker {
       this.#search = null;
       this.#vain = 0;
     }
-    return this.#look(image);
+    return this.#look(image, frameMs);
   }
 
   /**
    * Take some steps of a search, and begin one where none is under way.
    *
    * @param {BytePlane} image
+   * @param {number} frameMs - as `follow` takes it
    * @returns {Tracked | null}
    */
-  #look(image) {
+  #look(image, frameMs) {
+    const start = performance.now();
     if (this.#searchedWidth !== image.width || this.#searchedHeight !== image.height) {
       this.#search = null;
     }
@@ -114,6 +128,9 @@ export class Tracker {
       const step = search.next();
       if (!step.done) {
         work += step.value;
+        this.#done += step.value;
+        const share = this.#done < LIKELY_WORK ? 1 : LATER_SHARE;
+        if (performance.now() - start >= share * frameMs) break;
         continue;
       }
       this.#search = null;
@@ -132,12 +149,13 @@ export class Tracker {
   }
 
   /**
-   * Begin a search in a frame, which is copied.
+   * Begin a search in a frame.
    *
    * @param {BytePlane} image
    */
   #begun(image) {
-    return searchSteps({ ...image, data: image.data.slice() }, this.layout);
+    this.#done = 0;
+    return searchSteps(image, this.layout);
   }
 
   /**
