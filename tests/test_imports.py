@@ -6,9 +6,10 @@ import re
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,31 @@ def test_docstrings_can_be_understood_alone() -> None:
         and LEANS_ON_ANOTHER.match(str(node.value.value))
     ]
     assert not leaning, "\n".join(leaning)
+
+
+def is_text(node: ast.stmt | None) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def undescribed(body: list[ast.stmt], wanted: Callable[[str], bool]) -> Iterator[str]:
+    """Names that statements assign, if they are wanted and no string stands below them."""
+    for node, below in pairwise([*body, None]):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and not is_text(below):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            names = [name.id for name in ast.walk(target) if isinstance(name, ast.Name)]
+            yield from (name for name in names if name[0] != "_" and wanted(name))
+
+
+def test_constants_and_fields_of_dataclasses_are_described() -> None:
+    found = []
+    for file in sources():
+        names = list(undescribed(parsed(file).body, lambda name: name.isupper() and len(name) > 1))
+        for node in parsed(file).body:
+            decorated = isinstance(node, ast.ClassDef) and node.name[0] != "_"
+            if decorated and "dataclass" in "".join(map(ast.unparse, node.decorator_list)):
+                names += undescribed(node.body, bool)
+        found += [f"{file}: {name}" for name in names]
+    assert not found, "\n".join(found)
 
 
 def test_nothing_cites_what_no_reader_can_open() -> None:
