@@ -5,3 +5,11 @@ display in sight, and `reader` reads it: `timing` finds when it changes states, 
 states together, `hidden` and `occlusion` erase what is not seen. `diagnosis` says why no message
 came, and `show` draws what was decided.
 """
+
+import os
+
+# The receiver multiplies many small matrices. OpenBLAS would share each of them among threads,
+# which then keep the processor busy with waiting for the next one, and take it from the decoder.
+# numpy reads this when it is loaded: it serves the commands of this package, and no program that
+# has numpy already.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -205,6 +205,8 @@ class DisplayReader:
         Returns:
             the message where it became whole.
         """
+        if not self.collector.decoding:
+            return None
         start = perf_counter()
         message = self.collector.go_on(work)
         self.timing.add("collect", start)

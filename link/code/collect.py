@@ -40,6 +40,11 @@ class Collector(Protocol):
         """Whether scores are kept that may be those of a message not returned yet."""
         ...
 
+    @property
+    def decoding(self) -> bool:
+        """Whether decoding is under way, which `go_on` goes on with."""
+        ...
+
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
         ...

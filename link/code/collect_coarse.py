@@ -184,6 +184,11 @@ class CoarseCollector:
         """Whether scores are kept that may be those of a message not returned yet."""
         return self._loop is not None
 
+    @property
+    def decoding(self) -> bool:
+        """Whether decoding is under way: never, for it ends before `add` returns."""
+        return False
+
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
         self._waiting: list[tuple[int, NDArray[np.float64]]] = []

@@ -101,22 +101,14 @@ class CodedScores:
         return enough or (2 * self.seen >= self.terms.frames and self.seen % turn == 0)
 
 
+@dataclass(frozen=True)
 class Attempt:
-    """Decoding that is under way, of what a loop had brought when it began.
+    """Decoding that is under way, of what a loop had brought when it began."""
 
-    Args:
-        loop: what was collected; it may grow while this goes on.
-    """
-
-    def __init__(self, loop: CodedScores) -> None:
-        self.terms = loop.terms
-        """Terms of the loop."""
-        self.seen = loop.seen
-        """Number of received frames that had been added."""
-        self.sums = loop.sums.copy()
-        """(frames, body) log-likelihood ratios that are decoded."""
-        self.steps: Steps[bytes | None] = coded_decoding_steps(self.sums, loop.terms)
-        """Steps of the decoding, which return the message or None."""
+    loop: CodedScores
+    """What was collected; it may have grown since."""
+    steps: Steps[bytes | None]
+    """Steps of the decoding, which return the message or None."""
 
 
 @dataclass
@@ -150,6 +142,11 @@ class FineCollector:
     def collecting(self) -> bool:
         """Whether scores are kept that may be those of a message not returned yet."""
         return self._loop is not None or self._attempt is not None
+
+    @property
+    def decoding(self) -> bool:
+        """Whether decoding is under way, which `go_on` goes on with."""
+        return self._attempt is not None
 
     def start_run(self) -> None:
         """Say that the next frame's distance to the earlier ones is not known."""
@@ -258,24 +255,25 @@ class FineCollector:
                     return None
                 self.attempts += 1
                 self._due, self._loop.tried = False, self._loop.progress
-                self._attempt = Attempt(self._loop)
+                steps = coded_decoding_steps(self._loop.sums, self._loop.terms)
+                self._attempt = Attempt(self._loop, steps)
             try:
                 while spent < work:
                     spent += next(self._attempt.steps)
                 return None
             except StopIteration as end:
-                attempt, data = self._attempt, end.value
+                loop, data = self._attempt.loop, end.value
                 self._attempt = None
                 if data is not None:
-                    return self._deliver(attempt, data)
+                    return self._deliver(loop, data)
 
-    def _deliver(self, attempt: Attempt, data: bytes) -> Message:
-        """Make the message of decoding that succeeded; it ends the collection."""
-        sent = coded_bits(data, attempt.terms, self.n_bits)
-        weight = np.abs(attempt.sums)
-        agree = float(weight[(attempt.sums > 0) == (sent == 1)].sum() / weight.sum())
+    def _deliver(self, loop: CodedScores, data: bytes) -> Message:
+        """Make the message that was decoded of a loop; it ends the collection."""
+        sent = coded_bits(data, loop.terms, self.n_bits)
+        weight = np.abs(loop.sums)
+        agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
         changed = self._delivered is not None
-        if self._loop is not None and self._loop.terms == attempt.terms:
+        if self._loop is not None and self._loop.terms == loop.terms:
             self._loop, self._due, self.progress = None, False, 1.0
-        self._delivered = attempt.terms
-        return Message(data, attempt.terms.frames, attempt.seen, agree, changed)
+        self._delivered = loop.terms
+        return Message(data, loop.terms.frames, loop.seen, agree, changed)

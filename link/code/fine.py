@@ -329,7 +329,7 @@ def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
 
     Args:
         scores: (frames, body) log-likelihood ratios of the coded bits, positive for 1; 0 where
-            nothing is known. They must not change before the first step is done.
+            nothing is known. They are copied, and may change between steps.
         terms: terms of the loop.
 
     Returns:
@@ -339,8 +339,12 @@ def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
     count = -(-scores.size // terms.blocks)
     llr = np.zeros(count * terms.blocks, np.float32)
     llr[: scores.size] = scores.reshape(-1)
-    found = yield from terms.code.decoding_steps(llr.reshape(count, terms.blocks))
-    information, done = found
+    return _message_steps(llr.reshape(count, terms.blocks), terms)
+
+
+def _message_steps(llr: Floats, terms: Terms) -> Steps[bytes | None]:
+    """Decode (count, blocks) log-likelihood ratios, and check the message."""
+    information, done = yield from terms.code.decoding_steps(llr)
     if not done.all():
         return None
     content = np.packbits(information.T).tobytes()

@@ -30,7 +30,8 @@ ITERATIONS = 60
 """Number of rounds of belief propagation after which the decoder gives up."""
 PATIENCE, LEAST_GROWTH = 8, 1.05
 """Number of rounds after which the mean certainty of some block must have grown by a factor, as it
-does wherever decoding goes on to succeed; otherwise the decoder gives up early."""
+does nearly wherever decoding goes on to succeed; otherwise the decoder gives up early. It does not
+once a block is decoded, because the other blocks of a message have as much information."""
 MAX_COLUMNS = 4
 """Number of blocks that are decoded at once. A message of four blocks is 16 bytes, which numpy
 copies from place to place several times as fast as one of ten, and more would not fit into the
@@ -139,7 +140,7 @@ class RatelessCode:
         done = np.zeros(llr.shape[1], bool)
         for first in range(0, llr.shape[1], MAX_COLUMNS):
             columns = slice(first, first + MAX_COLUMNS)
-            found = yield from graph.decoding_steps(llr[:, columns], iterations)
+            found = yield from graph.decoding_steps(llr[:, columns], iterations, bool(done.any()))
             bits[:, columns], done[columns] = found
             if not done[columns].all():
                 break
@@ -191,9 +192,16 @@ class _Graph:
         self.edges = edges.size
 
     def decoding_steps(
-        self, llr: NDArray[np.floating], iterations: int
+        self, llr: NDArray[np.floating], iterations: int, hopeful: bool
     ) -> Steps[tuple[Bits, NDArray[np.bool_]]]:
-        """Decode some blocks at once; `RatelessCode.decoding_steps` says the rest."""
+        """Decode some blocks at once; `RatelessCode.decoding_steps` says the rest.
+
+        Args:
+            llr: (count, columns) log-likelihood ratios.
+            iterations: number of rounds after which it gives up.
+            hopeful: whether other blocks of the message were decoded, so that it does not give up
+                early.
+        """
         count, columns = self.code.intermediate + 1, llr.shape[1]
         bits, done = np.zeros((count, columns), np.uint8), np.zeros(columns, bool)
         half = np.clip(llr, -2 * MAX_HALF_LLR, 2 * MAX_HALF_LLR).astype(np.float32) / -2
@@ -215,7 +223,8 @@ class _Graph:
             done[active[whole]] = True
             if done.all():
                 break
-            if turn % PATIENCE == PATIENCE - 1:
+            hopeful = hopeful or bool(done.any())
+            if turn % PATIENCE == PATIENCE - 1 and not hopeful:
                 before, certainty[active] = certainty[active], np.abs(total[:-1]).mean(axis=0)
                 if not (certainty[active] > LEAST_GROWTH * before).any():
                     break
