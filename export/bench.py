@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sklearn.svm import SVC, LinearSVC
 from tqdm import trange
 
+from export.markdown import markdown_table
 from export.parity import synthetic_pair
 from export.runtime import Decoder
 from link.errors import at_least, read_flags, run_cli
@@ -132,17 +133,13 @@ def ratio_table(times: dict[str, NDArray[np.float64]], config: BenchConfig) -> s
         times: milliseconds of each round, by name.
         config: says how many rounds and threads there were.
     """
-    lines = [
-        f"{config.rounds} rounds, {config.threads} threads, ratios within each round\n",
-        "| what | ms, median | times two warps | quartiles |",
-        "|---|---:|---:|---:|",
-    ]
+    rows = []
     for name, values in times.items():
         low, middle, high = quartiles(values / times[REFERENCE])
-        lines.append(
-            f"| {name} | {np.median(values):.2f} | {middle:.2f} | {low:.2f} – {high:.2f} |"
-        )
-    return "\n".join(lines)
+        rows.append([name, f"{np.median(values):.2f}", f"{middle:.2f}", f"{low:.2f} – {high:.2f}"])
+    table = markdown_table(["what", "ms, median", "times two warps", "quartiles"], rows)
+    title = f"{config.rounds} rounds, {config.threads} threads, ratios within each round"
+    return f"{title}\n\n{table}"
 
 
 if __name__ == "__main__":

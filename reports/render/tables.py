@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import pandas as pd
 
+from export.markdown import markdown_table
 from link.errors import InputError
 from link.images import write_bytes
 from reports.score.accuracy import pool
@@ -57,10 +58,9 @@ class Table:
         |---|---:|
         | oorc | 99.2 (98 to 100) |
         """
-        marks = ["---"] * self.left + ["---:"] * (len(self.heads) - self.left)
-        lines = [f"| {' | '.join(map(_markdown, self.heads))} |", f"|{'|'.join(marks)}|"]
-        lines += [f"| {' | '.join(map(_markdown, row))} |" for row in self.rows]
-        return "\n".join([self.title, "", *lines] if self.title else lines)
+        rows = [[_markdown(cell) for cell in row] for row in self.rows]
+        table = markdown_table([_markdown(head) for head in self.heads], rows, self.left)
+        return f"{self.title}\n\n{table}" if self.title else table
 
     @property
     def head_cells(self) -> list[TableCell]:
