@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.locate.pilots.all_blocks import BlockMaps
 from export.locate.pilots.evidence import pilot_signs
 from link.frames import SoftBits
-from link.geometry import homography_from_corners, transform
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, block_mean, make_layout
 
 FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
@@ -95,3 +96,41 @@ def filmed(
         images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
         corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
     return images, corners
+
+
+def block_views(
+    layout: Layout,
+    off: NDArray[np.float64],
+    frames: int,
+    frames_a_period: int,
+    slope: float = 0.0,
+    noise: float = 3.0,
+    toggling: float = 3.0,
+) -> NDArray[np.float32]:
+    """Maps of `BlockMaps` of a display whose corners lie ``off`` by some layout pixels in them.
+
+    Its phase slopes from top to bottom by ``slope`` radians. Each period shows another message.
+    """
+    rng, maps = np.random.default_rng(5), BlockMaps(layout)
+    corners = frame_corners(layout.width, layout.height) + off
+    H = np.linalg.inv(maps.to_layout()) @ homography_from_corners(
+        corners, layout.width, layout.height
+    )
+    states = []
+    for _ in range(frames // frames_a_period + 2):
+        bits = rng.choice([-1.0, 1.0], layout.rows * layout.cols)
+        bits[layout.pilot_blocks] = pilot_signs(layout)
+        grid = bits.reshape(layout.rows, layout.cols)
+        drawn = cv2.resize(grid, (layout.width, layout.height), interpolation=cv2.INTER_NEAREST)
+        states.append(cv2.warpPerspective(drawn, H, maps.size, flags=cv2.INTER_AREA))
+    (_, height), (_, top) = maps.inner, maps.margin
+    y = (np.arange(maps.size[1]) - top + 0.5) / height - 0.5
+    views = []
+    for number in range(frames):
+        period = (number + 0.25) / frames_a_period - slope * y / (2 * np.pi) + 1  # (h,)
+        shown = np.zeros(maps.size[::-1])
+        for state, drawn in enumerate(states):
+            rows = np.floor(period) == state
+            shown[rows] = np.where(period % 1 < 0.5, -0.5, 0.5)[rows, None] * drawn[rows]
+        views.append(120 + toggling * shown + rng.normal(0, noise, shown.shape))
+    return np.array(views, np.float32)

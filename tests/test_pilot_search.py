@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 from conftest import slow
 from numpy.typing import NDArray
-from pilot_films import FINE, OTHER, filmed
+from pilot_films import FINE, OTHER, block_views, filmed
 
+from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
 from export.locate.pilots.climb import climb_to_pilots
-from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, fine_shift, map_size
+from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, map_size
 from export.locate.pilots.evidence import pilot_evidence, pilot_signs
 from export.locate.pilots.search import PilotSearch
 from export.locate.pilots.stabilise import Stabiliser
@@ -19,8 +20,8 @@ from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
 
-CLOSE_PX = 4.0
-"""A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
+CLOSE_PX = 1.0
+"""A twelfth of a block as it is filmed."""
 
 
 def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 60.0):
@@ -191,14 +192,54 @@ def test_corner_shifts_are_recovered(shift: tuple[float, float]) -> None:
     found = transform(fit[0], frame_corners(FINE.width, FINE.height))
     expected = frame_corners(FINE.width, FINE.height) + shift
     assert np.abs(found - expected).max() < 4.0
-    small = cv2.warpAffine(full, np.array([[1, 0, 1.3], [0, 1, -0.8]]), full.shape[::-1])
-    small = cv2.resize(small, map_size(FINE), interpolation=cv2.INTER_AREA)
-    noisy = (small + rng.normal(0, 0.3, small.shape)).astype(np.float32)
-    fine = fine_shift(noisy, blocks, FINE)
-    assert fine is not None
-    found = transform(fine, frame_corners(FINE.width, FINE.height))
-    expected = frame_corners(FINE.width, FINE.height) + np.array([1.3, -0.8])
-    assert np.abs(found - expected).max() < 0.6
+
+
+OFF = np.array([[5.0, -3.0], [-4.0, 2.0], [3.0, 4.0], [-2.0, -5.0]])
+"""Errors of corners that the pilots may leave, in layout pixels; a block of FINE has 16."""
+
+
+def fitted_by_blocks(views: NDArray[np.float32], frequency: float) -> NDArray[np.float64]:
+    """Corners, in layout pixels, to which the fit by all blocks moves those of the views."""
+    fit = BlockFit(BlockMaps(FINE), views, range(len(views)), frequency)
+    for _ in range(6):
+        if fit.step():
+            break
+    return transform(fit.shift(), frame_corners(FINE.width, FINE.height))
+
+
+@pytest.mark.parametrize(("frames_a_period", "slope"), [(4, 0.0), (4, 2.5), (2, 0.0)])
+def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float) -> None:
+    """Bits need not be known, the phase may slope, and noise is as strong as the toggling."""
+    views = block_views(FINE, OFF, 6 * frames_a_period, frames_a_period, slope=slope)
+    found = fitted_by_blocks(views, 1 / frames_a_period)
+    truth = frame_corners(FINE.width, FINE.height) + OFF
+    assert np.abs(found - truth).max() < 0.5
+
+
+def test_noise_leads_corners_a_quarter_of_a_block_at_most() -> None:
+    views = block_views(FINE, OFF, 24, 4, toggling=0.0)
+    corners = frame_corners(FINE.width, FINE.height)
+    assert np.abs(fitted_by_blocks(views, 0.25) - corners).max() < 4.0
+    assert (fitted_by_blocks(views[:3], 0.25) == corners).all()  # a single period tells nothing
+
+
+def test_changes_of_frame_pairs_are_kept_apart() -> None:
+    """Pilots change alike in all periods, and other blocks by the bits of each frame pair."""
+    views = block_views(FINE, 0 * OFF, 24, 4, noise=0.0)
+    maps = BlockMaps(FINE)
+    blocks = np.array(
+        [
+            cv2.resize(np.ascontiguousarray(change), (32, 24), interpolation=cv2.INTER_AREA)
+            for change in maps.within(period_changes(maps, views, range(24), 0.25))
+        ]
+    ).reshape(-1, 24 * 32)
+    signs = np.sign(blocks[:, FINE.pilot_blocks])
+    assert (signs == pilot_signs(FINE)).all()
+    strength = np.abs(blocks)
+    assert len(blocks) == 6
+    assert strength.min() > 0.7 * strength.max()
+    others = np.delete(np.sign(blocks), FINE.pilot_blocks, axis=1)
+    assert abs((others[1:] == others[:-1]).mean() - 0.5) < 0.1
 
 
 def test_what_toggles_is_outlined() -> None:

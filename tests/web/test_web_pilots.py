@@ -5,20 +5,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pilot_films import FINE, texture
+from pilot_films import FINE, block_views, texture
 from web_fixtures import run_node_tests, write_fixture
 
+from export.locate.pilots.all_blocks import BlockFit, BlockMaps
 from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import (
     COARSE_SIZE,
     coarse_shift,
-    fine_shift,
     map_size,
     moved_corners,
     without_slope,
 )
 from export.locate.pilots.evidence import (
-    in_one_phase,
+    common_phase,
+    pilot_centres,
     pilot_evidence,
     pilot_signs,
     pilot_values,
@@ -105,15 +106,13 @@ def times() -> list[dict[str, object]]:
 
 def phases() -> list[dict[str, object]]:
     """Pilots whose phase slopes from left to right, or from top to bottom."""
-    rng, (width, height) = np.random.default_rng(8), (128, 96)
-    y, x = np.mgrid[0:height, 0:width] / np.array([[[height]], [[width]]]) - 0.5
+    rng, centres = np.random.default_rng(8), pilot_centres(FINE) - 0.5
     cases = []
-    for phase in (3.2 * x + 0.4, -1.4 * y + 2):
-        change = drawn(FINE, (width, height)) * np.exp(1j * phase)
-        change = np.asarray(change + rng.normal(0, 0.3, change.shape), np.complex64)
-        real, imaginary = change.real, change.imag
-        phased = in_one_phase(change, FINE)
-        cases.append({"real": real, "imaginary": imaginary, "phased": phased})
+    for slope in (np.array([3.2, 0.0]), np.array([0.0, -1.4])):
+        noise = rng.normal(0, 0.3, (2, FINE.pilots))
+        seen = pilot_signs(FINE) * np.exp(1j * (centres @ slope + 0.4)) + noise[0] + 1j * noise[1]
+        found, phase = common_phase(seen, FINE)
+        cases.append({"real": seen.real, "imaginary": seen.imag, "slope": found, "phase": phase})
     return cases
 
 
@@ -150,20 +149,44 @@ def coarse() -> list[dict[str, object]]:
     return cases
 
 
-def fine() -> list[dict[str, object]]:
+def slopeless() -> list[dict[str, object]]:
+    """Maps of two layouts, and what is left of their pixels without the mean around each."""
     rng, cases = np.random.default_rng(2), []
-    for layout, noise in ((FINE, 0.3), (SMALL, 0.2), (FINE, 30.0)):
+    for layout in (FINE, SMALL):
         size = map_size(layout)
-        seen = cv2.warpAffine(drawn(layout, size), np.array([[1, 0, 1.3], [0, 1, -0.8]]), size)
-        change = (seen + rng.normal(0, noise, seen.shape)).astype(np.float32)
+        change = rng.normal(0, 1, size[::-1]).astype(np.float32)
         block = np.array([size[0] / layout.cols, size[1] / layout.rows])
+        left = without_slope(change, block)
+        table = layout_table(layout)
+        cases.append({"layout": table, "size": size, "change": change, "slopeless": left})
+    return cases
+
+
+def all_blocks() -> list[dict[str, object]]:
+    """Displays whose corners are off by less than a block, of two rates, one with a slope."""
+    off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
+    cases = []
+    for layout, period, slope, noise in (
+        (SMALL, 4, 0.0, 1.0),
+        (UNEVEN, 4, 2.0, 1.0),
+        (SMALL, 2, 0.0, 2.0),
+        (SMALL, 4, 0.0, 30.0),
+    ):
+        views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
+        at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
+        fit = BlockFit(BlockMaps(layout), views, at, 1 / period)
+        settled = []
+        while len(settled) < 5 and not (settled and settled[-1]):
+            settled.append(fit.step())
         cases.append(
             {
                 "layout": layout_table(layout),
-                "size": size,
-                "change": change,
-                "slopeless": without_slope(change, block),
-                "H": fine_shift(change, expected(layout), layout),
+                "views": views,
+                "at": at,
+                "frequency": 1 / period,
+                "changes": fit.changes,
+                "settled": settled,
+                "H": fit.shift(),
             }
         )
     return cases
@@ -230,7 +253,7 @@ def stabilising() -> dict[str, object]:
 
 
 def test_pilots_are_weighed_and_corners_moved_as_in_python(tmp_path: Path) -> None:
-    parts = (evidence, times, phases, coarse, fine, climb, moved, toggling, stabilising)
-    for part in parts:
+    parts = (evidence, times, phases, coarse, slopeless, all_blocks, climb, moved, toggling)
+    for part in (*parts, stabilising):
         write_fixture(tmp_path, part.__name__, part())
     run_node_tests("pilots", tmp_path)

@@ -1,10 +1,9 @@
 """Move the corners of a display so that its blocks lie where the grid says they lie.
 
 What toggles in the rectified image is compared with what should toggle: pilots whose signs are
-known, or all blocks once they have been decoded. Where corners may be off by blocks, parts of the
-display are shifted by themselves, and a transform is fitted to their shifts (`coarse_shift`). Where
-they are off by less than a block, the whole display is fitted at once (`fine_shift`, by
-`cv2.findTransformECC`; Evangelidis & Psarakis 2008).
+known. Corners may be off by blocks: parts of the display are shifted by themselves, and a transform
+is fitted to their shifts (`coarse_shift`). Where corners are off by less than a block, the whole
+display is fitted at once (`export.locate.pilots.all_blocks`).
 
 All transforms are homographies ``H_old_from_new`` in layout pixels: where a point of the display,
 as it should have been rectified, lies in the image as it was.
@@ -17,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, homography_from_corners, resized_homography, transform
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 
 Array = NDArray[np.float64]
@@ -43,10 +42,6 @@ FEW, MANY = 4, 10
 """Number of clear parts from which on an affine transform is fitted, and a homography."""
 SAME_BLOCKS = 0.6
 """Distance, in blocks, within which parts' shifts agree with a transform."""
-ROUNDS, STEP = 30, 1e-4
-"""Number of steps of the fine fit, and the rise of the correlation below which it stops."""
-LEAST_CORRELATION = 0.1
-"""Correlation of what toggles with what should, below which the fine fit is not believed."""
 
 
 def map_size(layout: Layout) -> tuple[int, int]:
@@ -174,43 +169,6 @@ def _shift_of_parts(
     if fitted is None or inliers.sum() < FEW:
         return None
     return np.asarray(fitted), int(inliers.sum())
-
-
-def fine_shift(change: Map, blocks: NDArray[np.floating], layout: Layout) -> Array | None:
-    """Fit, to parts of a pixel, where a display lies that toggles as it should.
-
-    Args:
-        change: (h, w) of `map_size`: how the rectified display changed, with the sign of
-            ``blocks``; noisy pixels weigh less.
-        blocks: (rows, cols) expected change of each block, 0 where it is not known.
-        layout: of the display.
-
-    Returns:
-        H_old_from_new, or None where the fit fails.
-    """
-    height, width = change.shape
-    size = width, height
-    block = np.array([width / layout.cols, height / layout.rows])
-    smooth = cv2.GaussianBlur(_drawn(blocks, size), (0, 0), 0.25 * float(block.min()))
-    known = cv2.dilate(np.abs(np.asarray(blocks, np.float32)), np.ones((3, 3), np.uint8)) > 0
-    mask = cv2.resize(known.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, ROUNDS, STEP)
-    try:
-        correlation, H = cv2.findTransformECC(
-            smooth,
-            without_slope(change, block),
-            np.eye(3, dtype=np.float32),
-            cv2.MOTION_HOMOGRAPHY,
-            stop,
-            mask,
-            3,
-        )
-    except cv2.error:  # it does not converge
-        return None
-    if not correlation >= LEAST_CORRELATION:
-        return None
-    to_layout = resized_homography(layout.width / width, layout.height / height)
-    return np.asarray(to_layout @ H.astype(np.float64) @ np.linalg.inv(to_layout))
 
 
 def _drawn(blocks: NDArray[np.floating], size: tuple[int, int]) -> Map:

@@ -153,27 +153,18 @@ def pilot_evidence(
     return max(0.0, -chance), (best + SLOWEST) / span
 
 
-def in_one_phase(change: NDArray[np.complex64], layout: Layout) -> NDArray[np.float32]:
-    """Turn the amplitudes of a display's pixels into one phase, and give them the pilots' signs.
+def common_phase(amplitudes: NDArray[np.complexfloating], layout: Layout) -> tuple[Array, float]:
+    """Find the phase in which the pilots toggle, and by how much it slopes across the display.
 
     Args:
-        change: (h, w) amplitudes at one frequency of the rectified display.
+        amplitudes: (pilots,) of the pilots at one frequency.
         layout: with pilots.
 
     Returns:
-        (h, w) parts of the amplitudes that toggle as the pilots do, positive where a pilot of bit 1
-        lies.
+        slope: (2,) differences of phase from left to right and from top to bottom, radians; one of
+            `PHASE_SLOPES`.
+        phase: at the centre of the display, radians; that of a pilot of bit 1.
     """
-    height, width = change.shape
-    size = layout.cols, layout.rows
-    real, imaginary = (
-        cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(-1)
-        for part in (change.real.copy(), change.imag.copy())
-    )  # (rows, cols) -> (blocks,)
-    along = signed_phases(layout) @ (real + 1j * imaginary)[layout.pilot_blocks]
+    along = signed_phases(layout) @ amplitudes
     best = int(np.abs(along).argmax())
-    x = (np.arange(width) + 0.5) / width - 0.5
-    y = (np.arange(height) + 0.5)[:, None] / height - 0.5
-    across, down = PHASE_SLOPES[best]
-    phase = across * x + down * y + np.angle(along[best])
-    return np.asarray((change * np.exp(-1j * phase)).real, np.float32)
+    return PHASE_SLOPES[best], float(np.angle(along[best]))

@@ -9,7 +9,7 @@ grids it shows.
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -17,18 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.candidates import display_candidates
+from export.locate.pilots.all_blocks import BlockFit, BlockMaps
 from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import (
     COARSE_SIZE,
     MANY,
     coarse_shift,
-    fine_shift,
     map_size,
     moved_corners,
 )
 from export.locate.pilots.evidence import (
     LEAST_DEVIATION,
-    in_one_phase,
     pilot_evidence,
     pilot_signs,
     pilot_values,
@@ -38,7 +37,7 @@ from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, waves
 from link.errors import InputError
-from link.geometry import homography_from_corners, rectify, transform
+from link.geometry import homography_from_corners, rectify, resized_homography, transform
 from link.images import as_gray
 from link.layout import Layout
 
@@ -70,9 +69,9 @@ is found at any rate."""
 PROMISING, HINT = 9.0, 6.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once, and at
 which they are once all frames were seen."""
-COARSE_ROUNDS, CLIMB_ROUNDS, FINE_ROUNDS = 5, 2, 2
+COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS = 5, 2, 5
 """Largest number of times that corners are moved by parts of the display, by the sum over its
-pilots, and by all of it."""
+pilots, and by all of its blocks."""
 SETTLED_PX = 3.0
 """Distance, in layout pixels, below which a coarse move is the last one."""
 FAR_OUTSIDE = 0.5
@@ -307,8 +306,9 @@ class PilotSearch:
     def _settle(self, proposal: _Proposal) -> Iterator[_Sure | None]:
         """Move corners to where the pilots fit the grid; None after each step, and what is sure.
 
-        Each way to move them is kept only if the pilots then toggle more surely: in a dark picture,
-        parts may have been matched amiss.
+        A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts
+        may have been matched amiss. What all blocks say of the corners is kept where the display is
+        sure there, too.
         """
         layout, frames = proposal.layout, list(self._frames)
         needed = min(SURE, SURE_SHARE * layout.pilots)
@@ -316,11 +316,7 @@ class PilotSearch:
         best, tried = proposal, float(TRIALS)
         evidence = _evidence(best, frames) - float(np.log(tried))
         yield None
-        for move, tries in (
-            (self._by_parts, 1),
-            (self._by_climbing, CLIMB_TRIALS),
-            (self._by_all, 1),
-        ):
+        for move, tries in ((self._by_parts, 1), (self._by_climbing, CLIMB_TRIALS)):
             if tries > 1 and evidence >= certain:  # it need not pay for so many trials
                 continue
             moved = replace(best, corners=(yield from move(best, frames)))
@@ -328,8 +324,14 @@ class PilotSearch:
             yield None
             if now > evidence:
                 best, evidence, tried = moved, now, tried * tries
+        fitted = replace(best, corners=(yield from self._by_blocks(best, list(self._frames))))
+        now = _evidence(fitted, frames) - float(np.log(tried))
+        yield None
+        evidence = max(evidence, now)
         if evidence < needed:
             return
+        if now >= needed:
+            best = fitted
         if evidence < certain:  # corners were fitted to these frames; later ones must agree
             later: list[_Frame] = []
             while len(later) < self._confirming:
@@ -364,49 +366,34 @@ class PilotSearch:
         self, proposal: _Proposal, frames: Sequence[_Frame]
     ) -> Generator[None, None, Array]:
         """Move corners while the sum over all pilots grows, step by step."""
-        layout = proposal.layout
-        return _by_whole(proposal, frames, CLIMB_ROUNDS, lambda line: climb_to_pilots(line, layout))
+        layout, corners = proposal.layout, proposal.corners
+        for _ in range(CLIMB_ROUNDS):
+            views = _views(corners, layout, frames, map_size(layout))
+            if views is None:
+                break
+            H_old_from_new = climb_to_pilots(_line(views, frames, proposal.frequency), layout)
+            yield None
+            corners = moved_corners(corners, H_old_from_new, layout)
+        return corners
 
-    def _by_all(
+    def _by_blocks(
         self, proposal: _Proposal, frames: Sequence[_Frame]
     ) -> Generator[None, None, Array]:
-        """Move corners by the whole display at once, to parts of a pixel, step by step."""
-        layout = proposal.layout
-        blocks = self._expected[layout]
-        return _by_whole(
-            proposal,
-            frames,
-            FINE_ROUNDS,
-            lambda line: fine_shift(in_one_phase(line, layout), blocks, layout),
-        )
-
-
-def _by_whole(
-    proposal: _Proposal,
-    frames: Sequence[_Frame],
-    rounds: int,
-    shift: Callable[[NDArray[np.complex64]], Array | None],
-) -> Generator[None, None, Array]:
-    """Move corners again and again by what the whole display says, step by step.
-
-    Args:
-        proposal: where the display may be.
-        frames: in which it is looked at.
-        rounds: largest number of times that corners are moved.
-        shift: makes H_old_from_new, in layout pixels, of the amplitudes of the rectified display;
-            None ends it.
-    """
-    layout, corners = proposal.layout, proposal.corners
-    for _ in range(rounds):
-        views = _views(corners, layout, frames, map_size(layout))
-        if views is None:
-            break
-        H_old_from_new = shift(_line(views, frames, proposal.frequency))
-        yield None
-        if H_old_from_new is None:
-            break
-        corners = moved_corners(corners, H_old_from_new, layout)
-    return corners
+        """Move corners by all blocks at once, to parts of a pixel, step by step."""
+        maps = BlockMaps(proposal.layout)
+        views = []
+        for frame in frames:
+            view = _rectified(frame, proposal.corners, proposal.layout, maps)
+            if view is None:
+                return proposal.corners
+            views.append(cv2.resize(view, maps.size, interpolation=cv2.INTER_AREA))
+        at = [frame.at for frame in frames]
+        fit = BlockFit(maps, np.array(views, np.float32), at, proposal.frequency)
+        for _ in range(BLOCK_ROUNDS):
+            yield None
+            if fit.step():
+                break
+        return moved_corners(proposal.corners, fit.shift(), proposal.layout)
 
 
 def _expected_changes(layout: Layout) -> Array:
@@ -451,13 +438,17 @@ def _evidence(proposal: _Proposal, frames: Sequence[_Frame]) -> float:
     return pilot_evidence(values, proposal.layout, [frame.at for frame in frames])[0]
 
 
-def _rectified(frame: _Frame, corners: Array, layout: Layout) -> Gray | None:
+def _rectified(
+    frame: _Frame, corners: Array, layout: Layout, maps: BlockMaps | None = None
+) -> Gray | None:
     """Rectify a frame, or return None where the corners make no sound quadrilateral near it.
 
     Args:
         frame: of the film.
         corners: (4, 2) pixels of the reference frame.
         layout: to whose size it is rectified.
+        maps: maps, with what lies around the display, to whose pixels it is rectified instead; they
+            are as fine as the layout.
     """
     quad = transform(frame.H_image_from_reference, corners)
     size = np.array(frame.gray.shape[::-1])
@@ -468,4 +459,8 @@ def _rectified(frame: _Frame, corners: Array, layout: Layout) -> Gray | None:
     if cv2.contourArea(outline) < LEAST_AREA * frame.gray.size:
         return None
     H = homography_from_corners(quad, layout.width, layout.height)
-    return rectify(frame.gray, H, layout.width, layout.height)
+    if maps is None:
+        return rectify(frame.gray, H, layout.width, layout.height)
+    H_map_from_fine = resized_homography(1 / maps.shrunk, 1 / maps.shrunk)
+    width, height = (maps.shrunk * side for side in maps.size)
+    return rectify(frame.gray, H @ maps.to_layout() @ H_map_from_fine, width, height)

@@ -6,17 +6,17 @@ import { test } from "node:test";
 import { loadOpenCv } from "../src/image/opencv.js";
 import { transform } from "../src/link/geometry.js";
 import { Layout } from "../src/link/layout.js";
+import { BlockFit, BlockMaps, periodChangeSteps } from "../src/locate/pilots/allBlocks.js";
 import { climbToPilots } from "../src/locate/pilots/climb.js";
 import {
   coarseShift,
   expectedChanges,
-  fineShift,
   mapSize,
   movedCorners,
   withoutSlope,
 } from "../src/locate/pilots/corners.js";
 import {
-  inOnePhase,
+  commonPhase,
   pilotEvidence,
   pilotSigns,
   pilotValues,
@@ -26,6 +26,7 @@ import { median, quantile } from "../src/locate/pilots/order.js";
 import { Stabiliser } from "../src/locate/pilots/stabilise.js";
 import { ToggleMap } from "../src/locate/pilots/toggleMap.js";
 import { position, spanOf, waves } from "../src/locate/pilots/waves.js";
+import { runToEnd } from "../src/locate/steps.js";
 import { close, differences, planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 
@@ -68,10 +69,9 @@ test("evidence of pilots", () => {
     const { evidence, frequency } = pilotEvidence(series, layout, [...at.data]);
     close([evidence, frequency], found, 1e-6);
   }
-  for (const { real, imaginary, phased } of readFixture("phases")) {
-    const [height, width] = real.shape;
-    const change = { width, height, real: real.data, imaginary: imaginary.data };
-    close(inOnePhase(change, layout).data, phased.data, 1e-5);
+  for (const { real, imaginary, ...expected } of readFixture("phases")) {
+    const { slope, phase } = commonPhase(real.data, imaginary.data, layout);
+    close([...slope, phase], [...expected.slope.data, expected.phase], 1e-9);
   }
   for (const { gray, blocks, pilots, layout: table } of grays) {
     const shown = new Layout(table);
@@ -105,16 +105,33 @@ test("corners move by parts of a display", () => {
   }
 });
 
-test("corners move by the whole display", () => {
-  for (const { size, change, slopeless, H, ...fixture } of readFixture("fine")) {
+test("maps without slope", () => {
+  for (const { size, change, slopeless, ...fixture } of readFixture("slopeless")) {
     const layout = new Layout(fixture.layout);
     assert.deepEqual(mapSize(layout), size);
     const [width, height] = size;
     const flat = withoutSlope(planeOf(change), [width / layout.cols, height / layout.rows]);
     close(flat.data, slopeless.data, 1e-4);
-    const found = fineShift(planeOf(change), expectedChanges(layout), layout);
-    if (H === null) assert.equal(found, null);
-    else sameMotion(found, H, [layout.width, layout.height], 0.1);
+  }
+});
+
+test("corners move by all blocks", () => {
+  for (const { views, at, frequency, changes, settled, H, ...fixture } of readFixture("all_blocks")) {
+    const layout = new Layout(fixture.layout);
+    const maps = new BlockMaps(layout);
+    const [frames, height, width] = views.shape;
+    assert.deepEqual(maps.size, [width, height]);
+    const planes = Array.from({ length: frames }, (_, frame) => ({
+      width,
+      height,
+      data: views.data.subarray(frame * width * height, (frame + 1) * width * height),
+    }));
+    const seen = runToEnd(periodChangeSteps(maps, planes, at, frequency));
+    close(seen.flatMap(({ data }) => [...data]), changes.data, 2e-3);
+    const fit = new BlockFit(maps, seen);
+    const steps = settled.map(() => runToEnd(fit.moveSteps()));
+    assert.deepEqual(steps, settled);
+    sameMotion(fit.shift(), H, [layout.width, layout.height], 0.02);
   }
 });
 

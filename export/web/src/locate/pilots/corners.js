@@ -2,28 +2,26 @@
  * Move the corners of a display so that its blocks lie where the grid says they lie.
  *
  * What toggles in the rectified image is compared with what should toggle: pilots whose signs are
- * known, or all blocks once they have been decoded. Where corners may be off by blocks, parts of
- * the display are shifted by themselves, and a transform is fitted to their shifts (`coarseShift`).
- * Where they are off by less than a block, the whole display is fitted at once (`fineShift`, by
- * `cv.findTransformECC`; Evangelidis & Psarakis 2008).
+ * known. Corners may be off by blocks: parts of the display are shifted by themselves, and a
+ * transform is fitted to their shifts (`coarseShift`). Where corners are off by less than a block,
+ * the whole display is fitted at once (`allBlocks.js`).
  *
  * All transforms are homographies `HOldFromNew` in layout pixels: where a point of the display, as
  * it should have been rectified, lies in the image as it was.
  */
 
-import { cv, matOf, withMats } from "../../image/opencv.js";
+import { cv, withMats } from "../../image/opencv.js";
 import {
   frameCorners,
   homographyFromCorners,
   resizedHomography,
   transform,
 } from "../../link/geometry.js";
-import { identity, inverse, multiply3 } from "../../link/linear.js";
-import { runToEnd } from "../steps.js";
+import { multiply3 } from "../../link/linear.js";
 import { lessMeanAround } from "./around.js";
 import { pilotSigns } from "./evidence.js";
 import { median } from "./order.js";
-import { drawnBlocks, matchParts } from "./partMatches.js";
+import { matchParts } from "./partMatches.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
 /** @typedef {import("../../link/geometry.js").Homography} Homography */
@@ -68,17 +66,6 @@ export const FEW = 4;
 export const MANY = 10;
 /** Distance, in blocks, within which parts' shifts agree with a transform. */
 export const SAME_BLOCKS = 0.6;
-/** Largest number of steps of the fine fit. */
-export const ROUNDS = 30;
-/** Rise of the correlation below which the fine fit stops. */
-export const STEP = 1e-4;
-/** Largest number of pixels times rounds of the fine fit in one step. */
-const PIXEL_ROUNDS = 750_000;
-/** Units of work (`../steps.js`) of such a step. */
-const FINE_WORK = 12;
-/** Correlation of what toggles with what should, below which the fine fit is not believed. */
-export const LEAST_CORRELATION = 0.1;
-
 /**
  * Give width and height of the maps of what toggles, for a layout.
  *
@@ -154,80 +141,6 @@ export function coarseShift(change, blocks, layout, far = false) {
     if (fit !== null) return fit;
   }
   return null;
-}
-
-/**
- * Fit, to parts of a pixel, where a display lies that toggles as it should.
- *
- * @param {FloatPlane} change - of `mapSize`: how the rectified display changed, with the sign of
- *   `blocks`; noisy pixels weigh less
- * @param {ArrayLike<number>} blocks - (rows * cols,) expected change of each block, 0 where it is
- *   not known
- * @param {Layout} layout - of the display
- * @returns {Float64Array | null} HOldFromNew, or null where the fit fails
- */
-export function fineShift(change, blocks, layout) {
-  return runToEnd(fineSteps(change, blocks, layout));
-}
-
-/**
- * Fit as `fineShift` does, step by step; on large maps the rounds of the fit are shared out.
- *
- * @param {FloatPlane} change
- * @param {ArrayLike<number>} blocks
- * @param {Layout} layout
- * @returns {import("../steps.js").Steps<Float64Array | null>}
- */
-export function* fineSteps(change, blocks, layout) {
-  const { width, height } = change;
-  const rounds = Math.max(1, Math.min(ROUNDS, Math.floor(PIXEL_ROUNDS / (width * height))));
-  /** @type {{ H: Float64Array, correlation: number }} */
-  let fit = { H: identity(3), correlation: -Infinity };
-  for (let done = 0; done < ROUNDS; done += rounds) {
-    const next = fineRounds(change, blocks, layout, fit.H, Math.min(rounds, ROUNDS - done));
-    if (next === null) return null;
-    const rise = next.correlation - fit.correlation;
-    fit = next;
-    if (rise < STEP) break;
-    if (done + rounds < ROUNDS) yield FINE_WORK;
-  }
-  if (!(fit.correlation >= LEAST_CORRELATION)) return null;
-  const toLayout = resizedHomography(layout.width / width, layout.height / height);
-  return multiply3(multiply3(toLayout, fit.H), inverse(toLayout));
-}
-
-/**
- * Do some rounds of the fine fit.
- *
- * @param {FloatPlane} change
- * @param {ArrayLike<number>} blocks
- * @param {Layout} layout
- * @param {Float64Array} H - in pixels of the map, from which the fit begins
- * @param {number} rounds
- * @returns {{ H: Float64Array, correlation: number } | null} null where the fit does not converge
- */
-function fineRounds(change, blocks, { rows, cols }, H, rounds) {
-  const { width, height } = change;
-  /** @type {[number, number]} */
-  const block = [width / cols, height / rows];
-  return withMats((keep) => {
-    const smooth = keep(matOf(drawnBlocks(blocks, rows, cols, width, height)));
-    cv.GaussianBlur(smooth, smooth, new cv.Size(0, 0), 0.25 * Math.min(...block));
-    const known = drawnBlocks(aroundKnown(blocks, rows, cols), rows, cols, width, height);
-    const mask = keep(matOf({ width, height, data: Uint8Array.from(known.data) }));
-    const seen = keep(matOf(withoutSlope(change, block)));
-    const fitted = keep(cv.matFromArray(3, 3, cv.CV_32F, H));
-    const stop = new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, rounds, STEP);
-    try {
-      const motion = cv.MOTION_HOMOGRAPHY;
-      const correlation = cv.findTransformECC(smooth, seen, fitted, motion, stop, mask, 3);
-      return { H: Float64Array.from(fitted.data32F), correlation };
-    } catch (error) {
-      // OpenCV throws the address of its error
-      if (typeof error !== "number" || cv.exceptionFromPtr(error).code !== cv.StsNoConv) throw error;
-      return null;
-    }
-  });
 }
 
 /**
@@ -383,29 +296,6 @@ function joined(smallest, [down, across]) {
  */
 function divided(length, count) {
   return Array.from({ length: count + 1 }, (_, i) => Math.floor((i * length) / count));
-}
-
-/**
- * Say which blocks are known, or lie beside one that is.
- *
- * @param {ArrayLike<number>} blocks - (rows * cols,), 0 where a block is not known
- * @param {number} rows
- * @param {number} cols
- * @returns {Float32Array} (rows * cols,) of 0 and 1
- */
-function aroundKnown(blocks, rows, cols) {
-  const known = new Float32Array(rows * cols);
-  for (let row = 0; row < rows; row++) {
-    for (let col = 0; col < cols; col++) {
-      if (!blocks[row * cols + col]) continue;
-      for (let y = Math.max(0, row - 1); y <= Math.min(rows - 1, row + 1); y++) {
-        for (let x = Math.max(0, col - 1); x <= Math.min(cols - 1, col + 1); x++) {
-          known[y * cols + x] = 1;
-        }
-      }
-    }
-  }
-  return known;
 }
 
 /**

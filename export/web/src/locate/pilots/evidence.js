@@ -308,32 +308,20 @@ export function pilotEvidence(values, layout, at) {
 }
 
 /**
- * Turn the amplitudes of a display's pixels into one phase, and give them the pilots' signs.
+ * Find the phase in which the pilots toggle, and by how much it slopes across the display.
  *
- * @param {import("./partMatches.js").Amplitudes} change - at one frequency of the rectified display
+ * @param {ArrayLike<number>} real - (pilots,) amplitudes at one frequency
+ * @param {ArrayLike<number>} imaginary - (pilots,)
  * @param {Layout} layout - with pilots
- * @returns {import("../../image/opencv.js").Plane<Float32Array>} parts of the amplitudes that
- *   toggle as the pilots do, positive where a pilot of bit 1 lies
+ * @returns {{ slope: [number, number], phase: number }} differences of phase from left to right and
+ *   from top to bottom, one of `PHASE_SLOPES`, and the phase of a pilot of bit 1 at the centre of
+ *   the display, radians
  */
-export function inOnePhase({ width, height, real, imaginary }, layout) {
-  const ofPilots = (/** @type {Float32Array} */ data) => {
-    const blocks = areaMeans({ width, height, data }, layout.cols, layout.rows).data;
-    return Float64Array.from(layout.pilotBlocks, (block) => blocks[block]);
-  };
-  const along = sumsAlong(ofPilots(real), ofPilots(imaginary), signedPhases(layout));
+export function commonPhase(real, imaginary, layout) {
+  const along = sumsAlong(real, imaginary, signedPhases(layout));
   const powers = along.map(([a, b]) => a * a + b * b);
   const best = powers.indexOf(Math.max(...powers));
-  const [across, down] = PHASE_SLOPES[best];
-  const start = Math.atan2(along[best][1], along[best][0]);
-  const data = new Float32Array(width * height);
-  for (let y = 0, at = 0; y < height; y++) {
-    const line = start + down * ((y + 0.5) / height - 0.5);
-    for (let x = 0; x < width; x++, at++) {
-      const phase = line + across * ((x + 0.5) / width - 0.5);
-      data[at] = real[at] * Math.cos(phase) + imaginary[at] * Math.sin(phase);
-    }
-  }
-  return { width, height, data };
+  return { slope: PHASE_SLOPES[best], phase: Math.atan2(along[best][1], along[best][0]) };
 }
 
 /**

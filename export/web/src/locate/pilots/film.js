@@ -1,7 +1,13 @@
 /** Frames of a film that are kept, and what they show of a display. */
 
 import { warped } from "../../image/warp.js";
-import { contourArea, homographyFromCorners, rectify, transform } from "../../link/geometry.js";
+import {
+  contourArea,
+  homographyFromCorners,
+  rectify,
+  resizedHomography,
+  transform,
+} from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { isConvex } from "./convex.js";
 import { LEAST_DEVIATION } from "./evidence.js";
@@ -13,6 +19,7 @@ import { waves } from "./waves.js";
 /** @typedef {import("../../link/geometry.js").Homography} Homography */
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
+/** @typedef {import("./allBlocks.js").BlockMaps} BlockMaps */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 
 /** Share of the image's size by which a corner may lie outside of it. */
@@ -50,8 +57,8 @@ export class FilmFrame {
    * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
    */
   view(corners, layout, width, height) {
-    const quad = transform(this.HFrameFromReference, corners);
-    if (!isNear(quad, this.gray.width, this.gray.height)) return null;
+    const quad = this.#quad(corners);
+    if (quad === null) return null;
     const halfWidth = layout.width >> 1;
     const halfHeight = layout.height >> 1;
     const factor = Math.floor(pixelsInOne(quad, halfWidth, halfHeight));
@@ -59,11 +66,54 @@ export class FilmFrame {
       const H = homographyFromCorners(quad, layout.width, layout.height);
       return areaMeans(rectify(this.gray, H, layout.width, layout.height), width, height);
     }
-    const offset = (factor - 1) / 2;
-    const toCopy = inverse([factor, 0, offset, 0, factor, offset, 0, 0, 1]);
-    const H = multiply3(toCopy, homographyFromCorners(quad, halfWidth, halfHeight));
-    const half = warped(this.#copy(factor), H, halfWidth, halfHeight);
+    const H = homographyFromCorners(quad, halfWidth, halfHeight);
+    const half = this.#averaged(factor, H, halfWidth, halfHeight);
     return width === halfWidth && height === halfHeight ? half : areaMeans(half, width, height);
+  }
+
+  /**
+   * Show a display and what lies around it, as `view` does.
+   *
+   * @param {Point[]} corners - of the display, in the reference frame
+   * @param {BlockMaps} maps
+   * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
+   */
+  blockView(corners, maps) {
+    const quad = this.#quad(corners);
+    if (quad === null) return null;
+    const { layout, shrunk } = maps;
+    const [width, height] = maps.size;
+    const H = multiply3(homographyFromCorners(quad, layout.width, layout.height), maps.toLayout());
+    const factor = Math.floor(pixelsInOne(quad, maps.inner[0], maps.inner[1]));
+    if (shrunk > 1 && factor >= 2) return this.#averaged(factor, H, width, height);
+    const toMap = resizedHomography(1 / shrunk, 1 / shrunk);
+    const fine = rectify(this.gray, multiply3(H, toMap), shrunk * width, shrunk * height);
+    return areaMeans(fine, width, height);
+  }
+
+  /**
+   * Find where corners lie in the frame.
+   *
+   * @param {Point[]} corners - in the reference frame
+   * @returns {Point[] | null} null where they make no sound quadrilateral near the image
+   */
+  #quad(corners) {
+    const quad = transform(this.HFrameFromReference, corners);
+    return isNear(quad, this.gray.width, this.gray.height) ? quad : null;
+  }
+
+  /**
+   * Sample the frame, averaged down, where a homography leads.
+   *
+   * @param {number} factor - whole, by which it is averaged down
+   * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
+   * @param {number} width - of the result
+   * @param {number} height - of the result
+   * @returns {FloatPlane}
+   */
+  #averaged(factor, H, width, height) {
+    const toCopy = inverse(resizedHomography(factor, factor));
+    return warped(this.#copy(factor), multiply3(toCopy, H), width, height);
   }
 
   /**

@@ -315,7 +315,7 @@ export class PilotSearch {
    * @returns {Steps<Settled | null>}
    */
   #settle(proposal) {
-    return settleSteps(proposal, [...this.#frames], this.confirming, () => this.#given());
+    return settleSteps(proposal, this.#frames, this.confirming, () => this.#given());
   }
 
   /** The newest frame, which is there while `push` runs. */

@@ -1,18 +1,18 @@
 /** Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure. */
 
+import { BlockFit, BlockMaps, periodChangeSteps } from "./allBlocks.js";
 import { climbToPilots } from "./climb.js";
 import {
   COARSE_SIZE,
   MANY,
   coarseShift,
   expectedChanges,
-  fineSteps,
   mapSize,
   movedCorners,
 } from "./corners.js";
-import { inOnePhase, pilotEvidence } from "./evidence.js";
+import { pilotEvidence } from "./evidence.js";
 import { amplitudes } from "./film.js";
-import { evidenceSteps, positions, valuesOf, viewSteps } from "./proposals.js";
+import { VIEW_WORK, evidenceSteps, positions, valuesOf, viewSteps } from "./proposals.js";
 
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
@@ -45,8 +45,8 @@ export const CONFIRMED = 9.0;
 export const COARSE_ROUNDS = 5;
 /** Largest number of times that corners are moved by the sum over the display's pilots. */
 export const CLIMB_ROUNDS = 2;
-/** Largest number of times that corners are moved by all of the display. */
-export const FINE_ROUNDS = 2;
+/** Largest number of times that corners are moved by all blocks of the display. */
+export const BLOCK_ROUNDS = 5;
 /** Distance, in layout pixels, below which a coarse move is the last one. */
 export const SETTLED_PX = 3.0;
 /** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
@@ -74,16 +74,18 @@ const MOVE_WORK = 6;
 /**
  * Move the corners of a proposal to where its pilots fit the grid, step by step.
  *
- * Each way to move them is kept only if the pilots then toggle more surely: in a dark picture,
- * parts may have been matched amiss.
+ * A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts may
+ * have been matched amiss. What all blocks say of the corners is kept where the display is sure
+ * there, too.
  *
  * @param {Proposal} proposal
- * @param {readonly FilmFrame[]} frames
+ * @param {readonly FilmFrame[]} watched - frames, of which there may be more after each step
  * @param {number} confirming - number of later frames that must agree with what is not certain
  * @param {() => FilmFrame} newest - gives the newest frame, another one after each `NEXT_FRAME`
  * @returns {import("../steps.js").Steps<Settled | null>} null where it is not sure
  */
-export function* settleSteps(proposal, frames, confirming, newest) {
+export function* settleSteps(proposal, watched, confirming, newest) {
+  const frames = [...watched];
   const { layout } = proposal;
   const pilots = layout.pilotBlocks.length;
   const needed = Math.min(SURE, SURE_SHARE * pilots);
@@ -100,7 +102,11 @@ export function* settleSteps(proposal, frames, confirming, newest) {
     evidence = now;
     tried *= tries;
   }
+  const fitted = { ...best, corners: yield* byBlocks(best, [...watched]) };
+  const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
+  evidence = Math.max(evidence, now);
   if (evidence < needed) return null;
+  if (now >= needed) best = fitted;
   if (evidence < certain) {
     // corners were fitted to these frames; later ones must agree
     const later = [];
@@ -160,30 +166,31 @@ function* byClimbing({ corners, layout, frequency }, frames) {
 }
 
 /**
- * Move corners by the whole display at once, to parts of a pixel.
+ * Move corners by all blocks at once, to parts of a pixel.
  *
  * @type {Move}
  */
-function* byAll({ corners, layout, frequency }, frames) {
-  const blocks = expectedChanges(layout);
-  for (let round = 0; round < FINE_ROUNDS; round++) {
-    const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
-    if (views === null) break;
-    const change = inOnePhase(amplitudes(views, positions(frames), [frequency])[0], layout);
-    yield MEASURE_WORK;
-    const HOldFromNew = yield* fineSteps(change, blocks, layout);
-    yield MOVE_WORK;
-    if (HOldFromNew === null) break;
-    corners = movedCorners(corners, HOldFromNew, layout);
+function* byBlocks({ corners, layout, frequency }, frames) {
+  const maps = new BlockMaps(layout);
+  const views = [];
+  for (const frame of frames) {
+    const view = frame.blockView(corners, maps);
+    if (view === null) return corners;
+    views.push(view);
+    yield VIEW_WORK;
   }
-  return corners;
+  const changes = yield* periodChangeSteps(maps, views, positions(frames), frequency);
+  const fit = new BlockFit(maps, changes);
+  for (let round = 0; round < BLOCK_ROUNDS; round++) {
+    if (yield* fit.moveSteps()) break;
+  }
+  return movedCorners(corners, fit.shift(), layout);
 }
 
-/** Ways to move corners, one after the other, and how many quadrilaterals each tries. */
+/** Ways to move corners by the pilots, one after the other, and how many places each tries. */
 const MOVES = [
   { move: byParts, tries: 1 },
   { move: byClimbing, tries: CLIMB_TRIALS },
-  { move: byAll, tries: 1 },
 ];
 
 /**

@@ -9,6 +9,7 @@
 
 import { blurred } from "../../image/blur.js";
 import { resizeArea } from "../../image/shrink.js";
+import { slopesOf } from "../../image/slopes.js";
 import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { mapSize, withoutSlope } from "../../locate/pilots/corners.js";
@@ -239,43 +240,4 @@ function evenness(image) {
   const { across, down } = slopesOf(image);
   const unit = (8 * STEEP) ** 2;
   return across.map((slope, at) => 1 / (1 + (slope ** 2 + down[at] ** 2) / unit));
-}
-
-/**
- * Differences of an image along its rows and its columns, eight times as large (Sobel).
- *
- * @param {FloatPlane} image
- * @returns {{ across: Float32Array, down: Float32Array }}
- */
-function slopesOf({ width, height, data }) {
-  const across = new Float32Array(width * height);
-  const down = new Float32Array(width * height);
-  for (let row = 0, at = 0; row < height; row++) {
-    const above = reflected(row - 1, height) * width;
-    const here = row * width;
-    const below = reflected(row + 1, height) * width;
-    for (let col = 0; col < width; col++, at++) {
-      const left = reflected(col - 1, width);
-      const next = reflected(col + 1, width);
-      const ahead = data[above + next] + 2 * data[here + next] + data[below + next];
-      const behind = data[above + left] + 2 * data[here + left] + data[below + left];
-      const under = data[below + left] + 2 * data[below + col] + data[below + next];
-      const over = data[above + left] + 2 * data[above + col] + data[above + next];
-      across[at] = ahead - behind;
-      down[at] = under - over;
-    }
-  }
-  return { across, down };
-}
-
-/**
- * Find the pixel that stands for one beyond the border: the image is mirrored.
- *
- * @param {number} at
- * @param {number} length
- * @returns {number}
- */
-function reflected(at, length) {
-  if (at >= 0 && at < length) return at;
-  return length === 1 ? 0 : at < 0 ? -at : 2 * length - 2 - at;
 }

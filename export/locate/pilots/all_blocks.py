@@ -1,0 +1,280 @@
+"""Fit the corners of a display to parts of a pixel, by all of its blocks.
+
+Pilots are one block in twenty. The other blocks toggle as well: in each period of the toggling,
+which shows one frame pair, a block changes as a whole, in one direction or in the other. The bit
+that decides the direction is not known, and it need not be. Where the grid lies about right, the
+mean change of a block tells its direction. Then the edges between blocks that change in different
+directions, and the border of the display, tell where the grid lies exactly. So both are estimated
+in turn: the change of every block from its pixels, and a small motion of the whole grid from the
+edges (expectation-maximisation; the motion as Lucas & Kanade 1981 do).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.pilots.corners import without_slope
+from export.locate.pilots.evidence import (
+    LEAST_DEVIATION,
+    common_phase,
+    pilot_signs,
+    standing_out,
+)
+from export.locate.pilots.waves import waves
+from link.geometry import resized_homography
+from link.layout import Layout
+
+Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+
+LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
+"""Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are
+smaller than the layout."""
+SPAN = 0.15
+"""Standard deviation, in blocks, over which the expected and the seen changes are smoothed."""
+LEAST_WAVE = 1e-3
+"""Power of a period's wave below which its frames tell nothing of the toggling."""
+LEAST_NOISE, LEAST_TOGGLING = 0.02, 0.01
+"""Smallest variance of the noise, and smallest squared toggling of a block, as shares of the mean
+square of the blocks' changes."""
+SURE_RATIO = 9.0
+"""Half a log-likelihood ratio from which on the direction of a block's change is no surer."""
+EXPECTED_BLOCKS = 0.1
+"""Standard deviation, in blocks, that corners which the pilots fitted are expected to be off by:
+where few blocks stand out of the noise, they do not lead the corners away."""
+SETTLED_PX = 0.05
+"""Motion, in pixels of the maps, below which a step is the last one."""
+TERMS = np.array(
+    [
+        [[1, 0, 1], [0, 1, 1], [0, 0, 1], *[[0, 0, 0]] * 3, [2, 0, -1], [1, 1, -1]],
+        [*[[0, 0, 0]] * 3, [1, 0, 1], [0, 1, 1], [0, 0, 1], [1, 1, -1], [0, 2, -1]],
+    ]
+)
+"""Motions of a pixel along x and along y, (2, 8, 3), by each of the eight numbers of a homography:
+the powers of x and of y, of a display from -1 to 1, and the factor of their product."""
+
+
+@dataclass(frozen=True)
+class BlockMaps:
+    """Geometry of the maps in which a display's corners are fitted by all of its blocks.
+
+    They hold the display and one block around it, since nothing toggles beyond its border.
+
+    >>> from link.layout import make_layout
+    >>> maps = BlockMaps(make_layout(48, 64, pilots=8))
+    >>> maps.inner, maps.margin, maps.size
+    ((256, 192), (4, 4), (264, 200))
+    """
+
+    layout: Layout
+    """Layout of the display, with pilots."""
+
+    @property
+    def shrunk(self) -> int:
+        """Whole factor by which the maps are smaller than the layout."""
+        side = min(self.layout.width / self.layout.cols, self.layout.height / self.layout.rows)
+        return min(MOST_SHRUNK, max(1, int(side / LEAST_SIDE_PX)))
+
+    @property
+    def inner(self) -> tuple[int, int]:
+        """Width and height of the display, in pixels of the maps."""
+        return self.layout.width // self.shrunk, self.layout.height // self.shrunk
+
+    @property
+    def margin(self) -> tuple[int, int]:
+        """Width and height of what lies on each side of the display, in pixels of the maps."""
+        width, height = self.inner
+        return -(-width // self.layout.cols), -(-height // self.layout.rows)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the maps, pixels."""
+        (width, height), (left, top) = self.inner, self.margin
+        return width + 2 * left, height + 2 * top
+
+    def to_layout(self) -> Array:
+        """Find the (3, 3) homography from pixels of the maps to pixels of the layout."""
+        (width, height), (left, top) = self.inner, self.margin
+        H = resized_homography(self.layout.width / width, self.layout.height / height)
+        return np.asarray(H @ [[1.0, 0, -left], [0, 1, -top], [0, 0, 1]])
+
+    def within(self, change: Map) -> Map:
+        """Cut the display out of (h, w) maps, or out of (K, h, w) of them."""
+        (width, height), (left, top) = self.inner, self.margin
+        return change[..., top : top + height, left : left + width]
+
+
+class BlockFit:
+    """Moves the grid of a display, step by step, until its blocks change as wholes.
+
+    Args:
+        maps: geometry of the maps.
+        views: (T, h, w) gray levels of T frames, rectified to the maps.
+        at: (T,) positions of the frames (`export.locate.pilots.waves.position`).
+        frequency: at which the display toggles, in periods for each nominal frame.
+    """
+
+    def __init__(self, maps: BlockMaps, views: Map, at: Sequence[float], frequency: float) -> None:
+        self.maps = maps
+        layout, (width, height) = maps.layout, maps.inner
+        self._block = np.array([width / layout.cols, height / layout.rows])
+        seen = period_changes(maps, views, at, frequency)
+        self.changes: Map = np.array([self._smooth(change) for change in seen])
+        """(K, h, w) smooth changes in K periods, without slope."""
+        self._H_old_from_new = self._best = np.eye(3)
+        self._score = -1.0
+        (columns, rows), (left, top) = maps.size, maps.margin
+        self._powers_x, self._powers_y = (
+            ((np.arange(count) - before + 0.5) / side * 2 - 1) ** np.arange(5)[:, None]
+            for count, before, side in ((columns, left, width), (rows, top, height))
+        )
+        x, y = width / 2, height / 2
+        self._map_from_unit = np.array([[x, 0, x - 0.5 + left], [0, y, y - 0.5 + top], [0, 0, 1]])
+
+    def shift(self) -> Array:
+        """Say where points of the display, as it should have been rectified, lie in the views.
+
+        Returns:
+            H_old_from_new, (3, 3) in layout pixels.
+        """
+        H_layout_from_unit = self.maps.to_layout() @ self._map_from_unit
+        H = H_layout_from_unit @ self._best @ np.linalg.inv(H_layout_from_unit)
+        return np.asarray(H / H[2, 2])
+
+    def step(self) -> bool:
+        """Move the grid once, and return whether it has come to rest."""
+        if len(self.changes) < 2:  # one period does not tell toggling from noise
+            return True
+        seen = self.changes
+        if self._score >= 0:
+            H = self._map_from_unit @ self._H_old_from_new @ np.linalg.inv(self._map_from_unit)
+            flags, border = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_REPLICATE
+            seen = np.array(
+                [
+                    cv2.warpPerspective(change, H, self.maps.size, flags=flags, borderMode=border)
+                    for change in seen
+                ]
+            )
+        expected = self._expected(seen)
+        power = float((expected**2).sum()) + 1e-12
+        along = float((expected * seen).sum())
+        score = along / np.sqrt(power * (float((seen**2).sum()) + 1e-12))
+        if score <= self._score:  # the last step led away
+            return True
+        self._score, self._best = score, self._H_old_from_new
+        expected *= along / power
+        move = self._move(expected, seen - expected)
+        H = self._H_old_from_new @ _unit_homography(move)
+        self._H_old_from_new = H / H[2, 2]
+        settled = bool(np.abs(move).max() * self.maps.inner[0] / 2 < SETTLED_PX)
+        if settled:
+            self._best = self._H_old_from_new
+        return settled
+
+    def _smooth(self, change: NDArray[np.floating]) -> Map:
+        """Smooth an (h, w) map over `SPAN` blocks, and take off the mean around each pixel."""
+        smooth = cv2.GaussianBlur(change, (0, 0), SPAN * float(self._block.min()))
+        return without_slope(smooth, self._block)
+
+    def _expected(self, seen: Map) -> Map:
+        """Draw by how much each block is expected to have changed in each period, (K, h, w)."""
+        layout = self.maps.layout
+        grid, signs = (layout.cols, layout.rows), pilot_signs(layout)
+        means = np.array(
+            [
+                cv2.resize(np.ascontiguousarray(change), grid, interpolation=cv2.INTER_AREA)
+                for change in self.maps.within(seen)
+            ]
+        )
+        flat = means.reshape(len(means), -1)  # (K, rows, cols) -> (K, blocks)
+        mean_square = float((flat**2).mean())
+        # all pilots change alike in all periods; what differs is noise
+        noise = float((flat[:, layout.pilot_blocks]).var(axis=0, ddof=1).mean())
+        noise = max(noise, LEAST_NOISE * mean_square) + 1e-12
+        squares = cv2.blur((means**2).mean(axis=0) - noise, (3, 3)).reshape(-1)
+        toggling = np.sqrt(np.maximum(squares, LEAST_TOGGLING * mean_square))
+        sure = np.tanh(np.clip(toggling * flat / noise, -SURE_RATIO, SURE_RATIO))
+        sure[:, layout.pilot_blocks] = signs
+        blocks = (toggling * sure).reshape(means.shape).astype(np.float32)
+        drawn = np.zeros_like(seen)
+        for change, block in zip(self.maps.within(drawn), blocks, strict=True):
+            change[:] = cv2.resize(block, self.maps.inner, interpolation=cv2.INTER_NEAREST)
+        return np.array([self._smooth(change) for change in drawn])
+
+    def _move(self, expected: Map, residual: Map) -> Array:
+        """Find the (8,) numbers of the homography that explain the residual changes."""
+        width, height = self.maps.inner
+        slopes = [
+            np.array([cv2.Sobel(e, -1, *order, scale=side / 16) for e in expected])
+            for order, side in (((1, 0), width), ((0, 1), height))
+        ]
+        noise = float((residual**2).mean() * self._block.prod()) + 1e-12  # alike over a block
+        information, asked = np.zeros((8, 8)), np.zeros(8)
+        for i, across in enumerate(slopes):
+            power_x, power_y, factor = TERMS[i].T
+            asked += factor * self._moments((across * residual).sum(axis=0))[power_y, power_x]
+            for j, down in enumerate(slopes):
+                other_x, other_y, other = TERMS[j].T
+                moments = self._moments((across * down).sum(axis=0))
+                table = moments[power_y[:, None] + other_y, power_x[:, None] + other_x]
+                information += factor[:, None] * other * table
+        known = noise / (2 * EXPECTED_BLOCKS / self.maps.layout.cols) ** 2
+        asked += known * (self._H_old_from_new - np.eye(3)).flat[:8]
+        information += known * np.eye(8)
+        return np.asarray(-np.linalg.solve(information, asked))
+
+    def _moments(self, weights: Map) -> Array:
+        """Sum an (h, w) map times powers of y and x from 0 to 4, (5, 5)."""
+        return np.asarray(self._powers_y @ weights @ self._powers_x.T)
+
+
+def period_changes(maps: BlockMaps, views: Map, at: Sequence[float], frequency: float) -> Map:
+    """Measure by how much each pixel changed in each period of the display's toggling.
+
+    The phase of the toggling, which may slope across the display, is that of the pilots. A period
+    begins where the first state of a frame pair does, so that the bits of different frame pairs are
+    kept apart.
+
+    Args:
+        maps: geometry of the maps.
+        views: (T, h, w) gray levels of T frames, rectified to the maps.
+        at: (T,) positions of the frames (`export.locate.pilots.waves.position`).
+        frequency: at which the display toggles, in periods for each nominal frame.
+
+    Returns:
+        (K, h, w) changes in K periods that frames were taken in, positive where a pixel became
+        brighter from the first state to the second; over each pixel's usual deviation.
+    """
+    layout, places = maps.layout, np.asarray(at, np.float64)
+    pilots = [standing_out(v, layout).flat[layout.pilot_blocks] for v in maps.within(views)]
+    turns = waves(places, np.array([frequency]), np.zeros(1))[0]
+    (across, down), angle = common_phase(turns @ np.array(pilots), layout)
+    (width, height), (left, top), (columns, rows) = maps.inner, maps.margin, maps.size
+    x = (np.arange(columns) - left + 0.5) / width - 0.5
+    y = (np.arange(rows)[:, None] - top + 0.5) / height - 0.5
+    turned = np.exp(-1j * (across * x + down * y + angle)).astype(np.complex64)
+    periods = frequency * (places - places[0])
+    begun = np.floor(periods + angle / (2 * np.pi) - 0.25 + 1e-6)
+    usual = views.std(axis=0) + np.float32(LEAST_DEVIATION)
+    changes = []
+    for number in np.unique(begun):
+        taken = begun == number
+        wave = np.exp(-2j * np.pi * periods[taken])
+        wave -= wave.mean()
+        power = float((np.abs(wave) ** 2).sum())
+        if power < LEAST_WAVE:
+            continue
+        real, imaginary = (
+            np.tensordot(part.astype(np.float32), views[taken], axes=1)
+            for part in (wave.real / np.sqrt(power), wave.imag / np.sqrt(power))
+        )
+        changes.append((real * turned.real - imaginary * turned.imag) / usual)
+    return np.array(changes, np.float32)
+
+
+def _unit_homography(numbers: Array) -> Array:
+    """Homography that moves each point by the eight numbers, of a display from -1 to 1."""
+    return np.asarray(np.eye(3) + np.append(numbers, 0.0).reshape(3, 3))  # (9,) -> (3, 3)

@@ -1,0 +1,522 @@
+/**
+ * Fit the corners of a display to parts of a pixel, by all of its blocks.
+ *
+ * Pilots are one block in twenty. The other blocks toggle as well: in each period of the toggling,
+ * which shows one frame pair, a block changes as a whole, in one direction or in the other. The bit
+ * that decides the direction is not known, and it need not be. Where the grid lies about right, the
+ * mean change of a block tells its direction. Then the edges between blocks that change in
+ * different directions, and the border of the display, tell where the grid lies exactly. So both
+ * are estimated in turn: the change of every block from its pixels, and a small motion of the whole
+ * grid from the edges (expectation-maximisation; the motion as Lucas & Kanade 1981 do).
+ */
+
+import { blurred } from "../../image/blur.js";
+import { slopesOf } from "../../image/slopes.js";
+import { warped } from "../../image/warp.js";
+import { resizedHomography } from "../../link/geometry.js";
+import { identity, inverse, multiply3, solve } from "../../link/linear.js";
+import { lessMeanAround } from "./around.js";
+import { withoutSlope } from "./corners.js";
+import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
+import { areaMeans } from "./means.js";
+import { drawnBlocks } from "./partMatches.js";
+import { waves } from "./waves.js";
+
+/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
+/** @typedef {import("../../link/layout.js").Layout} Layout */
+/**
+ * @template Result
+ * @typedef {import("../steps.js").Steps<Result>} Steps
+ */
+
+/** Smallest side of a block, in pixels of the maps. */
+export const LEAST_SIDE_PX = 4.0;
+/** Largest factor by which the maps are smaller than the layout. */
+export const MOST_SHRUNK = 2;
+/** Standard deviation, in blocks, over which the expected and the seen changes are smoothed. */
+export const SPAN = 0.15;
+/** Power of a period's wave below which its frames tell nothing of the toggling. */
+export const LEAST_WAVE = 1e-3;
+/** Smallest variance of the noise, as a share of the mean square of the blocks' changes. */
+export const LEAST_NOISE = 0.02;
+/** Smallest squared toggling of a block, as a share of the mean square of the blocks' changes. */
+export const LEAST_TOGGLING = 0.01;
+/** Half a log-likelihood ratio from which on the direction of a block's change is no surer. */
+export const SURE_RATIO = 9.0;
+/**
+ * Standard deviation, in blocks, that corners which the pilots fitted are expected to be off by:
+ * where few blocks stand out of the noise, they do not lead the corners away.
+ */
+export const EXPECTED_BLOCKS = 0.1;
+/** Motion, in pixels of the maps, below which a step is the last one. */
+export const SETTLED_PX = 0.05;
+/**
+ * Motions of a pixel along x and along y, by each of the eight numbers of a homography: the powers
+ * of x and of y, of a display from -1 to 1, and the factor of their product.
+ *
+ * @type {[number, number, number][][]}
+ */
+export const TERMS = [
+  [[1, 0, 1], [0, 1, 1], [0, 0, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0], [2, 0, -1], [1, 1, -1]],
+  [[0, 0, 0], [0, 0, 0], [0, 0, 0], [1, 0, 1], [0, 1, 1], [0, 0, 1], [1, 1, -1], [0, 2, -1]],
+];
+/** Number of powers of a place, from 0 on, that sums of products of two motions need. */
+const POWERS = 5;
+/** Numbers of a homography that are found. */
+const NUMBERS = 8;
+/** Largest number of pixels that are handled in one unit of work (`../steps.js`). */
+const UNIT_PIXELS = 40_000;
+
+/**
+ * Geometry of the maps in which a display's corners are fitted by all of its blocks: they hold the
+ * display and one block around it, since nothing toggles beyond its border.
+ */
+export class BlockMaps {
+  /** @param {Layout} layout - of the display, with pilots */
+  constructor(layout) {
+    this.layout = layout;
+    const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
+    /** Whole factor by which the maps are smaller than the layout. */
+    this.shrunk = Math.min(MOST_SHRUNK, Math.max(1, Math.floor(side / LEAST_SIDE_PX)));
+    /** Width and height of the display, in pixels of the maps. */
+    this.inner = [Math.floor(layout.width / this.shrunk), Math.floor(layout.height / this.shrunk)];
+    const [width, height] = this.inner;
+    /** Width and height of what lies on each side of the display, in pixels of the maps. */
+    this.margin = [Math.ceil(width / layout.cols), Math.ceil(height / layout.rows)];
+    /** Width and height of the maps, pixels. */
+    this.size = [width + 2 * this.margin[0], height + 2 * this.margin[1]];
+    /** Width and height of a block, in pixels of the maps. */
+    this.block = [width / layout.cols, height / layout.rows];
+    /** Units of work of one pass over a map. */
+    this.work = (this.size[0] * this.size[1]) / UNIT_PIXELS;
+  }
+
+  /**
+   * Find the homography from pixels of the maps to pixels of the layout.
+   *
+   * @returns {Float64Array}
+   */
+  toLayout() {
+    const { layout, inner, margin } = this;
+    const H = resizedHomography(layout.width / inner[0], layout.height / inner[1]);
+    return multiply3(H, [1, 0, -margin[0], 0, 1, -margin[1], 0, 0, 1]);
+  }
+
+  /**
+   * Find the homography to pixels of the maps from a display from -1 to 1.
+   *
+   * @returns {number[]}
+   */
+  fromUnit() {
+    const [x, y] = [this.inner[0] / 2, this.inner[1] / 2];
+    return [x, 0, x - 0.5 + this.margin[0], 0, y, y - 0.5 + this.margin[1], 0, 0, 1];
+  }
+
+  /**
+   * Cut the display out of a map.
+   *
+   * @param {FloatPlane} map
+   * @returns {FloatPlane}
+   */
+  within(map) {
+    const [width, height] = this.inner;
+    const [left, top] = this.margin;
+    const data = new Float32Array(width * height);
+    for (let y = 0; y < height; y++) {
+      const start = (top + y) * map.width + left;
+      data.set(map.data.subarray(start, start + width), y * width);
+    }
+    return { width, height, data };
+  }
+
+  /**
+   * Put the display into a map that is 0 around it.
+   *
+   * @param {FloatPlane} display
+   * @returns {FloatPlane}
+   */
+  around(display) {
+    const [width, height] = this.size;
+    const [left, top] = this.margin;
+    const data = new Float32Array(width * height);
+    for (let y = 0; y < display.height; y++) {
+      const row = display.data.subarray(y * display.width, (y + 1) * display.width);
+      data.set(row, (top + y) * width + left);
+    }
+    return { width, height, data };
+  }
+}
+
+/** Moves the grid of a display, step by step, until its blocks change as wholes. */
+export class BlockFit {
+  /** The motion that the next step tries, and the best one, of a display from -1 to 1. */
+  #HOldFromNew = identity(3);
+  #best = identity(3);
+  /** Correlation of the best motion, -1 before the first. */
+  #score = -1;
+
+  /**
+   * @param {BlockMaps} maps
+   * @param {FloatPlane[]} changes - in each period, as `periodChangeSteps` measures them
+   */
+  constructor(maps, changes) {
+    this.maps = maps;
+    this.changes = changes;
+  }
+
+  /**
+   * Say where points of the display, as it should have been rectified, lie in the views.
+   *
+   * @returns {Float64Array} HOldFromNew, in layout pixels
+   */
+  shift() {
+    const HLayoutFromUnit = multiply3(this.maps.toLayout(), this.maps.fromUnit());
+    const H = multiply3(multiply3(HLayoutFromUnit, this.#best), inverse(HLayoutFromUnit));
+    return H.map((value) => value / H[8]);
+  }
+
+  /**
+   * Move the grid once.
+   *
+   * @returns {Steps<boolean>} whether it has come to rest
+   */
+  *moveSteps() {
+    const { maps } = this;
+    // one period does not tell toggling from noise
+    if (this.changes.length < 2) return true;
+    const seen = [];
+    for (const change of this.changes) {
+      seen.push(this.#score < 0 ? change : this.#moved(change));
+      yield maps.work;
+    }
+    const expected = [];
+    let [power, along, total] = [1e-12, 0, 1e-12];
+    for (const [k, blocks] of this.#expectedBlocks(seen).entries()) {
+      const { rows, cols } = maps.layout;
+      const drawn = drawnBlocks(blocks, rows, cols, maps.inner[0], maps.inner[1]);
+      const smooth = smoothed(maps, maps.around(drawn));
+      const [now, then] = [seen[k].data, smooth.data];
+      for (let i = 0; i < now.length; i++) {
+        power += then[i] * then[i];
+        along += then[i] * now[i];
+        total += now[i] * now[i];
+      }
+      expected.push(smooth);
+      yield 2 * maps.work;
+    }
+    const score = along / Math.sqrt(power * total);
+    // the last step led away
+    if (score <= this.#score) return true;
+    this.#score = score;
+    this.#best = this.#HOldFromNew;
+    const move = yield* this.#fittedMove(seen, expected, along / power);
+    const step = identity(3);
+    for (let i = 0; i < NUMBERS; i++) step[i] += move[i];
+    const H = multiply3(this.#HOldFromNew, step);
+    this.#HOldFromNew = H.map((value) => value / H[8]);
+    const farthest = Math.max(...move.map(Math.abs));
+    if (!((farthest * maps.inner[0]) / 2 < SETTLED_PX)) return false;
+    this.#best = this.#HOldFromNew;
+    return true;
+  }
+
+  /**
+   * Show a change as it would have been seen with the grid where it now is.
+   *
+   * @param {FloatPlane} change
+   * @returns {FloatPlane}
+   */
+  #moved(change) {
+    const fromUnit = this.maps.fromUnit();
+    const H = multiply3(multiply3(fromUnit, this.#HOldFromNew), inverse(fromUnit));
+    return warped(change, H, change.width, change.height);
+  }
+
+  /**
+   * Tell by how much each block is expected to have changed in each period.
+   *
+   * @param {FloatPlane[]} seen
+   * @returns {Float32Array[]} (rows * cols,) for each period
+   */
+  #expectedBlocks(seen) {
+    const { layout } = this.maps;
+    const { rows, cols, pilotBlocks } = layout;
+    const count = rows * cols;
+    const means = seen.map((change) => areaMeans(this.maps.within(change), cols, rows).data);
+    const periods = means.length;
+    const squares = new Float32Array(count);
+    for (let i = 0; i < count; i++) {
+      let sum = 0;
+      for (const mean of means) sum += mean[i] * mean[i];
+      squares[i] = sum / periods;
+    }
+    const meanSquare = squares.reduce((sum, square) => sum + square, 0) / count;
+    // all pilots change alike in all periods; what differs is noise
+    let noise = 0;
+    for (const block of pilotBlocks) {
+      const mean = means.reduce((sum, now) => sum + now[block], 0) / periods;
+      for (const now of means) noise += (now[block] - mean) ** 2;
+    }
+    noise /= pilotBlocks.length * (periods - 1);
+    noise = Math.max(noise, LEAST_NOISE * meanSquare) + 1e-12;
+    const plane = { width: cols, height: rows, data: squares };
+    const apart = lessMeanAround(plane, 3, 3).data;
+    const toggling = squares.map((square, i) =>
+      Math.sqrt(Math.max(square - apart[i] - noise, LEAST_TOGGLING * meanSquare)),
+    );
+    const signs = pilotSigns(layout);
+    return means.map((mean) => {
+      const blocks = mean.map((value, i) => {
+        const ratio = (toggling[i] * value) / noise;
+        return toggling[i] * Math.tanh(Math.min(Math.max(ratio, -SURE_RATIO), SURE_RATIO));
+      });
+      pilotBlocks.forEach((block, i) => (blocks[block] = toggling[block] * signs[i]));
+      return blocks;
+    });
+  }
+
+  /**
+   * Find the numbers of the homography that explain how the seen changes differ from the expected.
+   *
+   * @param {FloatPlane[]} seen
+   * @param {FloatPlane[]} expected
+   * @param {number} amplitude - of what is seen, in the expected changes
+   * @returns {Steps<Float64Array>} (8,)
+   */
+  *#fittedMove(seen, expected, amplitude) {
+    const { maps } = this;
+    const [width, height] = maps.size;
+    const pixels = width * height;
+    const scaleX = (amplitude * maps.inner[0]) / 16;
+    const scaleY = (amplitude * maps.inner[1]) / 16;
+    const sums = Array.from({ length: 5 }, () => new Float64Array(pixels));
+    const [xx, xy, yy, x, y] = sums;
+    let power = 0;
+    for (const [k, { data: now }] of seen.entries()) {
+      const { across, down } = slopesOf(expected[k]);
+      const then = expected[k].data;
+      for (let i = 0; i < pixels; i++) {
+        const left = now[i] - amplitude * then[i];
+        const slopeX = scaleX * across[i];
+        const slopeY = scaleY * down[i];
+        xx[i] += slopeX * slopeX;
+        xy[i] += slopeX * slopeY;
+        yy[i] += slopeY * slopeY;
+        x[i] += slopeX * left;
+        y[i] += slopeY * left;
+        power += left * left;
+      }
+      yield 2 * maps.work;
+    }
+    // noise is alike over a block
+    const noise = (power / (pixels * seen.length)) * maps.block[0] * maps.block[1] + 1e-12;
+    const [momentsXx, momentsXy, momentsYy, momentsX, momentsY] = sums.map((sum) =>
+      moments(maps, sum),
+    );
+    yield 2 * maps.work;
+    const asked = new Float64Array(NUMBERS);
+    const information = new Float64Array(NUMBERS * NUMBERS);
+    const known = noise / ((2 * EXPECTED_BLOCKS) / maps.layout.cols) ** 2;
+    const [across, down] = TERMS;
+    for (let i = 0; i < NUMBERS; i++) {
+      const so = this.#HOldFromNew[i] - (i === 0 || i === 4 ? 1 : 0);
+      asked[i] = known * so + single(momentsX, across[i]) + single(momentsY, down[i]);
+      for (let j = 0; j < NUMBERS; j++) {
+        information[i * NUMBERS + j] =
+          product(momentsXx, across[i], across[j]) +
+          product(momentsXy, across[i], down[j]) +
+          product(momentsXy, down[i], across[j]) +
+          product(momentsYy, down[i], down[j]) +
+          (i === j ? known : 0);
+      }
+    }
+    return solve(information, asked).map((value) => -value);
+  }
+}
+
+/**
+ * Measure by how much each pixel changed in each period of the display's toggling, smooth and
+ * without slope.
+ *
+ * The phase of the toggling, which may slope across the display, is that of the pilots. A period
+ * begins where the first state of a frame pair does, so that the bits of different frame pairs are
+ * kept apart.
+ *
+ * @param {BlockMaps} maps
+ * @param {readonly FloatPlane[]} views - of some frames, rectified to the maps
+ * @param {readonly number[]} at - positions of the frames (waves.js)
+ * @param {number} frequency - at which the display toggles, in periods for each nominal frame
+ * @returns {Steps<FloatPlane[]>} changes in the periods that frames were taken in, positive where a
+ *   pixel became brighter from the first state to the second; over each pixel's usual deviation
+ */
+export function* periodChangeSteps(maps, views, at, frequency) {
+  const [width, height] = maps.size;
+  const { real, imaginary, angle } = turns(maps, views, at, frequency);
+  yield views.length * maps.work * 0.2;
+  const scale = usualScale(views);
+  yield views.length * maps.work * 0.2;
+  const periods = at.map((place) => frequency * (place - at[0]));
+  const begun = periods.map((period) => Math.floor(period + angle / (2 * Math.PI) - 0.25 + 1e-6));
+  /** @type {FloatPlane[]} */
+  const changes = [];
+  for (const number of new Set(begun)) {
+    const taken = begun.flatMap((other, frame) => (other === number ? [frame] : []));
+    const { cosines, sines, power } = waveOf(taken.map((frame) => periods[frame]));
+    if (power < LEAST_WAVE) continue;
+    const root = Math.sqrt(power);
+    const data = new Float32Array(width * height);
+    taken.forEach((frame, k) => {
+      const view = views[frame].data;
+      const [cosine, sine] = [cosines[k] / root, sines[k] / root];
+      for (let i = 0; i < data.length; i++) {
+        data[i] += view[i] * (cosine * real[i] - sine * imaginary[i]);
+      }
+    });
+    for (let i = 0; i < data.length; i++) data[i] *= scale[i];
+    changes.push(smoothed(maps, { width, height, data }));
+    yield (1 + 0.3 * taken.length) * maps.work;
+  }
+  return changes;
+}
+
+/**
+ * Find by how much the phase at each pixel is to be turned back.
+ *
+ * @param {BlockMaps} maps
+ * @param {readonly FloatPlane[]} views
+ * @param {readonly number[]} at
+ * @param {number} frequency
+ * @returns {{ real: Float32Array, imaginary: Float32Array, angle: number }} the turns, and the
+ *   phase at the centre of the display
+ */
+function turns(maps, views, at, frequency) {
+  const { layout, margin } = maps;
+  const [wave] = waves(at, [frequency], [0]);
+  const pilotReal = new Float64Array(layout.pilotBlocks.length);
+  const pilotImaginary = new Float64Array(layout.pilotBlocks.length);
+  views.forEach((view, frame) => {
+    pilotValues(maps.within(view), layout).forEach((value, p) => {
+      pilotReal[p] += wave.real[frame] * value;
+      pilotImaginary[p] += wave.imaginary[frame] * value;
+    });
+  });
+  const { slope, phase: angle } = commonPhase(pilotReal, pilotImaginary, layout);
+  const [width, height] = maps.size;
+  const real = new Float32Array(width * height);
+  const imaginary = new Float32Array(width * height);
+  for (let y = 0, to = 0; y < height; y++) {
+    const line = angle + slope[1] * ((y - margin[1] + 0.5) / maps.inner[1] - 0.5);
+    for (let x = 0; x < width; x++, to++) {
+      const phase = line + slope[0] * ((x - margin[0] + 0.5) / maps.inner[0] - 0.5);
+      real[to] = Math.cos(phase);
+      imaginary[to] = -Math.sin(phase);
+    }
+  }
+  return { real, imaginary, angle };
+}
+
+/**
+ * Find by what each pixel is multiplied for its usual deviation over time to be 1.
+ *
+ * @param {readonly FloatPlane[]} views
+ * @returns {Float32Array}
+ */
+function usualScale(views) {
+  const pixels = views[0].data.length;
+  const mean = new Float64Array(pixels);
+  const square = new Float64Array(pixels);
+  for (const { data } of views) {
+    for (let i = 0; i < pixels; i++) {
+      mean[i] += data[i];
+      square[i] += data[i] * data[i];
+    }
+  }
+  const scale = new Float32Array(pixels);
+  for (let i = 0; i < pixels; i++) {
+    const middle = mean[i] / views.length;
+    const variance = Math.max(0, square[i] / views.length - middle * middle);
+    scale[i] = 1 / (Math.sqrt(variance) + LEAST_DEVIATION);
+  }
+  return scale;
+}
+
+/**
+ * Make the wave of one period at some times, without its mean.
+ *
+ * @param {number[]} times - in periods
+ * @returns {{ cosines: number[], sines: number[], power: number }}
+ */
+function waveOf(times) {
+  const withoutMean = (/** @type {number[]} */ values) => {
+    const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
+    return values.map((value) => value - mean);
+  };
+  const cosines = withoutMean(times.map((time) => Math.cos(2 * Math.PI * time)));
+  const sines = withoutMean(times.map((time) => -Math.sin(2 * Math.PI * time)));
+  const power = cosines.reduce((sum, cosine, k) => sum + cosine ** 2 + sines[k] ** 2, 0);
+  return { cosines, sines, power };
+}
+
+/**
+ * Smooth a map over `SPAN` blocks, and take off the mean around each pixel.
+ *
+ * @param {BlockMaps} maps
+ * @param {FloatPlane} change
+ * @returns {FloatPlane}
+ */
+function smoothed({ block }, change) {
+  return withoutSlope(blurred(change, SPAN * Math.min(...block)), block);
+}
+
+/**
+ * Sum a map times powers of y and of x, of a display from -1 to 1.
+ *
+ * @param {BlockMaps} maps
+ * @param {Float64Array} weights
+ * @returns {Float64Array} (5, 5) powers of y from 0 to 4, and of x
+ */
+function moments(maps, weights) {
+  const [width, height] = maps.size;
+  const table = new Float64Array(POWERS * POWERS);
+  const xs = Float64Array.from(
+    { length: width },
+    (_, x) => ((x - maps.margin[0] + 0.5) / maps.inner[0]) * 2 - 1,
+  );
+  for (let row = 0, at = 0; row < height; row++) {
+    let [one, two, three, four, five] = [0, 0, 0, 0, 0];
+    for (let col = 0; col < width; col++, at++) {
+      const x = xs[col];
+      let weight = weights[at];
+      one += weight;
+      two += weight *= x;
+      three += weight *= x;
+      four += weight *= x;
+      five += weight * x;
+    }
+    const y = ((row - maps.margin[1] + 0.5) / maps.inner[1]) * 2 - 1;
+    const line = [one, two, three, four, five];
+    for (let power = 0, factor = 1; power < POWERS; power++, factor *= y) {
+      for (let k = 0; k < POWERS; k++) table[power * POWERS + k] += factor * line[k];
+    }
+  }
+  return table;
+}
+
+/**
+ * @param {Float64Array} table - of `moments`
+ * @param {[number, number, number]} term - one of `TERMS`
+ * @returns {number} the moment of a term
+ */
+function single(table, [x, y, factor]) {
+  return factor * table[y * POWERS + x];
+}
+
+/**
+ * @param {Float64Array} table - of `moments`
+ * @param {[number, number, number]} one - one of `TERMS`
+ * @param {[number, number, number]} other - one of `TERMS`
+ * @returns {number} the moment of the product of two terms
+ */
+function product(table, [x, y, factor], [otherX, otherY, otherFactor]) {
+  return factor * otherFactor * table[(y + otherY) * POWERS + x + otherX];
+}
