@@ -8,6 +8,7 @@ import torch
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from data_gen import frame_pair
 from data_gen.effects import EFFECTS, switch_off, with_parameter
 from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
@@ -79,6 +80,24 @@ def test_everything_that_names_a_frame_pair_changes_its_draw(
     usual, other = FramePair(Source(SMALL), FRONTAL, 0), FramePair(source, cell, index)
     assert not np.array_equal(usual.displayed.bits, other.displayed.bits)
     assert usual.channel_rng().random() != other.channel_rng().random()
+
+
+def test_a_frame_pair_is_drawn_and_filmed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[str] = []
+
+    def counted(name: str) -> None:
+        inner = getattr(frame_pair, name)
+        monkeypatch.setattr(frame_pair, name, lambda *a: [calls.append(name), inner(*a)][1])
+
+    for name in ("embed", "draw_shots", "capture_through"):
+        counted(name)
+    pair = FramePair(Source(SMALL), OBLIQUE, 0)
+    assert calls == []  # nothing is made before it is asked for
+    for _ in range(2):
+        assert pair.rectified is pair.rectified
+        assert pair.captured.bits is pair.displayed.bits
+        assert pair.shots is pair.shots
+    assert sorted(calls) == ["capture_through", "draw_shots", "embed"]
 
 
 def test_message_bits_are_balanced() -> None:

@@ -74,6 +74,9 @@ def paper_cells(
 
     Raises:
         ParameterError: a list is empty or names a value twice, or a view or kappa is out of range.
+
+    >>> [(cell.view_deg, cell.kappa) for cell in paper_cells(["canon-lg"])]
+    [(0.0, 5), (45.0, 5), (0.0, 3), (45.0, 3)]
     """
     each_once(pairs=pairs, views=views, kappas=kappas)
     for view in views:

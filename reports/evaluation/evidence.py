@@ -44,7 +44,14 @@ USUAL, QUICK = Amount(10**6, 3, 8, 6, 3, 30), Amount(4, 2, 6, 2, 1, 8)
 
 @dataclass
 class Stopwatch:
-    """Seconds by what took them."""
+    """Seconds by what took them.
+
+    >>> clock = Stopwatch()
+    >>> with clock.time("nothing"):
+    ...     pass
+    >>> clock.seconds["nothing"] < 1
+    True
+    """
 
     seconds: dict[str, float] = field(default_factory=dict)
     """Seconds that were spent so far, by what took them."""
@@ -144,7 +151,11 @@ def capture_evidence(
 
 
 def response_cells(cells: Sequence[Cell]) -> list[Cell]:
-    """Choose the cells whose responses are measured: some unlike pairs, at the largest kappa."""
+    """Choose the cells whose responses are measured: some unlike pairs, at the largest kappa.
+
+    >>> response_cells([Cell("canon-lg", 0.0, 3), Cell("canon-lg", 0.0, 5)])
+    [Cell(pair='canon-lg', view_deg=0.0, kappa=5)]
+    """
     kappa = max(cell.kappa for cell in cells)
     mine = [cell for cell in cells if cell.kappa == kappa]
     pairs = list(dict.fromkeys(cell.pair for cell in mine))

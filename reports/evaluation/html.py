@@ -32,5 +32,8 @@ def render(template: str, colours: Mapping[str, str], **content: object) -> str:
         template: name of a file of `TEMPLATES`.
         colours: by text, the colour of a dot that stands before it in tables.
         **content: what the template shows; texts are escaped, `markupsafe.Markup` is not.
+
+    >>> "&lt;b&gt;" in ENVIRONMENT.from_string("{{ text }}").render(text="<b>")
+    True
     """
     return ENVIRONMENT.get_template(template).render(content, colours=colours)

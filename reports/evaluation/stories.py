@@ -240,7 +240,21 @@ def _loaded(
 
 
 def wrong_blocks(row: Any, layout: Layout) -> NDArray[np.bool_]:
-    """(rows, cols), true where a prediction has a known bit wrong; ratex patches count as right."""
+    """Find the blocks whose known bit a prediction has wrong; ratex patches count as right.
+
+    Args:
+        row: a prediction, with ``scores`` and ``bits`` of the message blocks.
+        layout: grid of blocks and ratex patches.
+
+    Returns:
+        (rows, cols), true where the bit is wrong.
+
+    >>> from link.layout import make_layout
+    >>> layout = make_layout(2, 2, 64, 48, ratex=0)
+    >>> row = {"scores": np.array([2.0, -1.0, 3.0, -2.0]), "bits": np.array([1, 1, -1, 0])}
+    >>> wrong_blocks(row, layout).tolist()
+    [[False, True], [False, False]]
+    """
     wrong = np.zeros((layout.rows, layout.cols), bool)
     wrong[layout.message_mask] = ((row["scores"] > 0) != row["bits"]) & (row["bits"] >= 0)
     return wrong
