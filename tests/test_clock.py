@@ -12,6 +12,7 @@ from export.receive.states import RectifiedFrame, compose_state
 from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
 from export.receive.timing.synchronise import (
+    AWAY_S,
     HOLD_S,
     MIN_TOGGLE,
     WINDOW_S,
@@ -237,6 +238,22 @@ def test_a_display_out_of_view_for_a_while_keeps_its_clock() -> None:
     assert abs((offset(clocks[-1], times[-1]) + 1) % 2 - 1) < 0.1
     before, after = offset(clocks[140], times[140]), offset(clocks[-1], times[-1])
     assert before == pytest.approx(after, abs=0.3)
+
+
+def test_a_display_that_starts_anew_while_it_is_out_of_view_is_read_soon() -> None:
+    """As where a camera's film begins again; what was seen before does not fit any more."""
+    rng = np.random.default_rng(14)
+    times = np.arange(9 * 30) / 30
+    late = replace(TRUE, start=TRUE.start + 1.1 * TRUE.period)
+    before, after = (toggles_of(clock, times, rng, 3.0, 0.4) for clock in (TRUE, late))
+    seen = (times < 5) | (times > 5 + 1.5 * AWAY_S)
+    toggles = np.where(times[:, None] < 5, before, after)
+    sync = Synchroniser(30, PLACES)
+    clocks = listen(sync, times[seen], toggles[seen])
+    ahead = [offset(clock, time) for clock, time in zip(clocks[30:], times[seen][30:], strict=True)]
+    apart = np.abs((np.array(ahead) + 1.1 + 1) % 2 - 1)
+    wrong = times[seen][30:][apart > 0.2]
+    assert wrong.max() < 5 + 1.5 * AWAY_S + 1.6
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from web_fixtures import run_node_tests, write_fixture
 
 from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
-from export.receive.timing.synchronise import Synchroniser, needed_evidence
+from export.receive.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
 from export.receive.timing.toggles import make_toggles
 from export.web.tables import layout_table
 from link.embed import embed
@@ -68,7 +68,7 @@ def window_fixture(clock, fps, seconds, places, seed, hidden=0.0, jitter=0.0, **
 
 
 def run_fixture(fps, seconds, seed, places):
-    """A synchroniser's clock after each frame, through a weak spell and a pause."""
+    """A synchroniser's clock after each frame, through a weak spell, a pause, and a new start."""
     rng = np.random.default_rng(seed)
     clock = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
     times = np.arange(int(seconds * fps)) / fps
@@ -76,7 +76,10 @@ def run_fixture(fps, seconds, seed, places):
     weak = (times > 0.4 * seconds) & (times < 0.6 * seconds)
     toggles[weak] = rng.normal(0, 1.5, toggles[weak].shape)
     toggles[times < 0.1] = np.nan
-    seen = (times < 0.7 * seconds) | (times > 0.75 * seconds)
+    late = replace(clock, start=clock.start + 1.1 * clock.period)
+    again = times > 0.7 * seconds + 1.5 * AWAY_S
+    toggles[again] = toggles_of(late, times[again], places, rng, 0.4)
+    seen = (times < 0.7 * seconds) | again
     times, toggles = times[seen], toggles[seen]
     sync = Synchroniser(fps, places)
     clocks, states = [], []

@@ -14,6 +14,10 @@ MAX_SAMPLES = 4096
 """Largest number of frames that a fit looks back, whatever their times say."""
 MIN_FRAMES = 30
 """Number of frames that the first fit needs: some clock fits nearly every order of fewer."""
+AWAY_S = 0.4
+"""Seconds without a frame after which what comes may belong to another time: the display was lost,
+and where a film had begun anew meanwhile, older frames no longer fit. They are dropped once there
+are enough new ones."""
 REFIT_S, SEEK_S = 0.5, 0.25
 """Seconds from one fit to the next while the clock is known, and while it is not."""
 CONFIRMED = 30.0
@@ -102,6 +106,7 @@ class Synchroniser:
         self.best: Toggling | None = None
         """The strongest toggling of all windows so far, or None before the first fit."""
         self._samples: deque[tuple[float, Array]] = deque(maxlen=MAX_SAMPLES)
+        self._back_at: float | None = None  # since when frames come again
         self._fitted_at = self._searched_at = self._confirmed_at = -np.inf
         self._fit: tuple[ClockFit, float] | None = None
 
@@ -126,8 +131,15 @@ class Synchroniser:
             toggles: (P,) displayed gray levels; NaN where a place is hidden.
         """
         if np.isfinite(toggles).any():
+            if self._samples and time - self._samples[-1][0] > AWAY_S:
+                self._back_at = time
             self._samples.append((time, toggles))
-        while self._samples and self._samples[0][0] < time - WINDOW_S:
+        oldest = time - WINDOW_S
+        if self._back_at is not None and time - self._back_at >= MIN_WINDOW_S:
+            fresh = sum(at >= self._back_at for at, _ in self._samples)
+            if fresh >= MIN_FRAMES:
+                oldest, self._back_at = max(oldest, self._back_at), None
+        while self._samples and self._samples[0][0] < oldest:
             self._samples.popleft()
         unconfirmed = time - self._confirmed_at
         unsure = unconfirmed > 2 * REFIT_S and self.phase_error(time) > MAX_PHASE_ERROR

@@ -11,6 +11,12 @@ export const WINDOW_S = 4.0;
 export const MAX_SAMPLES = 4096;
 /** Number of frames that the first fit needs: some clock fits nearly every order of fewer. */
 export const MIN_FRAMES = 30;
+/**
+ * Seconds without a frame after which what comes may belong to another time: the display was lost,
+ * and where a film had begun anew meanwhile, older frames no longer fit. They are dropped once
+ * there are enough new ones.
+ */
+export const AWAY_S = 0.4;
 /** Seconds from one fit to the next while the clock is known. */
 export const REFIT_S = 0.5;
 /** Seconds from one fit to the next while the clock is not known. */
@@ -72,6 +78,8 @@ export function neededEvidence(span, fps) {
 export class Synchroniser {
   /** @type {{ time: number, toggles: Float64Array }[]} */
   #samples = [];
+  /** Since when frames come again, seconds; infinite where they never stopped. */
+  #backAt = Infinity;
   #fittedAt = -Infinity;
   #searchedAt = -Infinity;
   #confirmedAt = -Infinity;
@@ -126,9 +134,22 @@ export class Synchroniser {
    */
   add(time, toggles) {
     const samples = this.#samples;
-    if (toggles.some(Number.isFinite)) samples.push({ time, toggles });
+    if (toggles.some(Number.isFinite)) {
+      if (samples.length > 0 && time - samples[samples.length - 1].time > AWAY_S) {
+        this.#backAt = time;
+      }
+      samples.push({ time, toggles });
+    }
+    let oldest = time - WINDOW_S;
+    if (time - this.#backAt >= MIN_WINDOW_S) {
+      const fresh = samples.filter((sample) => sample.time >= this.#backAt).length;
+      if (fresh >= MIN_FRAMES) {
+        oldest = Math.max(oldest, this.#backAt);
+        this.#backAt = Infinity;
+      }
+    }
     let old = Math.max(0, samples.length - MAX_SAMPLES);
-    while (old < samples.length && samples[old].time < time - WINDOW_S) old++;
+    while (old < samples.length && samples[old].time < oldest) old++;
     samples.splice(0, old);
     const unconfirmed = time - this.#confirmedAt;
     const unsure = unconfirmed > 2 * REFIT_S && this.phaseError(time) > MAX_PHASE_ERROR;
