@@ -35,11 +35,11 @@ BUFFER = 256
 PAIRS_A_FRAME = 2
 """Largest number of frame pairs that are decoded with one camera frame. Many wait when the clock
 has just been found; the next frames take the rest, so that no frame takes long."""
-WORK_A_FRAME, PAIR_WORK = 12_000_000, 800
-"""Messages passed (`link.code.rateless`) after which decoding of a long message is left to the next
-camera frame, and by how many of them a frame pair that is decoded with the same camera frame lowers
-this number, for each of its blocks. The first is about 40 ms of one core, so that no frame takes
-long."""
+WORK_A_FRAME, PAIR_WORK = 18_000_000, 1000
+"""Units of work (`link.code.rateless.GRAPH_WORK`) after which decoding of a long message is left to
+the next camera frame, and by how many of them a frame pair that is decoded with the same camera
+frame lowers this number, for each of its blocks. The first is about 30 ms of one core, so that no
+frame takes long."""
 PURE_FROM, PURE_TO = 0.6, 0.95
 """Purities of a block's exposure at which its score begins to count, and counts in full."""
 APART = 4.0
@@ -200,7 +200,7 @@ class DisplayReader:
         """Go on with decoding the message, where that takes longer than one camera frame.
 
         Args:
-            work: number of messages passed (`link.code.rateless`) after which it stops for now.
+            work: units of work (`link.code.rateless.GRAPH_WORK`) after which it stops for now.
 
         Returns:
             the message where it became whole.

@@ -55,7 +55,7 @@ class Collector(Protocol):
         Args:
             scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
             count: number of the frame on the display, from any start; rising within a run.
-            work: largest work of decoding that is begun now, as `go_on` takes it.
+            work: units of work after which decoding is left to `go_on`.
 
         Returns:
             the message where it is whole now and not the one that was returned last, else None.
@@ -70,8 +70,8 @@ class Collector(Protocol):
         nothing to go on with.
 
         Args:
-            work: number of messages passed by the decoder (`link.code.rateless`) after which no
-                further step is taken; without it, decoding goes on until it ends.
+            work: units of work (`link.code.rateless.GRAPH_WORK`) after which no further step is
+                taken; without it, decoding goes on until it ends.
 
         Returns:
             the message where it is whole now and not the one that was returned last, else None.

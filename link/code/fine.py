@@ -333,8 +333,8 @@ def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
         terms: terms of the loop.
 
     Returns:
-        a generator, which yields the work of each step in messages passed by the decoder, and
-        returns the message, or None where the scores do not suffice.
+        a generator, which yields the work of each step (`link.code.rateless.GRAPH_WORK` says its
+        unit), and returns the message, or None where the scores do not suffice.
     """
     count = -(-scores.size // terms.blocks)
     llr = np.zeros(count * terms.blocks, np.float32)

@@ -37,7 +37,8 @@ MAX_COLUMNS = 4
 copies from place to place several times as fast as one of ten, and more would not fit into the
 processor's caches."""
 GRAPH_WORK = 8
-"""Work of building the graph, for each of its edges, in messages passed: about the same time."""
+"""Work of building the graph, for each of its edges. A unit of work is the time in which one
+message is passed along an edge for one block, some two nanoseconds of one core."""
 MAX_HALF_LLR = np.float32(9)
 """Largest magnitude of half a log-likelihood ratio in belief propagation; larger ones are cut."""
 MAX_PRODUCT = np.float32(1 - 2**-23)
@@ -131,7 +132,7 @@ class RatelessCode:
             iterations: number of rounds after which it gives up.
 
         Returns:
-            a generator, which yields the work of each step in messages passed, and returns
+            a generator, which yields the work of each step in the unit of `GRAPH_WORK`, and returns
             (information, blocks) bits, and (blocks,) whether a block's are thought to be right.
         """
         graph = _Graph(self, np.flatnonzero(llr.any(axis=1)))
@@ -215,7 +216,7 @@ class _Graph:
         for turn in range(iterations):
             self._pass(messages, channel, total)
             total = self._sum(messages, known)
-            yield messages.size
+            yield self.edges * (active.size + 1)  # one for what is done once for all blocks
             word = (total < 0).astype(np.uint8)
             failed = np.bitwise_xor.reduce(word.take(self.groups[-1][1], axis=0), axis=0)
             whole = ~failed.any(axis=0) & total.all(axis=0)
