@@ -4,17 +4,18 @@ Nothing visible marks a display with pilots. Here `export.locate.pilots.search.P
 for it in simulated hand-held films of rooms: of displays that show a preset, of displays that stand
 still, and of displays that toggle blocks of another layout. In the last two it must find nothing.
 A share of the frames may be dropped at random, as slow receivers and busy phones drop them.
+
+Outcomes are stored as films end, and a restarted command goes on where it stopped.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from tqdm import tqdm
+from scipy.stats import binom
 
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
@@ -24,9 +25,12 @@ from export.locate.pilots.search import PilotSearch
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose, read_flags, run_cli
 from link.geometry import frame_corners, transform
+from link.images import make_folder
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
 from reports.engine.backends import one_thread
+from reports.engine.digest import code_digest, package_versions, short_digest
+from reports.engine.stored import resume
 from reports.render.tables import Table
 from reports.score.accuracy import wilson
 
@@ -44,6 +48,10 @@ SEEN = {
     "other": "a display that toggles the paper's layout",
 }
 """What the films show, and how the table calls it."""
+DECIDING = ("data_gen.film.stream", "data_gen.frame_pair", "export.locate.pilots.search")
+"""Modules that decide, with all that they import, what is found in a film."""
+STORED_VERSION = 1
+"""Raise it when `search_film` changes what it does, so that older outcomes are not read again."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,26 @@ class PilotSearchConfig:
     """Seed of all draws."""
     jobs: int = 2
     """Number of processes."""
+    out: Path = Path("runs/pilot_search")
+    """Folder of the stored outcomes."""
+
+
+@dataclass(frozen=True)
+class SearchTake:
+    """One film in which a display is looked for."""
+
+    preset: str
+    """Preset of the camera's and the display's rates."""
+    seen: str
+    """What the film shows; a key of `SEEN`."""
+    number: int
+    """Number of the film among those of its preset and kind."""
+    seconds: float
+    """Length of the film, seconds."""
+    drop: float
+    """Share of the frames that are dropped at random."""
+    seed: int
+    """Seed of all draws."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +102,8 @@ class SearchOutcome:
     """Preset of the camera's and the display's rates."""
     seen: str
     """What the film shows; a key of `SEEN`."""
+    number: int
+    """Number of the film among those of its preset and kind."""
     view_deg: float
     """Angle of observation, degrees."""
     coverage: float
@@ -113,20 +143,15 @@ def displayed_states(
     return [state for pair in pairs for state in (pair.original, pair.embedded)], layout
 
 
-def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> SearchOutcome:
-    """Film a room and look for a display until one is found.
-
-    Args:
-        drawn: preset, a key of `SEEN`, and number of the film.
-        config: seed and length of the films.
-    """
+def search_film(take: SearchTake) -> SearchOutcome:
+    """Film a room and look for a display until one is found."""
     one_thread()
-    preset, seen, number = drawn
+    preset, seen, number = take.preset, take.seen, take.number
     rng = np.random.default_rng(
-        [config.seed, list(PRESETS).index(preset), list(SEEN).index(seen), number]
+        [take.seed, list(PRESETS).index(preset), list(SEEN).index(seen), number]
     )
     view, coverage = float(rng.uniform(0, MAX_VIEW_DEG)), float(rng.uniform(*COVERAGE))
-    source = Source(PRESETS[preset].layout, "test", config.seed)
+    source = Source(PRESETS[preset].layout, "test", take.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))].rgb
     states, layout = displayed_states(seen, picture, preset, rng)
@@ -134,13 +159,13 @@ def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> Searc
         scene=SceneSettings(coverage=coverage, pictures=pictures, free=0.03),
         fps=CAMERA_FPS[preset],
         state_hz=PRESETS[preset].state_hz,
-        seconds=config.seconds,
+        seconds=take.seconds,
     )
     search = PilotSearch(searched_layouts(), settings.fps)
     pair = source.pair(list(PAIRS)[number % len(PAIRS)])
-    lost = np.random.default_rng([config.seed, number])
+    lost = np.random.default_rng([take.seed, number])
     for frame in film(states, layout, pair, view, settings, rng):
-        if lost.random() < config.drop:
+        if lost.random() < take.drop:
             continue
         found = search.push(frame.rgb, frame.time_s)
         if found is not None:
@@ -149,16 +174,55 @@ def search_film(drawn: tuple[str, str, int], config: PilotSearchConfig) -> Searc
             )
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
             right = seen == "display" and found.layout == layout
-            return SearchOutcome(preset, seen, view, coverage, frame.time_s, error, right)
-    return SearchOutcome(preset, seen, view, coverage, None, None, False)
+            return SearchOutcome(preset, seen, number, view, coverage, frame.time_s, error, right)
+    return SearchOutcome(preset, seen, number, view, coverage, None, None, False)
+
+
+def search_outcome(take: SearchTake) -> dict[str, object]:
+    """Search one film, and return the fields of a `SearchOutcome`, as JSON holds them."""
+    return asdict(search_film(take))
+
+
+def search_films(config: PilotSearchConfig) -> list[SearchOutcome]:
+    """Search all films, or take what was found in them from where it is stored."""
+    takes = {
+        f"{preset} {seen} {number}": SearchTake(
+            preset, seen, number, config.seconds, config.drop, config.seed
+        )
+        for number in range(config.films)
+        for preset in config.presets
+        for seen in config.seen
+    }
+    drawn = repr((STORED_VERSION, config.seconds, config.drop, config.seed))
+    mark = short_digest(drawn, code_digest(*DECIDING), *package_versions())
+    make_folder(config.out)
+    file = config.out / f"outcomes_{mark}.jsonl"
+    stored = resume(search_outcome, takes, file, config.jobs, "films")
+    return [SearchOutcome(**fields) for fields in stored.values()]
+
+
+def median_interval(values: Sequence[float]) -> tuple[float, float]:
+    """Bound a median, at 95 per cent, by the values of two ranks (binomial order statistics).
+
+    >>> median_interval(list(range(100)))
+    (39.0, 60.0)
+    """
+    ordered = np.sort(np.asarray(values, np.float64))
+    rank = int(binom.ppf(0.025, len(ordered), 0.5))
+    low = max(0, rank - 1)
+    return float(ordered[low]), float(ordered[len(ordered) - 1 - low])
 
 
 def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
-    """Show how many displays were found, how soon, and how well; and what should not have been."""
+    """Show how many displays were found, how soon, and how well; and what should not have been.
+
+    The last rows are for all presets together, if there are several.
+    """
     rows = []
-    for preset in dict.fromkeys(outcome.preset for outcome in outcomes):
+    presets = list(dict.fromkeys(outcome.preset for outcome in outcomes))
+    for preset in [*presets, *(["all"] if len(presets) > 1 else [])]:
         for seen, name in SEEN.items():
-            mine = [o for o in outcomes if (o.preset, o.seen) == (preset, seen)]
+            mine = [o for o in outcomes if preset in (o.preset, "all") and o.seen == seen]
             if not mine:
                 continue
             right = sum(o.right for o in mine)
@@ -166,21 +230,20 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             low, high = wilson(right, len(mine))
             times = [o.found_s for o in mine if o.right and o.found_s is not None]
             errors = [o.error_px for o in mine if o.right and o.error_px is not None]
-            shown = seen == "display"
-            rows.append(
-                [
-                    preset,
-                    f"{CAMERA_FPS[preset]:g}",
-                    name,
-                    str(len(mine)),
-                    f"{right} ({low:.1%} – {high:.1%})" if shown else "–",
-                    f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})",
-                    f"{np.median(times):.2f}" if times else "–",
-                    f"{np.median(errors):.1f}" if errors else "–",
-                ]
-            )
+            row = [preset, "–" if preset == "all" else f"{CAMERA_FPS[preset]:g}", name]
+            row.append(str(len(mine)))
+            row.append(f"{right} ({low:.1%} – {high:.1%})" if seen == "display" else "–")
+            row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")
+            row.append(f"{np.median(times):.2f}" if times else "–")
+            if errors:
+                least, most = median_interval(errors)
+                row.append(f"{np.median(errors):.2f} ({least:.2f} – {most:.2f})")
+            else:
+                row.append("–")
+            rows.append(row)
     heads = ["preset", "frames/s", "film of", "films", "found", "found wrongly", "median s"]
-    return Table([*heads, "corners off, px"], rows, left=3)
+    text = "Corners: median over the films of the mean distance of four corners, in pixels."
+    return Table([*heads, "corners off, px"], rows, text, left=3)
 
 
 def main() -> None:
@@ -195,14 +258,12 @@ def main() -> None:
         raise ParameterError("seconds", f"need 0.5 to 60, got {config.seconds:g}")
     if not 0 <= config.drop < 1:
         raise ParameterError("drop", f"need 0 or more and less than 1, got {config.drop:g}")
-    films = [(p, s, n) for p in config.presets for s in config.seen for n in range(config.films)]
-    with ProcessPoolExecutor(config.jobs) as pool:
-        results = pool.map(partial(search_film, config=config), films)
-        outcomes = list(tqdm(results, "films", len(films), unit="film"))
+    outcomes = search_films(config)
     print(search_table(outcomes).markdown())
     for o in outcomes:
         if o.seen == "display" and not o.right:
-            print(f"not found: {o.preset}, {o.view_deg:.0f} degrees, coverage {o.coverage:.2f}")
+            film_of = f"{o.preset}, film {o.number}"
+            print(f"not found: {film_of}, {o.view_deg:.0f} degrees, coverage {o.coverage:.2f}")
 
 
 if __name__ == "__main__":
