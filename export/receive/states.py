@@ -80,12 +80,18 @@ def compose_state(
     Returns:
         the state, or None where no frame holds any of it.
     """
+    near = [
+        frame
+        for frame in frames
+        if clock.number(frame.time + clock.latest) > number
+        and clock.number(frame.time + clock.earliest) < number + 1
+    ]
     shares = [
         clock.shares(frame.time, PLACES, number).reshape(MESH, MESH)  # (MESH MESH,) -> (MESH, MESH)
         * (1 if frame.in_view is None else frame.in_view)
-        for frame in frames
+        for frame in near
     ]
-    used = [(frame, share) for frame, share in zip(frames, shares, strict=True) if share.max() > 0]
+    used = [(frame, share) for frame, share in zip(near, shares, strict=True) if share.max() > 0]
     if not used:
         return None
     purity = np.max([share for _, share in used], axis=0)
