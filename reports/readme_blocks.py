@@ -9,7 +9,8 @@ from typing import Any
 from link.outside import read_json
 from reports.films.delivery import delivery_block
 from reports.render.tables import Table, percent, share_interval, summary_table
-from reports.score.accuracy import read_scores, wilson
+from reports.score.accuracy import read_scores
+from reports.score.intervals import wilson
 from reports.studies.information import information_table
 from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks

@@ -21,14 +21,8 @@ from reports.engine.predict import Condition, predict_all
 from reports.engine.records import to_lines, to_records
 from reports.render.figures import RIGHT, UNKNOWN, WRONG, annotate
 from reports.render.tables import cell_tables, summary_table
-from reports.score.accuracy import (
-    clustered_interval,
-    pool,
-    read_scores,
-    score,
-    wilson,
-    write_scores,
-)
+from reports.score.accuracy import pool, read_scores, score, write_scores
+from reports.score.intervals import clustered_interval, wilson
 from reports.score.paper import METHODS, paper_accuracy
 
 ONE_PAIR = ["--pairs", "canon-lg", "--kappas", "5", "--no-html"]

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import tyro
-from numpy.typing import ArrayLike
 
 from data_gen.channel.optics import check_view
 from data_gen.film.codec import CodecChannel, CodecSettings
@@ -42,7 +41,7 @@ from reports.engine.stored import resume
 from reports.films.delivery import check_delivery, deciding_parts
 from reports.films.messages import DeliveryConfig, FilmReading, MessageFilm, Take, film_message
 from reports.render.tables import Table, percent, share_interval, write_blocks
-from reports.score.accuracy import wilson
+from reports.score.intervals import pooled_interval, wilson
 from reports.score.reliability import Bin, calibration_error, merge_bins
 
 STORED_VERSION = 2
@@ -207,36 +206,6 @@ def read_variants(item: VariantsTake) -> dict[str, dict[str, Any]]:
         name: {**asdict(lane.reading.delivery()), "kbits": lane.kbits}
         for name, lane in lanes.items()
     }
-
-
-def pooled_interval(wrong: ArrayLike, total: ArrayLike) -> tuple[float, float]:
-    """Wilson's 95 % interval of a share of wrong bits, where errors cluster by run.
-
-    The number of bits is divided by the design effect: the variance of the pooled share, as the
-    spread over the runs shows it, over that of independent bits. It is at least 1.
-
-    >>> low, high = pooled_interval([10, 10, 10, 10], [100, 100, 100, 100])
-    >>> round(low, 3), round(high, 3)
-    (0.074, 0.133)
-    >>> low, high = pooled_interval([0, 0, 0, 40], [100, 100, 100, 100])
-    >>> round(low, 3), round(high, 3)
-    (0.017, 0.423)
-
-    Args:
-        wrong: number of wrong bits in each run.
-        total: number of bits in each run.
-
-    Returns:
-        (low, high) in [0, 1]; (0, 1) where there is no bit.
-    """
-    errors, bits = np.asarray(wrong, np.float64), np.asarray(total, np.float64)
-    runs, count = len(bits), float(bits.sum())
-    if count == 0 or errors.sum() in (0, count) or runs < 2:
-        return wilson(float(errors.sum()), count)
-    share = errors.sum() / count
-    variance = runs / (runs - 1) * float(((errors - share * bits) ** 2).sum()) / count**2
-    effective = count / max(1.0, variance * count / (share * (1 - share)))
-    return wilson(share * effective, effective)
 
 
 def variant_rows(

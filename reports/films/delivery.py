@@ -40,7 +40,7 @@ from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.films.messages import Delivery, DeliveryConfig, FilmReading, Take, film_message
 from reports.render.tables import Table, percent, share_interval
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 STORED_VERSION = 2
 """Raise it when `deliver` or `reports.films.messages` changes what it does, so that older runs are

@@ -48,7 +48,7 @@ from reports.films.browser import camera_flags, open_chromium, serve_folder, tex
 from reports.films.messages import DeliveryConfig, MessageFilm, Take, film_message
 from reports.films.y4m import Y4mFile, read_y4m
 from reports.render.tables import Table, share_interval, write_blocks
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 SETTINGS = {
     "paper": DeliveryConfig(n_bytes=100),

@@ -22,7 +22,7 @@ from link.presets import PRESETS
 from reports.films.delivery import check_delivery, run_deliveries
 from reports.films.messages import DeliveryConfig
 from reports.render.tables import Table, percent, share_interval, write_blocks
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 SETTINGS = {
     "paper": DeliveryConfig(n_bytes=100),

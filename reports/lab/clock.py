@@ -30,7 +30,7 @@ from link.errors import ParameterError, at_least, read_flags, run_cli
 from link.layout import make_layout
 from reports.engine.backends import one_thread
 from reports.render.tables import Table
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
 """Centres of the ratex patches of the 8 x 8 layout on the display."""

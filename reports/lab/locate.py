@@ -36,7 +36,7 @@ from reports.engine.checked import write_json
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
 from reports.render.tables import Table, TableCell, percent, share_interval
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 VIEWS = (0.0, 15.0, 30.0, 45.0, 60.0)
 """Angles, in degrees, between camera and display that are simulated."""

@@ -32,7 +32,7 @@ from reports.engine.backends import one_thread
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.stored import resume
 from reports.render.tables import Table
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 CAMERA_FPS = {"hidden": 120.0, "fast": 60.0, "robust": 30.0}
 """Frames that the camera takes a second of each preset: two of each displayed state."""

@@ -17,10 +17,9 @@ from pydantic import FiniteFloat
 from link.outside import read_json
 from reports.engine.checked import Count, Share, checked, write_json
 from reports.engine.records import CELL
+from reports.score.intervals import clustered_interval, wilson
 from reports.score.paper import paper_accuracy
 
-Z95 = 1.959963984540054
-"""Standard deviations of a normal distribution within which 95 % of it lie."""
 SCORES = [
     "condition", "method", *CELL, "frames", "bits", "correct", "correct_squared",
     "accuracy", "ci_low", "ci_high", "paper",
@@ -64,49 +63,6 @@ class StoredScores:
     """What produced the scores."""
     rows: list[ScoreRow]
     """One row for each method in each cell."""
-
-
-def wilson(correct: float, bits: float) -> tuple[float, float]:
-    """Wilson score interval at 95 % for ``correct`` successes in ``bits`` independent trials.
-
-    >>> low, high = wilson(9, 10)
-    >>> round(low, 3), round(high, 3)
-    (0.596, 0.982)
-
-    Returns:
-        (low, high) in [0, 1]; (0, 1) where there is no trial.
-    """
-    if bits == 0:
-        return 0.0, 1.0
-    p, z2 = correct / bits, Z95**2
-    centre = (p + z2 / (2 * bits)) / (1 + z2 / bits)
-    half = Z95 / (1 + z2 / bits) * np.sqrt(p * (1 - p) / bits + z2 / (4 * bits**2))
-    return max(0.0, float(centre - half)), min(1.0, float(centre + half))
-
-
-def clustered_interval(
-    frames: int, bits: int, correct: int, correct_squared: int
-) -> tuple[float, float]:
-    """Wilson's 95 % interval of an accuracy, where errors cluster by frame pair.
-
-    The number of bits is divided by the design effect, which is the variance of the frame pairs'
-    accuracies over that of independent bits, and at least 1.
-
-    Args:
-        frames: number of frame pairs, equally many bits each.
-        bits: number of bits.
-        correct: number of right bits.
-        correct_squared: sum over frame pairs of (right bits)^2.
-
-    Returns:
-        (low, high) in [0, 1].
-    """
-    if bits == 0 or correct in (0, bits):
-        return wilson(correct, bits)
-    p, per_frame = correct / bits, bits / frames
-    variance = correct_squared / frames - (correct / frames) ** 2
-    effective = bits / max(1.0, variance / (per_frame * p * (1 - p)))
-    return wilson(p * effective, effective)
 
 
 def score(records: pd.DataFrame) -> pd.DataFrame:

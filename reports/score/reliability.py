@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from link.errors import InputError
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 BINS = 10
 """Number of bins of equal width in which decisions of similar confidence are counted."""

@@ -29,7 +29,7 @@ from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels, save_png
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 Array = NDArray[np.float64]
 """Scores of bits."""

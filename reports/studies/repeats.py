@@ -29,7 +29,7 @@ from reports.engine.predict import fingerprint
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
 from reports.render.tables import Table, TableCell, percent, share_interval, write_blocks
-from reports.score.accuracy import wilson
+from reports.score.intervals import wilson
 
 MAX_CAPTURES = 256
 """Largest number of captures of one frame pair that are filmed and combined."""

@@ -11,7 +11,7 @@ from data_gen.frame_pair import Source
 from reports.engine.predict import Condition, paper_cells
 from reports.engine.records import FRAME
 from reports.render.tables import Table
-from reports.score.accuracy import Z95
+from reports.score.intervals import Z95
 
 ALL_EFFECTS = "nothing"
 """Name of the condition in which no effect is switched off."""

@@ -28,7 +28,7 @@ from reports.render.charts import (
     set_accuracy_axis,
 )
 from reports.render.tables import Table, percent, share_interval
-from reports.score.accuracy import clustered_interval
+from reports.score.intervals import clustered_interval
 from reports.studies.peers.study import NO_CHANNEL, Reading
 
 OURS = frozenset(DECODERS)

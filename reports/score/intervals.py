@@ -1,0 +1,80 @@
+"""Intervals at 95 % of a share, such as an accuracy, also where errors cluster."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Z95 = 1.959963984540054
+"""Standard deviations of a normal distribution within which 95 % of it lie."""
+
+
+def wilson(correct: float, bits: float) -> tuple[float, float]:
+    """Wilson score interval at 95 % for ``correct`` successes in ``bits`` independent trials.
+
+    >>> low, high = wilson(9, 10)
+    >>> round(low, 3), round(high, 3)
+    (0.596, 0.982)
+
+    Returns:
+        (low, high) in [0, 1]; (0, 1) where there is no trial.
+    """
+    if bits == 0:
+        return 0.0, 1.0
+    p, z2 = correct / bits, Z95**2
+    centre = (p + z2 / (2 * bits)) / (1 + z2 / bits)
+    half = Z95 / (1 + z2 / bits) * np.sqrt(p * (1 - p) / bits + z2 / (4 * bits**2))
+    return max(0.0, float(centre - half)), min(1.0, float(centre + half))
+
+
+def clustered_interval(
+    frames: int, bits: int, correct: int, correct_squared: int
+) -> tuple[float, float]:
+    """Wilson's 95 % interval of an accuracy, where errors cluster by frame pair.
+
+    The number of bits is divided by the design effect, which is the variance of the frame pairs'
+    accuracies over that of independent bits, and at least 1.
+
+    Args:
+        frames: number of frame pairs, equally many bits each.
+        bits: number of bits.
+        correct: number of right bits.
+        correct_squared: sum over frame pairs of (right bits)^2.
+
+    Returns:
+        (low, high) in [0, 1].
+    """
+    if bits == 0 or correct in (0, bits):
+        return wilson(correct, bits)
+    p, per_frame = correct / bits, bits / frames
+    variance = correct_squared / frames - (correct / frames) ** 2
+    effective = bits / max(1.0, variance / (per_frame * p * (1 - p)))
+    return wilson(p * effective, effective)
+
+
+def pooled_interval(wrong: ArrayLike, total: ArrayLike) -> tuple[float, float]:
+    """Wilson's 95 % interval of a share of wrong bits, where errors cluster by run.
+
+    The number of bits is divided by the design effect: the variance of the pooled share, as the
+    spread over the runs shows it, over that of independent bits. It is at least 1.
+
+    >>> low, high = pooled_interval([10, 10, 10, 10], [100, 100, 100, 100])
+    >>> round(low, 3), round(high, 3)
+    (0.074, 0.133)
+    >>> low, high = pooled_interval([0, 0, 0, 40], [100, 100, 100, 100])
+    >>> round(low, 3), round(high, 3)
+    (0.017, 0.423)
+
+    Args:
+        wrong: number of wrong bits in each run.
+        total: number of bits in each run.
+
+    Returns:
+        (low, high) in [0, 1]; (0, 1) where there is no bit.
+    """
+    errors, bits = np.asarray(wrong, np.float64), np.asarray(total, np.float64)
+    runs, count = len(bits), float(bits.sum())
+    if count == 0 or errors.sum() in (0, count) or runs < 2:
+        return wilson(float(errors.sum()), count)
+    share = errors.sum() / count
+    variance = runs / (runs - 1) * float(((errors - share * bits) ** 2).sum()) / count**2
+    effective = count / max(1.0, variance * count / (share * (1 - share)))
+    return wilson(share * effective, effective)
