@@ -9,9 +9,13 @@ fall-off, the motion and blur that registration left (by the picture's gradients
 that neighbouring blocks spill over.
 
 The first ridge solve sees the pilots alone. Its likelihood ratios give the message's bits their
-probabilities, with which all blocks enter the next solve. `models.neural.refine` does this for
-ratex patches, whose displayed intensities are known, and so knows the response beforehand; here the
-response is a learned typical curve, and each frame pair's own blocks bend it.
+probabilities, with which all blocks enter the next solve. On fine grids each solve is followed by
+an estimate of the waves that moire and flicker leave in the residuals (`models.neural.ripple`),
+which the next solve takes for granted.
+
+`models.neural.refine` starts from ratex patches, whose displayed intensities are known, and so
+knows the response beforehand; here the response is a learned typical curve, and each frame pair's
+own blocks bend it.
 """
 
 import numpy as np
@@ -29,6 +33,7 @@ from models.neural.refine import (
     said_of_bits,
     with_surprises,
 )
+from models.neural.ripple import Ripple
 from models.neural.solver import inverse
 
 TEXTURES = 5
@@ -63,6 +68,8 @@ class PilotRefiner(nn.Module):
     known: Tensor
     unknown: Tensor
     beside: Tensor
+    order: Tensor
+    rank: Tensor
     bands_alone: Tensor
     two_sums: Tensor
     three_sums: Tensor
@@ -74,6 +81,8 @@ class PilotRefiner(nn.Module):
     def __init__(self, layout: Layout, pixels: float, rounds: int, rows: bool, space: bool) -> None:
         super().__init__()
         self.layout, self.pixels, self.rounds = layout, pixels, rounds
+        fine = Ripple.fits(layout.rows, layout.cols)
+        self.ripple = Ripple(layout.rows, layout.cols) if fine else None
         # typical response to kappa, as Legendre coefficients in i_o: flat at black and white
         i = GRID
         response = 2 * np.sqrt((i + 0.02) * (1.02 - i)) / 1.04
@@ -111,6 +120,7 @@ class PilotRefiner(nn.Module):
         neighbours = np.concatenate([place[row + down, col + along] for down, along in ways])
         frequency = np.arange(n_bands)
         waves = np.cos(np.pi * np.outer(row + 0.5, frequency) / layout.rows) / 2
+        rank = np.argsort(order)  # where each block of the grid stands among them
         bits = np.concatenate([layout.pilot_bits, np.full(len(message), np.nan)])
         low, high = layout.change_of_bits
         x, y = (2 * col + 1) / layout.cols - 1, (2 * row + 1) / layout.rows - 1
@@ -129,6 +139,8 @@ class PilotRefiner(nn.Module):
             ("known", np.stack([bits == 1, bits == 0]).astype(np.float64)),
             ("unknown", np.isnan(bits).astype(np.float64)),
             ("beside", neighbours),
+            ("order", order),
+            ("rank", rank),
             ("bands_alone", np.eye(n_bands)),
             ("two_sums", np.delete(ends[[0, 2]], np.s_[n_signal:-1], axis=1)),
             ("three_sums", ends),
@@ -169,6 +181,7 @@ class PilotRefiner(nn.Module):
         weight = pad(weight, (0, R - P))
         S_one = torch.cat([S, ones], dim=1)
         spilled: Tensor | None = None
+        change, ripple = N[:, -1:], torch.zeros_like(variance)
         for left in reversed(range(1 + self.rounds)):
             # a row of `covariance` below makes a share of the variance that the coefficients leave
             # in a prediction, and the mean of the coefficients, beside it, makes the prediction
@@ -207,6 +220,15 @@ class PilotRefiner(nn.Module):
             q = torch.cat([q, 1 - q], dim=1)
             spilled = self.neighbours((m.T @ q) * (S[:, :1] * amplitude))
             spilled = spilled * self.spill.double().exp().unsqueeze(1)
+            if self.ripple is not None:
+                left_over = (q * residual).sum(1, keepdim=True) + ripple
+                bit = (m[0] - m[1]) ** 2 * q[:, :1] * q[:, 1:] * (signal * signal)  # variance
+                deviation = (noise * variance + bit).sqrt()
+                on_grid = (left_over / deviation).float().index_select(2, self.rank)
+                shape = (-1, 1, self.layout.rows, self.layout.cols)
+                estimate = self.ripple(on_grid.reshape(shape)).reshape(ones.shape)
+                ripple = deviation * estimate.index_select(2, self.order).double()
+                N = torch.cat([N[:, :-1], change - ripple], dim=1)
             weight, counted = q / total, R
             covariance, solution = self.solve(S, N, spilled, weight, amplitude, flicker)
         return with_surprises(self.temperature.exp() * llr[:, 0, P:], self.surprise)
