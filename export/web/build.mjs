@@ -84,7 +84,8 @@ await cp(
 );
 await writeFile(join(out, "licences.txt"), await licences());
 const define = { VERSIONS: JSON.stringify(dependencies) };
-await build({ ...SETTINGS, define, entryPoints: [join(PAGE, "page.js")], outdir: out });
+const alone = ["page.js", "decoding.js"].map((name) => join(PAGE, name));
+await build({ ...SETTINGS, define, entryPoints: alone, outdir: out });
 await build({
   ...SETTINGS,
   define,

@@ -10,6 +10,12 @@ same film in one of two ways:
   over in its own time. Frames that come while the page is busy are lost, as on a phone. Where the
   film begins again, the display jumps, and so does its clock.
 
+The seconds until the message are those of the camera, from the first frame that a receiver which
+is ready could take. Python's receiver is ready before the film begins, and the film waits for it.
+So does the file that the page reads in Node.js. Before Chromium's camera, the page's seconds begin
+when the camera has been opened and the page has said that it is ready, whichever comes later; how
+long that takes from the page's opening is told beside them.
+
 Films are read one after the other, so that times can be compared. They are stored as they end, and
 a restarted command goes on where it stopped. Needs Node.js and npm; ``chromium`` needs Playwright
 and Chromium, too.
@@ -67,7 +73,7 @@ FILM_S = 6.0
 """Length of a film, seconds."""
 CAMERA_S = 90.0
 """Time, in seconds, that the page has before the camera until a film is given up."""
-STORED_VERSION = 1
+STORED_VERSION = 2
 """Raise it when `read_film` changes what it does, so that older films are not read again."""
 FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")
 """Modules that decide, with all that they import, what a film shows."""
@@ -81,18 +87,19 @@ FILMED = (
 READ = {
     "node": "Both receivers on one thread. Medians; 95 % intervals of shares.",
     "chromium": (
-        f"Chromium's camera plays each over and over, for at most {CAMERA_S:g} s. The page's "
-        "seconds run from the camera's start, while the page is still being loaded; its frames are "
-        "those that it had time for. Where the camera gives fewer than the film's 30 frames/s, the "
-        "machine was too busy, and the film ran slower and less evenly than it was taken. Medians; "
-        "95 % intervals of shares."
+        f"Chromium's camera plays each over and over, for at most {CAMERA_S:g} s. Seconds run from "
+        "the first frame that a receiver could take, which is ready by then; before that, the page "
+        "is loaded and gets ready for the last column's seconds. Its frames are those that it had "
+        "time for. Where the camera gives fewer than the film's 30 frames/s, the machine was too "
+        "busy, and the film ran slower and less evenly than it was taken. Medians; 95 % intervals "
+        "of shares."
     ),
 }
 """Words above a table of how films were read, by the way of the page."""
 COUNTS = re.compile(r"(\d+) frames read, (\d+) skipped")
 """Pattern of the numbers of frames that the page shows among its details."""
 WATCH = """
-window.seen = { camera: null, first: null, message: null };
+window.seen = { camera: null, ready: null, message: null };
 const devices = navigator.mediaDevices;
 const open = devices.getUserMedia.bind(devices);
 devices.getUserMedia = async (wanted) => {
@@ -100,18 +107,24 @@ devices.getUserMedia = async (wanted) => {
   window.seen.camera ??= performance.now();
   return stream;
 };
+window.Worker = class extends Worker {
+  constructor(...program) {
+    super(...program);
+    this.addEventListener("message", ({ data }) => {
+      if (data.type === "ready") window.seen.ready ??= performance.now();
+    });
+  }
+};
 addEventListener("DOMContentLoaded", () => {
-  const [letter, details] = ["letter", "details"].map((id) => document.getElementById(id));
+  const letter = document.getElementById("letter");
   const look = () => {
-    if (details.textContent) window.seen.first ??= performance.now();
     if (!letter.hidden) window.seen.message ??= performance.now();
   };
   new MutationObserver(look).observe(letter, { attributes: true });
-  new MutationObserver(look).observe(details, { childList: true });
 });
 """
-"""Script that notes when the camera starts, when the first frame is read, and when the message is
-shown, in milliseconds of the page."""
+"""Script that notes when the camera is open, when the page is ready to read, and when the message
+is shown, in milliseconds since the page was opened."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +154,7 @@ class Read:
     data: bytes | None
     """The message, or None where none came."""
     time: float
-    """Time of the film until then, seconds; before a camera since it started."""
+    """Time of the camera until then, seconds, from the first frame that could be taken."""
     frames: int
     """Number of frames that the receiver took until then."""
     seconds: float
@@ -153,14 +166,14 @@ class Read:
     skipped: int = 0
     """Number of frames that came while the receiver was busy."""
     waited: float = 0.0
-    """Time from the camera's start until the receiver took a frame, seconds; 0 without a camera."""
+    """Time from the page's opening until it could take a frame, seconds; 0 without a camera."""
     said: str = ""
     """What the page said at the end, where it was shown."""
 
     @property
     def camera_fps(self) -> float:
         """Number of frames a second that the camera gave; a busy machine has less than the film."""
-        return (self.frames + self.skipped) / max(self.time - self.waited, 1e-9)
+        return (self.frames + self.skipped) / max(self.time, 1e-9)
 
 
 @dataclass(frozen=True)
@@ -308,10 +321,10 @@ def read_in_chromium(site: Path, path: Path) -> Read:
             page.wait_for_timeout(100)
         counts = COUNTS.search(text_of(page, "details"))
         taken, skipped = (int(count) for count in counts.groups()) if counts else (0, 0)
-        camera = seen["camera"] or 0
-        data, time, waited = None, CAMERA_S, ((seen["first"] or camera) - camera) / 1000
+        data, time = None, CAMERA_S
+        waited = max(seen["camera"] or 0, seen["ready"] or 0) / 1000
         if seen["message"] is not None:
-            time = (seen["message"] - camera) / 1000
+            time = seen["message"] / 1000 - waited
             with page.expect_download() as saved:
                 page.locator("#keep").click()
             data = Path(saved.value.path()).read_bytes()
@@ -338,7 +351,8 @@ def stored_reads(config: PageConfig) -> Path:
     """File of the films, named after all that decides them; the site must be built."""
     site = config.out / "site"
     films = [film_mark(setting, config.seed) for setting in SETTINGS]
-    parts = ["worker.js", "presets.json", *(["page.js"] if config.by == "chromium" else [])]
+    parts = ["worker.js", "decoding.js", "presets.json"]
+    parts += ["page.js"] if config.by == "chromium" else []
     files = [site / name for name in parts]
     files += [*sorted(site.rglob("*.onnx")), *sorted(site.glob("*.wasm"))]
     mark = short_digest(str(STORED_VERSION), *films, code_digest(READING), file_digest(files))
@@ -385,13 +399,13 @@ def page_table(films: Sequence[FilmRead], by: str) -> Table:
             rates = [film.read_by(who).frames / film.read_by(who).seconds for film in mine]
             row.append(f"{np.median(rates):.0f}")
         if by == "chromium":
-            row.append(f"{np.median([film.page.waited for film in mine]):.1f}")
             row.append(f"{np.median([film.page.camera_fps for film in mine]):.0f}")
+            row.append(f"{np.median([film.page.waited for film in mine]):.1f}")
         rows.append(row)
     heads = ["preset", "films", "Python", "page", "wrong, page", "Python, s", "page, s"]
     heads += ["page's s over Python's", "Python, frames/s", "page, frames/s"]
     if by == "chromium":
-        heads += ["page's first frame, s", "camera, frames/s"]
+        heads += ["camera, frames/s", "page opened until ready, s"]
     return Table(heads, rows, f"{FILMED} {READ[by]}")
 
 

@@ -9,6 +9,7 @@ Needs Linux, Node.js, Playwright and Chromium.
 """
 
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -64,15 +65,22 @@ for (const name of ["instantiate", "instantiateStreaming"]) {
 }
 const channel = new BroadcastChannel("memory");
 setInterval(() => {
-  channel.postMessage([...memories].reduce((sum, { buffer }) => sum + buffer.byteLength, 0));
+  const bytes = [...memories].reduce((sum, { buffer }) => sum + buffer.byteLength, 0);
+  channel.postMessage({ worker: self.location.pathname, bytes });
 }, 500);
 """
-"""Script that stands before the worker's own, and lets it say how much memory WebAssembly has."""
+"""Script that stands before a worker's own, and lets it say how much memory WebAssembly has."""
 HEAR_MEMORIES = """
 window.wasmBytes = 0;
-new BroadcastChannel("memory").onmessage = ({ data }) => (window.wasmBytes = data);
+const said = {};
+new BroadcastChannel("memory").onmessage = ({ data }) => {
+  said[data.worker] = data.bytes;
+  window.wasmBytes = Object.values(said).reduce((sum, bytes) => sum + bytes, 0);
+};
 """
-"""Script of the page that notes what the worker says, so that nobody waits for a busy worker."""
+"""Script of the page that notes what its workers say, so that nobody waits for a busy worker."""
+WORKERS = ("worker.js", "decoding.js")
+"""Files of the site that run in workers: the first reads frames, the second runs graphs."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +150,11 @@ def watch_memory(
     Raises:
         InputError: Playwright or Chromium is missing.
     """
-    worker = KEEP_MEMORIES + (site / "worker.js").read_text()
-    with serve_folder(site) as address, open_chromium(camera_flags(film)) as page:
-        page.route(
-            "**/worker.js",
-            lambda route: route.fulfill(content_type="text/javascript", body=worker),
-        )
+    with (
+        TemporaryDirectory() as folder,
+        serve_folder(measured_site(site, Path(folder))) as address,
+        open_chromium(camera_flags(film)) as page,
+    ):
         page.add_init_script(HEAR_MEMORIES)
         start, messages = perf_counter(), 0
         page.goto(address)
@@ -164,6 +171,15 @@ def watch_memory(
                 frames=int(counts[1]) if counts else 0,
                 messages=messages,
             )
+
+
+def measured_site(site: Path, folder: Path) -> Path:
+    """Copy a site to a folder, with workers that say how much memory WebAssembly has."""
+    copy = folder / "site"
+    shutil.copytree(site, copy)
+    for name in WORKERS:
+        (copy / name).write_text(KEEP_MEMORIES + (site / name).read_text())
+    return copy
 
 
 def renderer_bytes(page: "Page") -> int:

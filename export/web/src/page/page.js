@@ -68,7 +68,14 @@ let fromCamera = true;
 /** @type {{ release(): Promise<void> } | null} */
 let awake = null;
 
+/** What is said while the receiver's programs are loaded, and what is said then. */
+const [LOADING, GETTING_READY] = ["Loading the receiver", "Getting ready"];
+const WAIT = "It takes a moment. Point the camera at the display.";
+
 const reception = new Reception({
+  loaded() {
+    if (byId("status").textContent === LOADING) say(GETTING_READY, WAIT);
+  },
   ready() {
     byId("record").disabled = false;
     void keepForOffline();
@@ -253,7 +260,8 @@ async function readCamera(deviceId) {
     if (signal.aborted) return;
     overlay.resize(video.videoWidth, video.videoHeight);
     overlay.show(null, false);
-    if (!reception.isReady) say("Loading the receiver", "It takes 7 MB, once.");
+    if (!reception.isLoaded) say(LOADING, "It takes 7 MB, once.");
+    else if (!reception.isReady) say(GETTING_READY, WAIT);
     void showControls(stream.getVideoTracks()[0]);
     void stayAwake();
     reception.begin(null);

@@ -44,10 +44,11 @@
  */
 
 /**
- * From the worker: it can read; it cannot, and why; what became of a frame; how many frames are
- * kept; the file of all that were kept.
+ * From the worker: its programs are loaded, and run once before frames come; it can read; it cannot,
+ * and why; what became of a frame; how many frames are kept; the file of all that were kept.
  *
- * @typedef {{ type: "ready" }
+ * @typedef {{ type: "loaded" }
+ *   | { type: "ready" }
  *   | { type: "failed", reason: string }
  *   | Step
  *   | { type: "kept", share: number }

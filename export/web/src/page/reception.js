@@ -19,6 +19,7 @@ const DEFAULT_FPS = 30;
  * What the page is told.
  *
  * @typedef {object} Listener
+ * @property {() => void} loaded - the worker's programs are loaded, and it gets ready to read
  * @property {() => void} ready - the worker can read
  * @property {(reason: string) => void} failed - the worker cannot go on
  * @property {(step: Step) => void} step - a frame was taken
@@ -41,6 +42,8 @@ export class Reception {
     this.key = null;
     /** Largest age of a message with a key, in seconds, or null for any. @type {number | null} */
     this.maxAgeS = null;
+    /** Whether the worker's programs are loaded. */
+    this.isLoaded = false;
     /** Whether the worker can read. */
     this.isReady = false;
     /** Number of the film or camera that is read, so that late answers on others do not count. */
@@ -82,7 +85,7 @@ export class Reception {
    */
   offer(frame, time) {
     if (!this.isReady || this.fps === null || this.answered) {
-      if (this.isReady && this.fps === null) this.measure(time);
+      if (this.fps === null) this.measure(time);
       else if (this.answered) this.dropped++;
       if (typeof frame === "object") frame.frame?.close();
       return null;
@@ -143,7 +146,12 @@ export class Reception {
   /** @param {Answer} answer */
   hear(answer) {
     const { listener, answered } = this;
+    if (answer.type === "loaded") {
+      this.isLoaded = true;
+      return listener.loaded();
+    }
     if (answer.type === "ready") {
+      this.isLoaded = true;
       this.isReady = true;
       return listener.ready();
     }

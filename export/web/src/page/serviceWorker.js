@@ -8,12 +8,18 @@
 const scope = /** @type {any} */ (self);
 const CACHE = `receiver-${VERSION}`;
 
+/** What a worker may do: run its own code, and load from where it came from. */
+const WORKER_POLICY = "default-src 'none'; connect-src 'self'; script-src 'self' 'wasm-unsafe-eval'";
 /**
- * What the worker may do: run its own code and that of OpenCV, which makes functions from text,
- * and load from where it came from. A host's own rules, where there are any, hold as well.
+ * Policies of the workers, by their files: OpenCV, in one of them, makes functions from text. A
+ * host's own rules, where there are any, hold as well.
+ *
+ * @type {Record<string, string>}
  */
-const WORKER_POLICY =
-  "default-src 'none'; script-src 'self' 'unsafe-eval' 'wasm-unsafe-eval'; connect-src 'self'";
+const POLICIES = {
+  "worker.js": `${WORKER_POLICY} 'unsafe-eval'; worker-src 'self'`,
+  "decoding.js": WORKER_POLICY,
+};
 
 scope.addEventListener("install", (/** @type {any} */ event) => {
   event.waitUntil(
@@ -42,9 +48,9 @@ scope.addEventListener("fetch", (/** @type {any} */ event) => {
   event.respondWith(
     caches.open(CACHE).then(async (cache) => {
       const kept = await cache.match(known);
-      if (!kept || known !== "worker.js") return kept ?? fetch(request);
+      if (!kept || !(known in POLICIES)) return kept ?? fetch(request);
       const headers = new Headers(kept.headers);
-      headers.set("Content-Security-Policy", WORKER_POLICY);
+      headers.set("Content-Security-Policy", POLICIES[known]);
       return new Response(kept.body, { headers });
     }),
   );

@@ -1,7 +1,8 @@
-/** The worker: takes one frame at a time, reads it, and says what it saw. */
+/**
+ * The worker: takes one frame at a time, reads it, and says what it saw. Graphs run in another one
+ * (decoding.js).
+ */
 
-import * as ort from "onnxruntime-web/wasm";
-import { Decoder } from "../decoder.js";
 import { loadOpenCv } from "../image/opencv.js";
 import { Verifier } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";
@@ -10,19 +11,25 @@ import { FRAME_MS } from "../locate/pilots/search.js";
 import { explainSilence, OFTEN } from "../receive/diagnosis.js";
 import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";
+import { warmUp } from "../receive/warm.js";
 import { planeOfFrame, planeOfRgba } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
+import { DecodingWorker, RemoteDecoder } from "./remoteDecoder.js";
+import { addressOf, load } from "./site.js";
 
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
 /** @import { Answer, Request } from "./protocol.js" */
 /** @import { Message } from "../link/code/message.js" */
 
+/** Time after which getting ready ends, milliseconds; what is not compiled by then is so later. */
+const WARM_MS = 4000;
+
 const scope = /** @type {DedicatedWorkerGlobalScope} */ (/** @type {unknown} */ (self));
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
-/** @type {Decoder[]} */
+/** @type {RemoteDecoder[]} */
 const decoders = [];
 
 /** What is read now. */
@@ -60,29 +67,19 @@ function say(answer) {
   scope.postMessage(answer);
 }
 
-/** @param {string} name @returns {string} address of a file of the site */
-function addressOf(name) {
-  return new URL(name, scope.location.href).href;
-}
-
-/** @param {string} name @returns {Promise<Response>} a file of the site */
-async function load(name) {
-  const response = await fetch(addressOf(name));
-  if (!response.ok) throw new Error(`${name} is missing on the server`);
-  return response;
-}
-
-/** Load OpenCV, the table of presets, and their graphs. */
+/** Load OpenCV, the table of presets, and their graphs; and run everything once. */
 async function prepare() {
-  ort.env.wasm.wasmPaths = { wasm: addressOf("ort-wasm-simd-threaded.wasm") };
+  const decoding = new DecodingWorker(addressOf("decoding.js"));
+  decoding.ready.catch(() => {}); // waited for below
   const [table] = await Promise.all([load("presets.json").then((it) => it.json()), loadOpenCv()]);
-  for (const { name, model, layout } of table) {
+  for (const [number, { name, layout }] of table.entries()) {
     const known = new Layout(layout);
     presets.set(known, name);
-    const graph = new Uint8Array(await (await load(model)).arrayBuffer());
-    decoders.push(new Decoder(known, graph));
+    decoders.push(new RemoteDecoder(known, number, decoding));
   }
-  await decoders[0].load(); // onnxruntime comes with the first graph; the others follow when needed
+  say({ type: "loaded" });
+  await warmUp([...presets.keys()], WARM_MS);
+  await decoding.ready;
 }
 
 /**
