@@ -1,1 +1,1 @@
-"""The paper's four methods, one file each; numpy and scikit-learn."""
+"""The paper's four methods and `blind`, one file each, with what they share; numpy and scikit-learn."""

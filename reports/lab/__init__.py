@@ -1,1 +1,1 @@
-"""What needs private data, or fits constants."""
+"""Single parts, measured alone; constants, fitted; and all that needs private data."""
