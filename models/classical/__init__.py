@@ -1,1 +1,1 @@
-"""The paper's four methods and `blind`, one file each, with what they share; numpy and scikit-learn."""
+"""The paper's four methods and `blind`, one file each, and what they share, without torch."""
