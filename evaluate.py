@@ -50,12 +50,14 @@ class EvaluateConfig(SourceFlags):
     """Decoders to compare; "ideal" and "ideal_change" are floors under them, slow and
     for the simulation alone (data_gen/ideal.py)."""
     frames: int = 15
-    """Frame pairs a cell; the paper has 25 (text) to 75 (15 pictures, 5 messages each)."""
+    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5 messages
+    each)."""
     sweeps: tuple[str, ...] | None = None
     """Sweeps of reports/studies/sweeps.py; by default all beside the paper's 36 cells, and none
     beside others."""
     quick: bool = False
-    """At most 4 frame pairs a cell, fewer values a sweep: three minutes on two cores."""
+    """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three minutes on
+    two cores."""
     protocol: str = "fair"
     """How thresholds are set: "fair" (in each frame pair), "paper", or another of
     reports/engine/protocols.py."""
@@ -76,7 +78,7 @@ class EvaluateConfig(SourceFlags):
     show: Path | None = None
     """With --captures: folder for annotated pictures, one a frame pair and method."""
     jobs: int = os.cpu_count() or 1
-    """Processes."""
+    """Number of processes that decode."""
     backend: Literal["loky", "dask"] = "loky"
     """Where cells are decoded: processes of this machine, or the workers of a Dask cluster."""
     scheduler: str | None = None

@@ -47,7 +47,7 @@ class Y4mFile:
 
         Args:
             gray: (H, W) uint8 luma.
-            time: of the frame, in seconds, which the page takes for its own. Without it, the
+            time: time of the frame, in seconds, which the page takes for its own. Without it, the
                 frame's number and the rate say when it is shown. Chromium's simulated camera plays
                 only films without times.
         """

@@ -41,7 +41,8 @@ SLOW = 0.65
 STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Toggles between the states, in standard deviations of the noise of a usual place."""
 OLD_R2 = 0.5
-"""Share of the unweighted variance that a clock had to explain before evidence took its place."""
+"""Share of the unweighted variance that a clock must explain by the simpler rule with which evidence
+is compared."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def noisy_clock(
         rng: source of all draws.
         fps: frames of the camera in a second.
         strength: toggle between the states, in deviations of the noise of a usual place.
-        correlations: of each place's noise from one frame to the next.
+        correlations: correlation of each place's noise from one frame to the next.
     """
     seconds = float(rng.choice(SECONDS))
     times = np.arange(int(seconds * fps) + 1) / fps

@@ -36,7 +36,7 @@ class ChannelConfig:
     only: tuple[Part, ...] = ("time", "pictures", "effects")
     """Parts to make anew."""
     frames: int = 15
-    """Frame pairs a cell of the table of effects."""
+    """Number of frame pairs in each cell of the table of effects."""
     timed: int = 40
     """Frame pairs that are timed."""
     seed: int = 0

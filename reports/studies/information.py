@@ -42,7 +42,7 @@ STEP = 0.02
 MOST = 2.5
 """Information over the message's at which a message counts as lost."""
 LOOP = {"rateless (fine grids)": 6, "IRA, rate 1/2 (coarse grids)": 2}
-"""By the name of a code the number of coded bits in a loop for each bit of the message."""
+"""Number of coded bits in a loop for each bit of the message, by the name of the code."""
 SPEED_BYTES = 20_000
 """Length of the message whose decoding is timed, in bytes."""
 SPEED_INFORMATION = 1.2

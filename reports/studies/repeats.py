@@ -55,13 +55,13 @@ class RepeatsConfig:
     captures: tuple[int, ...] = (1, 2, 4, 8)
     """Numbers of captures that are combined; the largest of them is filmed."""
     frames: int = 20
-    """Frame pairs a cell."""
+    """Number of frame pairs in each cell."""
     seed: int = 0
     """Seed of messages and channel draws."""
     checkpoint: Path | None = None
     """Folder of the trained decoder; by default the shipped one for each layout."""
     jobs: int = os.cpu_count() or 1
-    """Processes."""
+    """Number of processes."""
     out: Path = Path("runs/repeats")
     """Folder for the report and for what is decoded; a run that was cut off goes on from there."""
     page: Path | None = None

@@ -45,7 +45,7 @@ class TuneConfig:
     pairs: tuple[str, ...] = ("canon-lg", "nikon-samsung", "sony-imac")
     """Camera-display pairs."""
     frames: int = 20
-    """Frame pairs a cell, one a training picture."""
+    """Number of frame pairs in each cell, one for each training picture."""
     seed: int = 0
     """Seed of messages and channel draws."""
     out: Path = Path("docs/tuning.md")
@@ -53,7 +53,7 @@ class TuneConfig:
     work: Path = Path("runs/tuning")
     """Folder of the predictions, from which a run that was cut off goes on."""
     jobs: int = os.cpu_count() or 1
-    """Processes."""
+    """Number of processes."""
 
 
 def main() -> None:

@@ -37,7 +37,7 @@ class FlickerConfig:
     """Write a self-contained HTML page that flickers."""
 
     out: Path = Path("runs/flicker.html")
-    """The page."""
+    """File of the page."""
     width: int = 512
     """Width of the picture, pixels."""
     height: int = 384

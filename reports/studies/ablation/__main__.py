@@ -58,7 +58,7 @@ class AblationConfig:
     pairs: tuple[str, ...] = tuple(PAIRS)
     """Camera-display pairs."""
     frames: int = 20
-    """Frame pairs a cell, which is a pair, view and kappa; each frame pair has 59 bits."""
+    """Number of frame pairs in each cell, which is a pair, view and kappa; each has 59 bits."""
     seed: int = 0
     """Seed of messages, channel draws and resamples."""
     run: Path | None = None
@@ -66,7 +66,7 @@ class AblationConfig:
     out: Path = Path("runs/ablation")
     """Folder for the report and for what is decoded; a run that was cut off goes on from there."""
     jobs: int = os.cpu_count() or 1
-    """Processes."""
+    """Number of processes."""
 
 
 def main() -> None:
