@@ -50,14 +50,14 @@ class EvaluateConfig(SourceFlags):
     """Decoders to compare; "ideal" and "ideal_change" are floors under them, slow and
     for the simulation alone (data_gen/ideal.py)."""
     frames: int = 15
-    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5 messages
-    each)."""
+    """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
+    messages each)."""
     sweeps: tuple[str, ...] | None = None
     """Sweeps of reports/studies/sweeps.py; by default all beside the paper's 36 cells, and none
     beside others."""
     quick: bool = False
-    """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three minutes on
-    two cores."""
+    """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
+    minutes on two cores."""
     protocol: str = "fair"
     """How thresholds are set: "fair" (in each frame pair), "paper", or another of
     reports/engine/protocols.py."""

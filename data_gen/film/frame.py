@@ -16,8 +16,8 @@ class VideoFrame:
     number: int
     """Number of the sensor's frame; lost frames are counted, too."""
     time_s: float
-    """Time by the camera's own clock at which the first row opens, in seconds. It is number / fps, and
-    a little more or less where the sensor jitters."""
+    """Time by the camera's own clock at which the first row opens, in seconds. It is number / fps,
+    and a little more or less where the sensor jitters."""
     display_s: float
     """Time of the loop, in seconds by the display's clock, at which the first row opens."""
     H_captured_from_display: NDArray[np.float64]

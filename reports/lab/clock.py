@@ -41,8 +41,8 @@ SLOW = 0.65
 STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Toggles between the states, in standard deviations of the noise of a usual place."""
 OLD_R2 = 0.5
-"""Share of the unweighted variance that a clock must explain by the simpler rule with which evidence
-is compared."""
+"""Share of the unweighted variance that a clock must explain by the simpler rule with which
+evidence is compared."""
 
 
 @dataclass(frozen=True)
