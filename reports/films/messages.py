@@ -23,7 +23,7 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
-from export.receive.receiver import Receiver
+from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
 from link.code.framing import encode
 from link.embed import embed
@@ -246,6 +246,10 @@ class FilmReading:
         start = perf_counter()
         step = self._receiver.push(frame.rgb, frame.time_s)
         self._spent += perf_counter() - start
+        self._note(step)
+
+    def _note(self, step: ReceiverStep) -> None:
+        """Compare what the receiver read with what was shown."""
         for pair in step.pairs:
             scores = pair.soft.scores
             shown = nearest_frame(scores, self._filmed.bits)
@@ -258,7 +262,9 @@ class FilmReading:
             self._received = step.message.data
 
     def delivery(self) -> Delivery:
-        """Say what became of the message."""
+        """Say what became of the message, once the film is over or the message has come."""
+        if not self.ended:
+            self._note(self._receiver.finish())
         take, bits = self._filmed.take, self._filmed.bits
         return Delivery(
             pair=take.pair,
