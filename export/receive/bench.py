@@ -13,6 +13,7 @@ from time import perf_counter
 import cv2
 import numpy as np
 
+from export.markdown import markdown_table
 from export.receive.receiver import Receiver
 from export.receive.sources import FPS_HELP, open_source
 from export.runtime import Decoder
@@ -62,14 +63,15 @@ def main() -> None:
     height, width = frames[0].image.shape[:2]
     print(f"{len(frames)} frames of {width}x{height}, {args.threads} threads; ", end="")
     print(f"one warpPerspective: {1e3 * warp:.2f} ms\n")
-    print("| stage | ms a call | calls | ms a camera frame | warps a camera frame |")
-    print("|---|---:|---:|---:|---:|")
-    stages = {}
+    stages, rows = {}, []
     for stage, seconds in receiver.timing.spent.items():
         count = receiver.timing.count[stage]
         each, share = seconds / count, seconds / len(frames)
         stages[stage] = round(share / warp, 2)
-        print(f"| {stage} | {1e3 * each:.2f} | {count} | {1e3 * share:.2f} | {share / warp:.2f} |")
+        numbers = f"{1e3 * each:.2f}", str(count), f"{1e3 * share:.2f}", f"{share / warp:.2f}"
+        rows.append([stage, *numbers])
+    heads = ["stage", "ms a call", "calls", "ms a camera frame", "warps a camera frame"]
+    print(markdown_table(heads, rows))
     rates = len(frames) / np.sum(pushed)
     steady = 1 / np.mean(pushed[len(pushed) // 4 :])
     result = {
