@@ -9,6 +9,7 @@ grids it shows.
 The work is cut into steps, one for each frame, so that no frame takes long.
 """
 
+from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,8 +44,9 @@ from link.layout import Layout
 
 Array = NDArray[np.float64]
 Gray = NDArray[np.uint8]
-CANDIDATES = 6
-"""Number of quadrilaterals made of edges that are watched at once."""
+CANDIDATES, FAINT_CANDIDATES = 6, 50
+"""Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
+among which what toggles chooses."""
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
 """Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
 and the largest number of frames that are watched: quick cameras see more of less light."""
@@ -66,9 +68,9 @@ CONFIRMED = 9.0
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
-PROMISING, HINT = 9.0, 6.0
-"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once, and at
-which they are once all frames were seen."""
+PROMISING, HINT, CLIMBABLE = 9.0, 6.0, 3.0
+"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once, at which
+they are once all frames were seen, and at which the sum over its pilots can lead them on."""
 COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS = 5, 2, 5
 """Largest number of times that corners are moved by parts of the display, by the sum over its
 pilots, and by all of its blocks."""
@@ -145,6 +147,7 @@ class PilotSearch:
         self._confirming = 2 * self._window // 3
         self._stabiliser = Stabiliser()
         self._frames: list[_Frame] = []
+        self._later: deque[_Frame] = deque(maxlen=self._confirming)
         self._newest: _Frame
         self._reference: NDArray[np.uint8]
         self._fps, self._start = fps, 0.0
@@ -169,12 +172,15 @@ class PilotSearch:
             self._stabiliser.begin(gray)
             self._reference, self._start = image, time
             self._frames, self._proposed, self._work = [], [], None
+            self._later.clear()
             return None
         if not self._frames:
             self._begin()
         self._newest = _Frame(gray, H, position(time - self._start, self._fps))
         if len(self._frames) < self._window:
             self._watch(self._newest)
+        else:
+            self._later.append(self._newest)
         if self._work is None:
             return None
         try:
@@ -251,23 +257,44 @@ class PilotSearch:
     def _settle_all(self) -> Iterator[_Sure | None]:
         """Settle one proposal after another; None after each step, and what is sure in the end."""
         while self._proposed:
-            yield from self._settle(self._proposed.pop(0))
+            proposal = self._proposed.pop(0)
+            evidence = _evidence(proposal, self._frames)
+            yield None
+            yield from self._settle(proposal, evidence)
         while len(self._frames) < self._window:
             yield None
-        quads = self._faint_edges()
+        faint = self._faint_edges()
         yield None
+        outlines = []
         for frequency in self._frequencies:
             outline = self._map.outline(frequency)
             yield None
             if outline is not None:
-                quads.append(self._stabiliser.on_image(outline))
-        quads += self._watched[::2]
-        for turn in (0, 1):
-            for quad in quads:
+                outlines.append(self._stabiliser.on_image(outline))
+        for quad in self._ranked(faint, [*outlines, *self._watched[::2]]):
+            weighed = []
+            for turn in (0, 1):
                 proposals = self._first_fits(np.roll(quad, -turn, axis=0))
                 yield None
                 for proposal in proposals:
-                    yield from self._settle(proposal)
+                    weighed.append((_evidence(proposal, self._frames), proposal))
+                    yield None
+            for evidence, proposal in sorted(weighed, key=lambda each: -each[0]):
+                yield from self._settle(proposal, evidence)
+
+    def _ranked(self, faint: list[Array], others: list[Array]) -> list[Array]:
+        """Put those quadrilaterals first that best bound what toggles.
+
+        Args:
+            faint: quadrilaterals of faint edges, the clearest first; few of them are a display.
+            others: further quadrilaterals.
+        """
+        usual = [*faint[:CANDIDATES], *others]
+        quads = [*usual, *faint[CANDIDATES:]]
+        worth = [self._map.worth(self._stabiliser.on_copy(quad)) for quad in quads]
+        best = sorted(range(len(quads)), key=lambda i: -worth[i])[:CANDIDATES]
+        first = [i for i in best if worth[i] > 0]
+        return [quads[i] for i in (*first, *(set(range(len(usual))) - set(first)))]
 
     def _faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
@@ -276,7 +303,7 @@ class PilotSearch:
         dark picture in a dark frame.
         """
         even = np.asarray(cv2.equalizeHist(self._map.mean()), np.uint8)
-        found = display_candidates(even, CANDIDATES)
+        found = display_candidates(even, FAINT_CANDIDATES)
         return [self._stabiliser.on_image(candidate.corners) for candidate in found]
 
     def _first_fits(self, quad: Array) -> list[_Proposal]:
@@ -303,28 +330,35 @@ class PilotSearch:
                         best = fit[1], _Proposal(corners, layout, frequency)
         return hints if best is None else [*hints, best[1]]
 
-    def _settle(self, proposal: _Proposal) -> Iterator[_Sure | None]:
+    def _settle(self, proposal: _Proposal, evidence: float) -> Iterator[_Sure | None]:
         """Move corners to where the pilots fit the grid; None after each step, and what is sure.
 
         A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts
         may have been matched amiss. What all blocks say of the corners is kept where the display is
         sure there, too.
+
+        Args:
+            proposal: where a display may be.
+            evidence: of it in all frames so far, before it pays for anything.
         """
         layout, frames = proposal.layout, list(self._frames)
         needed = min(SURE, SURE_SHARE * layout.pilots)
         certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
         best, tried = proposal, float(TRIALS)
-        evidence = _evidence(best, frames) - float(np.log(tried))
-        yield None
+        evidence -= float(np.log(tried))
         for move, tries in ((self._by_parts, 1), (self._by_climbing, CLIMB_TRIALS)):
-            if tries > 1 and evidence >= certain:  # it need not pay for so many trials
+            sum_needed = CLIMBABLE - float(np.log(tried)) <= evidence < certain
+            if tries > 1 and not sum_needed:  # it need not pay for so many trials, or is hopeless
                 continue
             moved = replace(best, corners=(yield from move(best, frames)))
             now = _evidence(moved, frames) - float(np.log(tried * tries))
             yield None
             if now > evidence:
                 best, evidence, tried = moved, now, tried * tries
-        fitted = replace(best, corners=(yield from self._by_blocks(best, list(self._frames))))
+        if evidence < HINT - float(np.log(tried)):
+            return
+        used = len(self._frames)
+        fitted = replace(best, corners=(yield from self._by_blocks(best, self._frames[:used])))
         now = _evidence(fitted, frames) - float(np.log(tried))
         yield None
         evidence = max(evidence, now)
@@ -333,10 +367,8 @@ class PilotSearch:
         if now >= needed:
             best = fitted
         if evidence < certain:  # corners were fitted to these frames; later ones must agree
-            later: list[_Frame] = []
-            while len(later) < self._confirming:
+            while len(later := [*self._frames[used:], *self._later]) < self._confirming:
                 yield None
-                later.append(self._newest)
             if _evidence(best, later) < CONFIRMED:
                 return
         yield best, evidence

@@ -95,6 +95,11 @@ class Stabiliser:
             np.uint8,
         )
 
+    def on_copy(self, points: Array) -> Array:
+        """Move (N, 2) points from the image to the copy."""
+        H = np.linalg.inv(self._H_image_from_copy)
+        return np.asarray(cv2.perspectiveTransform(points[:, None], H)[:, 0])
+
     def on_image(self, points: Array) -> Array:
         """Move (N, 2) points from the copy to the image."""
         return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])

@@ -54,6 +54,7 @@ class ToggleMap:
         self._stills: list[NDArray[np.uint8]] = []
         self._at: list[float] = []
         self._logs: dict[int, Map] = {}
+        self._gains: list[Map] = []
 
     def add(self, still: NDArray[np.uint8], at: float) -> None:
         """Take the next frame.
@@ -64,7 +65,7 @@ class ToggleMap:
         """
         self._stills.append(still)
         self._at.append(at)
-        self._logs = {}
+        self._logs, self._gains = {}, []
 
     def mean(self) -> NDArray[np.uint8]:
         """Average all frames so far, (h, w) uint8, rounded down."""
@@ -90,11 +91,26 @@ class ToggleMap:
         usual_excess = float(np.median(excess))
         clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98)))
         gain = np.clip(excess - usual_excess - FAINT, -FAINT, 2 * FAINT)
+        small = cv2.resize(gain, None, fx=1 / FIT_PX, fy=1 / FIT_PX, interpolation=cv2.INTER_AREA)
+        gain = np.asarray(small, np.float32)
+        self._gains.append(gain)
         fits = [_fitted(start, gain) for start in _outlines(excess > clear)]
         if not fits:
             return None
         best, _ = max(fits, key=lambda fit: fit[1])
         return np.asarray(upright(best[None])[0])
+
+    def worth(self, quad: Array) -> float:
+        """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.
+
+        Args:
+            quad: (4, 2) pixels of the map.
+
+        Returns:
+            a sum over its pixels, to which those that toggle add and others do not; 0 where it
+            bounds nothing that toggles.
+        """
+        return max([0.0, *(_sum_within(quad, gain) for gain in self._gains)])
 
     def _measure(self, span: float, numbers: list[int]) -> None:
         """Find the logarithm of the smoothed power where a window holds some numbers of periods."""
@@ -145,28 +161,27 @@ def _outlines(mask: NDArray[np.bool_]) -> list[Array]:
     return [np.asarray(points, np.float64).reshape(4, 2) - margin for points in (quad, box)]
 
 
+def _sum_within(quad: Array, gain: Map) -> float:
+    """Sum a map, `FIT_PX` times smaller, within (4, 2) pixels; minus infinity if not convex."""
+    if not cv2.isContourConvex(np.asarray(quad, np.float32)):
+        return -np.inf
+    mask = np.zeros(gain.shape, np.uint8)
+    fine = np.rint((quad / FIT_PX) * 16).astype(np.int32)
+    cv2.fillConvexPoly(mask, fine, 1, shift=4)
+    return float(gain[mask > 0].sum())
+
+
 def _fitted(quad: Array, gain: Map) -> tuple[Array, float]:
     """Move the corners of a quadrilateral, one by one, while that adds to the sum within it.
 
     Args:
         quad: (4, 2) pixels of the map.
-        gain: what each pixel adds.
+        gain: what each pixel adds, in a map `FIT_PX` times smaller.
 
     Returns:
         the corners, and the sum.
     """
-    small = cv2.resize(gain, None, fx=1 / FIT_PX, fy=1 / FIT_PX, interpolation=cv2.INTER_AREA)
-    mask = np.zeros(small.shape, np.uint8)
-
-    def worth(corners: Array) -> float:
-        if not cv2.isContourConvex(np.asarray(corners, np.float32)):
-            return -np.inf
-        mask[:] = 0
-        fine = np.rint((corners / FIT_PX) * 16).astype(np.int32)
-        cv2.fillConvexPoly(mask, fine, 1, shift=4)
-        return float(small[mask > 0].sum())
-
-    best, corners = worth(quad), quad.copy()
+    best, corners = _sum_within(quad, gain), quad.copy()
     for step in FIT_STEPS:
         improved = True
         while improved:
@@ -175,7 +190,7 @@ def _fitted(quad: Array, gain: Map) -> tuple[Array, float]:
                 for move in MOVES:
                     tried = corners.copy()
                     tried[corner] += step * move
-                    now = worth(tried)
+                    now = _sum_within(tried, gain)
                     if now > best + 1e-6:
                         best, corners, improved = now, tried, True
     return corners, best
