@@ -30,9 +30,11 @@ SETTINGS = {
     "slow camera": DeliveryConfig(preset="hidden", kappa=1, n_bytes=20_000),
     "faint": DeliveryConfig(preset="hidden", kappa=1, state_hz=30, fps=60, n_bytes=20_000),
     "hidden": DeliveryConfig(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20_000),
+    "slanted": DeliveryConfig(preset="hidden", kappa=3, state_hz=30, fps=60, n_bytes=20_000),
     "fast": DeliveryConfig(preset="fast", state_hz=30, fps=60, n_bytes=20_000),
 }
-"""Settings of display, camera and message, by name."""
+"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden", whose
+larger blocks are for slanted and distant displays."""
 
 
 @dataclass(frozen=True)
