@@ -33,8 +33,8 @@ SETTINGS = {
     "slanted": DeliveryConfig(preset="hidden", kappa=3, state_hz=30, fps=60, n_bytes=20_000),
     "fast": DeliveryConfig(preset="fast", state_hz=30, fps=60, n_bytes=20_000),
 }
-"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden", whose
-larger blocks are for slanted and distant displays."""
+"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
+whose larger blocks are for slanted and distant displays."""
 
 
 @dataclass(frozen=True)
