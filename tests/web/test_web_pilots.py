@@ -228,11 +228,15 @@ def toggling() -> dict[str, object]:
         toggle_map.add(stills[-1], number)
     frequencies = [0.25, 0.0, 0.5]
     outlines = [toggle_map.outline(frequency) for frequency in frequencies]
+    right = np.array([[80.0, 50.0], [208.0, 50.0], [208.0, 146.0], [80.0, 146.0]])
+    quads = [right, right + 30, right[::-1] - 9, right[[0, 2, 1, 3]]]
     return {
         "stills": np.array(stills),
         "logs": [toggle_map._logs[number] for number in (6, 12)],
         "frequencies": frequencies,
         "outlines": outlines,
+        "quads": quads,
+        "worths": [toggle_map.worth(quad) for quad in quads],
     }
 
 
@@ -249,6 +253,7 @@ def stabilising() -> dict[str, object]:
     found = [stabiliser.follow(frame) for frame in frames]
     still = stabiliser.still(frames[1], found[1])
     points = stabiliser.on_image(np.array([[0.0, 0.0], [100.0, 50.0]]))
+    np.testing.assert_allclose(stabiliser.on_copy(points), [[0, 0], [100, 50]], atol=1e-9)
     return {"frames": frames, "H": found, "still": still, "points": points}
 
 

@@ -294,7 +294,8 @@ class PilotSearch:
         worth = [self._map.worth(self._stabiliser.on_copy(quad)) for quad in quads]
         best = sorted(range(len(quads)), key=lambda i: -worth[i])[:CANDIDATES]
         first = [i for i in best if worth[i] > 0]
-        return [quads[i] for i in (*first, *(set(range(len(usual))) - set(first)))]
+        rest = [i for i in range(len(usual)) if i not in first]
+        return [quads[i] for i in (*first, *rest)]
 
     def _faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.

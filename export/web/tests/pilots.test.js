@@ -151,7 +151,7 @@ test("corners of what lies elsewhere in its rectified image", () => {
 });
 
 test("what toggles is mapped and outlined", () => {
-  const { stills, logs, frequencies, outlines } = readFixture("toggling");
+  const { stills, logs, frequencies, outlines, quads, worths } = readFixture("toggling");
   const [frames, height, width] = stills.shape;
   const map = new ToggleMap(width, height);
   const size = width * height;
@@ -170,6 +170,7 @@ test("what toggles is mapped and outlined", () => {
     if (outlines[i] === null) assert.equal(outline, null);
     else close(outline?.flat() ?? [], outlines[i].data, 0.01);
   });
+  close(map.worths(quads.map(pointsOf)), worths, 1e-2);
 });
 
 test("frames are held still", () => {
@@ -186,6 +187,7 @@ test("frames are held still", () => {
   const { mean } = differences(stabiliser.still(planeOf(frames[1]), H[1].data), still);
   assert.ok(mean < 0.3, `still frames differ by ${mean}`);
   close(stabiliser.onImage([[0, 0], [100, 50]]).flat(), points.data, 1e-9);
+  close(stabiliser.onCopy(pointsOf(points)).flat(), [0, 0, 100, 50], 1e-9);
   assert.equal(stabiliser.follow({ width: 4, height: 3, data: new Uint8Array(12) }), null);
   stabiliser.forget();
   assert.equal(stabiliser.follow(planeOf(frames[0])), null);

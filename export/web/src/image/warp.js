@@ -11,13 +11,16 @@
  * @param {ArrayLike<number>} H - (3, 3) from pixels of the result to pixels of the plane
  * @param {number} width - of the result, pixels
  * @param {number} height - of the result, pixels
+ * @param {Samples | null} [room] - takes the result where it has the right length
  * @returns {import("./opencv.js").Plane<Samples>} rounded where samples are bytes
  */
-export function warped(plane, H, width, height) {
+export function warped(plane, H, width, height, room = null) {
   const { data: source, width: stride } = plane;
   const bytes = source instanceof Uint8Array;
+  const count = width * height;
   /** @type {any} */
-  const data = bytes ? new Uint8Array(width * height) : new Float32Array(width * height);
+  let data = room;
+  if (room?.length !== count) data = bytes ? new Uint8Array(count) : new Float32Array(count);
   const right = stride - 1;
   const bottom = plane.height - 1;
   // what lies before the half pixel is rounded off

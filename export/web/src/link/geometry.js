@@ -162,9 +162,10 @@ export function transform(H, points) {
  * @param {Homography} HCapturedFromDisplay - such as `homographyFromCorners` finds
  * @param {number} width - of the display frame, pixels
  * @param {number} height - of the display frame, pixels
+ * @param {Uint8Array | null} [room] - takes the result where it has the right length
  * @returns {BytePlane}
  */
-export function rectify(image, HCapturedFromDisplay, width, height) {
+export function rectify(image, HCapturedFromDisplay, width, height, room = null) {
   const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
   const [top, right, bottom, left] = corners.map(([x, y], i) => {
     const [nextX, nextY] = corners[(i + 1) % 4];
@@ -172,7 +173,7 @@ export function rectify(image, HCapturedFromDisplay, width, height) {
   });
   const finer = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
   const factor = Math.floor(finer);
-  if (!(factor >= 2)) return warped(image, HCapturedFromDisplay, width, height);
+  if (!(factor >= 2)) return warped(image, HCapturedFromDisplay, width, height, room);
   const H = multiply3(inverse(resizedHomography(factor, factor)), HCapturedFromDisplay);
-  return warped(shrunkByWhole(image, factor), H, width, height);
+  return warped(shrunkByWhole(image, factor), H, width, height, room);
 }

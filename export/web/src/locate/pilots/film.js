@@ -27,6 +27,9 @@ export const FAR_OUTSIDE = 0.5;
 /** Smallest share of the image that a display covers. */
 export const LEAST_AREA = 0.005;
 
+/** Room for a rectified frame that is averaged down at once. */
+let room = new Uint8Array(0);
+
 /** One frame, and how the camera has moved since a reference frame. */
 export class FilmFrame {
   /** Copies of the frame, averaged down by whole factors. @type {Map<number, FloatPlane>} */
@@ -64,7 +67,7 @@ export class FilmFrame {
     const factor = Math.floor(pixelsInOne(quad, halfWidth, halfHeight));
     if (width > halfWidth || height > halfHeight || factor < 2) {
       const H = homographyFromCorners(quad, layout.width, layout.height);
-      return areaMeans(rectify(this.gray, H, layout.width, layout.height), width, height);
+      return areaMeans(this.#rectified(H, layout.width, layout.height), width, height);
     }
     const H = homographyFromCorners(quad, halfWidth, halfHeight);
     const half = this.#averaged(factor, H, halfWidth, halfHeight);
@@ -87,8 +90,21 @@ export class FilmFrame {
     const factor = Math.floor(pixelsInOne(quad, maps.inner[0], maps.inner[1]));
     if (shrunk > 1 && factor >= 2) return this.#averaged(factor, H, width, height);
     const toMap = resizedHomography(1 / shrunk, 1 / shrunk);
-    const fine = rectify(this.gray, multiply3(H, toMap), shrunk * width, shrunk * height);
+    const fine = this.#rectified(multiply3(H, toMap), shrunk * width, shrunk * height);
     return areaMeans(fine, width, height);
+  }
+
+  /**
+   * Rectify the frame in room that the next call uses again.
+   *
+   * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
+   * @param {number} width - of the result
+   * @param {number} height - of the result
+   * @returns {BytePlane}
+   */
+  #rectified(H, width, height) {
+    if (room.length !== width * height) room = new Uint8Array(width * height);
+    return rectify(this.gray, H, width, height, room);
   }
 
   /**

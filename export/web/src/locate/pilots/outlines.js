@@ -69,32 +69,52 @@ export function outlines(mask) {
 }
 
 /**
+ * Shrink a map to the copy to which outlines are fitted.
+ *
+ * @param {FloatPlane} gain
+ * @returns {FloatPlane} `FIT_PX` times smaller
+ */
+export function fitCopy(gain) {
+  const width = roundHalfEven(gain.width / FIT_PX);
+  return resizeArea(gain, width, roundHalfEven(gain.height / FIT_PX));
+}
+
+/**
+ * Sum maps within one quadrilateral after the other.
+ *
+ * @template Result
+ * @param {FloatPlane} gain - of `fitCopy`
+ * @param {(sumWithin: (quad: Point[]) => number) => Result} work - takes a function that sums what
+ *   lies within pixels of the map, minus infinity where they are not convex
+ * @returns {Result}
+ */
+export function withSums(gain, work) {
+  return withMats((keep) => {
+    const mask = keep(new cv.Mat(gain.height, gain.width, cv.CV_8UC1));
+    const points = keep(new cv.Mat(4, 1, cv.CV_32SC2));
+    const one = new cv.Scalar(1);
+    return work((quad) => {
+      if (!isConvex(quad)) return -Infinity;
+      const drawn = mask.data;
+      drawn.fill(0);
+      points.data32S.set(quad.flat().map((value) => roundHalfEven((value / FIT_PX) * 16)));
+      cv.fillConvexPoly(mask, points, one, cv.LINE_8, 4);
+      let sum = 0;
+      for (let i = 0; i < drawn.length; i++) if (drawn[i]) sum += gain.data[i];
+      return sum;
+    });
+  });
+}
+
+/**
  * Move the corners of a quadrilateral, one by one, while that adds to the sum within it.
  *
  * @param {Point[]} quad - pixels of the map
- * @param {FloatPlane} gain - what each pixel adds
+ * @param {FloatPlane} gain - what each pixel adds, of `fitCopy`
  * @returns {{ corners: Point[], sum: number }}
  */
 export function fittedOutline(quad, gain) {
-  const small = resizeArea(
-    gain,
-    roundHalfEven(gain.width / FIT_PX),
-    roundHalfEven(gain.height / FIT_PX),
-  );
-  return withMats((keep) => {
-    const mask = keep(new cv.Mat(small.height, small.width, cv.CV_8UC1));
-    const points = keep(new cv.Mat(4, 1, cv.CV_32SC2));
-    const one = new cv.Scalar(1);
-    const worth = (/** @type {Point[]} */ corners) => {
-      if (!isConvex(corners)) return -Infinity;
-      const drawn = mask.data;
-      drawn.fill(0);
-      points.data32S.set(corners.flat().map((value) => roundHalfEven((value / FIT_PX) * 16)));
-      cv.fillConvexPoly(mask, points, one, cv.LINE_8, 4);
-      let sum = 0;
-      for (let i = 0; i < drawn.length; i++) if (drawn[i]) sum += small.data[i];
-      return sum;
-    };
+  return withSums(gain, (worth) => {
     let corners = quad;
     let best = worth(quad);
     for (const step of FIT_STEPS) {

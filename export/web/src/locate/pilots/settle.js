@@ -41,6 +41,10 @@ export const CERTAIN = 35.0;
 export const CERTAIN_SHARE = 0.75;
 /** Evidence, before it pays for anything, that later frames must bring where they must agree. */
 export const CONFIRMED = 9.0;
+/** Evidence of a quadrilateral at which its corners are refined once all frames were seen. */
+export const HINT = 6.0;
+/** Evidence of a quadrilateral at which the sum over its pilots can lead its corners on. */
+export const CLIMBABLE = 3.0;
 /** Largest number of times that corners are moved by parts of the display. */
 export const COARSE_ROUNDS = 5;
 /** Largest number of times that corners are moved by the sum over the display's pilots. */
@@ -79,12 +83,13 @@ const MOVE_WORK = 6;
  * there, too.
  *
  * @param {Proposal} proposal
+ * @param {number} first - evidence of it in all frames so far, before it pays for anything
  * @param {readonly FilmFrame[]} watched - frames, of which there may be more after each step
  * @param {number} confirming - number of later frames that must agree with what is not certain
  * @param {() => FilmFrame} newest - gives the newest frame, another one after each `NEXT_FRAME`
  * @returns {import("../steps.js").Steps<Settled | null>} null where it is not sure
  */
-export function* settleSteps(proposal, watched, confirming, newest) {
+export function* settleSteps(proposal, first, watched, confirming, newest) {
   const frames = [...watched];
   const { layout } = proposal;
   const pilots = layout.pilotBlocks.length;
@@ -92,9 +97,11 @@ export function* settleSteps(proposal, watched, confirming, newest) {
   const certain = Math.min(CERTAIN, CERTAIN_SHARE * pilots);
   let best = proposal;
   let tried = TRIALS;
-  let evidence = (yield* evidenceSteps(best, frames)) - Math.log(tried);
+  let evidence = first - Math.log(tried);
   for (const { move, tries } of MOVES) {
-    if (move === byClimbing && evidence >= certain) continue;
+    // it need not pay for so many trials, or it is hopeless
+    const climbable = evidence >= CLIMBABLE - Math.log(tried) && evidence < certain;
+    if (move === byClimbing && !climbable) continue;
     const moved = { ...best, corners: yield* move(best, frames) };
     const now = (yield* evidenceSteps(moved, frames)) - Math.log(tried * tries);
     if (!(now > evidence)) continue;
@@ -102,6 +109,7 @@ export function* settleSteps(proposal, watched, confirming, newest) {
     evidence = now;
     tried *= tries;
   }
+  if (evidence < HINT - Math.log(tried)) return null;
   const fitted = { ...best, corners: yield* byBlocks(best, [...watched]) };
   const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
   evidence = Math.max(evidence, now);

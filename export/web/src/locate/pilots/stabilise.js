@@ -105,6 +105,16 @@ export class Stabiliser {
   }
 
   /**
+   * Move points from the image to the copy.
+   *
+   * @param {Point[]} points
+   * @returns {Point[]}
+   */
+  onCopy(points) {
+    return transform(inverse(this.#HImageFromCopy), points);
+  }
+
+  /**
    * Move points from the copy to the image.
    *
    * @param {Point[]} points

@@ -11,7 +11,7 @@ import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { upright } from "../quads.js";
 import { median, quantile } from "./order.js";
-import { fittedOutline, outlines } from "./outlines.js";
+import { fitCopy, fittedOutline, outlines, withSums } from "./outlines.js";
 import { spanOf, waves } from "./waves.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
@@ -55,6 +55,8 @@ export class ToggleMap {
   #at = [];
   /** @type {Map<number, FloatPlane>} */
   #logs = new Map();
+  /** What each pixel adds to an outline, for each that was asked for. @type {FloatPlane[]} */
+  #gains = [];
 
   /**
    * @param {number} width - of the frames that will come
@@ -75,6 +77,7 @@ export class ToggleMap {
     this.#stills.push(still.data);
     this.#at.push(at);
     this.#logs.clear();
+    this.#gains = [];
   }
 
   /**
@@ -138,13 +141,27 @@ export class ToggleMap {
     let most = -Infinity;
     /** @type {Point[] | null} */
     let best = null;
+    const small = fitCopy({ width, height, data: gain });
+    this.#gains.push(small);
     for (const start of outlines({ width, height, data: mask })) {
-      const { corners, sum } = fittedOutline(start, { width, height, data: gain });
+      const { corners, sum } = fittedOutline(start, small);
       if (sum <= most && best !== null) continue;
       most = sum;
       best = corners;
     }
     return best && upright(best);
+  }
+
+  /**
+   * Tell how well quadrilaterals bound what toggles at one of the outlined frequencies.
+   *
+   * @param {Point[][]} quads - pixels of the map
+   * @returns {number[]} sums over their pixels, to which those that toggle add and others do not; 0
+   *   where a quadrilateral bounds nothing that toggles
+   */
+  worths(quads) {
+    const sums = this.#gains.map((gain) => withSums(gain, (sumWithin) => quads.map(sumWithin)));
+    return quads.map((_, i) => Math.max(0, ...sums.map((ofGain) => ofGain[i])));
   }
 
   /**

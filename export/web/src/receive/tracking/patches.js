@@ -66,6 +66,8 @@ export class Tracker {
   #search = null;
   /** Units of work of the search so far. */
   #done = 0;
+  /** Time by which steps took longer than allowed, which later frames make up for, milliseconds. */
+  #owed = 0;
   #searchedWidth = 0;
   #searchedHeight = 0;
   #vain = 0;
@@ -121,31 +123,48 @@ export class Tracker {
       const found = this.#accept(image, whole, true);
       if (found !== null) return found;
     }
-    let search = (this.#search ??= this.#begun(image));
+    this.#search ??= this.#begun(image);
     const limit = this.#workLimit(image);
-    search = this.#search;
-    for (let work = 0; work < limit; ) {
+    const located = this.#searched(limit, start, frameMs);
+    if (located === null) return null;
+    let { corners } = located;
+    if (!fresh) {
+      // the camera has moved since
+      const found = cornersOnPatches(image, imagePyramid(image), corners, this.layout);
+      if (found.seen < neededVisibility(this.layout)) return null;
+      ({ corners } = found);
+    }
+    return this.#accept(image, corners, true);
+  }
+
+  /**
+   * Take the steps of the search that a frame has time for.
+   *
+   * @param {number} limit - units of work after which it takes no further step
+   * @param {number} start - when the work on the frame began, milliseconds
+   * @param {number} frameMs - as `follow` takes it
+   * @returns {import("../../locate/candidates.js").Located | null} null where the search goes on, or
+   *   has found nothing
+   */
+  #searched(limit, start, frameMs) {
+    const search = this.#search;
+    const allowed = () => (this.#done < LIKELY_WORK ? 1 : LATER_SHARE) * frameMs;
+    const spent = () => this.#owed + performance.now() - start;
+    let located = null;
+    for (let work = 0; search !== null && work < limit && spent() < allowed(); ) {
       const step = search.next();
       if (!step.done) {
         work += step.value;
         this.#done += step.value;
-        const share = this.#done < LIKELY_WORK ? 1 : LATER_SHARE;
-        if (performance.now() - start >= share * frameMs) break;
         continue;
       }
       this.#search = null;
       this.#vain++;
-      if (step.value === null) return null;
-      let { corners } = step.value;
-      if (!fresh) {
-        // the camera has moved since
-        const found = cornersOnPatches(image, imagePyramid(image), corners, this.layout);
-        if (found.seen < neededVisibility(this.layout)) return null;
-        ({ corners } = found);
-      }
-      return this.#accept(image, corners, true);
+      located = step.value;
+      break;
     }
-    return null;
+    this.#owed = Math.max(0, spent() - allowed());
+    return located;
   }
 
   /**
