@@ -18,8 +18,8 @@ import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
 import { FilmFrame, amplitudes } from "./film.js";
-import { VIEW_WORK, Watched, positions, viewSteps } from "./proposals.js";
-import { NEXT_FRAME, settleSteps } from "./settle.js";
+import { Watched, evidenceSteps, positions, viewSteps } from "./proposals.js";
+import { HINT, NEXT_FRAME, settleSteps } from "./settle.js";
 import { Stabiliser } from "./stabilise.js";
 import { ToggleMap } from "./toggleMap.js";
 import { position } from "./waves.js";
@@ -36,6 +36,8 @@ import { position } from "./waves.js";
 
 /** Number of quadrilaterals made of edges that are watched at once. */
 export const CANDIDATES = 6;
+/** Number of quadrilaterals made of faint edges among which what toggles chooses. */
+export const FAINT_CANDIDATES = 50;
 /** Time, in seconds, for which a room is watched before what toggles is outlined. */
 export const WINDOW_S = 0.4;
 /** Smallest number of frames that are watched: quick cameras see more of less light. */
@@ -49,8 +51,6 @@ export const MOST_WINDOW = 48;
 export const STATES_HZ = [15.0, 30.0, 60.0, 120.0];
 /** Evidence of a quadrilateral, before it pays, at which its corners are refined at once. */
 export const PROMISING = 9.0;
-/** Evidence of a quadrilateral at which its corners are refined once all frames were seen. */
-export const HINT = 6.0;
 /** Units of work (`../steps.js`) from which on a frame has had its share. */
 export const FRAME_WORK = 36;
 /**
@@ -58,8 +58,6 @@ export const FRAME_WORK = 36;
  * the first frames take many times as long, as code is compiled while it runs.
  */
 export const FRAME_MS = 60;
-/** Share of this time after which a frame that is only watched is done, so that none is missed. */
-const SPARE_SHARE = 0.35;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 export const MISSING = 1.5;
 /** Units of work of the power at one frequency, and of an outline. */
@@ -89,14 +87,10 @@ export class PilotSearch {
   #start = 0;
   /** From which the search began. @type {BytePlane} */
   #reference = { width: 0, height: 0, data: new Uint8Array(0) };
-  /** Until when the newest frame has time for what need not be now, milliseconds. */
-  #spareUntil = Infinity;
   /** The newest frame, while `push` runs. @type {FilmFrame | null} */
   #newest = null;
-  /** Quadrilaterals of edges, watched in each frame; none before they were sought. @type {Watched[]} */
+  /** Quadrilaterals of edges, each way up; none before they were sought. @type {Watched[]} */
   #watched = [];
-  /** The same, a quarter turn on, watched where there is time, else later. @type {Watched[]} */
-  #turned = [];
   /** What toggles; null until frames are watched. @type {ToggleMap | null} */
   #map = null;
   /** @type {FilmFrame[]} */
@@ -140,10 +134,8 @@ export class PilotSearch {
    * @returns {PilotDisplay | null} the display once it is sure
    */
   push(gray, time) {
-    const now = performance.now();
-    const until = now + this.frameMs;
+    const until = performance.now() + this.frameMs;
     if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
-    this.#spareUntil = this.#isLate ? now + SPARE_SHARE * this.frameMs : Infinity;
     this.#last = time;
     const H = this.#stabiliser.follow(gray);
     if (H === null) {
@@ -178,7 +170,6 @@ export class PilotSearch {
   #forget() {
     this.#newest = null;
     this.#watched = [];
-    this.#turned = [];
     this.#map = null;
     this.#frames = [];
     this.#work = null;
@@ -194,21 +185,10 @@ export class PilotSearch {
     const { gray, HFrameFromReference: H, at } = frame;
     this.#frames.push(frame);
     map.add(this.#stabiliser.still(gray, H), at);
-    for (const quad of this.#watched) this.#showNext(quad);
-  }
-
-  /**
-   * Let a quadrilateral take what it shows in the first frame that it was not shown yet.
-   *
-   * @param {Watched} quad
-   * @returns {boolean} false where it has been shown all frames
-   */
-  #showNext(quad) {
-    const frame = this.#frames.at(quad.at.length);
-    if (frame === undefined) return false;
     const { width, height } = this.largest;
-    quad.take(frame.view(quad.corners, this.largest, width >> 1, height >> 1), frame.at);
-    return true;
+    for (const quad of this.#watched) {
+      quad.take(frame.view(quad.corners, this.largest, width >> 1, height >> 1), at);
+    }
   }
 
   /**
@@ -218,37 +198,61 @@ export class PilotSearch {
    */
   *#search() {
     const edges = yield* candidateSteps(this.#reference, CANDIDATES);
-    const ways = [0, 1].map((turn) =>
-      edges.map(({ corners }) => new Watched(rolled(corners, turn), this.layouts)),
-    );
-    [this.#watched, this.#turned] = ways;
+    this.#watched = edges
+      .flatMap(({ corners }) => [corners, rolled(corners, 1)])
+      .map((corners) => new Watched(corners, this.layouts));
     const map = new ToggleMap(this.#stabiliser.width, this.#stabiliser.height);
     yield WEIGH_WORK;
     this.#map = map;
     this.#watch(map);
     const proposal = yield* this.#promising();
     if (proposal !== null) {
-      const found = yield* this.#settle(proposal);
+      const evidence = yield* evidenceSteps(proposal, this.#frames);
+      const found = yield* this.#settle(proposal, evidence);
       if (found !== null) return found;
     }
     while (this.#frames.length < this.window) yield NEXT_FRAME;
-    const quads = yield* this.#faintEdges(map);
+    const faint = yield* this.#faintEdges(map);
+    const others = [];
     for (const frequency of this.frequencies) {
       for (const _ of map.prepare(frequency)) yield POWER_WORK;
       const outline = map.outline(frequency);
       yield OUTLINE_WORK;
-      if (outline !== null) quads.push(this.#stabiliser.onImage(outline));
+      if (outline !== null) others.push(this.#stabiliser.onImage(outline));
     }
-    quads.push(...edges.map(({ corners }) => corners));
-    for (const turn of [0, 1]) {
-      for (const quad of quads) {
+    others.push(...edges.map(({ corners }) => corners));
+    for (const quad of this.#ranked(map, faint, others)) {
+      const weighed = [];
+      for (const turn of [0, 1]) {
         for (const fit of yield* this.#firstFits(rolled(quad, turn))) {
-          const found = yield* this.#settle(fit);
-          if (found !== null) return found;
+          weighed.push({ fit, evidence: yield* evidenceSteps(fit, this.#frames) });
         }
+      }
+      weighed.sort((one, other) => other.evidence - one.evidence);
+      for (const { fit, evidence } of weighed) {
+        const found = yield* this.#settle(fit, evidence);
+        if (found !== null) return found;
       }
     }
     return null;
+  }
+
+  /**
+   * Put those quadrilaterals first that best bound what toggles.
+   *
+   * @param {ToggleMap} map
+   * @param {Point[][]} faint - of faint edges, the clearest first; few of them are a display
+   * @param {Point[][]} others - further quadrilaterals
+   * @returns {Point[][]}
+   */
+  #ranked(map, faint, others) {
+    const usual = [...faint.slice(0, CANDIDATES), ...others];
+    const quads = [...usual, ...faint.slice(CANDIDATES)];
+    const worths = map.worths(quads.map((quad) => this.#stabiliser.onCopy(quad)));
+    const best = [...quads.keys()].sort((i, k) => worths[k] - worths[i]).slice(0, CANDIDATES);
+    const first = best.filter((i) => worths[i] > 0);
+    const rest = [...usual.keys()].filter((i) => !first.includes(i));
+    return [...first, ...rest].map((i) => quads[i]);
   }
 
   /**
@@ -260,37 +264,20 @@ export class PilotSearch {
     for (;;) {
       const count = this.#frames.length;
       if (count >= 2 * this.checkEvery && count % this.checkEvery === 0) {
-        for (const quads of [this.#watched, this.#turned]) {
-          const best = yield* this.#surest(quads);
-          if (best !== null) return best;
+        let most = PROMISING;
+        let best = null;
+        for (const quad of this.#watched) {
+          const { evidence, proposal } = quad.surest();
+          yield SURE_WORK;
+          if (!(evidence > most)) continue;
+          most = evidence;
+          best = proposal;
         }
+        if (best !== null) return best;
       }
       if (count >= this.window) return null;
-      for (const quad of this.#turned) {
-        while (performance.now() < this.#spareUntil && this.#showNext(quad)) yield VIEW_WORK;
-      }
       yield NEXT_FRAME;
     }
-  }
-
-  /**
-   * Choose the quadrilateral that toggles most surely over the frames so far.
-   *
-   * @param {readonly Watched[]} quads - those that have not been shown all frames are shown the rest
-   * @returns {Steps<Proposal | null>} null where none is promising
-   */
-  *#surest(quads) {
-    let most = PROMISING;
-    let best = null;
-    for (const quad of quads) {
-      while (this.#showNext(quad)) yield VIEW_WORK;
-      const { evidence, proposal } = quad.surest();
-      yield SURE_WORK;
-      if (!(evidence > most)) continue;
-      most = evidence;
-      best = proposal;
-    }
-    return best;
   }
 
   /**
@@ -308,7 +295,7 @@ export class PilotSearch {
       cv.equalizeHist(mean, mean);
       return bytePlane(mean);
     });
-    const found = yield* candidateSteps(even, CANDIDATES);
+    const found = yield* candidateSteps(even, FAINT_CANDIDATES);
     return found.map(({ corners }) => this.#stabiliser.onImage(corners));
   }
 
@@ -350,10 +337,11 @@ export class PilotSearch {
 
   /**
    * @param {Proposal} proposal
+   * @param {number} evidence - of it in all frames so far
    * @returns {Steps<Settled | null>}
    */
-  #settle(proposal) {
-    return settleSteps(proposal, this.#frames, this.confirming, () => this.#given());
+  #settle(proposal, evidence) {
+    return settleSteps(proposal, evidence, this.#frames, this.confirming, () => this.#given());
   }
 
   /** The newest frame, which is there while `push` runs. */
