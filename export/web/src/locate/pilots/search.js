@@ -18,7 +18,7 @@ import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
 import { FilmFrame, amplitudes } from "./film.js";
-import { Watched, evidenceSteps, positions, viewSteps } from "./proposals.js";
+import { VIEW_WORK, Watched, evidenceSteps, positions, viewSteps } from "./proposals.js";
 import { HINT, NEXT_FRAME, settleSteps } from "./settle.js";
 import { Stabiliser } from "./stabilise.js";
 import { ToggleMap } from "./toggleMap.js";
@@ -58,6 +58,8 @@ export const FRAME_WORK = 36;
  * the first frames take many times as long, as code is compiled while it runs.
  */
 export const FRAME_MS = 60;
+/** Share of this time after which a frame that is only watched is done, so that none is missed. */
+const SPARE_SHARE = 0.35;
 /** Number of nominal frames from one frame to the next above which a frame is missing. */
 export const MISSING = 1.5;
 /** Units of work of the power at one frequency, and of an outline. */
@@ -87,10 +89,14 @@ export class PilotSearch {
   #start = 0;
   /** From which the search began. @type {BytePlane} */
   #reference = { width: 0, height: 0, data: new Uint8Array(0) };
+  /** Until when the newest frame has time for what need not be now, milliseconds. */
+  #spareUntil = Infinity;
   /** The newest frame, while `push` runs. @type {FilmFrame | null} */
   #newest = null;
-  /** Quadrilaterals of edges, each way up; none before they were sought. @type {Watched[]} */
+  /** Quadrilaterals of edges, watched in each frame; none before they were sought. @type {Watched[]} */
   #watched = [];
+  /** The same, a quarter turn on, watched where there is time, else later. @type {Watched[]} */
+  #turned = [];
   /** What toggles; null until frames are watched. @type {ToggleMap | null} */
   #map = null;
   /** @type {FilmFrame[]} */
@@ -134,8 +140,10 @@ export class PilotSearch {
    * @returns {PilotDisplay | null} the display once it is sure
    */
   push(gray, time) {
-    const until = performance.now() + this.frameMs;
+    const now = performance.now();
+    const until = now + this.frameMs;
     if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
+    this.#spareUntil = this.#isLate ? now + SPARE_SHARE * this.frameMs : Infinity;
     this.#last = time;
     const H = this.#stabiliser.follow(gray);
     if (H === null) {
@@ -170,6 +178,7 @@ export class PilotSearch {
   #forget() {
     this.#newest = null;
     this.#watched = [];
+    this.#turned = [];
     this.#map = null;
     this.#frames = [];
     this.#work = null;
@@ -185,10 +194,21 @@ export class PilotSearch {
     const { gray, HFrameFromReference: H, at } = frame;
     this.#frames.push(frame);
     map.add(this.#stabiliser.still(gray, H), at);
+    for (const quad of this.#watched) this.#showNext(quad);
+  }
+
+  /**
+   * Let a quadrilateral take what it shows in the first frame that it was not shown yet.
+   *
+   * @param {Watched} quad
+   * @returns {boolean} false where it has been shown all frames
+   */
+  #showNext(quad) {
+    const frame = this.#frames.at(quad.at.length);
+    if (frame === undefined) return false;
     const { width, height } = this.largest;
-    for (const quad of this.#watched) {
-      quad.take(frame.view(quad.corners, this.largest, width >> 1, height >> 1), at);
-    }
+    quad.take(frame.view(quad.corners, this.largest, width >> 1, height >> 1), frame.at);
+    return true;
   }
 
   /**
@@ -198,9 +218,10 @@ export class PilotSearch {
    */
   *#search() {
     const edges = yield* candidateSteps(this.#reference, CANDIDATES);
-    this.#watched = edges
-      .flatMap(({ corners }) => [corners, rolled(corners, 1)])
-      .map((corners) => new Watched(corners, this.layouts));
+    const ways = [0, 1].map((turn) =>
+      edges.map(({ corners }) => new Watched(rolled(corners, turn), this.layouts)),
+    );
+    [this.#watched, this.#turned] = ways;
     const map = new ToggleMap(this.#stabiliser.width, this.#stabiliser.height);
     yield WEIGH_WORK;
     this.#map = map;
@@ -264,20 +285,37 @@ export class PilotSearch {
     for (;;) {
       const count = this.#frames.length;
       if (count >= 2 * this.checkEvery && count % this.checkEvery === 0) {
-        let most = PROMISING;
-        let best = null;
-        for (const quad of this.#watched) {
-          const { evidence, proposal } = quad.surest();
-          yield SURE_WORK;
-          if (!(evidence > most)) continue;
-          most = evidence;
-          best = proposal;
+        for (const quads of [this.#watched, this.#turned]) {
+          const best = yield* this.#surest(quads);
+          if (best !== null) return best;
         }
-        if (best !== null) return best;
       }
       if (count >= this.window) return null;
+      for (const quad of this.#turned) {
+        while (performance.now() < this.#spareUntil && this.#showNext(quad)) yield VIEW_WORK;
+      }
       yield NEXT_FRAME;
     }
+  }
+
+  /**
+   * Choose the quadrilateral that toggles most surely over the frames so far.
+   *
+   * @param {readonly Watched[]} quads - those that have not been shown all frames are shown the rest
+   * @returns {Steps<Proposal | null>} null where none is promising
+   */
+  *#surest(quads) {
+    let most = PROMISING;
+    let best = null;
+    for (const quad of quads) {
+      while (this.#showNext(quad)) yield VIEW_WORK;
+      const { evidence, proposal } = quad.surest();
+      yield SURE_WORK;
+      if (!(evidence > most)) continue;
+      most = evidence;
+      best = proposal;
+    }
+    return best;
   }
 
   /**
