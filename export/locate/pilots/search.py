@@ -6,7 +6,7 @@ the pilots fit the grid (`corners`), and the display is believed if its blocks t
 pilots' signs beyond doubt (`evidence`). That also tells which way up it is and which of several
 grids it shows.
 
-The work is cut into steps, one for each frame, so that no frame takes long.
+The work is cut into steps, one or two for each frame, so that no frame takes long.
 """
 
 from collections import deque
@@ -50,6 +50,9 @@ among which what toggles chooses."""
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
 """Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
 and the largest number of frames that are watched: quick cameras see more of less light."""
+STEPS_HZ = 60.0
+"""Number of steps of the search that are done in a second, at least: the frames of a slow camera
+leave time for several."""
 SURE, SURE_SHARE = 16.0, 0.5
 """Smallest evidence, after paying for everything that was tried, at which a display is found: the
 natural logarithm of one false alarm in some ten million searches. Few pilots cannot bring so much;
@@ -143,6 +146,7 @@ class PilotSearch:
         periods = (np.array(STATES_HZ) / 2 / fps) % 1
         self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
         self._window = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
+        self._steps = max(1, round(STEPS_HZ / fps))
         self._check_every = self._window // 4
         self._confirming = 2 * self._window // 3
         self._stabiliser = Stabiliser()
@@ -183,11 +187,15 @@ class PilotSearch:
             self._later.append(self._newest)
         if self._work is None:
             return None
-        try:
-            found = next(self._work)
-        except StopIteration:
-            self._stabiliser.forget()
-            return None
+        found: _Sure | None = None
+        for _ in range(self._steps):
+            try:
+                found = next(self._work)
+            except StopIteration:
+                self._stabiliser.forget()
+                return None
+            if found is not None:
+                break
         if found is None:
             return None
         proposal, evidence = found
