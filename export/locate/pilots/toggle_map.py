@@ -91,8 +91,8 @@ class ToggleMap:
         usual_excess = float(np.median(excess))
         clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98)))
         gain = np.clip(excess - usual_excess - FAINT, -FAINT, 2 * FAINT)
-        small = cv2.resize(gain, None, fx=1 / FIT_PX, fy=1 / FIT_PX, interpolation=cv2.INTER_AREA)
-        gain = np.asarray(small, np.float32)
+        size = [max(1, round(side / FIT_PX)) for side in gain.shape[::-1]]
+        gain = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_AREA), np.float32)
         self._gains.append(gain)
         fits = [_fitted(start, gain) for start in _outlines(excess > clear)]
         if not fits:

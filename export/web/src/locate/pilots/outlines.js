@@ -75,8 +75,10 @@ export function outlines(mask) {
  * @returns {FloatPlane} `FIT_PX` times smaller
  */
 export function fitCopy(gain) {
-  const width = roundHalfEven(gain.width / FIT_PX);
-  return resizeArea(gain, width, roundHalfEven(gain.height / FIT_PX));
+  const [width, height] = [gain.width, gain.height].map((side) =>
+    Math.max(1, roundHalfEven(side / FIT_PX)),
+  );
+  return resizeArea(gain, width, height);
 }
 
 /**
