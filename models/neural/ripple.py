@@ -13,6 +13,7 @@ has in its own estimate is known too, and is taken out.
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, conv_transpose2d, pad
 
@@ -100,16 +101,13 @@ class Ripple(nn.Module):
         return (wave - own * residual) / (1 - own)
 
 
-def _taper() -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _taper() -> NDArray[np.float64]:
     """Make the (WINDOW, WINDOW) taper; the squares of overlapping windows' tapers add up to 1."""
     side = np.sin(np.pi * (np.arange(WINDOW) + 0.5) / WINDOW)
     return np.outer(side, side)
 
 
-def _windowed_waves() -> tuple[
-    np.ndarray[tuple[int, ...], np.dtype[np.float64]],
-    np.ndarray[tuple[int, int], np.dtype[np.float64]],
-]:
+def _windowed_waves() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Make the orthonormal waves of a window, times its taper.
 
     Returns:
