@@ -227,7 +227,7 @@ def try_command(name: str, kills: int, rng: random.Random, folder: Path, out: Pa
     expected = undisturbed[0]
     failed = [f"undisturbed {line}" for line in differences(*undisturbed)]
     done = twice = ended_first = refused = compared = 0
-    for number in range(3 * kills):
+    for number in range(10 * kills):
         if done >= kills:
             break
         place.empty()
