@@ -15,11 +15,11 @@ from data_gen.pictures.library import load_pictures
 from export.locate.candidates import Located
 from export.locate.find import locate, search_steps
 from export.locate.patches import patches_in_view, seen_visibility
-from export.locate.steps import Steps, run_to_end
 from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.receiver import Receiver
 from export.receive.tracking.patches import Tracker
 from export.runtime import Decoder
+from link.code.steps import Steps, run_to_end
 from link.embed import embed
 from link.geometry import (
     check_corners,

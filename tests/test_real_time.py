@@ -19,7 +19,8 @@ from export.receive.timing.clock import DisplayClock
 from export.receive.tracking.corners import CornerShift
 from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
-from link.code.rateless import ITERATIONS, MAX_COLUMNS, decode_at_once, make_rateless
+from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
+from link.code.steps import run_to_end
 
 N_BITS = 730
 ROOT = Path(__file__).parents[1]
@@ -135,7 +136,7 @@ def test_steps_of_decoding_tell_their_work() -> None:
     works = [next(steps), next(steps)]
     assert works[1] > 2 * 900
     assert all(work < 40 * works[1] for work in works)
-    assert decode_at_once(steps)[1].all()
+    assert run_to_end(steps)[1].all()
 
 
 class SlowMessage:

@@ -21,7 +21,7 @@ from export.locate.quads import (
     nested,
     upright,
 )
-from export.locate.steps import Steps, run_to_end
+from link.code.steps import Steps, run_to_end
 from link.images import as_gray, as_rgb
 
 WORK_PX = 640
@@ -33,7 +33,7 @@ LINE_QUADS = 70
 CANDIDATES = 20
 """Largest number of candidates that are looked at more closely."""
 LINES_WORK, SIDES_WORK = 45, 25
-"""Units of work (`export.locate.steps`) of the quadrilaterals from lines, and of their sides."""
+"""Units of work (`link.code.steps`) of the quadrilaterals from lines, and of their sides."""
 NEAR = 3.0
 """Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
 for the display."""

@@ -33,7 +33,7 @@ from export.locate.spots import (
     spot_steps,
     whole_quads,
 )
-from export.locate.steps import Steps, run_to_end
+from link.code.steps import Steps, run_to_end
 from link.images import as_gray
 from link.layout import Layout
 
@@ -58,7 +58,7 @@ LEAVING_QUADS = 6
 PROMISING_PARTLY = 0.65
 """Mean correlation of the patches in view that is worth aligning where some are out of view."""
 REFINE_WORK, COMBINE_WORK = 20, 15
-"""Units of work (`export.locate.steps`) of an alignment, and of combining patches."""
+"""Units of work (`link.code.steps`) of an alignment, and of combining patches."""
 MAX_ASPECT = 40
 """Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
 the small copy has fewer than 16 rows or columns."""

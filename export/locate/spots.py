@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.quads import distinct, is_sound
-from export.locate.steps import Steps
+from link.code.steps import Steps
 from link.geometry import in_image
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
@@ -57,7 +57,7 @@ perspective moves it that far."""
 BEND, BENT = 0.2, 9
 """Step of the guessed depths of patches, as a logarithm, and number of guesses."""
 SIZE_WORK = 18
-"""Units of work (`export.locate.steps`) of the search for patches of one size."""
+"""Units of work (`link.code.steps`) of the search for patches of one size."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from link.code.fine import (
     read_terms,
 )
 from link.code.message import MAX_SCORE, Message
-from link.code.rateless import Steps
+from link.code.steps import Steps
 from link.code.words import NUMBERS
 
 UNSURE = 1e-4

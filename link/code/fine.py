@@ -24,10 +24,9 @@ from link.code.rateless import (
     MAX_INFORMATION,
     MIN_INFORMATION,
     RatelessCode,
-    Steps,
-    decode_at_once,
     make_rateless,
 )
+from link.code.steps import Steps, run_to_end
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError
 
@@ -321,7 +320,7 @@ def coded_bits(message: bytes, terms: Terms, n_bits: int) -> NDArray[np.uint8]:
 
 def decode_coded(scores: Floats, terms: Terms) -> bytes | None:
     """Read a message whose terms are known, at once; `coded_decoding_steps` says the rest."""
-    return decode_at_once(coded_decoding_steps(scores, terms))
+    return run_to_end(coded_decoding_steps(scores, terms))
 
 
 def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:

@@ -9,15 +9,15 @@ All blocks of a message are equally long and share one graph. The decoder works 
 once: arrays have one column for each block, which makes numpy fast.
 """
 
-from collections.abc import Generator, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from link.code.ldpc import scrambled
+from link.code.steps import Steps, run_to_end
 
 MIN_INFORMATION, MAX_INFORMATION = 256, 16384
 """Smallest number of information bits in a block, and the largest that a message is cut into."""
@@ -48,9 +48,6 @@ Bits = NDArray[np.uint8]
 """Bits 0 and 1."""
 Floats = NDArray[np.float32]
 """Scores or messages."""
-T = TypeVar("T")
-Steps = Generator[int, None, T]
-"""Decoding that is done in steps: it yields the work of each, and returns a result of type T."""
 Group = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Checks of one degree: the (n,) numbers of their coded bits, and their (degree, n) members."""
 
@@ -116,7 +113,7 @@ class RatelessCode:
         self, llr: NDArray[np.floating], iterations: int = ITERATIONS
     ) -> tuple[Bits, NDArray[np.bool_]]:
         """Find the information at once; arguments and results are those of `decoding_steps`."""
-        return decode_at_once(self.decoding_steps(llr, iterations))
+        return run_to_end(self.decoding_steps(llr, iterations))
 
     def decoding_steps(
         self, llr: NDArray[np.floating], iterations: int = ITERATIONS
@@ -146,23 +143,6 @@ class RatelessCode:
             if not done[columns].all():
                 break
         return bits, done
-
-
-def decode_at_once(steps: Steps[T]) -> T:
-    """Take all steps of a decoding, and return what it found.
-
-    >>> def steps() -> Steps[str]:
-    ...     yield 5
-    ...     return "found"
-    >>> decode_at_once(steps())
-    'found'
-    """
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            result: T = end.value
-            return result
 
 
 class _Graph:

@@ -115,7 +115,7 @@ def _windowed_waves() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         freedoms: (F, 1), how many of the two are not zero: 1 where the sine vanishes.
     """
     n, half = np.arange(WINDOW), WINDOW // 2
-    alone = (0, half)  # along an axis: a frequency that is its own negative
+    taper, alone = _taper(), (0, half)  # along an axis: a frequency that is its own negative
     waves, freedoms = [], []
     for down in range(WINDOW):
         for along in range(half + 1):
@@ -125,6 +125,6 @@ def _windowed_waves() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             angle = 2 * np.pi * (down * n[:, None] + along * n) / WINDOW
             scale = np.sqrt(freedom) / WINDOW
             sine = np.sin(angle) if freedom == 2 else np.zeros_like(angle)
-            waves += [scale * np.cos(angle) * _taper(), scale * sine * _taper()]
+            waves += [scale * np.cos(angle) * taper, scale * sine * taper]
             freedoms.append([freedom])
     return np.stack(waves)[:, None], np.array(freedoms, np.float64)

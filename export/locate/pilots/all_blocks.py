@@ -23,6 +23,12 @@ from export.locate.pilots.evidence import (
     pilot_signs,
     standing_out,
 )
+from export.locate.pilots.motion import (
+    POWERS,
+    motion_equations,
+    pixels_from_unit,
+    unit_homography,
+)
 from export.locate.pilots.waves import waves
 from link.geometry import resized_homography
 from link.layout import Layout
@@ -47,14 +53,6 @@ EXPECTED_BLOCKS = 0.1
 where few blocks stand out of the noise, they do not lead the corners away."""
 SETTLED_PX = 0.05
 """Motion, in pixels of the maps, below which a step is the last one."""
-TERMS = np.array(
-    [
-        [[1, 0, 1], [0, 1, 1], [0, 0, 1], *[[0, 0, 0]] * 3, [2, 0, -1], [1, 1, -1]],
-        [*[[0, 0, 0]] * 3, [1, 0, 1], [0, 1, 1], [0, 0, 1], [1, 1, -1], [0, 2, -1]],
-    ]
-)
-"""Motions of a pixel along x and along y, (2, 8, 3), by each of the eight numbers of a homography:
-the powers of x and of y, of a display from -1 to 1, and the factor of their product."""
 
 
 @dataclass(frozen=True)
@@ -128,11 +126,11 @@ class BlockFit:
         self._score = -1.0
         (columns, rows), (left, top) = maps.size, maps.margin
         self._powers_x, self._powers_y = (
-            ((np.arange(count) - before + 0.5) / side * 2 - 1) ** np.arange(5)[:, None]
+            ((np.arange(count) - before + 0.5) / side * 2 - 1) ** np.arange(POWERS)[:, None]
             for count, before, side in ((columns, left, width), (rows, top, height))
         )
-        x, y = width / 2, height / 2
-        self._map_from_unit = np.array([[x, 0, x - 0.5 + left], [0, y, y - 0.5 + top], [0, 0, 1]])
+        self._map_from_unit = pixels_from_unit(width, height)
+        self._map_from_unit[:2, 2] += left, top
 
     def shift(self) -> Array:
         """Say where points of the display, as it should have been rectified, lie in the views.
@@ -167,7 +165,7 @@ class BlockFit:
         self._score, self._best = score, self._H_old_from_new
         expected *= along / power
         move = self._move(expected, seen - expected)
-        H = self._H_old_from_new @ _unit_homography(move)
+        H = self._H_old_from_new @ unit_homography(move)
         self._H_old_from_new = H / H[2, 2]
         settled = bool(np.abs(move).max() * self.maps.inner[0] / 2 < SETTLED_PX)
         if settled:
@@ -212,22 +210,19 @@ class BlockFit:
             for order, side in (((1, 0), width), ((0, 1), height))
         ]
         noise = float((residual**2).mean() * self._block.prod()) + 1e-12  # alike over a block
-        information, asked = np.zeros((8, 8)), np.zeros(8)
-        for i, across in enumerate(slopes):
-            power_x, power_y, factor = TERMS[i].T
-            asked += factor * self._moments((across * residual).sum(axis=0))[power_y, power_x]
-            for j, down in enumerate(slopes):
-                other_x, other_y, other = TERMS[j].T
-                moments = self._moments((across * down).sum(axis=0))
-                table = moments[power_y[:, None] + other_y, power_x[:, None] + other_x]
-                information += factor[:, None] * other * table
+        x, y = slopes
+        squares, products = (
+            [self._moments((one * other).sum(axis=0)) for one, other in pairs]
+            for pairs in (((x, x), (x, y), (y, y)), ((x, residual), (y, residual)))
+        )
+        information, asked = motion_equations(squares, products)
         known = noise / (2 * EXPECTED_BLOCKS / self.maps.layout.cols) ** 2
         asked += known * (self._H_old_from_new - np.eye(3)).flat[:8]
         information += known * np.eye(8)
         return np.asarray(-np.linalg.solve(information, asked))
 
     def _moments(self, weights: Map) -> Array:
-        """Sum an (h, w) map times powers of y and x from 0 to 4, (5, 5)."""
+        """Sum an (h, w) map times powers of y and of x: (`POWERS`, `POWERS`)."""
         return np.asarray(self._powers_y @ weights @ self._powers_x.T)
 
 
@@ -273,8 +268,3 @@ def period_changes(maps: BlockMaps, views: Map, at: Sequence[float], frequency: 
         )
         changes.append((real * turned.real - imaginary * turned.imag) / usual)
     return np.array(changes, np.float32)
-
-
-def _unit_homography(numbers: Array) -> Array:
-    """Homography that moves each point by the eight numbers, of a display from -1 to 1."""
-    return np.asarray(np.eye(3) + np.append(numbers, 0.0).reshape(3, 3))  # (9,) -> (3, 3)

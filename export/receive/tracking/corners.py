@@ -12,6 +12,12 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.corners import map_size, without_slope
 from export.locate.pilots.evidence import pilot_signs
+from export.locate.pilots.motion import (
+    POWERS,
+    motion_equations,
+    pixels_from_unit,
+    unit_homography,
+)
 from link.images import as_gray
 from link.layout import Layout
 
@@ -33,19 +39,6 @@ LEAST_TOGGLING = 1.0
 what does not toggle tells of no corner."""
 FAR_BLOCKS = 1.0
 """Largest move of a corner, in blocks, that one frame pair may bring."""
-MOTIONS = (
-    ((0, 1, 1, 0),),
-    ((0, 1, 0, 1),),
-    ((0, 1, 0, 0),),
-    ((1, 1, 1, 0),),
-    ((1, 1, 0, 1),),
-    ((1, 1, 0, 0),),
-    ((0, -1, 2, 0), (1, -1, 1, 1)),
-    ((0, -1, 1, 1), (1, -1, 0, 2)),
-)
-"""How each of the eight numbers of a homography moves a point (x, y) of a display from -1 to 1, to
-first order: along which axis, 0 for x and 1 for y, with which sign, and with which powers of x and
-of y. The last two move it along both axes."""
 
 
 class CornerShift:
@@ -60,9 +53,9 @@ class CornerShift:
         self._shift: Array | None = None
         self._size = map_size(layout)
         width, height = self._size
-        x_powers = np.vander(np.linspace(-1, 1, width), 5, increasing=True)
+        x_powers = np.vander(np.linspace(-1, 1, width), POWERS, increasing=True)
         self._x_powers = x_powers.astype(np.float32)
-        self._y_powers = np.vander(np.linspace(-1, 1, height), 5, increasing=True)
+        self._y_powers = np.vander(np.linspace(-1, 1, height), POWERS, increasing=True)
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
@@ -102,20 +95,16 @@ class CornerShift:
         sure = 1 / max(variance, 1e-6)
         self._information = KEPT * self._information + sure * seen
         move = np.asarray(np.linalg.solve(self._information, -sure * right), np.float64)
-        shift = self._homography(move)
         corners = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
-        moved = cv2.perspectiveTransform(corners[:, None], _matrix(move))[:, 0] - corners
+        moved = cv2.perspectiveTransform(corners[:, None], unit_homography(move))[:, 0] - corners
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
-            self._shift = shift
+            from_unit = pixels_from_unit(layout.width, layout.height)
+            self._shift = from_unit @ unit_homography(move) @ np.linalg.inv(from_unit)
 
     def _normal_equations(
         self, slopes: list[Map], weight: Map, residual: Map
     ) -> tuple[Array, Array]:
         """Write the weighed least squares of the eight numbers, from what is left of the change.
-
-        Each of the numbers changes a pixel by its slopes times powers of x and y (`MOTIONS`). So
-        all products of two such changes are moments of three maps, and their products with what is
-        left are moments of two.
 
         Args:
             slopes: two maps (h, w): the change of each pixel where a display from -1 to 1 moves by
@@ -132,18 +121,10 @@ class CornerShift:
             np.multiply(weight, slope, out=weighed)
             products.append(self._moments(weighed * residual))
             squares += [self._moments(weighed * other) for other in slopes[axis:]]
-        matrix, right = np.zeros((8, 8)), np.zeros(8)
-        for i, changes in enumerate(MOTIONS):
-            for axis, sign, x, y in changes:
-                right[i] += sign * products[axis][y, x]
-                for j, others in enumerate(MOTIONS):
-                    for other, other_sign, more_x, more_y in others:
-                        both = squares[axis + other][y + more_y, x + more_x]
-                        matrix[i, j] += sign * other_sign * both
-        return matrix, right
+        return motion_equations(squares, products)
 
     def _moments(self, pixels: Map) -> Array:
-        """Sum a map (h, w) times all powers below five of y and of x: (5, 5)."""
+        """Sum a map (h, w) times powers of y and of x: (`POWERS`, `POWERS`)."""
         return np.asarray(self._y_powers.T @ (pixels @ self._x_powers).astype(np.float64))
 
     def shift(self) -> Array | None:
@@ -165,17 +146,6 @@ class CornerShift:
         block = np.array([self._size[0] / layout.cols, self._size[1] / layout.rows])
         smooth = cv2.GaussianBlur(drawn, (0, 0), SPAN * float(block.min()))
         return without_slope(smooth, block)
-
-    def _homography(self, move: Array) -> Array:
-        """Express the eight numbers as a homography of layout pixels."""
-        x, y = self.layout.width / 2, self.layout.height / 2
-        from_unit = np.array([[x, 0, x - 0.5], [0, y, y - 0.5], [0, 0, 1]])
-        return np.asarray(from_unit @ _matrix(move) @ np.linalg.inv(from_unit))
-
-
-def _matrix(move: Array) -> Array:
-    """Homography that moves each point by the eight numbers, of a display from -1 to 1."""
-    return np.asarray(np.eye(3) + np.append(move, 0.0).reshape(3, 3))  # (9,) -> (3, 3)
 
 
 def _weight(mean: Map) -> Map:

@@ -1,7 +1,7 @@
 """Follow the display from frame to frame; find it again when it was lost.
 
 A part of the display may lie outside the image. A search for a lost display takes the time of many
-frames, so it goes in steps (`export.locate.steps`), of which each frame takes some. What it finds
+frames, so it goes in steps (`link.code.steps`), of which each frame takes some. What it finds
 in the frame with which it began is then looked for once more in the frame at hand.
 """
 
@@ -16,8 +16,8 @@ from export.locate.candidates import Located
 from export.locate.find import search_steps
 from export.locate.patches import image_pyramid, patches_in_view, seen_visibility
 from export.locate.refine import corners_on_patches, needed_visibility
-from export.locate.steps import Steps
 from export.receive.tracking.follow import Follower
+from link.code.steps import Steps
 from link.errors import InputError
 from link.geometry import frame_corners
 from link.images import as_gray
@@ -27,7 +27,7 @@ from link.ratex import match_patches
 MIN_VISIBILITY = 0.7
 """Smallest `export.locate.patches.seen_visibility` of a followed display."""
 FIRST_WORK, WORK, SLOW_WORK = 90, 50, 8
-"""Units of work (`export.locate.steps`) after which a frame takes no further step of a search: in
+"""Units of work (`link.code.steps`) after which a frame takes no further step of a search: in
 the frames of the first search for a display, of the next ones, and of those after `PATIENCE`
 searches in vain, while the image stays as it is."""
 PATIENCE = 3
@@ -62,7 +62,7 @@ class DisplayTracker(Protocol):
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
-            time: of the frame, seconds; rising from frame to frame.
+            time: time of the frame, seconds; rising from frame to frame.
 
         Returns:
             the display, or None where it is not in view.
@@ -115,8 +115,8 @@ class Tracker:
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
-            time: of the frame, seconds; of no effect, because each frame tells by itself where the
-                patches lie.
+            time: time of the frame, seconds, which has no effect: each frame tells by itself where
+                the patches lie.
 
         Returns:
             the display, or None where it is not in view.
