@@ -96,6 +96,7 @@ def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
                 config.loops,
                 config.outside,
                 config.coverage,
+                config.size,
                 *camera,
                 config.seed,
             )
@@ -232,7 +233,7 @@ def check_delivery(config: DeliveryConfig) -> None:
         )
     least, most = config.coverage
     for share in config.coverage:
-        scene = SceneSettings(coverage=share)
+        scene = SceneSettings(config.size, share)
         config.video(scene).check()
         replace(scene, outside=config.outside).check()
     config.codec.check()

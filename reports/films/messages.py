@@ -64,6 +64,8 @@ class DeliveryConfig:
     """Least and largest share of the image that the display covers; drawn between them."""
     outside: float = 0.0
     """Largest share of the picture's width by which a corner lies outside the image."""
+    size: tuple[int, int] = SceneSettings.size
+    """Width and height of a camera frame, pixels."""
     hand: float = VideoSettings.hand
     """Motion of the hand relative to the usual."""
     drop: float = VideoSettings.drop
@@ -112,6 +114,7 @@ class DeliveryConfig:
             if part is self.phone or entry.name in ("outside", "hand", "drop", "jitter_s")
             if (value := getattr(part, entry.name)) != entry.default
         ]
+        words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
         return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
 
     def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
@@ -213,7 +216,7 @@ def film_message(take: Take) -> MessageFilm:
     states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
-    scene = SceneSettings(coverage=coverage, pictures=pictures, free=0.03, outside=outside)
+    scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
     frames = film(states, layout, source.pair(take.pair), take.view, settings, rng)
     return MessageFilm(take, picture.name, message, bits, frames)
