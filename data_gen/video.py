@@ -144,8 +144,7 @@ def main() -> None:
     chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
     message = config.message.encode()
-    redundancy = PRESETS[config.preset].redundancy_on(source.layout)
-    bits = encode(message, source.layout.n_bits, redundancy)
+    bits = encode(message, source.layout.n_bits)
     loop = Loop(source.layout, cell.kappa, bits, lambda: iter(chosen))
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])

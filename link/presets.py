@@ -6,7 +6,6 @@ Sender, receiver and reports take them from here, so that a name means the same 
 from dataclasses import dataclass
 from typing import Any
 
-from link.code.framing import is_fine
 from link.layout import Layout, make_layout
 from link.visibility.viewing import Viewing
 
@@ -32,13 +31,6 @@ class Preset:
     """One sentence that says what the preset is good for."""
     distance_m: float = Viewing.distance_m
     """Distance of the eye, in metres, for which the sender says how visible the message is."""
-    redundancy: float = 2.0
-    """Number of coded bits in a loop for each bit of the message, on fine grids; with more of them,
-    one loop bears more wrong bits."""
-
-    def redundancy_on(self, layout: Layout) -> float | None:
-        """Redundancy of a loop of a layout: None on coarse grids, whose code has a fixed rate."""
-        return self.redundancy if is_fine(layout.n_bits) else None
 
     def changed(self, **given: Any) -> Layout:
         """Make the layout of the preset with some of its numbers or names changed.
@@ -83,7 +75,6 @@ PRESETS = {
         line_code="toggle",
         purpose="Below the threshold of sight 1 m from a 24-inch display of 200 cd/m².",
         distance_m=1.0,
-        redundancy=4.0,
     ),
     "fast": Preset(
         make_layout(96, 128, modulation="antipodal", pilots="auto"),
@@ -91,7 +82,6 @@ PRESETS = {
         state_hz=30.0,
         line_code="toggle",
         purpose="Most bits a second for a camera of 60 frames a second; it flickers.",
-        redundancy=3.0,
     ),
     "robust": Preset(
         make_layout(24, 32, modulation="antipodal", pilots="auto"),
@@ -99,7 +89,6 @@ PRESETS = {
         state_hz=15.0,
         line_code="toggle",
         purpose="For far or slanted displays, compressed films and slow cameras; it is seen.",
-        redundancy=4.0,
     ),
 }
 """Presets by name; docs/hidden.md says why they have these numbers."""

@@ -137,7 +137,7 @@ def test_a_fine_loop_gives_its_message(
 
 
 def test_the_fine_format_is_that_of_the_golden_loop() -> None:
-    bits = encode(b"Hidden in plain sight " * 50, 2918)
+    bits = encode(b"Hidden in plain sight " * 50, 2918, 2.0)
     digest = hashlib.sha256(np.packbits(bits).tobytes()).hexdigest()
     assert bits.shape == (8, 2918)
     # made by this code on 2026-11-22; a change breaks displays and receivers in the field

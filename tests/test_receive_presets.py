@@ -45,7 +45,7 @@ def receiver_of(*layouts: Layout, fps: float = 30.0) -> Receiver:
 
 def robust_film(frames: int = 70) -> list[NDArray[np.uint8]]:
     """A film of the preset robust, whose states are shown for two frames each."""
-    loop = encode(TEXT, ROBUST.n_bits, PRESETS["robust"].redundancy)
+    loop = encode(TEXT, ROBUST.n_bits)
     return filmed(ROBUST, frames, seed=3, message=loop)[0]
 
 

@@ -7,9 +7,10 @@ against the next.
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import count
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -28,8 +29,19 @@ from link.errors import ParameterError
 from link.geometry import frame_corners, transform
 from link.layout import Layout
 
-States = Sequence[NDArray[np.uint8]] | Callable[[int], NDArray[np.uint8]]
-"""What a display shows: frames of a loop, or a function of the state's number."""
+
+class StateLoop(Protocol):
+    """States of a loop by their number, such as a list of them."""
+
+    def __len__(self) -> int:
+        """Count the states."""
+
+    def __getitem__(self, number: int, /) -> NDArray[np.uint8]:
+        """Give a state, or make it."""
+
+
+States = StateLoop | Callable[[int], NDArray[np.uint8]]
+"""What a display shows: the states of a loop, or a function of the state's number."""
 MAX_CLOCK_ERROR = 0.01
 """Largest share by which the drawn clocks of camera and display differ."""
 UNENDING_LOOP_S = 60.0
@@ -137,7 +149,8 @@ def film(
 
     Args:
         states: (height, width) or (height, width, 3) uint8 encoded frames, shown in turn and over
-            again; or a function that gives state number k = 0, 1, 2, ...
+            again, which may be made when they are asked for; or a function that gives state number
+            k = 0, 1, 2, ...
         layout: layout of the picture.
         pair: camera and display.
         view_deg: nominal angle of observation, degrees.

@@ -174,7 +174,7 @@ def send_parser() -> argparse.ArgumentParser:
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
-    add("--redundancy", type=float, help="coded bits a message bit, on fine grids (preset's)")
+    add("--redundancy", type=float, help="coded bits a message bit, on fine grids (8)")
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser
@@ -198,13 +198,10 @@ def main() -> None:
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     hiding = Hiding(layout, state_hz, onlooker)
     kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
-    redundancy = args.redundancy
-    if redundancy is None:
-        redundancy = preset.redundancy_on(layout)
     loop = Loop(
         layout,
         kappa,
-        encode(protected_message(message, args.key, args.counter), layout.n_bits, redundancy),
+        encode(protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy),
         open_pictures(args.pictures, state_hz / 2, args.max_megapixels),
         args.pyramid_level,
     )

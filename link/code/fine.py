@@ -37,8 +37,10 @@ MIN_FRAMES, MAX_FRAMES = 8, NUMBERS
 shorter loop."""
 MAX_CODED = 2**25
 """Largest number of coded bits in a loop, which bounds the receiver's memory."""
-MIN_REDUNDANCY, USUAL_REDUNDANCY, MAX_REDUNDANCY = 1.2, 2.0, 16.0
-"""Smallest, usual and largest number of coded bits in a loop for each bit of information."""
+MIN_REDUNDANCY, USUAL_REDUNDANCY, MAX_REDUNDANCY = 1.2, 8.0, 16.0
+"""Smallest, usual and largest number of coded bits in a loop for each bit of information. With the
+usual one a loop comes round only once a receiver has got more than most channels need: from then on
+frames bring nothing new where bits were sure, and little where nothing can be read."""
 PIECES = 6
 """Number of words that tell the terms."""
 HEADER_SHARE = 1 / 12

@@ -74,7 +74,7 @@ def capacity(frames: int, n_bits: int) -> int:
         n_bits: message blocks of a frame.
 
     >>> capacity(frames=10, n_bits=59), capacity(frames=10, n_bits=2918)
-    (25, 1698)
+    (25, 420)
     """
     if is_fine(n_bits):
         return fine_capacity(frames, n_bits)

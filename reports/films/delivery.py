@@ -92,7 +92,7 @@ def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
             (
                 STORED_VERSION,
                 *settings,
-                config.coded,
+                config.redundancy,
                 config.loops,
                 config.outside,
                 config.coverage,

@@ -9,6 +9,7 @@ import os
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 
@@ -49,7 +50,7 @@ class DeliveryConfig:
     grid: int | None = None
     """Number of blocks along each side, 8 or 16, instead of the preset's."""
     redundancy: float | None = None
-    """Number of coded bits for each bit of the message, on fine grids, instead of the preset's."""
+    """Number of coded bits for each bit of the message, on fine grids, instead of the usual one."""
     state_hz: float = 15.0
     """Number of states that the display shows a second; two of them are a frame pair."""
     fps: float = 30.0
@@ -88,12 +89,6 @@ class DeliveryConfig:
         """Layout that the display shows."""
         preset = choose(PRESETS, self.preset, "preset")
         return preset.layout if self.grid is None else make_layout(self.grid, self.grid)
-
-    @property
-    def coded(self) -> float | None:
-        """Redundancy of the loop, or None on coarse grids, whose code has a fixed rate."""
-        usual = PRESETS[self.preset].redundancy_on(self.layout)
-        return usual if self.redundancy is None else self.redundancy
 
     @property
     def name(self) -> str:
@@ -199,6 +194,32 @@ class MessageFilm:
     """Frames of at most as many loops as the setting allows; they can be taken once."""
 
 
+class ShownLoop:
+    """States of a loop, the original and the embedded frame of each frame pair in turn.
+
+    They are made when they are asked for, because those of a long loop would fill the memory.
+
+    Args:
+        picture: (height, width, 3) uint8, encoded RGB, of the layout's size.
+        bits: (frames, n_bits) of 0 or 1.
+        layout: layout of the frames.
+        kappa: gray levels by which blocks change.
+    """
+
+    def __init__(
+        self, picture: NDArray[np.uint8], bits: NDArray[np.integer], layout: Layout, kappa: int
+    ) -> None:
+        self._count = 2 * len(bits)
+        self._pair = lru_cache(2)(lambda number: embed(picture, bits[number], layout, kappa))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number: int) -> NDArray[np.uint8]:
+        pair = self._pair(number // 2)
+        return pair.embedded if number % 2 else pair.original
+
+
 def film_message(take: Take) -> MessageFilm:
     """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
     config = take.config
@@ -211,9 +232,8 @@ def film_message(take: Take) -> MessageFilm:
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
-    bits = encode(message, layout.n_bits, config.coded)
-    pairs_shown = [embed(picture.rgb, frame, layout, config.kappa) for frame in bits]
-    states = [state for shown in pairs_shown for state in (shown.original, shown.embedded)]
+    bits = encode(message, layout.n_bits, config.redundancy)
+    states = ShownLoop(picture.rgb, bits, layout, config.kappa)
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)

@@ -237,7 +237,7 @@ class PageTake:
     def film(self) -> MessageFilm:
         """Draw the film; no frame is filmed yet."""
         config = replace(SETTINGS[self.setting], seed=self.seed)
-        pairs = frames_needed(config.n_bytes, config.layout.n_bits, "n_bytes", config.coded)
+        pairs = frames_needed(config.n_bytes, config.layout.n_bits, "n_bytes", config.redundancy)
         config = replace(config, loops=FILM_S * config.state_hz / (2 * pairs))
         views, pairs_filmed = len(VIEWS), list(PAIRS)
         view = VIEWS[self.number % views]

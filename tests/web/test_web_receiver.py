@@ -114,7 +114,7 @@ def paper_film():
 
 def robust_film():
     """Gray frames of the preset robust, whose states are shown for two frames each."""
-    loop = encode(TEXT, ROBUST.n_bits, PRESETS["robust"].redundancy)
+    loop = encode(TEXT, ROBUST.n_bits)
     images, corners = filmed(ROBUST, 70, seed=3, message=loop)
     return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
 
