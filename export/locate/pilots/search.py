@@ -12,6 +12,7 @@ The work is cut into steps, one or two for each frame, so that no frame takes lo
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, zip_longest
 
 import cv2
 import numpy as np
@@ -47,6 +48,9 @@ Gray = NDArray[np.uint8]
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
 among which what toggles chooses."""
+GLANCE_PX, GLANCES = 2, 4
+"""Number of pixels along a block of the finest layout in the small views at which a first glance at
+a quadrilateral looks, and number of quadrilaterals that are glanced at in one step."""
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
 """Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
 and the largest number of frames that are watched: quick cameras see more of less light."""
@@ -57,7 +61,7 @@ SURE, SURE_SHARE = 16.0, 0.5
 """Smallest evidence, after paying for everything that was tried, at which a display is found: the
 natural logarithm of one false alarm in some ten million searches. Few pilots cannot bring so much;
 for them it is this share of their number."""
-TRIALS = 500
+TRIALS = 1000
 """Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
 pays."""
 CLIMB_TRIALS = 500
@@ -239,7 +243,7 @@ class PilotSearch:
                 self._proposed.append(proposal)
 
     def _surest(
-        self, corners: Array, views: Sequence[NDArray[np.float32]]
+        self, corners: Array, views: Sequence[NDArray[np.generic]]
     ) -> tuple[float, _Proposal]:
         """Choose the layout, upright or upside down, whose pilots toggle most surely.
 
@@ -279,31 +283,64 @@ class PilotSearch:
             yield None
             if outline is not None:
                 outlines.append(self._stabiliser.on_image(outline))
-        for quad in self._ranked(faint, [*outlines, *self._watched[::2]]):
+        usual = [*faint[:CANDIDATES], *outlines, *self._watched[::2]]
+        quads = [*usual, *faint[CANDIDATES:]]
+        glances = []
+        for number, quad in enumerate(quads):
+            glances.append(self._glance(quad))
+            if number % GLANCES == GLANCES - 1:
+                yield None
+        for evidence, proposal in sorted(glances, key=lambda glance: -glance[0]):
+            if evidence > HINT:
+                evidence = _evidence(proposal, self._frames)
+                yield None
+                yield from self._settle(proposal, evidence)
+        for number in self._ranked(quads, [evidence for evidence, _ in glances], len(usual)):
             weighed = []
             for turn in (0, 1):
-                proposals = self._first_fits(np.roll(quad, -turn, axis=0))
+                fit = self._first_fit(np.roll(quads[number], -turn, axis=0))
                 yield None
-                for proposal in proposals:
-                    weighed.append((_evidence(proposal, self._frames), proposal))
+                if fit is not None:
+                    weighed.append((_evidence(fit, self._frames), fit))
                     yield None
             for evidence, proposal in sorted(weighed, key=lambda each: -each[0]):
                 yield from self._settle(proposal, evidence)
 
-    def _ranked(self, faint: list[Array], others: list[Array]) -> list[Array]:
-        """Put those quadrilaterals first that best bound what toggles.
+    def _glance(self, quad: Array) -> tuple[float, _Proposal]:
+        """Weigh a quadrilateral, any side up, by small views of what toggles in it.
+
+        Returns:
+            the evidence, before it pays, and what it speaks for.
+        """
+        side = GLANCE_PX * max(self._finest.cols, self._finest.rows)
+        views = self._map.views(self._stabiliser.on_copy(quad), side)
+        ways = [
+            self._surest(np.roll(quad, -turn, axis=0), list(np.rot90(views, turn, axes=(1, 2))))
+            for turn in (0, 1)
+        ]
+        return max(ways, key=lambda way: way[0])
+
+    def _ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
+        """Choose the quadrilaterals to which the pilots are fitted, and their order.
+
+        Those for which a first glance speaks most come by turns with those that best bound what
+        toggles.
 
         Args:
-            faint: quadrilaterals of faint edges, the clearest first; few of them are a display.
-            others: further quadrilaterals.
+            quads: quadrilaterals.
+            evidence: evidence of each at a first glance.
+            usual: number of quadrilaterals, from the first on, that are tried in any case.
+
+        Returns:
+            numbers of quadrilaterals.
         """
-        usual = [*faint[:CANDIDATES], *others]
-        quads = [*usual, *faint[CANDIDATES:]]
         worth = [self._map.worth(self._stabiliser.on_copy(quad)) for quad in quads]
-        best = sorted(range(len(quads)), key=lambda i: -worth[i])[:CANDIDATES]
-        first = [i for i in best if worth[i] > 0]
-        rest = [i for i in range(len(usual)) if i not in first]
-        return [quads[i] for i in (*first, *rest)]
+        numbers = range(len(quads))
+        clearest = sorted(numbers, key=lambda i: -evidence[i])[:CANDIDATES]
+        bounding = sorted(numbers, key=lambda i: -worth[i])[:CANDIDATES]
+        by_turns = chain(*zip_longest(clearest, [i for i in bounding if worth[i] > 0]))
+        first = [i for i in by_turns if i is not None]
+        return list(dict.fromkeys([*first, *range(usual)]))
 
     def _faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
@@ -315,17 +352,15 @@ class PilotSearch:
         found = display_candidates(even, FAINT_CANDIDATES)
         return [self._stabiliser.on_image(candidate.corners) for candidate in found]
 
-    def _first_fits(self, quad: Array) -> list[_Proposal]:
+    def _first_fit(self, quad: Array) -> _Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
 
         Returns:
-            what toggles surely enough where it is, and what fits best after a shift, if anything.
+            what fits best after a shift, or None where nothing does.
         """
         views = _views(quad, self._largest, self._frames, COARSE_SIZE)
         if views is None:
-            return []
-        evidence, proposal = self._surest(quad, list(views))
-        hints = [proposal] if evidence > HINT else []
+            return None
         best: tuple[int, _Proposal] | None = None
         for frequency in self._frequencies:
             line = _line(views, self._frames, frequency)
@@ -337,7 +372,7 @@ class PilotSearch:
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], _Proposal(corners, layout, frequency)
-        return hints if best is None else [*hints, best[1]]
+        return None if best is None else best[1]
 
     def _settle(self, proposal: _Proposal, evidence: float) -> Iterator[_Sure | None]:
         """Move corners to where the pilots fit the grid; None after each step, and what is sure.

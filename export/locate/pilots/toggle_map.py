@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.waves import span_of, waves
 from export.locate.quads import upright
+from link.geometry import homography_from_corners, rectify
 
 Array = NDArray[np.float64]
 Map = NDArray[np.float32]
@@ -99,6 +100,16 @@ class ToggleMap:
             return None
         best, _ = max(fits, key=lambda fit: fit[1])
         return np.asarray(upright(best[None])[0])
+
+    def views(self, quad: Array, side: int) -> NDArray[np.uint8]:
+        """Show what a quadrilateral bounds in each frame, (frames, side, side).
+
+        Args:
+            quad: (4, 2) pixels of the map.
+            side: width and height of the views, pixels.
+        """
+        H = homography_from_corners(quad, side, side)
+        return np.array([rectify(still, H, side, side) for still in self._stills])
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.
