@@ -2,7 +2,8 @@
 
 Nothing visible marks a display with pilots. Here `export.locate.pilots.search.PilotSearch` looks
 for it in simulated hand-held films of rooms: of displays that show a preset, of displays that stand
-still, and of displays that toggle blocks of another layout. In the last two it must find nothing.
+still, that show a film, and that toggle blocks of another layout. In the last three it must find
+nothing.
 A share of the frames may be dropped at random, as slow receivers and busy phones drop them.
 
 Outcomes are stored as films end, and a restarted command goes on where it stopped.
@@ -42,15 +43,19 @@ COVERAGE = 0.15, 0.6
 """Least and largest share of the image that the display covers; drawn between them."""
 PATTERNS = 40
 """Number of frame pairs that a display shows before they repeat."""
+SCENE, PAN_PX = 20, 6
+"""Number of states that a scene of a film lasts, and pixels by which it moves from one to the next
+at most."""
 SEEN = {
     "display": "a display that shows the preset",
     "still": "a display that stands still",
+    "film": "a display that shows a film",
     "other": "a display that toggles the paper's layout",
 }
 """What the films show, and how the table calls it."""
 DECIDING = ("data_gen.film.stream", "data_gen.frame_pair", "export.locate.pilots.search")
 """Modules that decide, with all that they import, what is found in a film."""
-STORED_VERSION = 1
+STORED_VERSION = 2
 """Raise it when `search_film` changes what it does, so that older outcomes are not read again."""
 
 
@@ -123,20 +128,28 @@ def searched_layouts() -> list[Layout]:
 
 
 def displayed_states(
-    seen: str, picture: NDArray[np.uint8], preset: str, rng: np.random.Generator
+    seen: str, pictures: Sequence[NDArray[np.uint8]], preset: str, rng: np.random.Generator
 ) -> tuple[list[NDArray[np.uint8]], Layout]:
     """Make what a display shows, state after state, and its layout.
 
     Args:
         seen: a key of `SEEN`.
-        picture: (height, width, 3) uint8, encoded RGB, of the layouts' size.
+        pictures: each (height, width, 3) uint8, encoded RGB, of the layouts' size; a film shows
+            several, anything else the first.
         preset: preset whose grid and kappa the display shows, if it shows one.
-        rng: draws the bits.
+        rng: draws the bits, and how the scenes of a film move.
     """
     chosen = PRESETS[preset]
-    layout = make_layout() if seen == "other" else chosen.layout
+    layout, picture = make_layout() if seen == "other" else chosen.layout, pictures[0]
     if seen == "still":
         return [picture], layout
+    if seen == "film":
+        moves = rng.integers(-PAN_PX, PAN_PX + 1, (2 * PATTERNS // SCENE, 2))
+        return [
+            np.roll(pictures[scene % len(pictures)], number * move, axis=(0, 1))
+            for scene, move in enumerate(moves)
+            for number in range(SCENE)
+        ], layout
     kappa = 3 if seen == "other" else chosen.kappa
     bits = rng.integers(0, 2, (PATTERNS, layout.n_bits))
     pairs = [embed(picture, pattern, layout, kappa) for pattern in bits]
@@ -153,8 +166,9 @@ def search_film(take: SearchTake) -> SearchOutcome:
     view, coverage = float(rng.uniform(0, MAX_VIEW_DEG)), float(rng.uniform(*COVERAGE))
     source = Source(PRESETS[preset].layout, "test", take.seed)
     pictures = shuffled_pictures(source)
-    picture = pictures[int(rng.integers(len(pictures)))].rgb
-    states, layout = displayed_states(seen, picture, preset, rng)
+    first = int(rng.integers(len(pictures)))
+    shown = [picture.rgb for picture in (*pictures[first:], *pictures[:first])]
+    states, layout = displayed_states(seen, shown, preset, rng)
     settings = VideoSettings(
         scene=SceneSettings(coverage=coverage, pictures=pictures, free=0.03),
         fps=CAMERA_FPS[preset],
