@@ -29,7 +29,9 @@ from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.intervals import wilson
 
 FAST = DeliveryConfig(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
+"""The setting "fast", a camera of 60 frames a second before the preset `fast`."""
 SLANTED = replace(FAST, preset="hidden")
+"""The setting "slanted", the same on the larger blocks of the preset `hidden`."""
 SETTINGS = {
     "paper": DeliveryConfig(n_bytes=100),
     "robust": DeliveryConfig(preset="robust", n_bytes=2_000),

@@ -151,7 +151,7 @@ test("corners of what lies elsewhere in its rectified image", () => {
 });
 
 test("what toggles is mapped and outlined", () => {
-  const { stills, logs, frequencies, outlines, quads, worths } = readFixture("toggling");
+  const { stills, logs, frequencies, outlines, quads, worths, views } = readFixture("toggling");
   const [frames, height, width] = stills.shape;
   const map = new ToggleMap(width, height);
   const size = width * height;
@@ -171,6 +171,12 @@ test("what toggles is mapped and outlined", () => {
     else close(outline?.flat() ?? [], outlines[i].data, 0.01);
   });
   close(map.worths(quads.map(pointsOf)), worths, 1e-2);
+  const shown = map.views(pointsOf(quads[0]), 48, 48);
+  assert.equal(shown.length, frames);
+  views.forEach((/** @type {any} */ view, /** @type {number} */ i) => {
+    const { mean } = differences(shown[i], view);
+    assert.ok(mean < 3, `small views differ by ${mean} gray levels`); // the texture has 20
+  });
 });
 
 test("frames are held still", () => {

@@ -69,6 +69,8 @@ const OUTLINE_WORK = 20;
 const FIT_WORK = 4;
 const SURE_WORK = 1;
 const WEIGH_WORK = 6;
+/** Units of work of a glance at a quadrilateral. */
+const GLANCE_WORK = 10;
 
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were
@@ -119,6 +121,9 @@ export class PilotSearch {
     this.frameMs = frameMs;
     this.largest = layouts.reduce((most, layout) =>
       layout.width * layout.height > most.width * most.height ? layout : most,
+    );
+    this.finest = layouts.reduce((most, layout) =>
+      layout.rows * layout.cols > most.rows * most.cols ? layout : most,
     );
     /** Number of frames that are watched. */
     this.window = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
@@ -242,12 +247,26 @@ export class PilotSearch {
       if (outline !== null) others.push(this.#stabiliser.onImage(outline));
     }
     others.push(...edges.map(({ corners }) => corners));
-    for (const quad of this.#ranked(map, faint, others)) {
+    const usual = [...faint.slice(0, CANDIDATES), ...others];
+    const quads = [...usual, ...faint.slice(CANDIDATES)];
+    const glances = [];
+    for (const quad of quads) {
+      glances.push(this.#glance(map, quad));
+      yield GLANCE_WORK;
+    }
+    const hints = glances.filter(({ evidence }) => evidence > HINT);
+    for (const { proposal: hint } of hints.sort((one, other) => other.evidence - one.evidence)) {
+      const evidence = yield* evidenceSteps(hint, this.#frames);
+      const found = yield* this.#settle(hint, evidence);
+      if (found !== null) return found;
+    }
+    const evidences = glances.map(({ evidence }) => evidence);
+    for (const number of this.#ranked(map, quads, evidences, usual.length)) {
       const weighed = [];
       for (const turn of [0, 1]) {
-        for (const fit of yield* this.#firstFits(rolled(quad, turn))) {
-          weighed.push({ fit, evidence: yield* evidenceSteps(fit, this.#frames) });
-        }
+        const fit = yield* this.#firstFit(rolled(quads[number], turn));
+        if (fit === null) continue;
+        weighed.push({ fit, evidence: yield* evidenceSteps(fit, this.#frames) });
       }
       weighed.sort((one, other) => other.evidence - one.evidence);
       for (const { fit, evidence } of weighed) {
@@ -259,21 +278,46 @@ export class PilotSearch {
   }
 
   /**
-   * Put those quadrilaterals first that best bound what toggles.
+   * Weigh a quadrilateral, any side up, by small views of what toggles in it.
    *
    * @param {ToggleMap} map
-   * @param {Point[][]} faint - of faint edges, the clearest first; few of them are a display
-   * @param {Point[][]} others - further quadrilaterals
-   * @returns {Point[][]}
+   * @param {Point[]} quad
+   * @returns {{ evidence: number, proposal: Proposal }} the evidence, before it pays, and what it
+   *   speaks for
    */
-  #ranked(map, faint, others) {
-    const usual = [...faint.slice(0, CANDIDATES), ...others];
-    const quads = [...usual, ...faint.slice(CANDIDATES)];
+  #glance(map, quad) {
+    const { rows, cols } = this.finest;
+    const at = positions(this.#frames);
+    const ways = [0, 1].map((turn) => {
+      const watched = new Watched(rolled(quad, turn), this.layouts);
+      const views = map.views(this.#stabiliser.onCopy(watched.corners), cols, rows);
+      views.forEach((view, i) => watched.take(view, at[i]));
+      return watched.surest();
+    });
+    return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+  }
+
+  /**
+   * Choose the quadrilaterals to which the pilots are fitted, and their order.
+   *
+   * Those for which a first glance speaks most come by turns with those that best bound what
+   * toggles.
+   *
+   * @param {ToggleMap} map
+   * @param {Point[][]} quads
+   * @param {number[]} evidences - of each at a first glance
+   * @param {number} usual - number of quadrilaterals, from the first on, that are tried in any case
+   * @returns {number[]} numbers of quadrilaterals
+   */
+  #ranked(map, quads, evidences, usual) {
     const worths = map.worths(quads.map((quad) => this.#stabiliser.onCopy(quad)));
-    const best = [...quads.keys()].sort((i, k) => worths[k] - worths[i]).slice(0, CANDIDATES);
-    const first = best.filter((i) => worths[i] > 0);
-    const rest = [...usual.keys()].filter((i) => !first.includes(i));
-    return [...first, ...rest].map((i) => quads[i]);
+    const most = (/** @type {number[]} */ values) =>
+      [...quads.keys()].sort((i, k) => values[k] - values[i]).slice(0, CANDIDATES);
+    const bounding = most(worths).filter((i) => worths[i] > 0);
+    const byTurns = most(evidences).flatMap((i, turn) =>
+      turn < bounding.length ? [i, bounding[turn]] : [i],
+    );
+    return [...new Set([...byTurns, ...Array(usual).keys()])];
   }
 
   /**
@@ -341,18 +385,12 @@ export class PilotSearch {
    * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
    *
    * @param {Point[]} quad
-   * @returns {Steps<Proposal[]>} what toggles surely enough where it is, and what fits best after a
-   *   shift, if anything
+   * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
    */
-  *#firstFits(quad) {
+  *#firstFit(quad) {
     const views = yield* viewSteps(quad, this.largest, this.#frames, COARSE_SIZE);
-    if (views === null) return [];
-    const watched = new Watched(quad, this.layouts);
-    const at = positions(this.#frames);
-    views.forEach((view, i) => watched.take(view, at[i]));
-    const { evidence, proposal } = watched.surest();
-    const proposals = evidence > HINT ? [proposal] : [];
-    const lines = amplitudes(views, at, this.frequencies);
+    if (views === null) return null;
+    const lines = amplitudes(views, positions(this.#frames), this.frequencies);
     yield WEIGH_WORK;
     let most = 0;
     let best = null;
@@ -370,7 +408,7 @@ export class PilotSearch {
         }
       }
     }
-    return best === null ? proposals : [...proposals, best];
+    return best;
   }
 
   /**

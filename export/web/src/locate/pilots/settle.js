@@ -29,7 +29,7 @@ export const SURE_SHARE = 0.5;
  * Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
  * pays.
  */
-export const TRIALS = 500;
+export const TRIALS = 1000;
 /**
  * Number of quadrilaterals that moving corners by the sum over the pilots may try, for which
  * evidence pays, too.

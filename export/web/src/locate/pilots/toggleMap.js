@@ -9,6 +9,7 @@
 
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
+import { homographyFromCorners } from "../../link/geometry.js";
 import { upright } from "../quads.js";
 import { median, quantile } from "./order.js";
 import { fitCopy, fittedOutline, outlines, withSums } from "./outlines.js";
@@ -46,6 +47,8 @@ export const LEAST_EXCESS = 0.25;
 export const FAINT = 0.12;
 /** Number of frames that are summed up in one pass over the pixels. */
 const AT_ONCE = 4;
+/** Number of places along each axis of a pixel at which small views are sampled. */
+const SAMPLES = 2;
 
 /** Tells how much each pixel toggles at each frequency, over the frames that were added. */
 export class ToggleMap {
@@ -153,6 +156,49 @@ export class ToggleMap {
   }
 
   /**
+   * Show what a quadrilateral bounds in each frame, in small maps.
+   *
+   * Python averages over all pixels; here `SAMPLES` along each axis of a pixel of the maps are
+   * enough, since the frames were shrunk before.
+   *
+   * @param {Point[]} quad - pixels of the map
+   * @param {number} width - of the small maps
+   * @param {number} height - of the small maps
+   * @returns {FloatPlane[]}
+   */
+  views(quad, width, height) {
+    const each = SAMPLES * SAMPLES;
+    const places = new Int32Array(width * height * each);
+    const [a, b, c, d, e, f, g, h, i] = homographyFromCorners(
+      quad,
+      SAMPLES * width,
+      SAMPLES * height,
+    );
+    let at = 0;
+    for (let row = 0; row < height; row++) {
+      for (let col = 0; col < width; col++) {
+        for (let y = row * SAMPLES; y < (row + 1) * SAMPLES; y++) {
+          for (let x = col * SAMPLES; x < (col + 1) * SAMPLES; x++) {
+            const scale = 1 / (g * x + h * y + i);
+            const toX = clamped(Math.round((a * x + b * y + c) * scale), this.width);
+            const toY = clamped(Math.round((d * x + e * y + f) * scale), this.height);
+            places[at++] = toY * this.width + toX;
+          }
+        }
+      }
+    }
+    return this.#stills.map((still) => {
+      const data = new Float32Array(width * height);
+      for (let to = 0, from = 0; to < data.length; to++) {
+        let sum = 0;
+        for (const end = from + each; from < end; from++) sum += still[places[from]];
+        data[to] = sum / each;
+      }
+      return { width, height, data };
+    });
+  }
+
+  /**
    * Tell how well quadrilaterals bound what toggles at one of the outlined frequencies.
    *
    * @param {Point[][]} quads - pixels of the map
@@ -251,4 +297,13 @@ function blurred(plane, sigma) {
     cv.GaussianBlur(keep(matOf(plane)), smooth, new cv.Size(0, 0), sigma);
     return floatPlane(smooth);
   });
+}
+
+/**
+ * @param {number} place - of a pixel, maybe outside
+ * @param {number} size - number of pixels
+ * @returns {number} the nearest pixel
+ */
+function clamped(place, size) {
+  return Math.min(size - 1, Math.max(0, place));
 }
