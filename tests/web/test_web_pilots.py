@@ -237,7 +237,7 @@ def toggling() -> dict[str, object]:
         "outlines": outlines,
         "quads": quads,
         "worths": [toggle_map.worth(quad) for quad in quads],
-        "views": list(toggle_map.views(right, 48)[:2]),
+        "views": list(toggle_map.views(right, 48, 48)[:2]),
     }
 
 

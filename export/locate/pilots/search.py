@@ -48,9 +48,8 @@ Gray = NDArray[np.uint8]
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
 among which what toggles chooses."""
-GLANCE_PX, GLANCES = 2, 4
-"""Number of pixels along a block of the finest layout in the small views at which a first glance at
-a quadrilateral looks, and number of quadrilaterals that are glanced at in one step."""
+GLANCES = 4
+"""Number of quadrilaterals that are glanced at in one step."""
 WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
 """Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
 and the largest number of frames that are watched: quick cameras see more of less light."""
@@ -72,6 +71,8 @@ CERTAIN, CERTAIN_SHARE = 35.0, 0.75
 is enough where it is less; below it, later frames must agree."""
 CONFIRMED = 9.0
 """Evidence, before it pays for anything, that later frames must bring where they must agree."""
+NEARLY = 0.5
+"""Share of the evidence needed from which on later frames are waited for, to be weighed too."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
@@ -295,16 +296,20 @@ class PilotSearch:
                 evidence = _evidence(proposal, self._frames)
                 yield None
                 yield from self._settle(proposal, evidence)
+        doubtful = []
         for number in self._ranked(quads, [evidence for evidence, _ in glances], len(usual)):
-            weighed = []
             for turn in (0, 1):
                 fit = self._first_fit(np.roll(quads[number], -turn, axis=0))
                 yield None
-                if fit is not None:
-                    weighed.append((_evidence(fit, self._frames), fit))
-                    yield None
-            for evidence, proposal in sorted(weighed, key=lambda each: -each[0]):
-                yield from self._settle(proposal, evidence)
+                if fit is None:
+                    continue
+                evidence = self._glance_at(fit)
+                if evidence > HINT:
+                    yield from self._settle(fit, evidence)
+                else:
+                    doubtful.append((evidence, fit))
+        for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
+            yield from self._settle(fit, evidence)
 
     def _glance(self, quad: Array) -> tuple[float, _Proposal]:
         """Weigh a quadrilateral, any side up, by small views of what toggles in it.
@@ -312,13 +317,22 @@ class PilotSearch:
         Returns:
             the evidence, before it pays, and what it speaks for.
         """
-        side = GLANCE_PX * max(self._finest.cols, self._finest.rows)
-        views = self._map.views(self._stabiliser.on_copy(quad), side)
         ways = [
-            self._surest(np.roll(quad, -turn, axis=0), list(np.rot90(views, turn, axes=(1, 2))))
-            for turn in (0, 1)
+            self._surest(corners, list(self._small_views(corners)))
+            for corners in (quad, np.roll(quad, -1, axis=0))
         ]
         return max(ways, key=lambda way: way[0])
+
+    def _glance_at(self, proposal: _Proposal) -> float:
+        """Weigh a proposal by small views: the evidence, before it pays."""
+        layout = proposal.layout
+        blocks = [standing_out(view, layout) for view in self._small_views(proposal.corners)]
+        picked = [view.reshape(-1)[layout.pilot_blocks] for view in blocks]  # (blocks,)
+        return pilot_evidence(picked, layout, [frame.at for frame in self._frames])[0]
+
+    def _small_views(self, corners: Array) -> NDArray[np.uint8]:
+        """Show what corners in the reference bound, in maps of `COARSE_SIZE`, (frames, h, w)."""
+        return self._map.views(self._stabiliser.on_copy(corners), *COARSE_SIZE)
 
     def _ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
         """Choose the quadrilaterals to which the pilots are fitted, and their order.
@@ -358,9 +372,7 @@ class PilotSearch:
         Returns:
             what fits best after a shift, or None where nothing does.
         """
-        views = _views(quad, self._largest, self._frames, COARSE_SIZE)
-        if views is None:
-            return None
+        views = self._small_views(quad).astype(np.float32)
         best: tuple[int, _Proposal] | None = None
         for frequency in self._frequencies:
             line = _line(views, self._frames, frequency)
@@ -406,16 +418,20 @@ class PilotSearch:
         now = _evidence(fitted, frames) - float(np.log(tried))
         yield None
         evidence = max(evidence, now)
-        if evidence < needed:
+        if evidence < NEARLY * needed:
             return
-        if now >= needed:
+        if now >= NEARLY * needed:
             best = fitted
         if evidence < certain:  # corners were fitted to these frames; later ones must agree
             while len(later := [*self._frames[used:], *self._later]) < self._confirming:
                 yield None
             if _evidence(best, later) < CONFIRMED:
                 return
-        yield best, evidence
+            if evidence < needed:
+                evidence = _evidence(best, [*frames, *later]) - float(np.log(tried))
+                yield None
+        if evidence >= needed:
+            yield best, evidence
 
     def _by_parts(
         self, proposal: _Proposal, frames: Sequence[_Frame]

@@ -101,15 +101,16 @@ class ToggleMap:
         best, _ = max(fits, key=lambda fit: fit[1])
         return np.asarray(upright(best[None])[0])
 
-    def views(self, quad: Array, side: int) -> NDArray[np.uint8]:
-        """Show what a quadrilateral bounds in each frame, (frames, side, side).
+    def views(self, quad: Array, width: int, height: int) -> NDArray[np.uint8]:
+        """Show what a quadrilateral bounds in each frame, (frames, height, width).
 
         Args:
             quad: (4, 2) pixels of the map.
-            side: width and height of the views, pixels.
+            width: width of the views, pixels.
+            height: height of the views, pixels.
         """
-        H = homography_from_corners(quad, side, side)
-        return np.array([rectify(still, H, side, side) for still in self._stills])
+        H = homography_from_corners(quad, width, height)
+        return np.array([rectify(still, H, width, height) for still in self._stills])
 
     def worth(self, quad: Array) -> float:
         """Tell how well a quadrilateral bounds what toggles at one of the outlined frequencies.

@@ -103,14 +103,27 @@ export function* viewSteps(corners, layout, frames, [width, height]) {
  * @returns {import("../steps.js").Steps<number>} 0 where its corners are not sound
  */
 export function* evidenceSteps(proposal, frames) {
+  const values = yield* valueSteps(proposal, frames);
+  if (values === null) return 0;
+  return pilotEvidence(values, proposal.layout, positions(frames)).evidence;
+}
+
+/**
+ * Find by how much the pilots of a proposal stand out in each frame, step by step.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly FilmFrame[]} frames
+ * @returns {import("../steps.js").Steps<Float32Array[] | null>} null where its corners are not sound
+ */
+export function* valueSteps(proposal, frames) {
   const values = [];
   for (const frame of frames) {
     const now = valuesOf(proposal, frame);
-    if (now === null) return 0;
+    if (now === null) return null;
     values.push(now);
     yield VIEW_WORK;
   }
-  return pilotEvidence(values, proposal.layout, positions(frames)).evidence;
+  return values;
 }
 
 /**

@@ -18,7 +18,7 @@ import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
 import { FilmFrame, amplitudes } from "./film.js";
-import { VIEW_WORK, Watched, evidenceSteps, positions, viewSteps } from "./proposals.js";
+import { VIEW_WORK, Watched, evidenceSteps, positions } from "./proposals.js";
 import { HINT, NEXT_FRAME, settleSteps } from "./settle.js";
 import { Stabiliser } from "./stabilise.js";
 import { ToggleMap } from "./toggleMap.js";
@@ -261,18 +261,24 @@ export class PilotSearch {
       if (found !== null) return found;
     }
     const evidences = glances.map(({ evidence }) => evidence);
+    const doubtful = [];
     for (const number of this.#ranked(map, quads, evidences, usual.length)) {
-      const weighed = [];
       for (const turn of [0, 1]) {
-        const fit = yield* this.#firstFit(rolled(quads[number], turn));
+        const fit = yield* this.#firstFit(map, rolled(quads[number], turn));
         if (fit === null) continue;
-        weighed.push({ fit, evidence: yield* evidenceSteps(fit, this.#frames) });
-      }
-      weighed.sort((one, other) => other.evidence - one.evidence);
-      for (const { fit, evidence } of weighed) {
+        const { evidence } = this.#surestIn(map, fit.corners, [fit.layout]);
+        yield GLANCE_WORK;
+        if (!(evidence > HINT)) {
+          doubtful.push({ fit, evidence });
+          continue;
+        }
         const found = yield* this.#settle(fit, evidence);
         if (found !== null) return found;
       }
+    }
+    for (const { fit, evidence } of doubtful.sort((one, other) => other.evidence - one.evidence)) {
+      const found = yield* this.#settle(fit, evidence);
+      if (found !== null) return found;
     }
     return null;
   }
@@ -286,15 +292,24 @@ export class PilotSearch {
    *   speaks for
    */
   #glance(map, quad) {
-    const { rows, cols } = this.finest;
-    const at = positions(this.#frames);
-    const ways = [0, 1].map((turn) => {
-      const watched = new Watched(rolled(quad, turn), this.layouts);
-      const views = map.views(this.#stabiliser.onCopy(watched.corners), cols, rows);
-      views.forEach((view, i) => watched.take(view, at[i]));
-      return watched.surest();
-    });
+    const ways = [0, 1].map((turn) => this.#surestIn(map, rolled(quad, turn), this.layouts));
     return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+  }
+
+  /**
+   * Choose the layout, upright or upside down, whose pilots toggle most surely in small views.
+   *
+   * @param {ToggleMap} map
+   * @param {Point[]} corners - in the reference frame
+   * @param {readonly Layout[]} layouts - those that may be shown
+   */
+  #surestIn(map, corners, layouts) {
+    const { rows, cols } = this.finest;
+    const watched = new Watched(corners, layouts);
+    const views = map.views(this.#stabiliser.onCopy(corners), cols, rows);
+    const at = positions(this.#frames);
+    views.forEach((view, i) => watched.take(view, at[i]));
+    return watched.surest();
   }
 
   /**
@@ -384,12 +399,13 @@ export class PilotSearch {
   /**
    * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
    *
+   * @param {ToggleMap} map
    * @param {Point[]} quad
    * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
    */
-  *#firstFit(quad) {
-    const views = yield* viewSteps(quad, this.largest, this.#frames, COARSE_SIZE);
-    if (views === null) return null;
+  *#firstFit(map, quad) {
+    const views = map.views(this.#stabiliser.onCopy(quad), ...COARSE_SIZE);
+    yield GLANCE_WORK;
     const lines = amplitudes(views, positions(this.#frames), this.frequencies);
     yield WEIGH_WORK;
     let most = 0;

@@ -12,7 +12,7 @@ import {
 } from "./corners.js";
 import { pilotEvidence } from "./evidence.js";
 import { amplitudes } from "./film.js";
-import { VIEW_WORK, evidenceSteps, positions, valuesOf, viewSteps } from "./proposals.js";
+import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } from "./proposals.js";
 
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
@@ -41,6 +41,8 @@ export const CERTAIN = 35.0;
 export const CERTAIN_SHARE = 0.75;
 /** Evidence, before it pays for anything, that later frames must bring where they must agree. */
 export const CONFIRMED = 9.0;
+/** Share of the evidence needed from which on later frames are waited for, to be weighed too. */
+export const NEARLY = 0.5;
 /** Evidence of a quadrilateral at which its corners are refined once all frames were seen. */
 export const HINT = 6.0;
 /** Evidence of a quadrilateral at which the sum over its pilots can lead its corners on. */
@@ -113,8 +115,8 @@ export function* settleSteps(proposal, first, watched, confirming, newest) {
   const fitted = { ...best, corners: yield* byBlocks(best, [...watched]) };
   const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
   evidence = Math.max(evidence, now);
-  if (evidence < needed) return null;
-  if (now >= needed) best = fitted;
+  if (evidence < NEARLY * needed) return null;
+  if (now >= NEARLY * needed) best = fitted;
   if (evidence < certain) {
     // corners were fitted to these frames; later ones must agree
     const later = [];
@@ -128,8 +130,15 @@ export function* settleSteps(proposal, first, watched, confirming, newest) {
       at.push(frame.at);
     }
     if (pilotEvidence(later, layout, at).evidence < CONFIRMED) return null;
+    if (evidence < needed) {
+      const before = yield* valueSteps(best, frames);
+      if (before === null) return null;
+      const values = [...before, ...later];
+      evidence = pilotEvidence(values, layout, [...positions(frames), ...at]).evidence;
+      evidence -= Math.log(tried);
+    }
   }
-  return { proposal: best, evidence };
+  return evidence < needed ? null : { proposal: best, evidence };
 }
 
 /**
