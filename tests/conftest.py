@@ -20,6 +20,9 @@ if TYPE_CHECKING:  # imported where they are used: the process that starts the w
     from link.frames import Captured, Rectified
     from link.layout import Layout
 
+ROOT = Path(__file__).parents[1]
+"""Folder of the repository."""
+
 settings.register_profile("suite", deadline=None, derandomize=True)  # the same on every machine
 settings.load_profile("suite")
 

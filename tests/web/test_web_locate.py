@@ -5,9 +5,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from drawn_scenes import (
+    CORNERS,
+    HEIGHT,
+    LAYOUT,
+    PLAIN,
+    WIDTH,
+    content,
+    room,
+    scene,
+    with_corner_out,
+)
 from numpy.typing import NDArray
-from test_locate import CORNERS, HEIGHT, LAYOUT, PLAIN, WIDTH, content, room, scene
-from test_partly import with_corner_out
 from web_fixtures import run_node_tests, write_fixture
 
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph

@@ -16,6 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import ROOT
 from web_films import gray, limited, y4m_bytes
 from web_fixtures import built_site
 
@@ -37,7 +38,6 @@ from reports.films.browser import (
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
 PATIENCE_S = 100.0
 """Time, in seconds, that a loaded machine may take for what takes two."""
 

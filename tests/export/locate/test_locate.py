@@ -7,69 +7,22 @@ import cv2
 import numpy as np
 import pytest
 from conftest import Command
+from drawn_scenes import CORNERS, HEIGHT, LAYOUT, PLAIN, WIDTH, content, room, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from data_gen.pictures.library import load_pictures
 from export.locate.__main__ import main
 from export.locate.candidates import display_candidates
 from export.locate.find import locate
 from export.locate.refine import refine_corners
 from export.overlay import outline_display
-from link.embed import embed
-from link.geometry import homography_from_corners, transform
 from link.images import read_image, write_image
-from link.layout import Layout, make_layout
+from link.layout import Layout
 from models import PRETRAINED
 
-LAYOUT = make_layout()
-PLAIN = make_layout(ratex=0)
-WIDTH, HEIGHT = 640, 480
-CORNERS = np.array([[150.2, 95.7], [520.4, 120.3], [490.8, 380.1], [130.6, 350.9]])
 CORNER_PX = 1.5
 """Of refined corners in these small drawn scenes (measured: 0.6 at most)."""
-
-
-def content(layout: Layout, picture: int = 0) -> NDArray[np.uint8]:
-    rgb = load_pictures("test", layout.width, layout.height)[picture].rgb
-    return embed(rgb, np.arange(layout.n_bits) % 2, layout, 3).embedded
-
-
-def room() -> NDArray[np.float32]:
-    """A wall, a table, a sheet of paper and a poster."""
-    rng = np.random.default_rng(8)
-    image = np.full((HEIGHT, WIDTH, 3), (120, 110, 95), np.float32)
-    image *= np.linspace(0.8, 1.1, WIDTH, dtype=np.float32)[:, None]
-    cv2.rectangle(image, (0, 400), (WIDTH, HEIGHT), (90, 60, 40), -1)
-    cv2.fillConvexPoly(image, np.array([[20, 420], [110, 415], [130, 460], [25, 470]]), (210,) * 3)
-    cv2.rectangle(image, (570, 40), (630, 130), (150, 60, 50), -1)
-    return image + rng.normal(0, 2, image.shape).astype(np.float32)
-
-
-def scene(
-    shown: NDArray[np.uint8], corners: NDArray[np.float64] = CORNERS, bezel: float = 0.025
-) -> NDArray[np.uint8]:
-    """The room with a display in a black bezel; (480, 640, 3) uint8."""
-    height, width = shown.shape[:2]
-    H = homography_from_corners(corners, width, height)
-    margin = bezel * width
-    frame = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
-    frame += margin * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    image = room()
-    cv2.fillConvexPoly(
-        image, (transform(H, frame) * 16).astype(np.int32), (12,) * 3, cv2.LINE_AA, 4
-    )
-    # four samples a pixel and axis, averaged
-    fine = np.array([[4, 0, 1.5], [0, 4, 1.5], [0, 0, 1]]) @ H
-    size = (4 * WIDTH, 4 * HEIGHT)
-    light = cv2.warpPerspective(shown.astype(np.float32), fine, size, flags=cv2.INTER_LINEAR)
-    mask = cv2.warpPerspective(np.ones((height, width), np.float32), fine, size)
-    light, mask = (
-        cv2.resize(map_, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA) for map_ in (light, mask)
-    )
-    image = image * (1 - mask[..., None]) + light
-    return np.asarray(np.clip(cv2.GaussianBlur(image, (0, 0), 0.6), 0, 255), np.uint8)
 
 
 @pytest.fixture(scope="module")

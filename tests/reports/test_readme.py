@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 from reports.readme import DOCS, METRICS, STEPS
 from reports.readme_blocks import BLOCKS
@@ -12,7 +13,6 @@ from reports.render.tables import cell_tables
 from reports.score.accuracy import read_scores
 from reports.studies.prediction import PAGE, prediction_blocks
 
-ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 
 

@@ -3,11 +3,11 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from conftest import ROOT
 from numpy.typing import NDArray
 from pilot_films import FINE, BlockMeans, texture
 
@@ -23,7 +23,6 @@ from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
 from link.code.steps import run_to_end
 
 N_BITS = 730
-ROOT = Path(__file__).parents[1]
 
 
 def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float64]:

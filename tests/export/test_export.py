@@ -12,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import slow
+from conftest import ROOT, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -487,7 +487,7 @@ def test_a_loop_that_cannot_be_stopped_ends_the_process_with_one_line(
     )
     done = subprocess.run(
         [sys.executable, "-c", script, str(path)],
-        cwd=Path(__file__).parents[1],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         timeout=30,

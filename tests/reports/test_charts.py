@@ -1,13 +1,12 @@
 """Charts have one style, which is theirs alone."""
 
 import ast
-from pathlib import Path
 
 import matplotlib
+from conftest import ROOT
 
 from reports.render.charts import STYLE, dot_chart, in_style, new_panels
 
-ROOT = Path(__file__).parents[1]
 MAKERS = {"Figure", "new_panels", "dot_chart"}
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import OpenWindow, slow
+from conftest import ROOT, OpenWindow, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
@@ -20,7 +20,7 @@ from link.code.collect import make_collector
 from link.layout import Layout, make_layout
 from link.loop import Loop
 
-PRETRAINED = Path(__file__).parents[1] / "models" / "neural" / "pretrained" / "decoder.onnx"
+PRETRAINED = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"
 PATIENCE_S = 60.0
 

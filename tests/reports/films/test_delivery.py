@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command, slow
+from conftest import ROOT, Command, slow
 from tolerances import FLOAT64
 
 from data_gen.film.codec import CodecSettings
@@ -25,7 +25,6 @@ from reports.readme import DOCS
 from reports.score.reliability import confidence_bins
 from reports.studies import framing
 
-ROOT = Path(__file__).parents[1]
 STORED = sorted((ROOT / DOCS / "delivery").glob("*.json"))
 
 

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import cv2
 import pytest
+from conftest import ROOT
 
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, each_once, run_cli
 from link.layout import make_layout, read_layout
-
-ROOT = Path(__file__).parents[1]
 
 
 def printed(error: BaseException, capsys: pytest.CaptureFixture[str]) -> str:

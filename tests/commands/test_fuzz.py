@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from conftest import slow
+from conftest import ROOT, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from link.images import read_image, write_image
 from link.layout import MAX_BLOCKS, MAX_PIXELS, Layout, make_layout
 from link.outside import parse_json
 
-ROOT = Path(__file__).parents[1]
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()
 TEXT = b"right"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from link.errors import InputError
 from link.presets import PRESETS
@@ -37,7 +38,6 @@ from reports.visibility.frontier_results import (
 )
 from reports.visibility.frontier_tables import bits_table, close_table, frontier_blocks, rate_table
 
-ROOT = Path(__file__).parents[1]
 PAGE = (
     "<!-- hidden_bits -->\n<!-- /hidden_bits -->\n<!-- hidden_rates -->\n<!-- /hidden_rates -->\n"
 )

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, slow
+from conftest import ROOT, Command, slow
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
@@ -25,7 +25,6 @@ from link.images import write_image
 from link.layout import make_layout
 from link.video import VideoReader, read_video, write_video
 
-ROOT = Path(__file__).parents[1]
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()
 TEXT = b"hidden"

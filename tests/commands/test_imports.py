@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from tolerances import ONNX_SCORE
 
 from export.runtime import Decoder
 from link.frames import Rectified
 from models import DECODERS, PRETRAINED, make_decoder
 
-ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
     "link": {"link"},
     "data_gen": {"data_gen", "link"},

@@ -11,7 +11,7 @@ from typing import Any
 
 import html5lib
 import pytest
-from conftest import Command, MakeOnce, OpenWindow
+from conftest import ROOT, Command, MakeOnce, OpenWindow
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -45,7 +45,6 @@ from reports.score.paired import same_captures
 from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS
 from reports.visibility.frontier_results import read_frontier, write_frontier
 
-ROOT = Path(__file__).parents[1]
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 MACHINE_FREE = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
 """Attributes by which a document loads something."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished, MakeOnce, slow
+from conftest import ROOT, Command, Finished, MakeOnce, slow
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
@@ -24,8 +24,6 @@ from link.captures import MANIFEST, load_capture, read_manifest
 from link.frames import Captured
 from link.images import write_image
 from models import DECODERS, PRETRAINED
-
-ROOT = Path(__file__).parents[1]
 
 
 def shell(*arguments: object) -> Finished:

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import ROOT
 from PIL import Image, ImageOps
 from tolerances import IDENTITY_LEVELS
 
@@ -461,7 +462,7 @@ def test_a_small_file_of_too_many_pixels_is_refused_without_decoding_them(tmp_pa
     file.write_bytes(black_png(8000))
     done = subprocess.run(
         [sys.executable, "-c", READ_IN_LITTLE_MEMORY, str(file)],
-        cwd=Path(__file__).parents[1],
+        cwd=ROOT,
         capture_output=True,
         text=True,
         check=True,

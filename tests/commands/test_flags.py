@@ -12,11 +12,10 @@ from typing import Any
 
 import pytest
 import tyro
-from conftest import Command, slow
+from conftest import ROOT, Command, slow
 
 from link.errors import InputError, read_flags
 
-ROOT = Path(__file__).parents[1]
 NASTY = ("nan", "inf", "-inf", "1e400", "9" * 23, "9" * 31, "1" + 400 * "0", "9" * 5000)
 """Values that no flag takes."""
 

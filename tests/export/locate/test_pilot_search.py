@@ -51,6 +51,16 @@ def test_finds_a_dark_picture_by_faint_edges() -> None:
     assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
+def test_all_blocks_place_the_corners_of_a_display_that_toggles_weakly(seed: int) -> None:
+    images, corners = filmed(FINE, 50, seed=seed, kappa=0.24)  # the noise is 1
+    found = search(images, [FINE])
+    assert found is not None
+    number, display = found
+    assert np.abs(display.corners - corners[number]).max() < 2 * CLOSE_PX
+
+
 def test_tells_which_way_up() -> None:
     images, corners = filmed(FINE, 30, seed=1)
     found = search([np.ascontiguousarray(image[::-1, ::-1]) for image in images], [FINE])
@@ -126,6 +136,18 @@ def test_evenly_spaced_frames_are_so_however_their_times_were_rounded() -> None:
     numbers = np.arange(2, 13)
     lines = waves(np.arange(24.0), numbers / 24, np.arange(2) / 24) @ series
     np.testing.assert_allclose(lines, np.fft.rfft(series, axis=0)[2:], atol=1e-9)
+
+
+def test_small_views_show_what_a_quadrilateral_bounds() -> None:
+    still = np.random.default_rng(0).integers(0, 256, (90, 160), np.uint8)
+    toggle_map = ToggleMap()
+    toggle_map.add(still, 0.0)
+    toggle_map.add(255 - still, 1.0)
+    corners = np.array([[39.5, 29.5], [99.5, 29.5], [99.5, 59.5], [39.5, 59.5]])
+    bounded = still[30:60, 40:100]
+    np.testing.assert_array_equal(toggle_map.views(corners, 60, 30), [bounded, 255 - bounded])
+    turned = toggle_map.views(np.roll(corners, -1, axis=0), 30, 60)
+    np.testing.assert_array_equal(turned[0], np.rot90(bounded))
 
 
 def test_waves_do_not_see_what_is_slow() -> None:

@@ -6,9 +6,9 @@ from time import process_time
 import numpy as np
 import pytest
 from conftest import slow
+from drawn_scenes import HEIGHT, LAYOUT, WIDTH, content, room, scene, with_corner_out
 from numpy.typing import NDArray
 from streams import Stream, states_of
-from test_locate import HEIGHT, LAYOUT, WIDTH, content, room, scene
 
 import export.receive.tracking.patches as track
 from data_gen.pictures.library import load_pictures
@@ -37,21 +37,6 @@ IN_VIEW_PX = 6.0
 SEARCH_WORK = 450
 """Units of work that a whole search in vain takes at most; a frame at 1280 x 720 takes 0.3 ms a
 unit on two idle cores."""
-
-
-def with_corner_out(
-    corner: int, outside: float = 0.12, turn_deg: float = 12.0
-) -> NDArray[np.float64]:
-    """Corners of a turned display, one of which lies outside by a share of the width."""
-    width, height = 330.0, 250.0
-    box = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * [width, height]
-    sign = -1 if corner % 2 == 0 else 1  # so that this corner is the outermost of its side
-    a = np.radians(sign * turn_deg)
-    quad = box @ np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
-    quad += [WIDTH / 2, HEIGHT / 2]
-    right, shift = corner in (1, 2), outside * width
-    edge = WIDTH - 0.5 + shift - quad[:, 0].max() if right else -0.5 - shift - quad[:, 0].min()
-    return np.asarray(quad + np.array([edge, 0.0]))
 
 
 def error_in_view(found: NDArray[np.float64], corners: NDArray[np.float64]) -> float:

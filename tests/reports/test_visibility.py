@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from conftest import Command, OpenWindow
+from conftest import ROOT, Command, OpenWindow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -40,7 +40,7 @@ from reports.visibility.second_model import draw_clip, rate_clips
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-PAGE = Path(__file__).parents[1] / "docs" / "visibility.md"
+PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [
     (0, 2, 0.8, 0.6, 3.75, 112.091),
     (0, 2, 48.0, 28.0, 60, 2.23818),

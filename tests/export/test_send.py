@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, Finished, slow
+from conftest import ROOT, Command, Finished, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -39,7 +39,6 @@ from link.visibility.flicker import contrast_over_threshold, random_message
 from link.visibility.quality import psnr
 from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
-ROOT = Path(__file__).parents[1]
 LAYOUT = make_layout(5, 6, 120, 80, 2)
 GRID = ("--rows", 5, "--cols", 6, "--width", 120, "--height", 80, "--ratex", 2)
 FLAGS = ("--preset", "paper", *GRID)
