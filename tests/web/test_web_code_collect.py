@@ -116,8 +116,8 @@ def test_wrong_scores_are_no_message(tmp_path: Path) -> None:
     bodies[:, 8:] = rng.normal(0, 6, bodies[:, 8:].shape)
     noise = rng.normal(0, 6, (6, 59)).astype(np.float32)
     fine = rng.normal(0, 6, (20, 730)).astype(np.float32)
-    mixed = encode(bytes(300), 730)
-    mixed[:, 300:] = encode(bytes(299) + b"\1", 730)[:, 300:]
+    mixed = encode(bytes(300), 730, 2.0)
+    mixed[:, 300:] = encode(bytes(299) + b"\1", 730, 2.0)[:, 300:]
     sequences = [heard(rows) for rows in (bodies, noise, fine, shown(mixed, rng, 16))]
     compare(tmp_path, sequences, [0, 0, 0, 0])
 
