@@ -406,7 +406,7 @@ def draw_picture(kind: str, number: int, width: int, height: int) -> NDArray[np.
 
     Args:
         kind: "slide", "map" or "poster".
-        number: at least 0; seeds all that is random and takes the themes in turn.
+        number: number, at least 0, which seeds all that is random and takes the themes in turn.
         width: width of the picture, pixels.
         height: height of the picture, pixels.
 

@@ -47,7 +47,7 @@ def align_corners(
     Args:
         pyramid: `export.locate.patches.image_pyramid` of the image's gray levels.
         corners: (4, 2) pixels of the image, within half a tile.
-        layout: with patches.
+        layout: layout with patches.
         spread: expected error of the corners, as a share of the display's side.
         used: (patches,) which patches are looked at, where they are in view; None for all.
 

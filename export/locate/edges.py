@@ -149,7 +149,7 @@ def snap_to_edges(
         image: (H, W) float32 gray levels.
         quads: (N, 4, 2), clockwise.
         reach: pixels that a side may move at either end.
-        spacing: of the offsets tried.
+        spacing: distance from one tried offset to the next.
         samples: places along a side.
 
     Returns:

@@ -72,7 +72,7 @@ def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | 
 
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded RGB.
-        layout: of what is displayed; its ratex patches tell the orientation.
+        layout: layout of what is displayed; its ratex patches tell the orientation.
 
     Returns:
         corners and score; None where nothing looks like a display, or shows the patches.
@@ -96,7 +96,7 @@ def search_steps(
 
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded RGB; it must stay as it is until the end.
-        layout: of what is displayed; its ratex patches tell the orientation.
+        layout: layout of what is displayed; its ratex patches tell the orientation.
         partly: whether a display that is partly in view, or whose patches are partly covered, is
             sought, too.
 
@@ -178,7 +178,7 @@ def _best_partial(
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded RGB.
         pyramid: `export.locate.patches.image_pyramid` of its gray levels.
-        layout: with patches.
+        layout: layout with patches.
         bent: (N, M, 4, 2) pixels, M guesses of the perspective of each of N quadrilaterals.
     """
     best: Located | None = None

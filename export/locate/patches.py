@@ -88,7 +88,7 @@ def patches_in_view(
 
     Args:
         corners: (4, 2) pixels of the image.
-        layout: with patches.
+        layout: layout with patches.
         image_shape: (H, W, ...) of the image.
 
     Returns:
@@ -130,7 +130,7 @@ def search_patches(
     Args:
         pyramid: `image_pyramid` of the image's gray levels.
         corners: (4, 2) coarse, in the corner order to be tried.
-        layout: with patches.
+        layout: layout with patches.
         reach: distance on each axis that is searched, as a share of the display's side.
 
     Returns:
@@ -189,7 +189,7 @@ def corners_from_patches(
     Args:
         corners: (4, 2) pixels of the image.
         found: (patches, 3) places and correlations, as `search_patches` returns them.
-        layout: with patches.
+        layout: layout with patches.
 
     Returns:
         (4, 2) pixels of the image.

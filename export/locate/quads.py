@@ -52,8 +52,8 @@ def is_sound(
 
     Args:
         quads: (N, 4, 2) pixels.
-        width: of the image, pixels.
-        height: of the image, pixels.
+        width: width of the image, pixels.
+        height: height of the image, pixels.
         outside: distance by which corners may lie outside the image, as a share of its longer side.
 
     Returns:
@@ -101,7 +101,7 @@ def merge_segments(
 
     Args:
         ends: (N, 4) segments x1, y1, x2, y2.
-        diagonal: of the image, pixels.
+        diagonal: diagonal of the image, pixels.
 
     Returns:
         lines (M, 4): a point and the unit direction, of the best-covered lines; and (M, T) float32

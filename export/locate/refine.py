@@ -55,7 +55,7 @@ def refine_corners(
     Args:
         image: (H, W) or (H, W, 3) uint8, encoded RGB.
         corners: (4, 2) px, in the corner order of the result.
-        layout: of what is displayed.
+        layout: layout of what is displayed.
 
     Returns:
         (4, 2); ``corners`` where the image shows neither edges nor patches there.
@@ -81,7 +81,7 @@ def corners_on_patches(
         image: (H, W) or (H, W, 3) uint8, encoded RGB.
         pyramid: `export.locate.patches.image_pyramid` of its gray levels.
         corners: (4, 2) px within about 9 % of the side, in the corner order to be tried.
-        layout: with patches.
+        layout: layout with patches.
 
     Returns:
         (4, 2), and `export.locate.patches.seen_visibility` there; -1 where the corners make no

@@ -79,7 +79,7 @@ def spot_steps(gray: NDArray[np.uint8], layout: Layout) -> Steps[list[Matches]]:
 
     Args:
         gray: (h, w) uint8.
-        layout: with patches.
+        layout: layout with patches.
 
     Returns:
         the matches of each patch, one size after the other.
@@ -107,7 +107,7 @@ def whole_quads(
 
     Args:
         found: matches of each patch, from `spot_steps`.
-        layout: with patches in the four corners; else nothing is found.
+        layout: layout with patches in the four corners; else nothing is found.
         size: height and width of the image, pixels.
         limit: largest number returned.
 
@@ -169,7 +169,7 @@ def partial_quads(
 
     Args:
         found: matches of each patch, from `spot_steps`.
-        layout: with patches in the four corners; else nothing is found.
+        layout: layout with patches in the four corners; else nothing is found.
         size: height and width of the image, pixels.
         limit: largest number returned.
 

@@ -196,12 +196,12 @@ def write_pictures(
     """Write an annotated picture of each pair that a camera frame brought.
 
     Args:
-        folder: of the pictures; None for no pictures.
-        number: of the next picture.
+        folder: folder of the pictures; None for no pictures.
+        number: number of the next picture.
         step: what the camera frame brought.
         image: the camera frame.
         view: the display where it was last seen, or None.
-        layout: of the display.
+        layout: layout of the display.
 
     Returns:
         the number of the next picture.

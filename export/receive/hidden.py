@@ -34,7 +34,7 @@ def hidden_blocks(
         embedded: uint8 of the shape of ``original``, of the other state.
         purity: (n, n) largest shares of an exposure in the two states, in [0, 1], over the display;
             0 where no frame holds anything.
-        layout: with patches or pilots, or without either.
+        layout: layout with patches or pilots, or without either.
 
     Returns:
         (rows, cols): blocks with a part that no frame holds, and patches that something covers.
@@ -58,7 +58,7 @@ def fill_hidden(images: Sequence[Image], hidden: NDArray[np.bool_], layout: Layo
     Args:
         images: (height, width) or (height, width, 3) uint8, encoded, rectified.
         hidden: (rows, cols) blocks that are not seen.
-        layout: with patches or pilots, or without either.
+        layout: layout with patches or pilots, or without either.
 
     Returns:
         copies in which the hidden blocks are filled; the images themselves where nothing is hidden,
@@ -95,7 +95,7 @@ def _copy_nearest(
         images: (height, width) or (height, width, 3) uint8, rectified.
         kind: (rows, cols) blocks that may stand for each other.
         hidden: (rows, cols) blocks that are not seen.
-        layout: of the images.
+        layout: layout of the images.
     """
     seen, filled = kind & ~hidden, kind & hidden
     if not seen.any() or not filled.any():

@@ -28,7 +28,7 @@ class Occlusion:
     """Compares each original frame with the median of the last ones.
 
     Args:
-        layout: of the display.
+        layout: layout of the display.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -130,7 +130,7 @@ class DisplayReader:
     """Reads the message of a display that shows one layout.
 
     Args:
-        decoder: of the layout.
+        decoder: decoder of the layout.
         fps: nominal number of frames of the camera in a second.
         timing: takes the time spent in each stage.
         sight: takes what the frames show.
@@ -171,8 +171,8 @@ class DisplayReader:
 
         Args:
             tracked: the display.
-            time: of the frame, seconds; rising from frame to frame.
-            shape: of the camera frame.
+            time: time of the frame, seconds; rising from frame to frame.
+            shape: shape of the camera frame.
 
         Returns:
             frame pairs that could be decoded with it, in order, and the message where it became

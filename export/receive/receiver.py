@@ -152,7 +152,7 @@ class Receiver:
 
         Args:
             image: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB.
-            time: of the frame, seconds; rising from frame to frame.
+            time: time of the frame, seconds; rising from frame to frame.
 
         Raises:
             InputError: not an image.
@@ -201,7 +201,7 @@ class Receiver:
 
         Args:
             first: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB, of either state.
-            second: of the other state; the same shape and type.
+            second: frame of the other state, of the same shape and type.
             corners_first: (4, 2) pixels of the display in the first image, in corner order.
             corners_second: (4, 2) pixels of the display in the second image, in corner order.
 
@@ -237,7 +237,7 @@ def make_trackers(layouts: Sequence[Layout], fps: float) -> list[DisplayTracker]
     """Make what finds and follows the displays of some layouts.
 
     Args:
-        layouts: those that are looked for.
+        layouts: layouts that are looked for.
         fps: nominal number of frames of the camera in a second.
 
     Raises:

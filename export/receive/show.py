@@ -23,7 +23,7 @@ def draw_decoded_pair(
         image: (H, W) or (H, W, 3) uint8, the camera frame after which the pair was decoded.
         tracked: the display in it.
         pair: what was decoded.
-        layout: of the display.
+        layout: layout of the display.
 
     Returns:
         (2 height, 2 width, 3) uint8 RGB of the layout's size.

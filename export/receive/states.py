@@ -40,7 +40,7 @@ def points_in_view(
 
     Args:
         corners: (4, 2) pixels of the camera frame, in corner order.
-        shape: of the camera frame, height and width first.
+        shape: shape of the camera frame, height and width first.
 
     Returns:
         (MESH, MESH), or None where the whole display lies within the frame.
@@ -73,9 +73,9 @@ def compose_state(
     the purest. A frame holds nothing of a point outside it.
 
     Args:
-        frames: in any order.
+        frames: frames in any order.
         clock: says when the display shows which state.
-        number: of the state.
+        number: number of the state.
 
     Returns:
         the state, or None where no frame holds any of it.
@@ -127,7 +127,7 @@ def _rows_reached(chosen: NDArray[np.bool_], height: int) -> slice:
 
     Args:
         chosen: (MESH, MESH), true somewhere.
-        height: of the image, pixels.
+        height: height of the image, pixels.
     """
     points = np.flatnonzero(chosen.any(axis=1))
     first, last = (points[0] - 0.5) * height / MESH, (points[-1] + 1.5) * height / MESH
@@ -153,7 +153,7 @@ def block_purity(purity: NDArray[np.float64], layout: Layout) -> NDArray[np.floa
 
     Args:
         purity: (MESH, MESH) in [0, 1].
-        layout: of the display.
+        layout: layout of the display.
 
     Returns:
         (n_bits,) in [0, 1].

@@ -32,7 +32,7 @@ def page_preset(name: str, preset: Preset, model: str) -> dict[str, Any]:
     """Describe a preset for the page.
 
     Args:
-        name: of the preset.
+        name: name of the preset.
         preset: what the display shows.
         model: file name of the graph that reads its layout.
     """

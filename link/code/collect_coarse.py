@@ -202,7 +202,7 @@ class CoarseCollector:
         Args:
             scores: (n_bits,) log-likelihood ratios, positive for 1; 0 for an erasure.
             count: number of the frame on the display, from any start; rising within a run.
-            work: of decoding, which coarse grids do at once, whatever it is.
+            work: work that decoding may take; without effect, for coarse grids are decoded at once.
 
         Returns:
             the message where it is whole now and not the one that was returned last, else None.
@@ -233,7 +233,7 @@ class CoarseCollector:
         """Return None: coarse grids decode when a frame is added, and leave nothing to go on with.
 
         Args:
-            work: of no effect.
+            work: work that decoding may take, which has no effect.
         """
         return None
 

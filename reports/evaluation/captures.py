@@ -21,7 +21,7 @@ def evaluate_folder(
 
     Args:
         captures: folder with a manifest.
-        methods: those that do not suit a frame pair are left out of it, and a line says so.
+        methods: methods; one that does not suit a frame pair is left out of it, and a line says so.
         folder: folder of the run; its settings are written already.
         seed: seed of the paired comparisons' resamples.
         html: whether to write what report.html shows beside the predictions.

@@ -36,7 +36,8 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
 
     Args:
         filmed: a frame pair with ratex patches.
-        methods: those that find no response are left out, and so is OORC's twin beside OORC.
+        methods: methods, of which those that find no response are left out, and so is OORC's twin
+            beside OORC.
     """
     layout, cell = filmed.layout, filmed.cell
     shot = filmed.shots[0]

@@ -112,7 +112,7 @@ class BlockFit:
         maps: geometry of the maps.
         views: (T, h, w) gray levels of T frames, rectified to the maps.
         at: (T,) positions of the frames (`export.locate.pilots.waves.position`).
-        frequency: at which the display toggles, in periods for each nominal frame.
+        frequency: frequency at which the display toggles, in periods for each nominal frame.
     """
 
     def __init__(self, maps: BlockMaps, views: Map, at: Sequence[float], frequency: float) -> None:
@@ -237,7 +237,7 @@ def period_changes(maps: BlockMaps, views: Map, at: Sequence[float], frequency: 
         maps: geometry of the maps.
         views: (T, h, w) gray levels of T frames, rectified to the maps.
         at: (T,) positions of the frames (`export.locate.pilots.waves.position`).
-        frequency: at which the display toggles, in periods for each nominal frame.
+        frequency: frequency at which the display toggles, in periods for each nominal frame.
 
     Returns:
         (K, h, w) changes in K periods that frames were taken in, positive where a pixel became

@@ -41,7 +41,7 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
     Args:
         change: (h, w) amplitude at one frequency of the rectified display, each pixel divided by
             its usual deviation; of any phase.
-        layout: of the display, with pilots.
+        layout: layout of the display, with pilots.
 
     Returns:
         (3, 3) H_old_from_new in layout pixels: where a point of the display, as it should have been

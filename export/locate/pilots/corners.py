@@ -62,7 +62,7 @@ def moved_corners(corners: Array, H_old_from_new: Array, layout: Layout) -> Arra
     Args:
         corners: (4, 2) pixels of the image, by which the display was rectified.
         H_old_from_new: (3, 3), in layout pixels.
-        layout: of the display.
+        layout: layout of the display.
     """
     H_captured_from_old = homography_from_corners(corners, layout.width, layout.height)
     return transform(
@@ -83,7 +83,7 @@ def coarse_shift(
         change: (h, w), such as `COARSE_SIZE`: amplitude at one frequency of the rectified display,
             each pixel divided by its usual deviation; of any phase.
         blocks: (rows, cols) expected change of each block, 0 where it is not known.
-        layout: of the display.
+        layout: layout of the display.
         far: whether to look farther than `REACH_BLOCKS`.
 
     Returns:
@@ -116,7 +116,7 @@ def _shift_of_parts(
     Args:
         around: real and imaginary amplitude, with a border of ``reach`` on all sides.
         expected: (h, w) expected changes.
-        layout: of the display.
+        layout: layout of the display.
         parts: their number from top to bottom, and from left to right.
         reach: largest shift along x and y, pixels of the maps.
 

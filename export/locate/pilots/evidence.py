@@ -70,7 +70,7 @@ def pilot_values(view: NDArray[np.uint8], layout: Layout) -> NDArray[np.float32]
 
     Args:
         view: (H, W) or (H, W, 3) uint8, encoded, the rectified display.
-        layout: with pilots.
+        layout: layout with pilots.
 
     Returns:
         (pilots,) gray levels.
@@ -84,7 +84,7 @@ def signed_phases(layout: Layout) -> NDArray[np.complex128]:
     """Factors that bring all pilots into one phase if their phases have a slope of `PHASE_SLOPES`.
 
     Args:
-        layout: with pilots.
+        layout: layout with pilots.
 
     Returns:
         (slopes, pilots) complex: the pilots' signs, turned back by the phase at their places.
@@ -117,7 +117,7 @@ def pilot_evidence(
     Returns:
         evidence: natural logarithm of the probability that chance does as well, with the sign
             turned, so that more is surer; 0 at least.
-        frequency: at which it was found, in periods for each nominal frame.
+        frequency: frequency at which it was found, in periods for each nominal frame.
 
     >>> from link.layout import make_layout
     >>> layout = make_layout(16, 16, modulation="antipodal", pilots=40)
@@ -158,12 +158,12 @@ def common_phase(amplitudes: NDArray[np.complexfloating], layout: Layout) -> tup
 
     Args:
         amplitudes: (pilots,) of the pilots at one frequency.
-        layout: with pilots.
+        layout: layout with pilots.
 
     Returns:
         slope: (2,) differences of phase from left to right and from top to bottom, radians; one of
             `PHASE_SLOPES`.
-        phase: at the centre of the display, radians; that of a pilot of bit 1.
+        phase: phase of a pilot of bit 1 at the centre of the display, radians.
     """
     along = signed_phases(layout) @ amplitudes
     best = int(np.abs(along).argmax())

@@ -134,7 +134,7 @@ class PilotSearch:
     """Looks for a display that shows one of several layouts with pilots.
 
     Args:
-        layouts: those that are looked for, at least one, each with pilots.
+        layouts: layouts that are looked for, at least one, each with pilots.
         fps: nominal number of frames of the camera in a second; some may be missing.
 
     Raises:
@@ -170,7 +170,7 @@ class PilotSearch:
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
-            time: of the frame, seconds; rising from frame to frame.
+            time: time of the frame, seconds; rising from frame to frame.
 
         Returns:
             the display once it is sure, else None.
@@ -395,7 +395,7 @@ class PilotSearch:
 
         Args:
             proposal: where a display may be.
-            evidence: of it in all frames so far, before it pays for anything.
+            evidence: evidence of the proposal in all frames so far, before it pays for anything.
         """
         layout, frames = proposal.layout, list(self._frames)
         needed = min(SURE, SURE_SHARE * layout.pilots)
@@ -536,9 +536,9 @@ def _rectified(
     """Rectify a frame, or return None where the corners make no sound quadrilateral near it.
 
     Args:
-        frame: of the film.
+        frame: frame of the film.
         corners: (4, 2) pixels of the reference frame.
-        layout: to whose size it is rectified.
+        layout: layout to whose size it is rectified.
         maps: maps, with what lies around the display, to whose pixels it is rectified instead; they
             are as fine as the layout.
     """

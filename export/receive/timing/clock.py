@@ -66,7 +66,7 @@ class DisplayClock:
         """Work out the share that a state has of the exposure at places of the display.
 
         Args:
-            time: of the frame.
+            time: time of the frame, seconds.
             places: (n, 2) x and y on the display, in [0, 1].
             state: number of the state.
 

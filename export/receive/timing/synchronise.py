@@ -127,7 +127,7 @@ class Synchroniser:
         """Take the toggles of one frame, and fit the clock where it is time.
 
         Args:
-            time: of the frame, seconds; later than before.
+            time: time of the frame, seconds; later than before.
             toggles: (P,) displayed gray levels; NaN where a place is hidden.
         """
         if np.isfinite(toggles).any():

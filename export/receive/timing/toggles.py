@@ -32,7 +32,7 @@ def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.float6
 
     Args:
         frame: (H, W) or (H, W, 3) uint8, encoded, rectified.
-        layout: with at least one patch.
+        layout: layout with at least one patch.
 
     Returns:
         (patches,) in displayed gray levels, as the patch's own contrast tells; NaN where something
@@ -59,7 +59,7 @@ class PatchToggles:
     """Toggles of the ratex patches.
 
     Args:
-        layout: with at least one patch.
+        layout: layout with at least one patch.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -79,7 +79,7 @@ class PilotToggles:
     takes it off.
 
     Args:
-        layout: with pilots.
+        layout: layout with pilots.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -45,7 +45,7 @@ class CornerShift:
     """Compares decoded frame pairs with what was seen.
 
     Args:
-        layout: of the display; without pilots it is never moved.
+        layout: layout of the display, which is never moved where it has no pilots.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -38,7 +38,7 @@ class Follower:
     has changed (a video): points on ratex patches then hold the geometry.
 
     Args:
-        layout: of the display.
+        layout: layout of the display.
     """
 
     def __init__(self, layout: Layout) -> None:

@@ -83,7 +83,7 @@ class Tracker:
     """Finds a display by its ratex patches, and follows it as long as these are seen.
 
     Args:
-        layout: with at least one ratex patch.
+        layout: layout with at least one ratex patch.
 
     Raises:
         InputError: the layout has none; without them nothing tells which way up the display is.

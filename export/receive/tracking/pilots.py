@@ -32,7 +32,7 @@ class PilotTracker:
     """Finds a display that shows one of several layouts with pilots, and follows it.
 
     Args:
-        layouts: those that are looked for, at least one, each with pilots.
+        layouts: layouts that are looked for, at least one, each with pilots.
         fps: nominal number of frames of the camera in a second.
 
     Raises:
@@ -68,7 +68,7 @@ class PilotTracker:
 
         Args:
             image: (H, W) or (H, W, 3) uint8, encoded RGB.
-            time: of the frame, seconds; rising from frame to frame.
+            time: time of the frame, seconds; rising from frame to frame.
 
         Returns:
             the display, or None where it is not in view.
