@@ -6,12 +6,13 @@ python -m export.send PICTURE --message TEXT --out player.html
 import argparse
 import json
 import math
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
 from export.send.hiding import Hiding, Onlooker
-from export.send.pictures import open_pictures
+from export.send.pictures import open_pictures, stands_still
 from export.send.write import output_kind, write_loop
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.fine import MAX_MESSAGE
@@ -28,6 +29,11 @@ GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "col
 """Flags that describe a layout; those that are absent have the preset's values."""
 USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
+MOVING = (
+    "note: receivers find displays with pilots while the picture stands still; for pictures that "
+    "move, use --preset paper, whose patches they follow"
+)
+"""What is said of a folder or a video on a layout with pilots (docs/receiver.md)."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
 
@@ -212,6 +218,8 @@ def main() -> None:
     }
     report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
     print(json.dumps({"out": str(args.out), **report}))
+    if layout.pilots and not stands_still(args.pictures):
+        print(MOVING, file=sys.stderr)
 
 
 if __name__ == "__main__":

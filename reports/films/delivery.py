@@ -97,6 +97,7 @@ def deciding_parts(config: DeliveryConfig, model: Path) -> list[str]:
                 config.outside,
                 config.coverage,
                 config.size,
+                config.pan_px,
                 *camera,
                 config.seed,
             )

@@ -29,6 +29,7 @@ from export.runtime import Decoder
 from link.code.framing import encode
 from link.embed import embed
 from link.errors import choose
+from link.frames import Displayed
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
 from reports.score.reliability import Bin, confidence_bins, merge_bins
@@ -57,6 +58,9 @@ class DeliveryConfig:
     """Number of frames that the camera takes a second."""
     n_bytes: int = 100
     """Length of the message, bytes."""
+    pan_px: float = 0.0
+    """Number of pixels by which the picture that carries the message moves to the right from one
+    frame pair to the next, as in a video; 0 for a picture that stands still."""
     runs: int = 6
     """Number of runs for each pair and view."""
     loops: float = 3.0
@@ -106,7 +110,7 @@ class DeliveryConfig:
             f"{entry.name}{value:g}"
             for part in (self, self.phone)
             for entry in fields(part)
-            if part is self.phone or entry.name in ("outside", "hand", "drop", "jitter_s")
+            if part is self.phone or entry.name in ("pan_px", "outside", "hand", "drop", "jitter_s")
             if (value := getattr(part, entry.name)) != entry.default
         ]
         words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
@@ -204,13 +208,25 @@ class ShownLoop:
         bits: (frames, n_bits) of 0 or 1.
         layout: layout of the frames.
         kappa: gray levels by which blocks change.
+        pan_px: pixels by which the picture moves to the right from one frame pair to the next; what
+            leaves it on the right comes in on the left.
     """
 
     def __init__(
-        self, picture: NDArray[np.uint8], bits: NDArray[np.integer], layout: Layout, kappa: int
+        self,
+        picture: NDArray[np.uint8],
+        bits: NDArray[np.integer],
+        layout: Layout,
+        kappa: int,
+        pan_px: float = 0.0,
     ) -> None:
         self._count = 2 * len(bits)
-        self._pair = lru_cache(2)(lambda number: embed(picture, bits[number], layout, kappa))
+
+        def pair(number: int) -> Displayed:
+            moved = np.roll(picture, round(number * pan_px), axis=1) if pan_px else picture
+            return embed(moved, bits[number], layout, kappa)
+
+        self._pair = lru_cache(2)(pair)
 
     def __len__(self) -> int:
         return self._count
@@ -233,7 +249,7 @@ def film_message(take: Take) -> MessageFilm:
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits, config.redundancy)
-    states = ShownLoop(picture.rgb, bits, layout, config.kappa)
+    states = ShownLoop(picture.rgb, bits, layout, config.kappa, config.pan_px)
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)

@@ -309,6 +309,17 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, command: Command) -
     assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
 
 
+@pytest.mark.parametrize("pictures", ["many", slow("clip.avi")])
+def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
+    pictures: str, inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    small = "--rows 24 --cols 32 --width 256 --height 192".split()
+    words = (inputs / pictures, "--message", MESSAGE, "--preset", "robust", *small, "--out")
+    done = command(send_cli.main, *words, tmp_path / "a.html")
+    assert (done.status, done.stderr) == (0, f"{send_cli.MOVING}\n")
+    report(command(send_cli.main, *words, tmp_path / "b.html", "--ratex", 2))
+
+
 shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
 known = st.one_of(
     st.builds(lambda count: {"ratex": count}, st.sampled_from([0, 1, 2, 3, 5])),
