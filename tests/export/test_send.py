@@ -313,7 +313,7 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, command: Command) -
 def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     pictures: str, inputs: Path, tmp_path: Path, command: Command
 ) -> None:
-    small = "--rows 24 --cols 32 --width 256 --height 192".split()
+    small = ("--rows", 24, "--cols", 32, "--width", 256, "--height", 192)
     words = (inputs / pictures, "--message", MESSAGE, "--preset", "robust", *small, "--out")
     done = command(send_cli.main, *words, tmp_path / "a.html")
     assert (done.status, done.stderr) == (0, f"{send_cli.MOVING}\n")
