@@ -232,7 +232,7 @@ def toggling() -> dict[str, object]:
     quads = [right, right + 30, right[::-1] - 9, right[[0, 2, 1, 3]]]
     return {
         "stills": np.array(stills),
-        "logs": [toggle_map._logs[number] for number in (6, 12)],
+        "logs": [toggle_map._logs[number] for number in (4, 12)],
         "frequencies": frequencies,
         "outlines": outlines,
         "quads": quads,

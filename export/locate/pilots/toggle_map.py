@@ -1,10 +1,13 @@
 """Where in the image something toggles: a map that separates a display from the room around it.
 
-Frames are held still by the camera's motion first. A display that shows a message has far more
-power at its toggling rate than at the frequencies beside it, and a room has not. The amplitudes of
-the pixels are summed up when an outline is asked for: only then is it known which time the frames
-cover, and only where no edges gave the display away.
+Frames are held still by the camera's motion first. A block that goes up and down, or down and up,
+as each bit says, has power in a wide band around its toggling rate, and none at twice that rate.
+Noise has as much in the one place as in the other. The amplitudes of the pixels are summed up when
+an outline is asked for: only then is it known which time the frames cover, and only where no edges
+gave the display away.
 """
+
+import math
 
 import cv2
 import numpy as np
@@ -20,9 +23,11 @@ Map = NDArray[np.float32]
 SLOWEST = 3
 """Number of periods in a window below which no display is looked for: motion and exposure drift
 slowly, displays do not."""
-BESIDE = (2, 3, 4)
-"""Numbers of periods by which the frequencies differ whose power tells what is usual: a wave that
-does not fit the window leaks into the next ones."""
+BAND, QUIET = (0.55, 1.3), (1.85, 2.15)
+"""Ends of the band in which toggling has power, and of that in which it has none, as multiples of
+the toggling rate."""
+BAND_WAVES, QUIET_WAVES = 4, 2
+"""Largest number of frequencies at which power is measured in either band."""
 FINE_PX, COARSE_PX = 1.0, 4.0
 """Standard deviations, in pixels of the maps, of the band of sizes that is looked at."""
 SMOOTH_PX = 7.0
@@ -42,8 +47,10 @@ FIT_STEPS = (24.0, 12.0, 6.0, 3.0)
 """Distances, in pixels of the map, by which corners are tried to be moved."""
 MOVES = np.array([[x, y] for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y], float)
 """Directions in which corners are tried to be moved."""
-FAINT = 0.12
-"""Averaged logarithm above the usual one at which a place speaks for lying within the outline."""
+FAINT, EDGE_SHARE = 0.12, 0.25
+"""Averaged logarithm above the usual one at which a place speaks for lying within the outline, and
+the share of what is usual where it toggles clearly, if that is more: averaging spreads it over the
+display's edges."""
 LEAST_SHARE = 0.01
 """Smallest share of the image that a toggling display covers."""
 
@@ -80,18 +87,22 @@ class ToggleMap:
             there, or the frames do not cover enough time.
         """
         span, fastest = span_of(self._at)
-        at = round(frequency * span)
-        if not SLOWEST <= at <= fastest:
+        band = _spread(frequency * span, BAND, fastest, BAND_WAVES)
+        quiet = _spread(frequency * span, QUIET, fastest, QUIET_WAVES)
+        if not band or not quiet:
             return None
-        beside = {at + sign * step for step in BESIDE for sign in (-1, 1)}
-        beside = {number for number in beside if SLOWEST - 1 <= number <= fastest}
-        self._measure(span, sorted({at, *beside} - set(self._logs)))
-        usual = np.mean([self._logs[number] for number in beside], axis=0)
-        over = np.clip(self._logs[at] - usual, 0, CEILING)
+        self._measure(span, sorted({*band, *quiet} - set(self._logs)))
+        power, usual = (
+            np.mean([self._logs[number] for number in numbers], axis=0) for numbers in (band, quiet)
+        )
+        over = np.asarray(np.clip(power - usual, -CEILING, CEILING), np.float32)
         excess = cv2.GaussianBlur(over, (0, 0), EVEN_PX)
         usual_excess = float(np.median(excess))
         clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98)))
-        gain = np.clip(excess - usual_excess - FAINT, -FAINT, 2 * FAINT)
+        toggling = excess[excess > clear]
+        level = float(np.median(toggling)) if toggling.size else 0.0
+        edge = max(FAINT, EDGE_SHARE * (level - usual_excess))
+        gain = np.clip((excess - usual_excess) / edge - 1, -1, 2)
         size = [max(1, round(side / FIT_PX)) for side in gain.shape[::-1]]
         gain = np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_AREA), np.float32)
         self._gains.append(gain)
@@ -136,6 +147,24 @@ class ToggleMap:
             power = cv2.GaussianBlur(real**2 + imaginary**2, (0, 0), SMOOTH_PX)
             power += 0.05 * float(np.median(power)) + 1e-6
             self._logs[number] = np.asarray(np.log(power), np.float32)
+
+
+def _spread(rate: float, ends: tuple[float, float], fastest: int, most: int) -> list[int]:
+    """Choose numbers of periods that are spread evenly over a band.
+
+    Args:
+        rate: number of periods of the toggling.
+        ends: ends of the band, as multiples of ``rate``.
+        fastest: largest number that the frames can tell.
+        most: number of them that is enough.
+
+    Returns:
+        at most ``most`` numbers, rising; none where the band holds no number from `SLOWEST` on.
+    """
+    low, high = max(SLOWEST, math.ceil(ends[0] * rate)), min(fastest, math.floor(ends[1] * rate))
+    if high < low:
+        return []
+    return sorted({round(number) for number in np.linspace(low, high, most)})
 
 
 def _band(image: NDArray[np.floating]) -> Map:

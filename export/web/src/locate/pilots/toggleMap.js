@@ -1,10 +1,11 @@
 /**
  * Where in the image something toggles: a map that separates a display from the room around it.
  *
- * Frames are held still by the camera's motion first. A display that shows a message has far more
- * power at its toggling rate than at the frequencies beside it, and a room has not. The amplitudes
- * of the pixels are summed up when an outline is asked for: only then is it known which time the
- * frames cover, and only where no edges gave the display away.
+ * Frames are held still by the camera's motion first. A block that goes up and down, or down and
+ * up, as each bit says, has power in a wide band around its toggling rate, and none at twice that
+ * rate. Noise has as much in the one place as in the other. The amplitudes of the pixels are summed
+ * up when an outline is asked for: only then is it known which time the frames cover, and only
+ * where no edges gave the display away.
  */
 
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
@@ -24,11 +25,14 @@ import { spanOf, waves } from "./waves.js";
  * slowly, displays do not.
  */
 export const SLOWEST = 3;
-/**
- * Numbers of periods by which the frequencies differ whose power tells what is usual: a wave that
- * does not fit the window leaks into the next ones.
- */
-export const BESIDE = [2, 3, 4];
+/** Ends of the band in which toggling has power, as multiples of the toggling rate. */
+export const BAND = [0.55, 1.3];
+/** Ends of the band in which toggling has no power, as multiples of the toggling rate. */
+export const QUIET = [1.85, 2.15];
+/** Largest number of frequencies at which power is measured in `BAND`. */
+export const BAND_WAVES = 4;
+/** Largest number of frequencies at which power is measured in `QUIET`. */
+export const QUIET_WAVES = 2;
 /** Standard deviations, in pixels of the maps, of the band of sizes that is looked at. */
 export const FINE_PX = 1.0;
 export const COARSE_PX = 4.0;
@@ -45,6 +49,11 @@ export const EVEN_PX = 9.0;
 export const LEAST_EXCESS = 0.25;
 /** Averaged logarithm above the usual one at which a place speaks for lying within the outline. */
 export const FAINT = 0.12;
+/**
+ * Share of the averaged logarithm that is usual where a place toggles clearly which takes the place
+ * of `FAINT` if it is more: averaging spreads it over the display's edges.
+ */
+export const EDGE_SHARE = 0.25;
 /** Number of frames that are summed up in one pass over the pixels. */
 const AT_ONCE = 4;
 /** Number of places along each axis of a pixel at which small views are sampled. */
@@ -105,7 +114,7 @@ export class ToggleMap {
    * @returns {Generator<void, void>}
    */
   *prepare(frequency) {
-    for (const number of this.#needed(frequency)) {
+    for (const number of this.#needed(frequency).flat()) {
       if (this.#logs.has(number)) continue;
       this.logPower(number);
       yield;
@@ -120,25 +129,33 @@ export class ToggleMap {
    *   nothing toggles there, or the frames do not cover enough time
    */
   outline(frequency) {
-    const [at, ...beside] = this.#needed(frequency);
-    if (at === undefined) return null;
+    const [toggling, quiet] = this.#needed(frequency);
+    if (toggling.length === 0 || quiet.length === 0) return null;
     const { width, height } = this;
     const over = new Float32Array(width * height);
-    for (const number of beside) {
-      const { data } = this.logPower(number);
-      for (let i = 0; i < over.length; i++) over[i] += data[i];
+    for (const [numbers, sign] of /** @type {[number[], number][]} */ ([
+      [toggling, 1],
+      [quiet, -1],
+    ])) {
+      for (const number of numbers) {
+        const { data } = this.logPower(number);
+        const share = sign / numbers.length;
+        for (let i = 0; i < over.length; i++) over[i] += share * data[i];
+      }
     }
-    const { data: here } = this.logPower(at);
     for (let i = 0; i < over.length; i++) {
-      over[i] = Math.min(CEILING, Math.max(0, here[i] - over[i] / beside.length));
+      over[i] = Math.min(CEILING, Math.max(-CEILING, over[i]));
     }
     const excess = blurred({ width, height, data: over }, EVEN_PX).data;
     const usual = median(excess);
     const clear = Math.max(LEAST_EXCESS, 0.5 * quantile(excess, 0.98));
+    const places = excess.filter((value) => value > clear);
+    const level = places.length ? median(places) : 0;
+    const edge = Math.max(FAINT, EDGE_SHARE * (level - usual));
     const gain = new Float32Array(excess.length);
     const mask = new Uint8Array(excess.length);
     for (let i = 0; i < excess.length; i++) {
-      gain[i] = Math.min(2 * FAINT, Math.max(-FAINT, excess[i] - usual - FAINT));
+      gain[i] = Math.min(2, Math.max(-1, (excess[i] - usual) / edge - 1));
       mask[i] = excess[i] > clear ? 1 : 0;
     }
     let most = -Infinity;
@@ -234,17 +251,16 @@ export class ToggleMap {
   }
 
   /**
-   * List the numbers of periods whose power an outline needs; its own first.
+   * List the numbers of periods whose power an outline needs, in `BAND` and in `QUIET`.
    *
    * @param {number} frequency
-   * @returns {number[]} none where no outline can be had
+   * @returns {number[][]} two empty lists where no outline can be had
    */
   #needed(frequency) {
     const { span, fastest } = spanOf(this.#at);
-    const at = roundHalfEven(frequency * span);
-    if (at < SLOWEST || at > fastest) return [];
-    const beside = BESIDE.flatMap((step) => [at - step, at + step]);
-    return [at, ...beside.filter((number) => number >= SLOWEST - 1 && number <= fastest)];
+    const toggling = spread(frequency * span, BAND, fastest, BAND_WAVES);
+    const quiet = spread(frequency * span, QUIET, fastest, QUIET_WAVES);
+    return toggling.length && quiet.length ? [toggling, quiet] : [[], []];
   }
 
   /**
@@ -271,6 +287,24 @@ export class ToggleMap {
     }
     return [real, imaginary];
   }
+}
+
+/**
+ * Choose numbers of periods that are spread evenly over a band.
+ *
+ * @param {number} rate - number of periods of the toggling
+ * @param {number[]} ends - ends of the band, as multiples of the rate
+ * @param {number} fastest - largest number that the frames can tell
+ * @param {number} most - number of them that is enough
+ * @returns {number[]} at most so many, rising; none where the band holds none from `SLOWEST` on
+ */
+function spread(rate, [first, last], fastest, most) {
+  const low = Math.max(SLOWEST, Math.ceil(first * rate));
+  const high = Math.min(fastest, Math.floor(last * rate));
+  if (high < low) return [];
+  const step = (high - low) / (most - 1);
+  const numbers = Array.from({ length: most }, (_, i) => roundHalfEven(low + i * step));
+  return [...new Set(numbers)];
 }
 
 /**
