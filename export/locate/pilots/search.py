@@ -6,6 +6,9 @@ the pilots fit the grid (`corners`), and the display is believed if its blocks t
 pilots' signs beyond doubt (`evidence`). That also tells which way up it is and which of several
 grids it shows.
 
+Where nothing is found, the next search takes the display's picture for one that moves, as a video
+does, and holds the room still alone.
+
 The work is cut into steps, one or two for each frame, so that no frame takes long.
 """
 
@@ -155,6 +158,8 @@ class PilotSearch:
         self._check_every = self._window // 4
         self._confirming = 2 * self._window // 3
         self._stabiliser = Stabiliser()
+        self.picture_moves = False
+        """Whether displays are looked for whose picture moves; a search in vain changes it."""
         self._frames: list[_Frame] = []
         self._later: deque[_Frame] = deque(maxlen=self._confirming)
         self._newest: _Frame
@@ -178,7 +183,7 @@ class PilotSearch:
         gray = as_gray(image)
         H = self._stabiliser.follow(gray)
         if H is None:
-            self._stabiliser.begin(gray)
+            self._stabiliser.begin(gray, far_apart=self.picture_moves)
             self._reference, self._start = image, time
             self._frames, self._proposed, self._work = [], [], None
             self._later.clear()
@@ -198,6 +203,7 @@ class PilotSearch:
                 found = next(self._work)
             except StopIteration:
                 self._stabiliser.forget()
+                self.picture_moves = not self.picture_moves
                 return None
             if found is not None:
                 break

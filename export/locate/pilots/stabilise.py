@@ -18,13 +18,20 @@ SAME_PX = 0.7
 
 
 class Stabiliser:
-    """Follows the camera's motion since a reference frame, by optical flow and one homography."""
+    """Follows the camera's motion since a reference frame, by optical flow and one homography.
+
+    Most points move with the camera. But if a display shows a video, its picture moves as well, and
+    may have more points than the room. Then those points count that lie farther apart.
+    """
 
     def __init__(self) -> None:
         self._reference: Gray | None = None
         self._shape: tuple[int, ...] = ()
         self._points = self._guess = np.zeros((0, 1, 2), np.float32)
         self._H_image_from_copy = np.eye(3)
+        self._far_apart = False
+        self.share = 0.0
+        """Share of the reference's points that moved as one in the last frame, in [0, 1]."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -38,8 +45,15 @@ class Stabiliser:
         """Give up the reference."""
         self._reference = None
 
-    def begin(self, gray: Gray) -> None:
-        """Take an (H, W) uint8 frame as the reference."""
+    def begin(self, gray: Gray, *, far_apart: bool = False) -> None:
+        """Take a frame as the reference.
+
+        Args:
+            gray: (H, W) uint8.
+            far_apart: whether, of two motions, that of the points counts which lie farther apart,
+                and not that of the most points.
+        """
+        self._far_apart = far_apart
         height, width = self._shape = gray.shape
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
@@ -74,9 +88,11 @@ class Stabiliser:
         good = status[:, 0] == 1
         if good.sum() < MIN_POINTS:
             return None
-        H, inliers = cv2.findHomography(self._points[good], moved[good], cv2.RANSAC, SAME_PX)
-        if H is None or inliers.sum() < MIN_POINTS:
+        motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1)
+        if not motions:
             return None
+        H, same = max(motions, key=lambda motion: _area(motion[1]))
+        self.share = len(same) / len(self._points)
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
         return np.asarray(self._H_image_from_copy @ H @ np.linalg.inv(self._H_image_from_copy))
 
@@ -103,6 +119,35 @@ class Stabiliser:
     def on_image(self, points: Array) -> Array:
         """Move (N, 2) points from the copy to the image."""
         return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
+
+
+def _motions(
+    points: NDArray[np.float32], moved: NDArray[np.float32], most: int
+) -> list[tuple[Array, NDArray[np.float32]]]:
+    """Find motions that points share, that of the most points first.
+
+    Args:
+        points: (n, 1, 2) pixels of the reference's copy.
+        moved: (n, 1, 2) pixels of the frame's copy, where these points are found.
+        most: number of motions that are looked for.
+
+    Returns:
+        (3, 3) homographies, each with the points that share it, at least `MIN_POINTS`.
+    """
+    found: list[tuple[Array, NDArray[np.float32]]] = []
+    while len(found) < most and len(points) >= MIN_POINTS:
+        H, inliers = cv2.findHomography(points, moved, cv2.RANSAC, SAME_PX)
+        if H is None or inliers.sum() < MIN_POINTS:
+            break
+        same = inliers[:, 0] > 0
+        found.append((H, points[same]))
+        points, moved = points[~same], moved[~same]
+    return found
+
+
+def _area(points: NDArray[np.float32]) -> float:
+    """Area, in square pixels, of the smallest convex region that holds (n, 1, 2) points."""
+    return float(cv2.contourArea(cv2.convexHull(points)))
 
 
 def _small(gray: Gray) -> Gray:

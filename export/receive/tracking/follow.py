@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.locate.pilots.stabilise import Stabiliser
 from export.locate.refine import OUTSIDE
 from link.errors import InputError
 from link.geometry import (
@@ -24,6 +25,8 @@ MIN_INLIERS = 12
 """Smallest number of points that must move as one for the display to count as followed."""
 INLIER_PX = 1.0
 """Largest distance, in pixels of the layout, of a point from where the common motion puts it."""
+WORN_SHARE = 0.2
+"""Share of a room's points below which another frame becomes the reference."""
 EDGE_PX = 9
 """Distance, in pixels of the layout, of a followed point from where the image ends."""
 
@@ -155,6 +158,33 @@ class Follower:
             np.abs(points[:, 0] - [width / 2, height / 2]) < [width / 2 - 3, height / 2 - 3]
         ).all(1)
         self._points = np.asarray(points[inside], np.float32)
+
+
+class RoomFollower(Follower):
+    """Follows a display whose picture moves by what lies around it, which moves with the camera.
+
+    Args:
+        layout: layout of the display.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        super().__init__(layout)
+        self._room = Stabiliser()
+        self._first = np.zeros((4, 2))
+
+    def begin(self, image: Image, corners: Array, rectified: Image) -> None:
+        """Take a frame, and the corners in it, as the reference."""
+        self.corners = self._first = corners
+        self._room.begin(as_gray(image), far_apart=True)
+
+    def step(self, image: Image) -> tuple[Array, bool] | None:
+        """Find the display in the next frame, as `Follower.step` does."""
+        if self.corners is None:
+            return None
+        H_image_from_first = self._room.follow(as_gray(image))
+        if H_image_from_first is None:
+            return None
+        return transform(H_image_from_first, self._first), self._room.share < WORN_SHARE
 
 
 def _equalised(rectified: Image) -> Image:

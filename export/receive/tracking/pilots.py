@@ -10,7 +10,7 @@ from export.locate.pilots.corners import moved_corners
 from export.locate.pilots.evidence import pilot_evidence, pilot_values
 from export.locate.pilots.search import PilotSearch
 from export.locate.pilots.waves import position
-from export.receive.tracking.follow import Follower
+from export.receive.tracking.follow import Follower, RoomFollower
 from export.receive.tracking.patches import Tracked
 from link.layout import Layout
 
@@ -26,6 +26,9 @@ LEAST_EVIDENCE = 4.0
 seen."""
 PATIENCE = 3
 """Number of looks in a row without evidence after which the display counts as lost."""
+SOON = 240
+"""Number of frames within which a display that is found and lost again has probably been followed
+by what did not move with it: its picture if that moves, or else the room."""
 
 
 class PilotTracker:
@@ -42,7 +45,7 @@ class PilotTracker:
     def __init__(self, layouts: Sequence[Layout], fps: float) -> None:
         self._search = PilotSearch(layouts, fps)
         self._fps, self._start = fps, 0.0
-        self._follower = Follower(layouts[0])
+        self._follower: Follower = Follower(layouts[0])
         self._H_followed_from_shown = np.eye(3)
         self._values: deque[NDArray[np.float32]] = deque(maxlen=WATCHED)
         self._at: deque[float] = deque(maxlen=WATCHED)
@@ -77,16 +80,18 @@ class PilotTracker:
             return self._look(image, time)
         step = self._follower.step(image)
         tracked = None if step is None else self._accept(image, step[0], fresh=step[1])
-        if tracked is None or not self._still_there(tracked, time):
-            self._follower.forget()
-            return None
-        return tracked
+        if tracked is not None and self._still_there(tracked, time):
+            return tracked
+        if tracked is not None and self._count <= SOON:
+            self._search.picture_moves = not self._search.picture_moves
+        self._follower.forget()
+        return None
 
     def _look(self, image: Image, time: float) -> Tracked | None:
         found = self._search.push(image, time)
         if found is None:
             return None
-        self._follower = Follower(found.layout)
+        self._follower = (RoomFollower if self._search.picture_moves else Follower)(found.layout)
         self._H_followed_from_shown = np.eye(3)
         self._start = time
         self._values.clear()
