@@ -49,13 +49,14 @@ def filmed(
     dark: bool = False,
     night: bool = False,
     message: NDArray[np.integer] | None = None,
+    pan: float = 0.0,
 ) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
     """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
 
     The display's edges cannot be seen where it is ``dark`` around. At ``night`` wall and picture
     have a few gray levels, and bright signs on both have the only clear edges. Each state is shown
     for ``hold`` frames. The blocks of a pair show the next row of ``message``, (rows, n_bits), or
-    random bits.
+    random bits. From one pair to the next the picture moves right by ``pan`` pixels.
     """
     rng = np.random.default_rng(seed)
     wall = 60 + 8 * texture((480, 640), seed)
@@ -83,7 +84,8 @@ def filmed(
         change = cv2.resize(
             bits.reshape(layout.rows, layout.cols), (layout.width, layout.height), interpolation=0
         )
-        shown = picture + sign * kappa * change
+        moved = np.roll(picture, round(pan * (state // 2)), axis=1)
+        shown = moved + sign * kappa * change
         motion = np.eye(3)
         motion[:2, 2] = 3 * np.sin([number / 7, number / 9])
         view = cv2.warpPerspective(shown, motion @ H, (640, 480))

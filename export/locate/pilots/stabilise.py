@@ -1,5 +1,7 @@
 """Hold the frames of a film still: where each point of a reference frame lies in a later one."""
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,9 @@ WIDTH = 640
 """Largest width, in pixels, of the copies on which motion is followed."""
 POINTS, MIN_POINTS = 400, 12
 """Largest and smallest number of points that are followed."""
+PARTS = 8
+"""Number of parts of the image along each axis from each of which points are taken, where those
+that lie far apart count."""
 SAME_PX = 0.7
 """Largest distance, in pixels of the copies, of a point from where the common motion puts it."""
 
@@ -58,8 +63,10 @@ class Stabiliser:
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
         self._H_image_from_copy = resized_homography(x, y)
-        points = cv2.goodFeaturesToTrack(self._reference, POINTS, 0.005, 8)
-        self._points = np.zeros((0, 1, 2), np.float32) if points is None else points
+        if far_apart:
+            self._points = _points_all_over(self._reference)
+        else:
+            self._points = _points(self._reference, POINTS)
         self._guess = self._points.copy()
 
     def follow(self, gray: Gray) -> Array | None:
@@ -119,6 +126,24 @@ class Stabiliser:
     def on_image(self, points: Array) -> Array:
         """Move (N, 2) points from the copy to the image."""
         return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
+
+
+def _points(gray: Gray, most: int) -> NDArray[np.float32]:
+    """Choose the clearest points of an image, (n, 1, 2) pixels, at most so many."""
+    points = cv2.goodFeaturesToTrack(gray, most, 0.005, 8)
+    return np.zeros((0, 1, 2), np.float32) if points is None else np.asarray(points, np.float32)
+
+
+def _points_all_over(gray: Gray) -> NDArray[np.float32]:
+    """Choose the clearest points of each of `PARTS` x `PARTS` parts of an image, (n, 1, 2)."""
+    ys, xs = (np.linspace(0, side, PARTS + 1).astype(int) for side in gray.shape)
+    most = POINTS // PARTS**2
+    found = [
+        _points(gray[top:bottom, left:right], most) + np.array([left, top], np.float32)
+        for top, bottom in pairwise(ys)
+        for left, right in pairwise(xs)
+    ]
+    return np.concatenate(found)
 
 
 def _motions(

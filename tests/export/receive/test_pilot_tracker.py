@@ -56,6 +56,40 @@ def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.flo
 
 
 @pytest.mark.slow
+def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
+    images, corners = filmed(FINE, 330, seed=2, pan=4.0)
+    tracker, off = PilotTracker([FINE], FPS), []
+    for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
+        tracked = tracker.follow(image, number / FPS)
+        off.append(np.inf if tracked is None else np.abs(tracked.corners - expected).max())
+    assert max(off[-60:]) < CLOSE_PX
+
+
+def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() -> None:
+    rng = np.random.default_rng(0)
+    room, picture = (
+        cv2.resize(rng.integers(0, 256, (n, n), np.uint8), (8 * n,) * 2) for n in (80, 60)
+    )
+    frames = []
+    for shift in (0, 6):
+        frame = np.full((640, 640), 90, np.uint8)
+        frame[:60], frame[-60:] = (
+            room[:60],
+            room[-60:],
+        )  # the room moves with the camera: not at all
+        frame[80:560, 80:560] = np.roll(picture, shift, axis=1)
+        frames.append(cv2.GaussianBlur(frame, (0, 0), 1.5))
+    for far_apart, moved in ((False, 6.0), (True, 0.0)):
+        stabiliser = Stabiliser()
+        stabiliser.begin(frames[0], far_apart=far_apart)
+        H = stabiliser.follow(frames[1])
+        assert H is not None
+        middle = H @ [320.0, 320.0, 1.0]
+        assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
+        assert 0 < stabiliser.share < 0.9
+
+
+@pytest.mark.slow
 def test_a_display_is_moved_within_its_rectified_image(
     film: tuple[list[Image], NDArray[np.float64]],
 ) -> None:
