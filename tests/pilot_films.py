@@ -100,6 +100,22 @@ def filmed(
     return images, corners
 
 
+def moving_picture(shift: int) -> NDArray[np.uint8]:
+    """A frame, 640 x 640, of a camera at rest before a picture that has moved by some pixels.
+
+    The picture has more points than the room, of which two strips are seen.
+    """
+    rng = np.random.default_rng(0)
+    room, picture = (
+        cv2.resize(rng.integers(0, 256, (side, side), np.uint8), (8 * side,) * 2)
+        for side in (80, 60)
+    )
+    frame = np.full((640, 640), 90, np.uint8)
+    frame[:60], frame[-60:] = room[:60], room[-60:]
+    frame[80:560, 80:560] = np.roll(picture, shift, axis=1)
+    return np.asarray(cv2.GaussianBlur(frame, (0, 0), 1.5), np.uint8)
+
+
 def block_views(
     layout: Layout,
     off: NDArray[np.float64],

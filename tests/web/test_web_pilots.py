@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pilot_films import FINE, block_views, texture
+from pilot_films import FINE, block_views, moving_picture, texture
 from web_fixtures import run_node_tests, write_fixture
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
@@ -241,6 +241,10 @@ def toggling() -> dict[str, object]:
     }
 
 
+def two_motions() -> dict[str, object]:
+    return {"before": moving_picture(0), "after": moving_picture(6), "moved": 6.0}
+
+
 def stabilising() -> dict[str, object]:
     """Frames of a texture seen by a hand that moves; the last shows something else."""
     wide = np.clip(120 + 40 * texture((560, 1000), 6, sigma=3), 0, 255).astype(np.uint8)
@@ -260,6 +264,6 @@ def stabilising() -> dict[str, object]:
 
 def test_pilots_are_weighed_and_corners_moved_as_in_python(tmp_path: Path) -> None:
     parts = (evidence, times, phases, coarse, slopeless, all_blocks, climb, moved, toggling)
-    for part in (*parts, stabilising):
+    for part in (*parts, stabilising, two_motions):
         write_fixture(tmp_path, part.__name__, part())
     run_node_tests("pilots", tmp_path)

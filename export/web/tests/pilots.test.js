@@ -179,6 +179,19 @@ test("what toggles is mapped and outlined", () => {
   });
 });
 
+test("of two motions that of the points that lie farther apart is chosen", () => {
+  const { before, after, moved } = readFixture("two_motions");
+  for (const farApart of [false, true]) {
+    const stabiliser = new Stabiliser();
+    stabiliser.begin(planeOf(before), farApart);
+    const H = stabiliser.follow(planeOf(after));
+    assert.ok(H);
+    const [[x]] = transform(H, [[320, 320]]);
+    assert.ok(Math.abs(x - 320 - (farApart ? 0 : moved)) < 0.3, `the middle is at ${x}`);
+    assert.ok(stabiliser.share > 0 && stabiliser.share < 0.9);
+  }
+});
+
 test("frames are held still", () => {
   const { frames, H, still, points } = readFixture("stabilising");
   const stabiliser = new Stabiliser();

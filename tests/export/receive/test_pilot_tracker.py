@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import slow
 from numpy.typing import NDArray
-from pilot_films import FINE, OTHER, BlockMeans, filmed
+from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
 
 import export.receive.tracking.pilots as pilots_module
 from export.locate.candidates import display_candidates
@@ -66,23 +66,10 @@ def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
 
 
 def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() -> None:
-    rng = np.random.default_rng(0)
-    room, picture = (
-        cv2.resize(rng.integers(0, 256, (n, n), np.uint8), (8 * n,) * 2) for n in (80, 60)
-    )
-    frames = []
-    for shift in (0, 6):
-        frame = np.full((640, 640), 90, np.uint8)
-        frame[:60], frame[-60:] = (
-            room[:60],
-            room[-60:],
-        )  # the room moves with the camera: not at all
-        frame[80:560, 80:560] = np.roll(picture, shift, axis=1)
-        frames.append(cv2.GaussianBlur(frame, (0, 0), 1.5))
     for far_apart, moved in ((False, 6.0), (True, 0.0)):
         stabiliser = Stabiliser()
-        stabiliser.begin(frames[0], far_apart=far_apart)
-        H = stabiliser.follow(frames[1])
+        stabiliser.begin(moving_picture(0), far_apart=far_apart)
+        H = stabiliser.follow(moving_picture(6))
         assert H is not None
         middle = H @ [320.0, 320.0, 1.0]
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)

@@ -7,6 +7,9 @@
  * believed if its blocks toggle with the pilots' signs beyond doubt (`evidence.js`). That also
  * tells which way up it is and which of several grids it shows.
  *
+ * Where nothing is found, the next search takes the display's picture for one that moves, as a
+ * video does, and holds the room still alone.
+ *
  * The work is cut into steps (`../steps.js`), so that no frame takes long; Python's steps are one
  * for each frame, these are finer.
  */
@@ -82,6 +85,8 @@ const GLANCE_WORK = 10;
 
 /** Looks for a display that shows one of several layouts with pilots. */
 export class PilotSearch {
+  /** Whether displays are looked for whose picture moves; a search in vain changes it. */
+  pictureMoves = false;
   #stabiliser = new Stabiliser();
   /** Whether frames were missing, as happens where a camera does not wait for the search. */
   #isLate = false;
@@ -152,7 +157,7 @@ export class PilotSearch {
     this.#last = time;
     const H = this.#stabiliser.follow(gray);
     if (H === null) {
-      this.#stabiliser.begin(gray);
+      this.#stabiliser.begin(gray, this.pictureMoves);
       this.#reference = gray;
       this.#start = time;
       this.#forget();
@@ -171,7 +176,10 @@ export class PilotSearch {
       }
       this.#stabiliser.forget();
       this.#forget();
-      if (step.value === null) return null;
+      if (step.value === null) {
+        this.pictureMoves = !this.pictureMoves;
+        return null;
+      }
       const { proposal, evidence } = step.value;
       return { layout: proposal.layout, corners: transform(H, proposal.corners), evidence };
     }

@@ -19,8 +19,18 @@ export const POINTS = 400;
 export const MIN_POINTS = 12;
 /** Largest distance, in pixels of the copies, of a point from where the common motion puts it. */
 export const SAME_PX = 0.7;
+/**
+ * Number of parts of the image along each axis from each of which points are taken, where those
+ * that lie far apart count.
+ */
+export const PARTS = 8;
 
-/** Follows the camera's motion since a reference frame, by optical flow and one homography. */
+/**
+ * Follows the camera's motion since a reference frame, by optical flow and one homography.
+ *
+ * Most points move with the camera. But if a display shows a video, its picture moves as well, and
+ * may have more points than the room. Then those points count that lie farther apart.
+ */
 export class Stabiliser {
   /** @type {BytePlane | null} */
   #reference = null;
@@ -33,6 +43,9 @@ export class Stabiliser {
   #HImageFromCopy = identity(3);
   /** The frame that was followed last, and its copy. @type {[BytePlane, BytePlane] | null} */
   #last = null;
+  #farApart = false;
+  /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
+  share = 0;
 
   /** Width of the copies, pixels; 0 without a reference. */
   get width() {
@@ -54,19 +67,18 @@ export class Stabiliser {
    * Take a frame as the reference.
    *
    * @param {BytePlane} gray
+   * @param {boolean} [farApart] - whether, of two motions, that of the points counts which lie
+   *   farther apart, and not that of the most points
    */
-  begin(gray) {
+  begin(gray, farApart = false) {
+    this.#farApart = farApart;
     const { width, height } = gray;
     const reference = (this.#reference = this.#copyOf(gray));
     this.#size = [width, height];
     const x = width / reference.width;
     const y = height / reference.height;
     this.#HImageFromCopy = [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
-    this.#points = withMats((keep) => {
-      const points = keep(new cv.Mat());
-      cv.goodFeaturesToTrack(keep(matOf(reference)), points, POINTS, 0.005, 8);
-      return points.rows ? Float32Array.from(points.data32F) : new Float32Array(0);
-    });
+    this.#points = clearPoints(reference, farApart ? PARTS : 1);
     this.#guess = this.#points.slice();
   }
 
@@ -83,8 +95,10 @@ export class Stabiliser {
     if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
     this.#last = null;
     const small = this.#copyOf(gray);
-    const H = followed(reference, small, this.#points, this.#guess);
-    if (H === null) return null;
+    const motions = motionsOf(reference, small, this.#points, this.#guess, this.#farApart ? 2 : 1);
+    if (motions.length === 0) return null;
+    const { H, count } = motions.reduce((best, each) => (each.area > best.area ? each : best));
+    this.share = (2 * count) / this.#points.length;
     this.#guess = Float32Array.from(transform(H, pointsOf(this.#points)).flat());
     const grow = this.#HImageFromCopy;
     return multiply3(multiply3(grow, H), inverse(grow));
@@ -142,15 +156,52 @@ export class Stabiliser {
 }
 
 /**
- * Find the common motion of points.
+ * Choose the clearest points of each part of an image.
+ *
+ * @param {BytePlane} plane
+ * @param {number} parts - number of parts along each axis
+ * @returns {Float32Array<ArrayBuffer>} x and y in turn
+ */
+function clearPoints(plane, parts) {
+  return withMats((keep) => {
+    const image = keep(matOf(plane));
+    const most = Math.floor(POINTS / parts ** 2);
+    /** @type {number[]} */
+    const all = [];
+    for (let row = 0; row < parts; row++) {
+      const [top, bottom] = [row, row + 1].map((k) => Math.floor((k * plane.height) / parts));
+      for (let col = 0; col < parts; col++) {
+        const [left, right] = [col, col + 1].map((k) => Math.floor((k * plane.width) / parts));
+        const part = keep(image.roi(new cv.Rect(left, top, right - left, bottom - top)));
+        const points = keep(new cv.Mat());
+        cv.goodFeaturesToTrack(part, points, most, 0.005, 8);
+        for (let i = 0; i < points.rows; i++) {
+          all.push(points.data32F[2 * i] + left, points.data32F[2 * i + 1] + top);
+        }
+      }
+    }
+    return Float32Array.from(all);
+  });
+}
+
+/**
+ * A motion that points share: the homography, the number of points, and the area, in square pixels,
+ * of the smallest convex region that holds them.
+ *
+ * @typedef {{ H: Float64Array, count: number, area: number }} SharedMotion
+ */
+
+/**
+ * Find motions that points share, that of the most points first.
  *
  * @param {BytePlane} reference
  * @param {BytePlane} small
  * @param {Float32Array} points - of the reference
  * @param {Float32Array} guess - where they may be
- * @returns {Float64Array | null}
+ * @param {number} most - number of motions that are looked for
+ * @returns {SharedMotion[]} each of `MIN_POINTS` points or more
  */
-function followed(reference, small, points, guess) {
+function motionsOf(reference, small, points, guess, most) {
   return withMats((keep) => {
     const count = points.length / 2;
     const from = keep(cv.matFromArray(count, 1, cv.CV_32FC2, points));
@@ -169,22 +220,34 @@ function followed(reference, small, points, guess) {
       new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, 30, 0.01),
       cv.OPTFLOW_USE_INITIAL_FLOW,
     );
-    const good = [...Array(count).keys()].filter((i) => status.data[i] === 1);
-    if (good.length < MIN_POINTS) return null;
-    const picked = (/** @type {ArrayLike<number>} */ all) =>
+    let left = [...Array(count).keys()].filter((i) => status.data[i] === 1);
+    const picked = (/** @type {ArrayLike<number>} */ all, /** @type {number[]} */ numbers) =>
       keep(
         cv.matFromArray(
-          good.length,
+          numbers.length,
           1,
           cv.CV_32FC2,
-          good.flatMap((i) => [all[2 * i], all[2 * i + 1]]),
+          numbers.flatMap((i) => [all[2 * i], all[2 * i + 1]]),
         ),
       );
-    const inliers = keep(new cv.Mat());
-    const there = picked(moved.data32F);
-    const H = keep(cv.findHomography(picked(points), there, cv.RANSAC, SAME_PX, inliers));
-    if (H.rows !== 3 || cv.countNonZero(inliers) < MIN_POINTS) return null;
-    return Float64Array.from(H.data64F);
+    /** @type {SharedMotion[]} */
+    const found = [];
+    while (found.length < most && left.length >= MIN_POINTS) {
+      const inliers = keep(new cv.Mat());
+      const there = picked(moved.data32F, left);
+      const H = keep(cv.findHomography(picked(points, left), there, cv.RANSAC, SAME_PX, inliers));
+      if (H.rows !== 3 || cv.countNonZero(inliers) < MIN_POINTS) break;
+      const same = left.filter((_, k) => inliers.data[k] > 0);
+      const hull = keep(new cv.Mat());
+      cv.convexHull(picked(points, same), hull);
+      found.push({
+        H: Float64Array.from(H.data64F),
+        count: same.length,
+        area: cv.contourArea(hull),
+      });
+      left = left.filter((_, k) => inliers.data[k] === 0);
+    }
+    return found;
   });
 }
 

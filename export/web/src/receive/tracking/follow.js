@@ -13,6 +13,7 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
+import { Stabiliser } from "../../locate/pilots/stabilise.js";
 import { OUTSIDE } from "../../locate/refine.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
@@ -27,6 +28,8 @@ const MIN_INLIERS = 12;
 const INLIER_PX = 1.0;
 /** Distance, in pixels of the layout, of a followed point from where the image ends. */
 const EDGE_PX = 9;
+/** Share of a room's points below which another frame becomes the reference. */
+const WORN_SHARE = 0.2;
 /** Width and height, in pixels of the layout, of what is compared around a point. */
 const WINDOW_PX = 13;
 /** Number of times that images are halved, so that points are followed from afar. */
@@ -202,6 +205,37 @@ export class Follower {
       ([x, y]) => x > 3 && x < width - 3 && y > 3 && y < height - 3,
     );
     return new Flow(reference, inside, WINDOW_PX, HALVINGS);
+  }
+}
+
+/** Follows a display whose picture moves by what lies around it, which moves with the camera. */
+export class RoomFollower extends Follower {
+  #room = new Stabiliser();
+  /** Corners in the reference. @type {Point[]} */
+  #first = [];
+
+  /**
+   * Take a frame, and the corners in it, as the reference.
+   *
+   * @param {BytePlane} image
+   * @param {Point[]} corners - pixels of the image, in corner order
+   */
+  begin(image, corners) {
+    this.corners = this.#first = corners;
+    this.#room.begin(image, true);
+  }
+
+  /**
+   * Find the display in the next frame, as `Follower.step` does.
+   *
+   * @param {BytePlane} image
+   */
+  step(image) {
+    if (this.corners === null) return null;
+    const HImageFromFirst = this.#room.follow(image);
+    if (HImageFromFirst === null) return null;
+    const corners = transform(HImageFromFirst, this.#first);
+    return { corners, fresh: this.#room.share < WORN_SHARE };
   }
 }
 

@@ -5,7 +5,7 @@ import { movedCorners } from "../../locate/pilots/corners.js";
 import { pilotEvidence, pilotValues } from "../../locate/pilots/evidence.js";
 import { PilotSearch } from "../../locate/pilots/search.js";
 import { position } from "../../locate/pilots/waves.js";
-import { Follower } from "./follow.js";
+import { Follower, RoomFollower } from "./follow.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../link/geometry.js").Homography} Homography */
@@ -21,6 +21,11 @@ export const CHECK_EVERY = 24;
 export const LEAST_EVIDENCE = 4.0;
 /** Number of looks in a row without evidence after which the display counts as lost. */
 export const PATIENCE = 3;
+/**
+ * Number of frames within which a display that is found and lost again has probably been followed
+ * by what did not move with it: its picture if that moves, or else the room.
+ */
+export const SOON = 240;
 
 /** Finds a display that shows one of several layouts with pilots, and follows it. */
 export class PilotTracker {
@@ -74,11 +79,12 @@ export class PilotTracker {
     if (this.#follower.corners === null) return this.#look(image, time);
     const step = this.#follower.step(image);
     const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
-    if (tracked === null || !this.#stillThere(tracked, time)) {
-      this.#follower.forget();
-      return null;
+    if (tracked !== null && this.#stillThere(tracked, time)) return tracked;
+    if (tracked !== null && this.#count <= SOON) {
+      this.#search.pictureMoves = !this.#search.pictureMoves;
     }
-    return tracked;
+    this.#follower.forget();
+    return null;
   }
 
   /**
@@ -89,7 +95,8 @@ export class PilotTracker {
   #look(image, time) {
     const found = this.#search.push(image, time);
     if (found === null) return null;
-    this.#follower = new Follower(found.layout);
+    const follower = this.#search.pictureMoves ? RoomFollower : Follower;
+    this.#follower = new follower(found.layout);
     this.#HFollowedFromShown = identity(3);
     this.#values = [];
     this.#at = [];
