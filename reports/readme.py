@@ -51,6 +51,8 @@ class Step:
 
 THREE = "--pairs canon-lg nikon-imac sony-samsung"
 """Flags of the deliveries that are measured with three camera-display pairs."""
+RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
+"""Flags of the rates that are measured with three camera-display pairs."""
 ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "reliability.png")
 """Results of the ablation that are kept."""
 STEPS = {
@@ -98,10 +100,6 @@ STEPS = {
     "codecs": Step(
         "reports.films.codecs --variants lossless h264-8000 h264-4000 --runs 3 --out runs/codecs"
     ),
-    "rates": Step(
-        "reports.films.rates --settings fast robust hidden "
-        "--pairs canon-lg nikon-samsung sony-imac canon-samsung nikon-lg --out runs/rates"
-    ),
     "delivery": Step(
         "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
     ),
@@ -119,6 +117,18 @@ STEPS |= {
         "16_10": "--state-hz 10 --grid 16",
         "16_15": "--state-hz 15 --grid 16",
         "16_30": "--state-hz 30 --fps 60 --grid 16",
+    }.items()
+}
+STEPS |= {
+    f"rates_{name}": Step(f"reports.films.rates {flags} --out runs/rates")
+    for name, flags in {
+        "fast": "--settings fast --views 0 --runs 6",
+        "slanted": "--settings slanted --views 45 --runs 6",
+        "hidden": "--settings hidden",
+        "others": "--settings robust paper faint --runs 2",
+        "slow": f'--settings "slow camera" {RATES_THREE}',
+        "phones": f'--settings "slanted, H.264" "slanted, 1080p" --views 45 {RATES_THREE}',
+        "phones_0": f'--settings "fast, H.264" "fast, 1080p" --views 0 {RATES_THREE}',
     }.items()
 }
 
