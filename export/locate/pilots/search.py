@@ -282,16 +282,7 @@ class PilotSearch:
             yield from self._settle(proposal, evidence)
         while len(self._frames) < self._window:
             yield None
-        faint = self._faint_edges()
-        yield None
-        outlines = []
-        for frequency in self._frequencies:
-            outline = self._map.outline(frequency)
-            yield None
-            if outline is not None:
-                outlines.append(self._stabiliser.on_image(outline))
-        usual = [*faint[:CANDIDATES], *outlines, *self._watched[::2]]
-        quads = [*usual, *faint[CANDIDATES:]]
+        quads, usual = yield from self._all_quads()
         glances = []
         for number, quad in enumerate(quads):
             glances.append(self._glance(quad))
@@ -302,10 +293,32 @@ class PilotSearch:
                 evidence = _evidence(proposal, self._frames)
                 yield None
                 yield from self._settle(proposal, evidence)
+        ranked = self._ranked(quads, [evidence for evidence, _ in glances], usual)
+        yield from self._settle_fits([quads[number] for number in ranked])
+
+    def _all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
+        """Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
+
+        Returns:
+            quadrilaterals, and the number of them, from the first on, that are tried in any case.
+        """
+        faint = self._faint_edges()
+        yield None
+        outlines = []
+        for frequency in self._frequencies:
+            outline = self._map.outline(frequency)
+            yield None
+            if outline is not None:
+                outlines.append(self._stabiliser.on_image(outline))
+        usual = [*faint[:CANDIDATES], *outlines, *self._watched[::2]]
+        return [*usual, *faint[CANDIDATES:]], len(usual)
+
+    def _settle_fits(self, quads: Sequence[Array]) -> Iterator[_Sure | None]:
+        """Fit the pilots to quadrilaterals that may be far off, and settle what is clear first."""
         doubtful = []
-        for number in self._ranked(quads, [evidence for evidence, _ in glances], len(usual)):
+        for quad in quads:
             for turn in (0, 1):
-                fit = self._first_fit(np.roll(quads[number], -turn, axis=0))
+                fit = self._first_fit(np.roll(quad, -turn, axis=0))
                 yield None
                 if fit is None:
                     continue
