@@ -1,0 +1,74 @@
+"""The study of how often displays are found by their pilots: what films show, and its table."""
+
+import numpy as np
+
+from link.layout import make_layout
+from link.presets import PRESETS
+from reports.lab.pilot_search import (
+    PAN_PX,
+    PATTERNS,
+    SCENE,
+    SearchOutcome,
+    displayed_states,
+    median_interval,
+    search_table,
+    searched_layouts,
+)
+
+HIDDEN = PRESETS["hidden"].layout
+
+
+def pictures(count: int) -> list[np.ndarray]:
+    shape = (HIDDEN.height, HIDDEN.width, 3)
+    return [np.random.default_rng(n).integers(30, 220, shape, np.uint8) for n in range(count)]
+
+
+def test_a_film_has_scenes_that_move_and_no_message() -> None:
+    shown = pictures(2)
+    states, _ = displayed_states("film", shown, "hidden", np.random.default_rng(0))
+    assert len(states) == 2 * PATTERNS
+    for start in range(0, len(states), SCENE):
+        np.testing.assert_array_equal(states[start], shown[start // SCENE % 2])
+        steps = [
+            (down, right)
+            for down in range(-PAN_PX, PAN_PX + 1)
+            for right in range(-PAN_PX, PAN_PX + 1)
+            if (np.roll(states[start], (down, right), axis=(0, 1)) == states[start + 1]).all()
+        ]
+        assert len(steps) == 1  # the next state is the one before, moved
+
+
+def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
+    shown, rng = pictures(1), np.random.default_rng(1)
+    states, layout = displayed_states("display", shown, "hidden", rng)
+    assert (len(states), layout) == (2 * PATTERNS, HIDDEN)
+    states, layout = displayed_states("other", shown, "hidden", rng)
+    assert layout == make_layout()
+    assert layout not in searched_layouts()
+    states, _ = displayed_states("still", shown, "hidden", rng)
+    assert len(states) == 1
+
+
+def outcome(number: int, seen: str = "display", off: float | None = 0.2) -> SearchOutcome:
+    found = None if off is None else 0.1 * (number + 1)
+    return SearchOutcome(
+        "fast", seen, number, 30.0, 0.3, found, off, seen == "display" and bool(off)
+    )
+
+
+def test_the_table_counts_what_was_found_and_what_should_not_have_been() -> None:
+    outcomes = [outcome(0), outcome(1), outcome(2, off=None), outcome(0, "still", None)]
+    outcomes.append(outcome(1, "still", 5.0))
+    display, still = (
+        dict(zip(search_table(outcomes).heads, row, strict=True))
+        for row in search_table(outcomes).rows
+    )
+    assert display["found"].startswith("2 (")
+    assert display["found wrongly"].startswith("0 (")
+    assert display["median s"] == "0.15"
+    assert (still["found"], still["found wrongly"][:3]) == ("–", "1 (")
+
+
+def test_an_interval_of_a_median_lies_among_the_values() -> None:
+    low, high = median_interval([3.0, 1.0, 2.0])
+    assert 1.0 <= low <= 2.0 <= high <= 3.0
