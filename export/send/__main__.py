@@ -30,8 +30,8 @@ GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "col
 USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
 MOVING = (
-    "note: receivers find displays with pilots while the picture stands still; for pictures that "
-    "move, use --preset paper, whose patches they follow"
+    "note: where the picture moves, displays with pilots are found some seconds later and read "
+    "less well than those with patches, which --preset paper shows"
 )
 """What is said of a folder or a video on a layout with pilots (docs/receiver.md)."""
 MAX_SCALE = 64
