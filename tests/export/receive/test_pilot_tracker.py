@@ -57,7 +57,7 @@ def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.flo
 
 @pytest.mark.slow
 def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
-    images, corners = filmed(FINE, 330, seed=2, pan=4.0)
+    images, corners = filmed(FINE, 240, seed=2, pan=4.0)
     tracker, off = PilotTracker([FINE], FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
         tracked = tracker.follow(image, number / FPS)
