@@ -15,7 +15,7 @@ from export.send.hiding import Hiding, Onlooker
 from export.send.pictures import open_pictures, stands_still
 from export.send.write import output_kind, write_loop
 from link.code.authenticate import MAX_STAMP, read_key, sign
-from link.code.fine import MAX_MESSAGE
+from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
@@ -180,7 +180,8 @@ def send_parser() -> argparse.ArgumentParser:
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
-    add("--redundancy", type=float, help="coded bits a message bit, on fine grids (8)")
+    coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
+    add("--redundancy", type=float, help=coded)
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 from export.web.site import build_site
 
-WEB = Path(__file__).parents[2] / "export" / "web"
+WEB = ROOT / "export" / "web"
 DTYPES = ("uint8", "uint16", "int32", "float32", "float64")
 
 

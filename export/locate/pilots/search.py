@@ -345,9 +345,8 @@ class PilotSearch:
     def _glance_at(self, proposal: _Proposal) -> float:
         """Weigh a proposal by small views: the evidence, before it pays."""
         layout = proposal.layout
-        blocks = [standing_out(view, layout) for view in self._small_views(proposal.corners)]
-        picked = [view.reshape(-1)[layout.pilot_blocks] for view in blocks]  # (blocks,)
-        return pilot_evidence(picked, layout, [frame.at for frame in self._frames])[0]
+        values = [pilot_values(view, layout) for view in self._small_views(proposal.corners)]
+        return pilot_evidence(values, layout, [frame.at for frame in self._frames])[0]
 
     def _small_views(self, corners: Array) -> NDArray[np.uint8]:
         """Show what corners in the reference bound, in maps of `COARSE_SIZE`, (frames, h, w)."""

@@ -63,10 +63,7 @@ class Stabiliser:
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
         self._H_image_from_copy = resized_homography(x, y)
-        if far_apart:
-            self._points = _points_all_over(self._reference)
-        else:
-            self._points = _points(self._reference, POINTS)
+        self._points = _clear_points(self._reference, PARTS if far_apart else 1)
         self._guess = self._points.copy()
 
     def follow(self, gray: Gray) -> Array | None:
@@ -128,21 +125,16 @@ class Stabiliser:
         return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
 
 
-def _points(gray: Gray, most: int) -> NDArray[np.float32]:
-    """Choose the clearest points of an image, (n, 1, 2) pixels, at most so many."""
-    points = cv2.goodFeaturesToTrack(gray, most, 0.005, 8)
-    return np.zeros((0, 1, 2), np.float32) if points is None else np.asarray(points, np.float32)
-
-
-def _points_all_over(gray: Gray) -> NDArray[np.float32]:
-    """Choose the clearest points of each of `PARTS` x `PARTS` parts of an image, (n, 1, 2)."""
-    ys, xs = (np.linspace(0, side, PARTS + 1).astype(int) for side in gray.shape)
-    most = POINTS // PARTS**2
-    found = [
-        _points(gray[top:bottom, left:right], most) + np.array([left, top], np.float32)
-        for top, bottom in pairwise(ys)
-        for left, right in pairwise(xs)
-    ]
+def _clear_points(gray: Gray, parts: int) -> NDArray[np.float32]:
+    """Choose the clearest points of each of ``parts`` x ``parts`` parts of an image, (n, 1, 2)."""
+    ys, xs = (np.linspace(0, side, parts + 1).astype(int) for side in gray.shape)
+    found = [np.zeros((0, 1, 2), np.float32)]
+    for top, bottom in pairwise(ys):
+        for left, right in pairwise(xs):
+            part = gray[top:bottom, left:right]
+            points = cv2.goodFeaturesToTrack(part, POINTS // parts**2, 0.005, 8)
+            if points is not None:
+                found.append(points + np.array([left, top], np.float32))
     return np.concatenate(found)
 
 

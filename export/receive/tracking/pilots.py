@@ -45,7 +45,7 @@ class PilotTracker:
     def __init__(self, layouts: Sequence[Layout], fps: float) -> None:
         self._search = PilotSearch(layouts, fps)
         self._fps, self._start = fps, 0.0
-        self._follower: Follower = Follower(layouts[0])
+        self._follower = Follower(layouts[0])
         self._H_followed_from_shown = np.eye(3)
         self._values: deque[NDArray[np.float32]] = deque(maxlen=WATCHED)
         self._at: deque[float] = deque(maxlen=WATCHED)
