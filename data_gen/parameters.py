@@ -1,9 +1,9 @@
 """The parameters of a camera, a display and how they meet; each value is held to its range."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 from link.errors import InputError, choose
 
@@ -172,6 +172,32 @@ class Camera(Limited):
             raise InputError(f"{self.name}: tone_curve must run from (0, 0) to (1, 1)")
         if not all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(curve)):
             raise InputError(f"{self.name}: tone_curve must increase strictly in both coordinates")
+
+    def filming(self, fps: float) -> Self:
+        """Return this camera as it is set to film.
+
+        The shutter is open, and the rows are read, for no longer than a frame lasts. A higher ISO
+        makes up for a shorter exposure, so that fewer electrons fill the scale and noise is
+        stronger.
+
+        >>> from data_gen.pairs import get_pair
+        >>> camera = get_pair("canon-lg").camera
+        >>> quick = camera.filming(128)
+        >>> quick.shutter_s / camera.shutter_s, quick.full_well_e / camera.full_well_e
+        (0.5, 0.5)
+        >>> camera.filming(30) == camera
+        True
+
+        Args:
+            fps: number of frames a second, above 0.
+        """
+        shutter_s = min(self.shutter_s, 1 / fps)
+        return replace(
+            self,
+            shutter_s=shutter_s,
+            readout_s=min(self.readout_s, 1 / fps),
+            full_well_e=self.full_well_e * shutter_s / self.shutter_s,
+        )
 
 
 @dataclass(frozen=True)

@@ -124,9 +124,11 @@ STEPS |= {
     for name, flags in {
         "fast": "--settings fast --views 0 --runs 6",
         "slanted": "--settings slanted --views 45 --runs 6",
-        "hidden": "--settings hidden",
+        "hidden": "--settings hidden --runs 2",
+        "hidden_240": f'--settings "hidden, 240 fps" --views 0 {RATES_THREE}',
         "others": "--settings robust paper faint --runs 2",
-        "slow": f'--settings "slow camera" {RATES_THREE}',
+        "slow": '--settings "slow camera" --views 0 --runs 2',
+        "slow_45": f'--settings "slow camera" --views 45 {RATES_THREE}',
         "phones": f'--settings "slanted, H.264" "slanted, 1080p" --views 45 {RATES_THREE}',
         "phones_0": f'--settings "fast, H.264" "fast, 1080p" --views 0 {RATES_THREE}',
     }.items()

@@ -100,6 +100,10 @@ def filmed(
     return images, corners
 
 
+MOVING_OUTLINE = np.array([[79.5, 79.5], [559.5, 79.5], [559.5, 559.5], [79.5, 559.5]])
+"""Corners of the picture in `moving_picture`, pixels."""
+
+
 def moving_picture(shift: int) -> NDArray[np.uint8]:
     """A frame, 640 x 640, of a camera at rest before a picture that has moved by some pixels.
 

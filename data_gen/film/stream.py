@@ -68,7 +68,8 @@ class VideoSettings:
     scene: SceneSettings = field(default_factory=lambda: SceneSettings(free=0.03))
     """Size of the frames, coverage, room, and pictures in the room."""
     fps: float = 30.0
-    """Number of camera frames a second, by the camera's clock."""
+    """Number of camera frames a second, by the camera's clock. Of more than 64 the cameras expose
+    each for a shorter time, with more noise (`data_gen.parameters.Camera.filming`)."""
     state_hz: float = 15.0
     """Number of states a second, by the display's clock: original, embedded, original, ..."""
     seconds: float | None = None
@@ -164,6 +165,7 @@ def film(
     settings.check()
     if not callable(states) and not len(states):
         raise ParameterError("states", "a display needs at least one state to show")
+    pair = replace(pair, camera=pair.camera.filming(settings.fps))
     scene_rng, rng = rng.spawn(2)
     scene = draw_scene(layout, pair, view_deg, scene_rng, settings.scene)
     frames = _Stream(states, scene, settings, rng).frames()

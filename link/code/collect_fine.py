@@ -29,8 +29,10 @@ from link.code.words import NUMBERS
 
 UNSURE = 1e-4
 """Largest posterior probability of all other numbers together at which a frame's number counts."""
-JUMP = 0.02
-"""Probability that a frame's number is not the one that the display's count says."""
+JUMP = 1e-4
+"""Probability that a frame's number is not the one that the display's count says. After each
+frame the others keep about this probability over the likelihood of the right one. So it is small,
+and frames of which few blocks can be read are numbered, too."""
 MAX_WAITING = 64
 """Number of frames that may wait until their number or the terms are known; the oldest are
 dropped."""

@@ -32,12 +32,15 @@ FAST = DeliveryConfig(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
 """The setting "fast", a camera of 60 frames a second before the preset `fast`."""
 SLANTED = replace(FAST, preset="hidden")
 """The setting "slanted", the same on the larger blocks of the preset `hidden`."""
+HIDDEN = DeliveryConfig(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20_000)
+"""The setting "hidden", below the threshold of sight at the preset's distance."""
 SETTINGS = {
     "paper": DeliveryConfig(n_bytes=100),
     "robust": DeliveryConfig(preset="robust", n_bytes=2_000),
     "slow camera": DeliveryConfig(preset="hidden", kappa=1, n_bytes=20_000),
     "faint": DeliveryConfig(preset="hidden", kappa=1, state_hz=30, fps=60, n_bytes=20_000),
-    "hidden": DeliveryConfig(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20_000),
+    "hidden": HIDDEN,
+    "hidden, 240 fps": replace(HIDDEN, fps=240),
     "slanted": SLANTED,
     "slanted, H.264": replace(SLANTED, codec=CodecSettings("h264", 20_000)),
     "slanted, 1080p": replace(SLANTED, size=(1920, 1080)),
@@ -125,7 +128,7 @@ def rates_table(stored: Sequence[tuple[str, dict[str, Any]]]) -> Table:
     heads = (
         "setting", "grid", "κ", "states/s", "camera fps", "bytes", "view", "delivered",
         "95 % interval", "wrong messages", "goodput, kbit/s, median", "least", "seconds, median",
-        "bits wrong %", "contrast over threshold",
+        "bound, s", "bits wrong %", "contrast over threshold",
     )  # fmt: skip
     rows = []
     for name, content in stored:
@@ -149,6 +152,7 @@ def rates_table(stored: Sequence[tuple[str, dict[str, Any]]]) -> Table:
                 _rate(rate.median()) if len(came) else "–",
                 _rate(rate.min()) if len(came) else "–",
                 f"{came['seconds'].median():.1f}" if len(came) else "–",
+                f"{content['summary'][-1]['bound_seconds']:.1f}",
                 percent(runs["bits_wrong"].sum() / max(1, runs["bits"].sum())),
                 f"{contrast_of(config['preset'], config['state_hz'], config['kappa']):.3g}",
             ]

@@ -152,6 +152,36 @@ def test_states_come_at_the_display_rate_by_the_camera_s_clock() -> None:
         assert max(last.states) == int((19.5 * (1 + error) + 1 / 64) * 15)
 
 
+def test_no_frame_is_exposed_for_longer_than_it_lasts() -> None:
+    slow = with_shutter(1 / 64, readout_s=0.015)
+    quick = replace(STEADY, fps=128.0, state_hz=64.0, seconds=0.25)
+    shown = [frame.states for frame in stream(quick, pair=with_shutter(1 / 64))]
+    assert [max(states.values()) for states in shown] == pytest.approx([1.0] * len(shown))
+    camera = slow.camera.filming(128.0)
+    assert (camera.shutter_s, camera.readout_s) == (1 / 128, 1 / 128)
+    assert slow.camera.filming(60.0) == slow.camera
+
+
+def test_a_shorter_exposure_is_as_bright_and_noisier() -> None:
+    noisy = only("canon-lg", "perspective", "noise")
+    gray = [np.full((96, 128, 3), 128, np.uint8)]
+    levels = {
+        fps: np.array(
+            [
+                inside(frame)
+                for frame in stream(replace(STEADY, fps=fps, seconds=8 / fps), gray, noisy)
+            ]
+        )
+        for fps in (60.0, 256.0)
+    }
+    mean, deviation = (
+        {fps: float(values.mean()) for fps, values in levels.items()},
+        {fps: float(values.std(axis=0, ddof=1).mean()) for fps, values in levels.items()},
+    )
+    assert mean[256.0] == pytest.approx(mean[60.0], abs=0.2)
+    assert deviation[256.0] > 1.5 * deviation[60.0]
+
+
 def test_the_loop_starts_again() -> None:
     gray = [np.full((96, 128, 3), level, np.uint8) for level in (40, 120, 200)]
     frames = stream(

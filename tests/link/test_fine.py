@@ -297,6 +297,22 @@ def test_covered_blocks_and_lost_bursts_of_frames_do_no_harm() -> None:
     assert message.data == data
 
 
+@pytest.mark.slow
+def test_a_picture_of_which_little_can_be_read_delivers() -> None:
+    """No frame's number is sure by itself: most blocks are dark, and their scores mere noise."""
+    rng = np.random.default_rng(1)
+    data = rng.bytes(3000)
+    bits = encode(data, 2918)
+    readable, collector = rng.random(2918) < 0.3, make_collector(2918)
+    for step in range(4 * len(bits)):
+        seen = 2.0 * bits[step % len(bits)] - 1 + rng.normal(0, np.sqrt(2), 2918)
+        message = collector.add(np.where(readable, seen, rng.normal(0, 0.3, 2918)), step)
+        if message is not None:
+            break
+    assert message is not None
+    assert message.data == data
+
+
 @pytest.mark.parametrize("announced", [True, False])
 def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> None:
     rng = np.random.default_rng(2)

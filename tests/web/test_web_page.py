@@ -58,8 +58,9 @@ def address(site, tmp_path_factory) -> Iterator[tuple[str, Path]]:
 
 @contextmanager
 def open_page(browser, flags=(), worker=None, width=390, height=844, offline=False, **more):
-    """Open a window in a browser with more flags; ``worker`` stands in for the page's worker."""
-    own = browser.browser_type.launch(executable_path=find_browser(), args=[*BROWSER_FLAGS, *flags])
+    """Open a window, in a browser of its own with flags; ``worker`` stands in for the page's."""
+    program, all_flags = find_browser(), [*BROWSER_FLAGS, *flags]
+    own = browser.browser_type.launch(executable_path=program, args=all_flags) if flags else browser
     services = "allow" if offline else "block"
     context = own.new_context(
         viewport={"width": width, "height": height}, service_workers=services, **more
@@ -78,7 +79,9 @@ def open_page(browser, flags=(), worker=None, width=390, height=844, offline=Fal
         yield page
         assert page.dialogs == page.errors == []
     finally:
-        own.close()
+        context.close()
+        if flags:
+            own.close()
 
 
 def wait_for(page, condition, patience=PATIENCE_S) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pilot_films import FINE, block_views, moving_picture, texture
+from pilot_films import FINE, MOVING_OUTLINE, block_views, moving_picture, texture
 from web_fixtures import run_node_tests, write_fixture
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
@@ -242,7 +242,9 @@ def toggling() -> dict[str, object]:
 
 
 def two_motions() -> dict[str, object]:
-    return {"before": moving_picture(0), "after": moving_picture(6), "moved": 6.0}
+    before, after = moving_picture(0), moving_picture(6)
+    outlines = {"picture": MOVING_OUTLINE, "everything": frame_corners(640, 640)}
+    return {"before": before, "after": after, "moved": 6.0, **outlines}
 
 
 def stabilising() -> dict[str, object]:

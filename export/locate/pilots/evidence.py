@@ -43,6 +43,14 @@ def pilot_signs(layout: Layout) -> Array:
     return np.asarray(2.0 * layout.pilot_bits - 1)
 
 
+@lru_cache(maxsize=16)
+def expected_changes(layout: Layout) -> Array:
+    """Expected changes of the blocks, (rows, cols): the pilots' signs, 0 elsewhere."""
+    blocks = np.zeros(layout.rows * layout.cols)
+    blocks[layout.pilot_blocks] = pilot_signs(layout)
+    return blocks.reshape(layout.rows, layout.cols)  # (blocks,) -> (rows, cols)
+
+
 def pilot_centres(layout: Layout) -> Array:
     """Give the centres (x, y) of the pilots on the display, (pilots, 2) in [0, 1]."""
     rows, cols = np.divmod(layout.pilot_blocks, layout.cols)

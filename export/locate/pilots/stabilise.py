@@ -15,6 +15,9 @@ WIDTH = 640
 """Largest width, in pixels, of the copies on which motion is followed."""
 POINTS, MIN_POINTS = 400, 12
 """Largest and smallest number of points that are followed."""
+ROOM_POINTS, APART_PX = 24, 8.0
+"""Number of points that must lie around a picture that moves, for them to say how the camera moves,
+and their least distance from it, in pixels of the copies: motion is seen in 15 pixels."""
 PARTS = 8
 """Number of parts of the image along each axis from each of which points are taken, where those
 that lie far apart count."""
@@ -26,7 +29,8 @@ class Stabiliser:
     """Follows the camera's motion since a reference frame, by optical flow and one homography.
 
     Most points move with the camera. But if a display shows a video, its picture moves as well, and
-    may have more points than the room. Then those points count that lie farther apart.
+    may have more points than the room. Then points around the picture are followed, or, as long as
+    nobody knows where it is, those points count that lie farther apart.
     """
 
     def __init__(self) -> None:
@@ -50,20 +54,28 @@ class Stabiliser:
         """Give up the reference."""
         self._reference = None
 
-    def begin(self, gray: Gray, *, far_apart: bool = False) -> None:
+    def begin(self, gray: Gray, *, far_apart: bool = False, picture: Array | None = None) -> None:
         """Take a frame as the reference.
 
         Args:
             gray: (H, W) uint8.
             far_apart: whether, of two motions, that of the points counts which lie farther apart,
                 and not that of the most points.
+            picture: (4, 2) pixels of the corners of a picture that moves by itself. Points around
+                it are followed, if there are `ROOM_POINTS`; else ``far_apart`` holds.
         """
         self._far_apart = far_apart
         height, width = self._shape = gray.shape
         self._reference = _small(gray)
         x, y = width / self._reference.shape[1], height / self._reference.shape[0]
         self._H_image_from_copy = resized_homography(x, y)
-        self._points = _clear_points(self._reference, PARTS if far_apart else 1)
+        room = np.zeros((0, 1, 2), np.float32)
+        if picture is not None:
+            room = _clear_points(self._reference, 1, _around(self.on_copy(picture), self.shape))
+        if len(room) >= ROOM_POINTS:
+            self._points, self._far_apart = room, False
+        else:
+            self._points = _clear_points(self._reference, PARTS if far_apart else 1)
         self._guess = self._points.copy()
 
     def follow(self, gray: Gray) -> Array | None:
@@ -125,14 +137,36 @@ class Stabiliser:
         return np.asarray(cv2.perspectiveTransform(points[:, None], self._H_image_from_copy)[:, 0])
 
 
-def _clear_points(gray: Gray, parts: int) -> NDArray[np.float32]:
-    """Choose the clearest points of each of ``parts`` x ``parts`` parts of an image, (n, 1, 2)."""
+def _around(quad: Array, shape: tuple[int, int]) -> Gray:
+    """Mark by 255 the pixels (h, w) that lie `APART_PX` or more outside of a convex quadrilateral.
+
+    Args:
+        quad: (4, 2) corners, clockwise.
+        shape: height and width.
+    """
+    y, x = np.indices(shape, np.float32)
+    outside = np.full(shape, -np.inf, np.float32)
+    for start, end in zip(quad, np.roll(quad, -1, axis=0), strict=True):
+        along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
+        outside = np.maximum(outside, along[1] * (x - start[0]) - along[0] * (y - start[1]))
+    return np.where(outside >= APART_PX, 255, 0).astype(np.uint8)
+
+
+def _clear_points(gray: Gray, parts: int, mask: Gray | None = None) -> NDArray[np.float32]:
+    """Choose the clearest points of each of ``parts`` x ``parts`` parts of an image, (n, 1, 2).
+
+    Args:
+        gray: (h, w) uint8.
+        parts: number of parts along each axis.
+        mask: (h, w) uint8, 0 where no points are taken; None to take them anywhere.
+    """
     ys, xs = (np.linspace(0, side, parts + 1).astype(int) for side in gray.shape)
     found = [np.zeros((0, 1, 2), np.float32)]
     for top, bottom in pairwise(ys):
         for left, right in pairwise(xs):
             part = gray[top:bottom, left:right]
-            points = cv2.goodFeaturesToTrack(part, POINTS // parts**2, 0.005, 8)
+            free = None if mask is None else mask[top:bottom, left:right]
+            points = cv2.goodFeaturesToTrack(part, POINTS // parts**2, 0.005, 8, mask=free)
             if points is not None:
                 found.append(points + np.array([left, top], np.float32))
     return np.concatenate(found)

@@ -175,7 +175,7 @@ class RoomFollower(Follower):
     def begin(self, image: Image, corners: Array, rectified: Image) -> None:
         """Take a frame, and the corners in it, as the reference."""
         self.corners = self._first = corners
-        self._room.begin(as_gray(image), far_apart=True)
+        self._room.begin(as_gray(image), far_apart=True, picture=corners)
 
     def step(self, image: Image) -> tuple[Array, bool] | None:
         """Find the display in the next frame, as `Follower.step` does."""

@@ -25,10 +25,11 @@ LEAST_EVIDENCE = 4.0
 """Smallest evidence (`export.locate.pilots.evidence.pilot_evidence`) at which the pilots are still
 seen."""
 PATIENCE = 3
-"""Number of looks in a row without evidence after which the display counts as lost."""
+"""Number of looks in a row without evidence after which the display counts as lost. One is enough
+at the first look: pilots that were beyond doubt a moment ago are gone."""
 SOON = 240
 """Number of frames within which a display that is found and lost again has probably been followed
-by what did not move with it: its picture if that moves, or else the room."""
+by what did not move with it, its picture if that moves, or by a room in which nothing is seen."""
 
 
 class PilotTracker:
@@ -82,7 +83,8 @@ class PilotTracker:
         tracked = None if step is None else self._accept(image, step[0], fresh=step[1])
         if tracked is not None and self._still_there(tracked, time):
             return tracked
-        if tracked is not None and self._count <= SOON:
+        followed_amiss = tracked is not None or self._search.picture_moves
+        if followed_amiss and self._count <= SOON:
             self._search.picture_moves = not self._search.picture_moves
         self._follower.forget()
         return None
@@ -125,4 +127,4 @@ class PilotTracker:
             return True
         evidence, _ = pilot_evidence(self._values, layout, self._at)
         self._missed = 0 if evidence >= LEAST_EVIDENCE else self._missed + 1
-        return self._missed < PATIENCE
+        return self._missed < (PATIENCE if self._count > WATCHED else 1)

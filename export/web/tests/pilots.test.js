@@ -180,7 +180,16 @@ test("what toggles is mapped and outlined", () => {
 });
 
 test("of two motions that of the points that lie farther apart is chosen", () => {
-  const { before, after, moved } = readFixture("two_motions");
+  const { before, after, moved, picture, everything } = readFixture("two_motions");
+  for (const outline of [picture, everything]) {
+    const stabiliser = new Stabiliser();
+    stabiliser.begin(planeOf(before), true, pointsOf(outline));
+    const H = stabiliser.follow(planeOf(after));
+    assert.ok(H);
+    const [[x]] = transform(H, [[320, 320]]);
+    assert.ok(Math.abs(x - 320) < 0.3, `the middle is at ${x}`);
+    assert.equal(stabiliser.share > 0.97, outline === picture);
+  }
   for (const farApart of [false, true]) {
     const stabiliser = new Stabiliser();
     stabiliser.begin(planeOf(before), farApart);

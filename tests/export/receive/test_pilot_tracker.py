@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import slow
 from numpy.typing import NDArray
-from pilot_films import FINE, OTHER, BlockMeans, filmed, moving_picture
+from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
 
 import export.receive.tracking.pilots as pilots_module
 from export.locate.candidates import display_candidates
@@ -76,6 +76,19 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
         assert 0 < stabiliser.share < 0.9
 
 
+def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
+    stabiliser = Stabiliser()
+    stabiliser.begin(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
+    H = stabiliser.follow(moving_picture(6))
+    assert H is not None
+    np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=0.01)
+    assert stabiliser.share > 0.97
+    everything = np.array([[-50.0, -50.0], [700.0, -50.0], [700.0, 700.0], [-50.0, 700.0]])
+    stabiliser.begin(moving_picture(0), far_apart=True, picture=everything)
+    assert stabiliser.follow(moving_picture(6)) is not None
+    assert 0 < stabiliser.share < 0.9  # nothing lies around it: points are taken from all over
+
+
 @pytest.mark.slow
 def test_a_display_is_moved_within_its_rectified_image(
     film: tuple[list[Image], NDArray[np.float64]],
@@ -126,6 +139,19 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
     tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
     assert tracked is not None
     assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
+
+
+@pytest.mark.slow
+def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
+    film: tuple[list[Image], NDArray[np.float64]],
+) -> None:
+    """The room may be dark; the picture may not move after all."""
+    images, _ = film
+    tracker = PilotTracker([FINE], FPS)
+    tracker._search.picture_moves = True
+    assert found_in(tracker, images) is not None
+    assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
+    assert not tracker._search.picture_moves
 
 
 @pytest.mark.slow

@@ -41,13 +41,14 @@ def test_rates_are_those_of_the_runs(tmp_path: Path) -> None:
         chosen = RatesConfig(out=tmp_path).series("fast", view)
         setup = {key: value for key, value in asdict(chosen).items() if key not in ("out", "jobs")}
         chosen.out.mkdir(parents=True)
-        content = json.dumps({"config": setup, "runs": runs})
+        content = json.dumps({"config": setup, "summary": [{"bound_seconds": 1.25}], "runs": runs})
         (chosen.out / f"{chosen.name}.json").write_text(content)
     table = rates_table(stored_series(tmp_path))
     cells, lost = (dict(zip(table.heads, row, strict=True)) for row in table.rows)
     assert cells["delivered"] == "2 of 2"
     assert cells["goodput, kbit/s, median"] == "60"  # of 80 and 40
     assert cells["least"] == "40"
+    assert cells["bound, s"] == "1.2"
     assert cells["bits wrong %"] == "5.00"
     assert lost["view"] == "45°"
     assert (lost["delivered"], lost["least"], lost["seconds, median"]) == ("0 of 1", "–", "–")

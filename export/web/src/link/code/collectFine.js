@@ -25,8 +25,12 @@ import { NUMBERS, largestAt, logSumExp } from "./words.js";
 
 /** Largest posterior probability of all other numbers together at which a frame's number counts. */
 const UNSURE = 1e-4;
-/** Probability that a frame's number is not the one that the display's count says. */
-const JUMP = 0.02;
+/**
+ * Probability that a frame's number is not the one that the display's count says. After each frame
+ * the others keep about this probability over the likelihood of the right one. So it is small, and
+ * frames of which few blocks can be read are numbered, too.
+ */
+const JUMP = 1e-4;
 /**
  * Number of frames that may wait until their number or the terms are known; the oldest are dropped.
  */

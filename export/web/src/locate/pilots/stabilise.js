@@ -17,6 +17,10 @@ export const WIDTH = 640;
 export const POINTS = 400;
 /** Smallest number of points that are followed. */
 export const MIN_POINTS = 12;
+/** Number of points that must lie around a picture that moves, for them to say how the camera moves. */
+export const ROOM_POINTS = 24;
+/** Their least distance from it, in pixels of the copies: motion is seen in 15 pixels. */
+export const APART_PX = 8.0;
 /** Largest distance, in pixels of the copies, of a point from where the common motion puts it. */
 export const SAME_PX = 0.7;
 /**
@@ -29,7 +33,8 @@ export const PARTS = 8;
  * Follows the camera's motion since a reference frame, by optical flow and one homography.
  *
  * Most points move with the camera. But if a display shows a video, its picture moves as well, and
- * may have more points than the room. Then those points count that lie farther apart.
+ * may have more points than the room. Then points around the picture are followed, or, as long as
+ * nobody knows where it is, those points count that lie farther apart.
  */
 export class Stabiliser {
   /** @type {BytePlane | null} */
@@ -69,16 +74,21 @@ export class Stabiliser {
    * @param {BytePlane} gray
    * @param {boolean} [farApart] - whether, of two motions, that of the points counts which lie
    *   farther apart, and not that of the most points
+   * @param {Point[] | null} [picture] - corners of a picture that moves by itself; points around it
+   *   are followed, if there are `ROOM_POINTS`; else `farApart` holds
    */
-  begin(gray, farApart = false) {
-    this.#farApart = farApart;
+  begin(gray, farApart = false, picture = null) {
     const { width, height } = gray;
     const reference = (this.#reference = this.#copyOf(gray));
     this.#size = [width, height];
     const x = width / reference.width;
     const y = height / reference.height;
     this.#HImageFromCopy = [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
-    this.#points = clearPoints(reference, farApart ? PARTS : 1);
+    const mask = picture && aroundQuad(this.onCopy(picture), reference.width, reference.height);
+    const room = mask ? clearPoints(reference, 1, mask) : new Float32Array(0);
+    const isSeen = room.length >= 2 * ROOM_POINTS;
+    this.#farApart = farApart && !isSeen;
+    this.#points = isSeen ? room : clearPoints(reference, farApart ? PARTS : 1);
     this.#guess = this.#points.slice();
   }
 
@@ -156,15 +166,44 @@ export class Stabiliser {
 }
 
 /**
+ * Mark by 255 the pixels that lie `APART_PX` or more outside of a convex quadrilateral.
+ *
+ * @param {Point[]} quad - clockwise
+ * @param {number} width
+ * @param {number} height
+ * @returns {BytePlane}
+ */
+function aroundQuad(quad, width, height) {
+  const sides = quad.map((start, i) => {
+    const end = quad[(i + 1) % quad.length];
+    const along = [end[0] - start[0], end[1] - start[1]];
+    const length = Math.max(Math.hypot(...along), 1e-9);
+    return { start, along: along.map((part) => part / length) };
+  });
+  const data = new Uint8Array(width * height);
+  for (let y = 0, at = 0; y < height; y++) {
+    for (let x = 0; x < width; x++, at++) {
+      for (const { start, along } of sides) {
+        const outside = along[1] * (x - start[0]) - along[0] * (y - start[1]);
+        if (outside >= APART_PX) data[at] = 255;
+      }
+    }
+  }
+  return { width, height, data };
+}
+
+/**
  * Choose the clearest points of each part of an image.
  *
  * @param {BytePlane} plane
  * @param {number} parts - number of parts along each axis
+ * @param {BytePlane | null} [mask] - 0 where no points are taken; null to take them anywhere
  * @returns {Float32Array<ArrayBuffer>} x and y in turn
  */
-function clearPoints(plane, parts) {
+function clearPoints(plane, parts, mask = null) {
   return withMats((keep) => {
     const image = keep(matOf(plane));
+    const free = keep(mask ? matOf(mask) : new cv.Mat());
     const most = Math.floor(POINTS / parts ** 2);
     /** @type {number[]} */
     const all = [];
@@ -172,9 +211,11 @@ function clearPoints(plane, parts) {
       const [top, bottom] = [row, row + 1].map((k) => Math.floor((k * plane.height) / parts));
       for (let col = 0; col < parts; col++) {
         const [left, right] = [col, col + 1].map((k) => Math.floor((k * plane.width) / parts));
-        const part = keep(image.roi(new cv.Rect(left, top, right - left, bottom - top)));
+        const rect = new cv.Rect(left, top, right - left, bottom - top);
+        const part = keep(image.roi(rect));
+        const open = mask ? keep(free.roi(rect)) : free;
         const points = keep(new cv.Mat());
-        cv.goodFeaturesToTrack(part, points, most, 0.005, 8);
+        cv.goodFeaturesToTrack(part, points, most, 0.005, 8, open);
         for (let i = 0; i < points.rows; i++) {
           all.push(points.data32F[2 * i] + left, points.data32F[2 * i + 1] + top);
         }

@@ -222,7 +222,7 @@ export class RoomFollower extends Follower {
    */
   begin(image, corners) {
     this.corners = this.#first = corners;
-    this.#room.begin(image, true);
+    this.#room.begin(image, true, corners);
   }
 
   /**

@@ -19,11 +19,14 @@ export const WATCHED = 48;
 export const CHECK_EVERY = 24;
 /** Smallest evidence (`pilotEvidence`) at which the pilots are still seen. */
 export const LEAST_EVIDENCE = 4.0;
-/** Number of looks in a row without evidence after which the display counts as lost. */
+/**
+ * Number of looks in a row without evidence after which the display counts as lost. One is enough at
+ * the first look: pilots that were beyond doubt a moment ago are gone.
+ */
 export const PATIENCE = 3;
 /**
  * Number of frames within which a display that is found and lost again has probably been followed
- * by what did not move with it: its picture if that moves, or else the room.
+ * by what did not move with it, its picture if that moves, or by a room in which nothing is seen.
  */
 export const SOON = 240;
 
@@ -80,7 +83,8 @@ export class PilotTracker {
     const step = this.#follower.step(image);
     const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
     if (tracked !== null && this.#stillThere(tracked, time)) return tracked;
-    if (tracked !== null && this.#count <= SOON) {
+    const isFollowedAmiss = tracked !== null || this.#search.pictureMoves;
+    if (isFollowedAmiss && this.#count <= SOON) {
       this.#search.pictureMoves = !this.#search.pictureMoves;
     }
     this.#follower.forget();
@@ -146,6 +150,6 @@ export class PilotTracker {
     if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
     const { evidence } = pilotEvidence(this.#values, layout, this.#at);
     this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
-    return this.#missed < PATIENCE;
+    return this.#missed < (this.#count > WATCHED ? PATIENCE : 1);
   }
 }

@@ -1,0 +1,118 @@
+"""Frames of a film that are kept, and what they show of a display."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.pilots.all_blocks import BlockMaps
+from export.locate.pilots.evidence import LEAST_DEVIATION
+from export.locate.pilots.waves import waves
+from link.geometry import homography_from_corners, rectify, resized_homography, transform
+from link.layout import Layout
+
+Array = NDArray[np.float64]
+Gray = NDArray[np.uint8]
+FAR_OUTSIDE = 0.5
+"""Share of the image's size by which a corner may lie outside of it."""
+LEAST_AREA = 0.005
+"""Smallest share of the image that a display covers."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilmFrame:
+    """One frame, and how the camera has moved since a reference frame."""
+
+    gray: Gray
+    """(H, W) uint8."""
+    H_image_from_reference: Array
+    """(3, 3) homography: where points of the reference lie in it."""
+    at: float
+    """Its position since the reference (`export.locate.pilots.waves.position`)."""
+
+    def view(self, corners: Array, layout: Layout) -> Gray | None:
+        """Rectify a display to the layout's size.
+
+        Args:
+            corners: (4, 2) pixels of the reference frame.
+            layout: layout of the display.
+
+        Returns:
+            (height, width) uint8, or None where the corners make no sound quadrilateral near the
+            image.
+        """
+        quad = self._quad(corners)
+        if quad is None:
+            return None
+        H = homography_from_corners(quad, layout.width, layout.height)
+        return rectify(self.gray, H, layout.width, layout.height)
+
+    def block_view(self, corners: Array, maps: BlockMaps) -> Gray | None:
+        """Rectify a display with what lies around it to the size of maps of its blocks.
+
+        Args:
+            corners: (4, 2) pixels of the reference frame.
+            maps: maps of the display's layout.
+
+        Returns:
+            uint8 of ``maps.size``, or None where the corners make no sound quadrilateral near the
+            image.
+        """
+        quad = self._quad(corners)
+        if quad is None:
+            return None
+        H = homography_from_corners(quad, maps.layout.width, maps.layout.height)
+        H_map_from_fine = resized_homography(1 / maps.shrunk, 1 / maps.shrunk)
+        width, height = (maps.shrunk * side for side in maps.size)
+        fine = rectify(self.gray, H @ maps.to_layout() @ H_map_from_fine, width, height)
+        return np.asarray(cv2.resize(fine, maps.size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def _quad(self, corners: Array) -> Array | None:
+        """Find where corners of the reference lie here; None where they are not sound."""
+        quad = transform(self.H_image_from_reference, corners)
+        size = np.array(self.gray.shape[::-1])
+        if not ((quad > -FAR_OUTSIDE * size).all() and (quad < (1 + FAR_OUTSIDE) * size).all()):
+            return None
+        outline = np.asarray(quad, np.float32)
+        if not cv2.isContourConvex(outline):
+            return None
+        return quad if cv2.contourArea(outline) >= LEAST_AREA * self.gray.size else None
+
+
+def positions(frames: Sequence[FilmFrame]) -> list[float]:
+    """List the frames' positions since the reference."""
+    return [frame.at for frame in frames]
+
+
+def small_views(
+    corners: Array, layout: Layout, frames: Sequence[FilmFrame], size: tuple[int, int]
+) -> NDArray[np.float32] | None:
+    """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""
+    views = []
+    for frame in frames:
+        view = frame.view(corners, layout)
+        if view is None:
+            return None
+        views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
+    return np.array(views, np.float32)
+
+
+def amplitudes(
+    views: NDArray[np.float32], at: Sequence[float], frequency: float
+) -> NDArray[np.complex64]:
+    """Measure how each place toggles at a frequency, over its deviation.
+
+    Args:
+        views: (frames, h, w) maps of a display.
+        at: positions of the frames.
+        frequency: periods for each nominal frame.
+
+    Returns:
+        (h, w) complex amplitudes.
+    """
+    stack = views - views.mean(axis=0)
+    turns = waves(at, np.array([frequency]), np.zeros(1))[0].round(12).astype(np.complex64)
+    line = np.tensordot(turns, stack, axes=1) / (stack.std(axis=0) + LEAST_DEVIATION)
+    return np.asarray(line, np.complex64)
