@@ -6,7 +6,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 
 import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
-import { planeOfFrame, planeOfRgba } from "../src/page/planes.js";
+import { planeOfFrame, planeOfRgba, turned } from "../src/page/planes.js";
 import { recordingFile } from "../src/page/recording.js";
 import { linkOf, noteOf, textOf } from "../src/page/text.js";
 import { parseHeader, readY4m } from "../src/page/y4m.js";
@@ -132,6 +132,15 @@ test("colours become luma as OpenCV makes it", async () => {
   const six = rgba.data.slice(0, 24);
   const plane = await planeOfFrame(frameOf("BGRX", null, six));
   assert.deepEqual(plane.data, luma.data.slice(0, 6));
+});
+
+test("a frame is turned clockwise", () => {
+  const plane = { width: 3, height: 2, data: Uint8Array.from([1, 2, 3, 4, 5, 6]) };
+  assert.deepEqual(turned(plane, 0), plane);
+  const quarter = { width: 2, height: 3, data: Uint8Array.from([4, 1, 5, 2, 6, 3]) };
+  assert.deepEqual(turned(plane, 90), quarter);
+  assert.deepEqual(turned(plane, 180).data, plane.data.slice().reverse());
+  assert.deepEqual(turned(turned(plane, 90), 270), plane);
 });
 
 test("a recording is an archive of a film and of what is known about it", async () => {

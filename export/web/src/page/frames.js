@@ -1,19 +1,13 @@
-/**
- * Frames with their own times, from a camera or a film.
- *
- * Each source calls `take` for every frame that there is. A live source does not wait for what
- * becomes of the frame; a film without compression does, so that it is read whole.
- */
-
-import { readY4m } from "./y4m.js";
+/** The frames of a camera with their own times; it does not wait for what becomes of them. */
 
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
 /**
- * A frame: as the browser has it, as pixels of a canvas, or as luma.
+ * A frame: as the browser has it, with the degrees by which it is to be turned clockwise, 0 where
+ * nothing is said; or as pixels of a canvas; or as luma.
  *
- * @typedef {{ frame?: VideoFrame, rgba?: RgbaImage, plane?: Plane }} Pixels
+ * @typedef {{ frame?: VideoFrame, rotation?: number, rgba?: RgbaImage, plane?: Plane }} Pixels
  */
 
 /**
@@ -113,25 +107,4 @@ function pixelsOf(video, canvas, time) {
   context.drawImage(video, 0, 0);
   const { data } = context.getImageData(0, 0, width, height);
   return { rgba: { width, height, data } };
-}
-
-/**
- * Take all frames of a .y4m film, each after `take` is done with the one before.
- *
- * @param {ReadableStream<Uint8Array>} film
- * @param {(plane: Plane) => void} show - is given each frame first, to be shown
- * @param {(fps: number) => void} begin - is told the film's rate before the first frame
- * @param {Take} take
- * @param {AbortSignal} signal - ends it
- * @throws {Error} it is no such film
- */
-export async function y4mFrames(film, show, begin, take, signal) {
-  let begun = false;
-  for await (const { plane, time, fps } of readY4m(film)) {
-    if (signal.aborted) return;
-    if (!begun) begin(fps);
-    begun = true;
-    show(plane);
-    await take({ plane }, time);
-  }
 }

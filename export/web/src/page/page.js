@@ -2,13 +2,13 @@
 
 import { adviceFor, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
-import { cameraFrames, videoFrames, y4mFrames } from "./frames.js";
+import { filmFrames } from "./films.js";
+import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
 import { linkOf, noteOf, textOf } from "./text.js";
-import { Y4M_MAGIC } from "./y4m.js";
 
-/** @import { Plane } from "../image/opencv.js" */
+/** @import { Viewer } from "./films.js" */
 /** @import { Arrival, Step } from "./protocol.js" */
 
 /** Seconds of a recording of what the camera sees. */
@@ -22,23 +22,8 @@ const [MIN_KEY_BYTES, MAX_KEY_BYTES] = [16, 4096];
 /** Largest age of a message, in seconds, that can be asked for, as of its stamp. */
 const MAX_AGE_S = 256 ** 4 - 1;
 
-/** Slowest rate, relative to its own, at which a film is played, and that at which it begins. */
-const [SLOWEST, FIRST_RATE] = [0.0625, 0.5];
-
-/** Number of frames after which a film's rate is chosen anew. */
-const WATCHED = 10;
-
-/** Factor of a film's rate where no frame was lost, and of that at which it is played again. */
-const [FASTER, AGAIN] = [1.1, 0.5];
-
-/** Share of a film's frames that may be lost without playing it again, more slowly. */
-const FEW_LOST = 0.02;
-
 /** Advice where a film shows a display, and not for long or well enough. */
 const FILM_LONGER = "Film longer, closer, or with a steadier hand.";
-
-/** Why a film is not played. */
-const NO_FILM = "the file is no film, or this browser cannot play it";
 
 /** @param {string} id @returns {any} */
 const byId = (id) => document.getElementById(id);
@@ -343,8 +328,8 @@ async function readFilm(film) {
   try {
     await whenReady(signal);
     if (signal.aborted) return;
-    if (await isY4m(film)) await readPlanes(film, signal);
-    else await readVideo(film, signal);
+    [video.hidden, picture.hidden] = [true, false];
+    await filmFrames(film, viewerOf(signal), signal);
     if (!signal.aborted) await reception.finish();
   } catch (error) {
     if (signal.aborted) return;
@@ -363,135 +348,27 @@ async function whenReady(signal) {
 }
 
 /**
- * Tell films without compression, which browsers do not play, from others by their first bytes.
+ * Show the frames of a film, and give them to the worker.
  *
- * @param {Blob | URL} film
- * @returns {Promise<boolean>}
- * @throws {Error} there is no such film, or it is empty
- */
-async function isY4m(film) {
-  const reader = (await streamOfFilm(film)).getReader();
-  let start = "";
-  while (start.length < Y4M_MAGIC.length) {
-    const { value, done } = await reader.read();
-    if (done) break;
-    start += String.fromCharCode(...value.subarray(0, Y4M_MAGIC.length));
-  }
-  await reader.cancel(); // what follows is not loaded
-  if (!start) throw new Error("the file is empty");
-  return start.startsWith(Y4M_MAGIC);
-}
-
-/**
- * Open a film's bytes.
- *
- * @param {Blob | URL} film
- * @param {AbortSignal} [signal]
- * @returns {Promise<ReadableStream<Uint8Array>>}
- * @throws {Error} there is no such film
- */
-async function streamOfFilm(film, signal) {
-  if (film instanceof Blob) return film.stream();
-  const response = await fetch(film, { signal }).catch(() => null);
-  signal?.throwIfAborted();
-  if (response?.ok && response.body) return response.body;
-  throw new Error(`there is no film at ${film.pathname}`);
-}
-
-/** @param {Blob | URL} film @param {AbortSignal} signal */
-async function readPlanes(film, signal) {
-  video.hidden = true;
-  picture.hidden = false;
-  const stream = await streamOfFilm(film, signal);
-  const take = async (/** @type {any} */ pixels, /** @type {number} */ time) => {
-    await reception.whenIdle();
-    if (!signal.aborted) await reception.offer(pixels, time);
-  };
-  await y4mFrames(stream, showPlane, (fps) => reception.begin(fps), take, signal);
-}
-
-/** @param {Plane} plane */
-function showPlane({ width, height, data }) {
-  if (picture.width !== width || picture.height !== height) {
-    [picture.width, picture.height] = [width, height];
-  }
-  const image = new ImageData(width, height);
-  const pixels = new Uint32Array(image.data.buffer);
-  for (let i = 0; i < data.length; i++) pixels[i] = 0xff000000 | (data[i] * 0x010101);
-  picture.getContext("2d")?.putImageData(image, 0, 0);
-}
-
-/**
- * Play a film, as slowly as its frames are read; where too many are lost, play it again.
- *
- * @param {Blob | URL} film
  * @param {AbortSignal} signal
- * @throws {Error} the browser cannot play it, or it has no picture
+ * @returns {Viewer}
  */
-async function readVideo(film, signal) {
-  const address = film instanceof Blob ? URL.createObjectURL(film) : film.href;
-  const broken = new Promise((_, reject) => {
-    const fail = (/** @type {string} */ why) => () => reject(new Error(why));
-    video.addEventListener("error", fail(NO_FILM), { signal });
-    const noPicture = fail("the file has sound and no picture");
-    video.addEventListener("loadeddata", () => video.videoWidth || noPicture(), { signal });
-  });
-  try {
-    video.src = address;
-    reception.begin(null);
-    for (let rate = FIRST_RATE; ; rate = Math.min(rate, video.playbackRate) * AGAIN) {
-      const lost = await Promise.race([playFilm(Math.max(rate, SLOWEST), signal), broken]);
-      if (signal.aborted || lost < FEW_LOST || rate <= SLOWEST) return;
+function viewerOf(signal) {
+  return {
+    begin: (fps) => reception.begin(fps),
+    show(width, height, draw) {
+      if (picture.width !== width || picture.height !== height) {
+        [picture.width, picture.height] = [width, height];
+      }
+      const context = picture.getContext("2d");
+      if (context) draw(context);
+    },
+    async take(pixels, time) {
       await reception.whenIdle();
-      reception.begin(reception.fps);
-    }
-  } finally {
-    if (film instanceof Blob) URL.revokeObjectURL(address);
-  }
-}
-
-/**
- * Play the film of the video element once.
- *
- * @param {number} rate - relative to the film's own, at first; it becomes slower where frames are
- *   lost, because the worker is busy or the browser does not show them, and faster where none is
- * @param {AbortSignal} signal
- * @returns {Promise<number>} share of the frames that were lost
- */
-async function playFilm(rate, signal) {
-  let [taken, lost, last] = [0, 0, 0];
-  const all = { taken: 0, lost: 0 };
-  /** @type {import("./frames.js").Take} */
-  const take = (pixels, time) => {
-    if (video.seeking) return null;
-    const { fps } = reception;
-    const answer = reception.offer(pixels, time);
-    if (fps === null) {
-      if (reception.fps !== null) video.currentTime = 0; // read what was measured
-      return answer;
-    }
-    const missed = all.taken ? Math.max(0, Math.round((time - last) * fps) - 1) : 0;
-    const gone = missed + (answer ? 0 : 1);
-    [taken, lost, last] = [taken + 1 - (answer ? 0 : 1), lost + gone, time];
-    if (taken + lost >= WATCHED) {
-      const change = lost ? taken / (taken + lost) : FASTER;
-      video.playbackRate = Math.min(1, Math.max(SLOWEST, video.playbackRate * change));
-      [taken, lost] = [0, 0];
-    }
-    all.taken += answer ? 1 : 0;
-    all.lost += gone;
-    return answer;
+      if (signal.aborted) pixels.frame?.close();
+      else await reception.offer(pixels, time);
+    },
   };
-  video.currentTime = 0;
-  try {
-    await video.play();
-  } catch {
-    if (signal.aborted) return 0;
-    throw new Error(video.error ? NO_FILM : "the browser refused to play it; try again");
-  }
-  video.playbackRate = rate;
-  await videoFrames(video, take, signal);
-  return all.lost / Math.max(1, all.taken + all.lost);
 }
 
 /**

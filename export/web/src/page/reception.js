@@ -5,14 +5,14 @@
 /** @import { Pixels } from "./frames.js" */
 /** @import { Answer, Request, Step } from "./protocol.js" */
 
-/** Number of frames from whose times the rate of a camera or a film is measured. */
+/** Number of frames from whose times the rate of a camera is measured. */
 const PROBED = 16;
 
 /** Largest and smallest number of frames a second that is believed. */
 const MAX_FPS = 1000;
 const MIN_FPS = 1;
 
-/** Frames a second where the times of the first frames tell nothing. */
+/** Frames a second where the times of the frames tell nothing. */
 const DEFAULT_FPS = 30;
 
 /**
@@ -63,16 +63,17 @@ export class Reception {
   /**
    * Begin a new film or camera.
    *
-   * @param {number | null} fps - frames a second, or null where they are to be measured
+   * @param {number | null} fps - frames a second, or null where they are to be measured; a number
+   *   that no camera has is replaced by a usual one
    */
   begin(fps) {
     this.times = [];
     this.taken = this.dropped = 0;
-    this.fps = fps;
     this.session++;
-    if (fps === null) return;
+    this.fps = fps === null || (fps >= MIN_FPS && fps <= MAX_FPS) ? fps : DEFAULT_FPS;
+    if (this.fps === null) return;
     const { session, key, maxAgeS } = this;
-    this.send({ type: "start", session, fps, key, maxAgeS: key && maxAgeS });
+    this.send({ type: "start", session, fps: this.fps, key, maxAgeS: key && maxAgeS });
   }
 
   /**
@@ -104,14 +105,13 @@ export class Reception {
     const gaps = this.times.slice(1).map((next, i) => next - this.times[i]);
     const usual = [...gaps].sort((a, b) => a - b)[gaps.length >> 1];
     const frames = gaps.reduce((sum, gap) => sum + Math.max(1, Math.round(gap / usual)), 0);
-    const rate = frames / gaps.reduce((sum, gap) => sum + gap, 0);
-    this.begin(rate >= MIN_FPS && rate <= MAX_FPS ? rate : DEFAULT_FPS);
+    this.begin(frames / gaps.reduce((sum, gap) => sum + gap, 0));
   }
 
   /** Say that the film has ended, once the last frame is read. */
   async finish() {
     await this.whenIdle();
-    if (this.fps === null) this.begin(DEFAULT_FPS); // so short that its rate was not measured
+    if (this.fps === null) this.begin(DEFAULT_FPS); // it had no frames
     await this.ask({ type: "finish" }, []);
   }
 

@@ -12,7 +12,7 @@ import { explainSilence, OFTEN } from "../receive/diagnosis.js";
 import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";
 import { warmUp } from "../receive/warm.js";
-import { planeOfFrame, planeOfRgba } from "./planes.js";
+import { planeOfFrame, planeOfRgba, turned } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
 import { DecodingWorker, RemoteDecoder } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
@@ -109,10 +109,10 @@ async function answer(request) {
 }
 
 /** @param {Pixels} pixels @returns {Promise<Plane>} */
-async function planeOf({ frame, rgba, plane }) {
+async function planeOf({ frame, rotation, rgba, plane }) {
   if (plane) return plane;
   if (rgba) return planeOfRgba(rgba);
-  if (frame) return planeOfFrame(frame);
+  if (frame) return turned(await planeOfFrame(frame), rotation ?? 0);
   throw new Error("a frame without pixels");
 }
 

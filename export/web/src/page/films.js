@@ -1,0 +1,177 @@
+/**
+ * The frames of a film: all of them, each after the one before is read, however slow the device is.
+ *
+ * Films without compression (.y4m) are read here. For others, mediabunny finds the frames in the
+ * file, and the browser's decoder turns them into pictures; the film is not played.
+ */
+
+import { BlobSource, Input, MATROSKA, MP4, QTFF, UrlSource, VideoSampleSink, WEBM } from "mediabunny";
+import { readY4m, Y4M_MAGIC } from "./y4m.js";
+
+/** @import { InputVideoTrack, VideoSample } from "mediabunny" */
+/** @import { Plane } from "../image/opencv.js" */
+/** @import { Pixels } from "./frames.js" */
+
+/** Kinds of compressed films that are read; cameras, phones and browsers write these. */
+const KINDS = [MP4, QTFF, WEBM, MATROSKA];
+
+/** Number of frames from whose times a film's rate is taken. */
+const PROBED = 100;
+
+/** Why a file is not read. */
+const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, webm, mkv, y4m)";
+
+/** A film that is not read, or not to its end; the message says why. */
+export class Unreadable extends Error {}
+
+/**
+ * What is done with a film.
+ *
+ * @typedef {object} Viewer
+ * @property {(fps: number) => void} begin - is told the film's frames a second, before the first
+ * @property {(width: number, height: number, draw: Draw) => void} show - is given each frame, to be
+ *   drawn on a canvas of this size
+ * @property {(pixels: Pixels, time: number) => unknown} take - is given each frame and its time in
+ *   seconds; the next one waits until this is done
+ */
+
+/** Draws a frame on a canvas. @typedef {(context: CanvasRenderingContext2D) => void} Draw */
+
+/**
+ * Read a film, frame by frame.
+ *
+ * @param {Blob | URL} film - a file, or an address on the site of this page
+ * @param {Viewer} viewer
+ * @param {AbortSignal} signal - ends it
+ * @throws {Unreadable} there is no such film, it is damaged, or this browser cannot decode it
+ */
+export async function filmFrames(film, viewer, signal) {
+  if (await isY4m(film)) await plainFrames(await streamOf(film, signal), viewer, signal);
+  else await codedFrames(film, viewer, signal);
+}
+
+/**
+ * Tell films without compression from others by their first bytes.
+ *
+ * @param {Blob | URL} film
+ * @returns {Promise<boolean>}
+ * @throws {Unreadable} there is no such film, or it is empty
+ */
+async function isY4m(film) {
+  const reader = (await streamOf(film)).getReader();
+  let start = "";
+  while (start.length < Y4M_MAGIC.length) {
+    const { value, done } = await reader.read();
+    if (done) break;
+    start += String.fromCharCode(...value.subarray(0, Y4M_MAGIC.length));
+  }
+  await reader.cancel(); // what follows is not loaded
+  if (!start) throw new Unreadable("the file is empty");
+  return start.startsWith(Y4M_MAGIC);
+}
+
+/**
+ * Open a film's bytes.
+ *
+ * @param {Blob | URL} film
+ * @param {AbortSignal} [signal]
+ * @returns {Promise<ReadableStream<Uint8Array>>}
+ * @throws {Unreadable} there is no such film
+ */
+async function streamOf(film, signal) {
+  if (film instanceof Blob) return film.stream();
+  const response = await fetch(film, { signal }).catch(() => null);
+  signal?.throwIfAborted();
+  if (response?.ok && response.body) return response.body;
+  throw new Unreadable(`there is no film at ${film.pathname}`);
+}
+
+/**
+ * Read a film without compression.
+ *
+ * @param {ReadableStream<Uint8Array>} stream
+ * @param {Viewer} viewer
+ * @param {AbortSignal} signal
+ */
+async function plainFrames(stream, viewer, signal) {
+  let begun = false;
+  for await (const { plane, time, fps } of readY4m(stream)) {
+    if (signal.aborted) return;
+    if (!begun) viewer.begin(fps);
+    begun = true;
+    viewer.show(plane.width, plane.height, (context) => drawPlane(plane, context));
+    await viewer.take({ plane }, time);
+  }
+}
+
+/** @param {Plane} plane @param {CanvasRenderingContext2D} context */
+function drawPlane({ width, height, data }, context) {
+  const image = new ImageData(width, height);
+  const pixels = new Uint32Array(image.data.buffer);
+  for (let i = 0; i < data.length; i++) pixels[i] = 0xff000000 | (data[i] * 0x010101);
+  context.putImageData(image, 0, 0);
+}
+
+/**
+ * Read a compressed film.
+ *
+ * @param {Blob | URL} film
+ * @param {Viewer} viewer
+ * @param {AbortSignal} signal
+ */
+async function codedFrames(film, viewer, signal) {
+  const source =
+    film instanceof Blob ? new BlobSource(film) : new UrlSource(film, { getRetryDelay: () => null });
+  const input = new Input({ source, formats: KINDS });
+  let count = 0;
+  try {
+    const track = await trackOf(input);
+    const { averagePacketRate } = await track.computePacketStats(PROBED);
+    if (signal.aborted) return;
+    viewer.begin(averagePacketRate);
+    for await (const sample of new VideoSampleSink(track).samples()) {
+      if (signal.aborted) return sample.close();
+      await takeSample(sample, viewer);
+      count++;
+    }
+  } catch (error) {
+    throw error instanceof Unreadable ? error : new Unreadable(damageAt(count + 1, error));
+  } finally {
+    input.dispose();
+  }
+  if (!count) throw new Unreadable("the film has no frames");
+}
+
+/**
+ * Say where a film is damaged.
+ *
+ * @param {number} number - of the frame, 1 for the first
+ * @param {unknown} error - what the browser or mediabunny says
+ * @returns {string}
+ */
+function damageAt(number, error) {
+  const why = error instanceof Error ? error.message : String(error);
+  return `the film is damaged at frame ${number} (${why.replace(/\.$/, "")})`;
+}
+
+/** @param {Input} input @returns {Promise<InputVideoTrack>} */
+async function trackOf(input) {
+  if (!(await input.canRead().catch(() => false))) throw new Unreadable(NO_FILM);
+  const track = await input.getPrimaryVideoTrack();
+  if (!track) throw new Unreadable("the file has no picture");
+  if (!(await track.canDecode())) {
+    throw new Unreadable(`this browser cannot decode the film (${track.codec ?? "of unknown kind"})`);
+  }
+  return track;
+}
+
+/** @param {VideoSample} sample - is closed @param {Viewer} viewer */
+async function takeSample(sample, viewer) {
+  const { rotation, timestamp } = sample;
+  const frame = sample.toVideoFrame();
+  const { width, height } = frame.visibleRect ?? { width: 0, height: 0 };
+  const [wide, high] = rotation % 180 ? [height, width] : [width, height];
+  viewer.show(wide, high, (context) => sample.draw(context, 0, 0, wide, high));
+  sample.close();
+  await viewer.take({ frame, rotation }, timestamp);
+}
