@@ -33,8 +33,12 @@ from link.errors import ParameterError
 MAX_MESSAGE = 2**20
 """Largest number of bytes in a message."""
 MIN_FRAMES, MAX_FRAMES = 8, NUMBERS
-"""Smallest and largest number of frames in a loop. A short message has more coded bits instead of a
-shorter loop."""
+"""Smallest and largest number of frames in a loop that is read."""
+USUAL_FRAMES = 32
+"""Smallest number of frames in a loop whose redundancy is the usual one. A short message has more
+coded bits instead of a shorter loop. Of a dark picture only few blocks can be read: its receiver
+follows the frames' numbers for a second or two until it is sure of them, and the loop must not come
+round before."""
 MAX_CODED = 2**25
 """Largest number of coded bits in a loop, which bounds the receiver's memory."""
 MIN_REDUNDANCY, USUAL_REDUNDANCY, MAX_REDUNDANCY = 1.2, 8.0, 16.0
@@ -178,7 +182,7 @@ def encode_fine(message: bytes, n_bits: int, redundancy: float | None = None) ->
         message: 1 to `MAX_MESSAGE` bytes.
         n_bits: message blocks of a frame.
         redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
-            where that would make too long a loop.
+            where that would make too long a loop, or more where it would be too short.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
@@ -268,7 +272,7 @@ def fine_frames(
         n_bytes: length of the message.
         n_bits: message blocks of a frame.
         redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
-            where that would make too long a loop.
+            where that would make too long a loop, or more where it would be too short.
         name: the parameter that errors about the length name, or the flag of a command.
 
     Raises:
@@ -290,9 +294,11 @@ def fine_frames(
         )
     body = Shape.of(n_bits).body
     most = min(MAX_FRAMES, MAX_CODED // body)
-    wanted = USUAL_REDUNDANCY if redundancy is None else redundancy
+    wanted, fewest = (
+        (USUAL_REDUNDANCY, USUAL_FRAMES) if redundancy is None else (redundancy, MIN_FRAMES)
+    )
     coded = wanted * Terms(n_bytes, MIN_FRAMES, 0).information
-    return min(max(MIN_FRAMES, math.ceil(coded / body)), most)
+    return min(max(fewest, math.ceil(coded / body)), most)
 
 
 def fine_capacity(frames: int, n_bits: int, redundancy: float = USUAL_REDUNDANCY) -> int:

@@ -17,6 +17,7 @@ from link.code.fine import (
     MIN_FRAMES,
     MIN_REDUNDANCY,
     PIECES,
+    USUAL_FRAMES,
     Shape,
     Terms,
     fine_frames,
@@ -149,7 +150,8 @@ def test_the_layout_alone_says_which_framing_applies() -> None:
         True
     ] * 4
     assert len(encode(b"Hello", FINE_BITS - 1)) == 1
-    assert len(encode(b"Hello", FINE_BITS)) == MIN_FRAMES
+    assert len(encode(b"Hello", FINE_BITS)) == USUAL_FRAMES
+    assert len(encode(b"Hello", FINE_BITS, 1.2)) == MIN_FRAMES
 
 
 @settings(max_examples=60)
