@@ -86,7 +86,7 @@ def positions(frames: Sequence[FilmFrame]) -> list[float]:
     return [frame.at for frame in frames]
 
 
-def small_views(
+def rectified_views(
     corners: Array, layout: Layout, frames: Sequence[FilmFrame], size: tuple[int, int]
 ) -> NDArray[np.float32] | None:
     """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""

@@ -92,7 +92,7 @@ class PilotSearch:
         self._confirming = 2 * self._window // 3
         self._stabiliser = Stabiliser()
         self.picture_moves = False
-        """Whether displays are looked for whose picture moves; a search in vain changes it."""
+        """Whether displays are looked for whose picture moves (`doubt_picture`)."""
         self._frames: list[FilmFrame] = []
         self._later: deque[FilmFrame] = deque(maxlen=self._confirming)
         self._reference: NDArray[np.uint8]
@@ -137,12 +137,16 @@ class PilotSearch:
                 return self._ended(end.value, H)
         return None
 
+    def doubt_picture(self) -> None:
+        """Take the picture for one that moves, or no longer for one, from the next search on."""
+        self.picture_moves = not self.picture_moves
+
     def _ended(
         self, settled: Settled | None, H_newest_from_reference: Array
     ) -> PilotDisplay | None:
         """Say what a search has found, and choose how the next one begins."""
         if settled is None:
-            self.picture_moves = not self.picture_moves
+            self.doubt_picture()
             return None
         proposal = settled.proposal
         corners = transform(H_newest_from_reference, proposal.corners)

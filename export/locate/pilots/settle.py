@@ -15,7 +15,7 @@ from export.locate.pilots.corners import (
     moved_corners,
 )
 from export.locate.pilots.evidence import expected_changes
-from export.locate.pilots.film import Array, FilmFrame, amplitudes, positions, small_views
+from export.locate.pilots.film import Array, FilmFrame, amplitudes, positions, rectified_views
 from export.locate.pilots.proposals import Proposal, proposal_evidence
 
 SURE, SURE_SHARE = 16.0, 0.5
@@ -121,7 +121,7 @@ def _by_parts(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
     """Move corners by parts of the display."""
     layout, corners = proposal.layout, proposal.corners
     for _ in range(COARSE_ROUNDS):
-        views = small_views(corners, layout, frames, COARSE_SIZE)
+        views = rectified_views(corners, layout, frames, COARSE_SIZE)
         if views is None:
             break
         line = amplitudes(views, positions(frames), proposal.frequency)
@@ -141,7 +141,7 @@ def _by_climbing(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
     """Move corners while the sum over all pilots grows."""
     layout, corners = proposal.layout, proposal.corners
     for _ in range(CLIMB_ROUNDS):
-        views = small_views(corners, layout, frames, map_size(layout))
+        views = rectified_views(corners, layout, frames, map_size(layout))
         if views is None:
             break
         line = amplitudes(views, positions(frames), proposal.frequency)

@@ -85,7 +85,7 @@ class PilotTracker:
             return tracked
         followed_amiss = tracked is not None or self._search.picture_moves
         if followed_amiss and self._count <= SOON:
-            self._search.picture_moves = not self._search.picture_moves
+            self._search.doubt_picture()
         self._follower.forget()
         return None
 

@@ -148,7 +148,7 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
     """The room may be dark; the picture may not move after all."""
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
-    tracker._search.picture_moves = True
+    tracker._search.doubt_picture()
     assert found_in(tracker, images) is not None
     assert tracker.follow(np.full_like(images[0], 60), len(images) / FPS) is None
     assert not tracker._search.picture_moves

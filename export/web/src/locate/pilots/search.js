@@ -85,7 +85,7 @@ const GLANCE_WORK = 10;
 
 /** Looks for a display that shows one of several layouts with pilots. */
 export class PilotSearch {
-  /** Whether displays are looked for whose picture moves; a search in vain changes it. */
+  /** Whether displays are looked for whose picture moves (`doubtPicture`). */
   pictureMoves = false;
   #stabiliser = new Stabiliser();
   /** Whether frames were missing, as happens where a camera does not wait for the search. */
@@ -177,7 +177,7 @@ export class PilotSearch {
       this.#stabiliser.forget();
       this.#forget();
       if (step.value === null) {
-        this.pictureMoves = !this.pictureMoves;
+        this.doubtPicture();
         return null;
       }
       const { proposal, evidence } = step.value;
@@ -185,6 +185,11 @@ export class PilotSearch {
     }
     this.#newest = null;
     return null;
+  }
+
+  /** Take the picture for one that moves, or no longer for one, from the next search on. */
+  doubtPicture() {
+    this.pictureMoves = !this.pictureMoves;
   }
 
   /** Give up what is known of the frames so far. */

@@ -84,9 +84,7 @@ export class PilotTracker {
     const tracked = step === null ? null : this.#accept(image, step.corners, step.fresh);
     if (tracked !== null && this.#stillThere(tracked, time)) return tracked;
     const isFollowedAmiss = tracked !== null || this.#search.pictureMoves;
-    if (isFollowedAmiss && this.#count <= SOON) {
-      this.#search.pictureMoves = !this.#search.pictureMoves;
-    }
+    if (isFollowedAmiss && this.#count <= SOON) this.#search.doubtPicture();
     this.#follower.forget();
     return null;
   }
