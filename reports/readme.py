@@ -106,6 +106,18 @@ STEPS = {
 }
 """Steps by name, in the order in which they are run."""
 STEPS |= {
+    f"codecs_{block}": Step(
+        f"reports.films.codecs {flags} --runs 1 --block {block} --out runs/codecs"
+    )
+    for block, flags in {
+        "phones": "--kappas 3 --views 45",
+        "phones_robust": "--preset robust --kappas 3 --views 45 --n-bytes 1000",
+        "phones_fast": "--preset fast --state-hz 30 --fps 60 --kappas 3 --views 0 --n-bytes 5000",
+        "phones_hidden": "--preset hidden --state-hz 60 --fps 120 --kappas 1 --views 0"
+        " --n-bytes 2000",
+    }.items()
+}
+STEPS |= {
     f"delivery_{name}": Step(
         f"reports.films.delivery --runs 4 {THREE} {flags} --out runs/delivery",
         {"runs/delivery": "delivery"},

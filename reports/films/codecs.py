@@ -32,13 +32,13 @@ from link.embed import check_kappa
 from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.layout import Layout
-from models import PRETRAINED
+from link.presets import PRESETS
 from reports.engine.backends import one_thread
 from reports.engine.checked import write_json
 from reports.engine.digest import short_digest
 from reports.engine.provenance import provenance
 from reports.engine.stored import resume
-from reports.films.delivery import check_delivery, deciding_parts
+from reports.films.delivery import check_delivery, deciding_parts, receiver_model
 from reports.films.messages import DeliveryConfig, FilmReading, MessageFilm, Take, film_message
 from reports.render.tables import Table, percent, share_interval, write_blocks
 from reports.score.intervals import pooled_interval, wilson
@@ -93,8 +93,11 @@ VARIANTS = {
 
 
 BLOCKS = {
-    "codecs": "few variants and many films",
-    "phones": "all variants and few films",
+    "codecs": "few variants and many films of the preset paper",
+    "phones": "all variants and few films of the preset paper",
+    "phones_robust": "all variants and few films of the preset robust",
+    "phones_fast": "all variants and few films of the preset fast",
+    "phones_hidden": "all variants and few films of the preset hidden",
 }
 """Blocks of docs/films.md by name, and what they are there for."""
 
@@ -111,6 +114,12 @@ class CodecsConfig:
     """Gray levels added to a block that carries a 1."""
     variants: tuple[str, ...] = tuple(VARIANTS)
     """Names of what happens to a film, keys of VARIANTS in reports/films/codecs.py."""
+    preset: str = DeliveryConfig.preset
+    """Preset whose grid, modulation and pilots or patches the display shows."""
+    state_hz: float = DeliveryConfig.state_hz
+    """Number of states that the display shows a second; two of them are a frame pair."""
+    fps: float = DeliveryConfig.fps
+    """Number of frames that the camera takes a second."""
     runs: int = 11
     """Number of films for each pair, view and kappa."""
     n_bytes: int = 100
@@ -128,7 +137,15 @@ class CodecsConfig:
 
     def delivery(self, kappa: int) -> DeliveryConfig:
         """Return the setting of the films of one kappa."""
-        return DeliveryConfig(kappa=kappa, n_bytes=self.n_bytes, seed=self.seed)
+        return DeliveryConfig(
+            kappa=kappa,
+            preset=self.preset,
+            state_hz=self.state_hz,
+            fps=self.fps,
+            n_bytes=self.n_bytes,
+            seed=self.seed,
+            out=self.out,
+        )
 
 
 @dataclass(frozen=True)
@@ -280,8 +297,10 @@ def codecs_table(rows: list[dict[str, Any]], config: CodecsConfig) -> Table:
         ]
         for row in rows
     ]
+    layout = PRESETS[config.preset].layout
     title = (
-        f"Simulated hand-held video at 1280 × 720, 30 frames/s, of 15 states/s on 8 × 8 blocks; a "
+        f"Simulated hand-held video at 1280 × 720, {config.fps:g} frames/s, of "
+        f"{config.state_hz:g} states/s on {layout.rows} × {layout.cols} blocks; a "
         f"{config.n_bytes}-byte message, {len(config.pairs)} camera–display pairs, seed "
         f"{config.seed}. Rows of one κ and view read the same films."
     )
@@ -329,7 +348,7 @@ def main() -> None:
 
 def _run(config: CodecsConfig) -> None:
     """Film, receive, store, print, write, while no other process writes the folder."""
-    model = PRETRAINED / "decoder.onnx"
+    model = receiver_model(config.delivery(config.kappas[0]))
     items = {
         f"{kappa} {pair} {view:g} {run}": VariantsTake(
             Take(config.delivery(kappa), pair, view, run, model), config.variants

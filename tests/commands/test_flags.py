@@ -227,6 +227,7 @@ def test_names_and_texts_that_cannot_be(
         ("reports.films.codecs", ["--variants", "x"], "unknown name in --variants 'x'"),
         ("reports.films.codecs", ["--variants", "tones", "tones"], "--variants: name at least one"),
         ("reports.films.codecs", ["--kappas", "0"], "--kappas: need 1 to 64"),
+        ("reports.films.codecs", ["--preset", "x"], "unknown preset 'x'"),
         ("reports.films.codecs", ["--views", "90"], "--views: need an angle"),
         ("reports.films.codecs", ["--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
         ("reports.studies.repeats", ["--captures", "1000000"], "--captures: need at most 256"),

@@ -245,6 +245,10 @@ def test_films_through_codecs_are_pooled_and_kept(
     assert shown.splitlines()[1:-1] == done.stdout.splitlines()[:-1]
     assert command(codecs.main, *flags, "--runs", 1, "--n-bytes", 20).status == 0
     assert len(taken) == 12  # another setting reads nothing of what was stored
+    fast = ("--preset", "fast", "--state-hz", 30, "--fps", 60, "--block", "phones_fast")
+    done = command(codecs.main, *flags, *fast, "--runs", 1)
+    assert "60 frames/s, of 30 states/s on 96 × 128 blocks" in done.stdout
+    assert len(taken) == 16
 
 
 def test_every_variant_can_be_encoded_and_is_another_one() -> None:
