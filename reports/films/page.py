@@ -84,15 +84,17 @@ FILMED = (
     f"bytes, at 0° and 45°, each {FILM_S:g} s long."
 )
 """Words above a table of films."""
+STATISTICS = "Medians; shares have 95 % intervals, ratios the least and the largest of the films."
+"""Words about the numbers of a table of films."""
 READ = {
-    "node": "Both receivers on one thread. Medians; 95 % intervals of shares.",
+    "node": f"Both receivers on one thread. {STATISTICS}",
     "chromium": (
         f"Chromium's camera plays each over and over, for at most {CAMERA_S:g} s. Seconds run from "
         "the first frame that a receiver could take, which is ready by then; before that, the page "
         "is loaded and gets ready for the last column's seconds. Its frames are those that it had "
         "time for. Where the camera gives fewer than the film's 30 frames/s, the machine was too "
-        "busy, and the film ran slower and less evenly than it was taken. Medians; 95 % intervals "
-        "of shares."
+        "busy, and the film ran slower and less evenly than it was taken. "
+        f"{STATISTICS}"
     ),
 }
 """Words above a table of how films were read, by the way of the page."""
