@@ -24,13 +24,15 @@ from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.tracking.patches import Tracked
 from export.runtime import Decoder
-from link.code.authenticate import Verifier, read_key
+from link.code.authenticate import MAX_STAMP, Verifier, read_key
 from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
 from link.images import add_pixel_limit, make_folder, read_image, write_image
 from link.layout import Layout
 from link.presets import PRESETS
 from models import shipped_graphs
 
+OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
+"""Flags that have no meaning for two images."""
 MAX_PRINTED_BITS = 256
 """Largest number of bits of a frame pair that are printed without --scores."""
 KEPT_PICTURES = 50
@@ -60,20 +62,23 @@ def main() -> None:
     parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
     parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
     add_pixel_limit(parser)
-    args = read_flags(parser.parse_args)
+    args = read_flags(parser.parse_args, max_age=MAX_STAMP)
     at_least(1, threads=args.threads)
     if "" in args.input:
         raise InputError("INPUT: a name is empty; give a folder, a video, images or a camera")
+    if len(args.input) > 2:
+        raise InputError("INPUT: give one folder, video or camera, or two images")
+    if len(args.input) == 2:
+        for flag in OF_FILMS:
+            if getattr(args, flag) != parser.get_default(flag):
+                raise ParameterError(flag, "two images are one frame pair, and hold no message")
+        decoders = open_decoders(args.model, args.threads)
+        return read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
     inbox = Inbox(args.out, make_verifier(args.key, args.max_age))
     decoders = open_decoders(args.model, args.threads)
     if args.show is not None:
         make_folder(args.show)
-    if len(args.input) > 2:
-        raise InputError("INPUT: give one folder, video or camera, or two images")
-    if len(args.input) == 2:
-        read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
-    else:
-        read_stream(decoders, args, inbox)
+    read_stream(decoders, args, inbox)
 
 
 def open_decoders(models: Sequence[Path] | None, threads: int) -> list[PairDecoder]:

@@ -77,7 +77,7 @@ def main() -> None:
     result = {
         "frames": len(frames),
         "frames_per_second": round(float(rates), 1),
-        "after_synchronising": round(float(steady), 1),
+        "after_first_quarter": round(float(steady), 1),
         "slowest_frame_ms": round(1e3 * float(np.max(pushed)), 1),
         "slowest_with_clock_ms": round(1e3 * float(np.max(pushed[clocked:])), 1),
         "warp_ms": round(1e3 * warp, 3),

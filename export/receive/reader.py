@@ -5,7 +5,8 @@ the display and hands its frames to the reader of its layout (`export.receive.re
 """
 
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
@@ -31,7 +32,8 @@ from link.code.collect import Message, make_collector
 from link.frames import SoftBits
 
 BUFFER = 256
-"""Largest number of rectified frames that are kept while the clock is unknown."""
+"""Largest number of rectified frames that are kept until their frame pairs can be decoded. Most are
+kept while the clock is unknown."""
 PAIRS_A_FRAME = 2
 """Largest number of frame pairs that are decoded with one camera frame. Many wait when the clock
 has just been found; the next frames take the rest, so that no frame takes long."""
@@ -63,6 +65,19 @@ class DecodedPair:
     """The pair's embedded frame, put together from camera frames."""
     progress: float
     """Information received for the message so far, as a share of what is needed."""
+
+
+@dataclass(frozen=True)
+class BufferedFrame:
+    """A camera frame that is kept until its frame pairs can be decoded."""
+
+    shown: RectifiedFrame
+    """The display in it."""
+    level: float
+    """Mean of the toggles, in gray levels; NaN where there are none."""
+    moved: NDArray[np.float64] | None
+    """(8,) value of `CornerShift.total` when the frame was rectified; None where the display was
+    found anew since."""
 
 
 @dataclass
@@ -150,7 +165,7 @@ class DisplayReader:
         self._fps = fps
         self._sight = sight
         self._occlusion = Occlusion(self.layout)
-        self._buffer: deque[tuple[RectifiedFrame, float]] = deque(maxlen=BUFFER)
+        self._buffer: deque[BufferedFrame] = deque(maxlen=BUFFER)
         self._next: int | None = None
         self._corners = CornerShift(self.layout)
         self.restart()
@@ -184,9 +199,14 @@ class DisplayReader:
         toggles = self._toggles.measure(tracked.rectified)
         self.sync.add(time, toggles)
         level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
-        if self._buffer and self._buffer[-1][0].rectified.shape != tracked.rectified.shape:
+        if self._buffer and self._buffer[-1].shown.rectified.shape != tracked.rectified.shape:
             self._buffer.clear()  # frames were gray, and now have colours, or the other way round
-        self._buffer.append((RectifiedFrame(time, tracked.rectified, in_view), float(level)))
+        if tracked.anew:
+            self._corners = CornerShift(self.layout)
+            for at, waiting in enumerate(self._buffer):
+                self._buffer[at] = replace(waiting, moved=None)
+        shown = RectifiedFrame(time, tracked.rectified, in_view)
+        self._buffer.append(BufferedFrame(shown, float(level), self._corners.total))
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period
         if self.sync.slips != self._slips:
@@ -238,8 +258,8 @@ class DisplayReader:
         if clock is None or not self._buffer:
             return pairs, None
         if self._next is None:
-            self._next = int(np.ceil(clock.number(self._buffer[0][0].time) / 2))
-        last = self._buffer[-1][0].time
+            self._next = int(np.ceil(clock.number(self._buffer[0].shown.time) / 2))
+        last = self._buffer[-1].shown.time
         over = last + clock.latest if np.isinf(now) else now + clock.earliest
         end = clock.number(over)
         most: float = PAIRS_A_FRAME
@@ -249,16 +269,17 @@ class DisplayReader:
         while end >= 2 * self._next + 2 and len(pairs) < most:
             number, self._next = self._next, self._next + 1
             start = perf_counter()
-            frames = [shown for shown, _ in self._buffer]
+            frames = [waiting.shown for waiting in self._buffer]
             states = [compose_state(frames, clock, 2 * number + which) for which in (0, 1)]
-            while self._buffer and clock.number(self._buffer[0][0].time + clock.latest) < 2 * (
+            moved: list[NDArray[np.float64] | None] = []
+            while self._buffer and clock.number(self._buffer[0].shown.time + clock.latest) < 2 * (
                 number + 1
             ):
-                self._buffer.popleft()
+                moved.append(self._buffer.popleft().moved)
             self.timing.add("compose", start)
             if states[0] is None or states[1] is None:
                 continue
-            pair, message = self._decode(number, last, states[0], states[1], work)
+            pair, message = self._decode(number, last, states[0], states[1], moved, work)
             pairs.append(pair)
             if message is not None:
                 return pairs, message
@@ -270,9 +291,19 @@ class DisplayReader:
         time: float,
         original: DisplayState,
         embedded: DisplayState,
+        moved: Sequence[NDArray[np.float64] | None],
         work: float = np.inf,
     ) -> tuple[DecodedPair, Message | None]:
-        """Decode a pair, erase what is covered or impure, and hand the scores to the collector."""
+        """Decode a pair, erase what is covered or impure, and hand the scores to the collector.
+
+        Args:
+            number: number of the pair.
+            time: time of the newest frame, seconds.
+            original: first state of the pair.
+            embedded: second state of the pair.
+            moved: `BufferedFrame.moved` of the pair's frames; none where no more frames come.
+            work: units of work after which decoding of the message stops for now.
+        """
         start = perf_counter()
         purity = np.minimum(original.purity, embedded.purity)
         images = [original.image, embedded.image]
@@ -283,7 +314,10 @@ class DisplayReader:
         self._sight.mixed += 1 - float(trust.mean())
         trust = trust * ~self._occlusion.covered(original.image)
         soft = SoftBits(soft.scores * trust, soft.head)
-        self._corners.take(original.image, embedded.image, soft.scores)
+        known = [total for total in moved if total is not None]
+        if known and len(known) == len(moved):
+            total = np.mean(known, axis=0)
+            self._corners.take(original.image, embedded.image, soft.scores, total)
         self.decoded += 1
         self.timing.add("decode", start)
         start = perf_counter()
@@ -294,26 +328,26 @@ class DisplayReader:
     def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode frames in order, each of one state, which ends where the toggles change level."""
         pairs: list[DecodedPair] = []
-        seen = [(shown, level) for shown, level in self._buffer if np.isfinite(level)]
-        levels = np.array([level for _, level in seen])
+        seen = [waiting for waiting in self._buffer if np.isfinite(waiting.level)]
+        levels = np.array([waiting.level for waiting in seen])
         if levels.size < 2:
             return pairs, None
         high = levels > (levels.max() + levels.min()) / 2
         if not high.any():  # all have one level
             return pairs, None
-        spread = max(levels[high].std(), levels[~high].std(), 1e-6) if (~high).any() else np.inf
+        spread = max(levels[high].std(), levels[~high].std(), 1e-6)
         if levels[high].mean() - levels[~high].mean() < APART * spread:
             return pairs, None
         states: list[tuple[bool, list[RectifiedFrame]]] = []
-        for (shown, _), up in zip(seen, high, strict=True):
+        for waiting, up in zip(seen, high, strict=True):
             if not states or states[-1][0] != up:
                 states.append((bool(up), []))
-            states[-1][1].append(shown)
+            states[-1][1].append(waiting.shown)
         for at in range(len(states) - 1):
             if not states[at][0]:
                 original, embedded = (_average(states[at + which][1]) for which in (0, 1))
                 time = states[at][1][0].time
-                pair, message = self._decode(at // 2, time, original, embedded)
+                pair, message = self._decode(at // 2, time, original, embedded, [])
                 pairs.append(pair)
                 if message is not None:
                     return pairs, message

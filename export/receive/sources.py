@@ -172,6 +172,8 @@ def _camera(index: int, fps: float | None) -> FrameSource:
             yield CameraFrame(image, seconds, f"frame {number}")
             number += 1
         capture.release()
-        raise InputError(f"camera {index}: returns no more frames; is it unplugged?")
+        if number == 0:
+            raise InputError(f"camera {index}: returns no frames; is another program using it?")
+        print(f"warning: camera {index} returns no more frames; is it unplugged?", file=sys.stderr)
 
     return FrameSource(frames(), rate)

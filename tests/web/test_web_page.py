@@ -263,6 +263,7 @@ def test_what_is_no_film_is_refused_in_plain_words(browser, address) -> None:
     write_silence(folder / "sound.wav")
     write_silence(folder / "sound.mp4")
     (folder / "odd.y4m").write_text("YUV4MPEG2 W640 H480 F30:1 C333\nFRAME\n")
+    (folder / "none.of.y4m").write_text("YUV4MPEG2 W640 H480 F30:1\n")
     with open_page(browser, worker=answering({})) as page:
         for film_name, why in (
             ("https://example.org/a.y4m", "same site"),
@@ -273,10 +274,12 @@ def test_what_is_no_film_is_refused_in_plain_words(browser, address) -> None:
             ("sound.wav", "The file is no film"),
             ("sound.mp4", "The file has no picture"),
             ("odd.y4m", "format, 333, is unknown"),
+            ("none.of.y4m", "The film has no frames"),
         ):
             page.goto(f"{address[0]}?film={film_name}")
             wait_for(page, lambda: text_of(page, "status") == "The film cannot be read")
             assert why in text_of(page, "advice")
+            assert page.locator("#start").is_visible()
         assert not [url for url in page.requested if "example.org/a" in url and "?film" not in url]
 
 
@@ -295,7 +298,10 @@ def test_a_damaged_film_is_said_to_be_damaged(browser, address, tmp_path) -> Non
     )
     (folder / "cut.mp4").write_bytes(content[:middle])
     with open_page(browser, worker=answering({})) as page:
-        for name, why in (("hole.mp4", "The film is damaged at frame"), ("cut.mp4", "no picture")):
+        for name, why in (
+            ("hole.mp4", "It cannot be read on from frame"),
+            ("cut.mp4", "no picture"),
+        ):
             page.goto(f"{address[0]}?film={name}")
             wait_for(page, lambda: text_of(page, "status") == "The film cannot be read")
             assert why in text_of(page, "advice")

@@ -94,7 +94,10 @@ def followed(layout: Layout, start: Array, changed_after: int = 99) -> dict[str,
 
 
 def shifting() -> dict[str, object]:
-    """Frame pairs that are rectified wrongly, and how Python moves the display's corners."""
+    """Frame pairs that are rectified wrongly, and how Python moves the display's corners.
+
+    All of them were rectified before the first move, as frames are that wait for the clock.
+    """
     rng, layout = np.random.default_rng(3), FINE
     shifts, pairs = CornerShift(layout), []
     H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
@@ -107,11 +110,11 @@ def shifting() -> dict[str, object]:
         seen = [cv2.warpPerspective(shown + 4 * s * change, H, size) for s in (-1, 1)]
         images = [noisy(image, 10 * number + i) for i, image in enumerate(seen)]
         scores = SURE * grid[layout.message_mask] * (number != 2)
-        shifts.take(images[0], images[1], scores)
+        shifts.take(images[0], images[1], scores, np.zeros(8))
         shift = shifts.shift()
         pairs.append({"images": images, "scores": scores, "shift": shift})
     flat = np.full((layout.height, layout.width), 90, np.uint8)
-    shifts.take(flat, flat, np.zeros(layout.n_bits))
+    shifts.take(flat, flat, np.zeros(layout.n_bits), np.zeros(8))
     still = {"images": [flat, flat], "scores": np.zeros(layout.n_bits), "shift": shifts.shift()}
     pairs.append(still)
     assert pairs[0]["shift"] is not None

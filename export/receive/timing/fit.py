@@ -119,8 +119,18 @@ class ToggleWindow:
         """Number of places that are not hidden for most of the window."""
         return int((self._count > 0).sum())
 
+    @cached_property
+    def state_hz(self) -> Array:
+        """(F,) numbers of states a second that are looked for.
+
+        There are none where the window is too short for the camera's nominal rate, which then is
+        far below the real one.
+        """
+        slowest, fastest = max(MIN_STATE_HZ, 3 / self._span), MAX_STATES / self._frame
+        return np.arange(slowest, fastest, 0.25 / self._span)
+
     def search(self) -> ClockFit:
-        """Find the clock that explains the toggles best, among all that are looked for."""
+        """Find the clock that explains the toggles best, among all of `state_hz`, at least one."""
         # correlated noise hides fast clocks, and what makes it white hides slow ones
         plain = PlaceNoise(self.deviation + 1e-6, np.zeros_like(self.deviation))
         fits = []
@@ -317,30 +327,30 @@ class ToggleWindow:
         normal, _ = self._linear(gram[None], np.zeros((1, 6)))
         # delays and shutter are known beforehand to about a frame
         prior = np.array([1e-6, 0.01, 0.01, 1, 1, 1]) * max(amplitude, 1e-3) ** 2
-        scaled = np.linalg.inv(normal[0] * 1.0 + np.diag(prior))[1:, 1:] / max(amplitude, 1e-3) ** 2
+        scaled = np.linalg.inv(normal[0] + np.diag(prior))[1:, 1:] / max(amplitude, 1e-3) ** 2
         units = self._units(best)[0]
         return np.asarray(scaled * units[:, None] * units)
 
     @cached_property
-    def _candidates(self) -> tuple[Array, ComplexArray, Array, ComplexArray]:
-        """Numbers of states a second (F,) with their waves (F, n), and delays (D, 2) with turns.
+    def _candidates(self) -> tuple[ComplexArray, Array, ComplexArray]:
+        """Waves (F, n) of all `state_hz`, and delays (D, 2) with turns.
 
         A wave is the fundamental of a display at that rate. The turns (F, P, D) are the phases by
         which a delay turns it at each place.
         """
-        fastest = MAX_STATES / self._frame
-        state_hz = np.arange(max(MIN_STATE_HZ, 3 / self._span), fastest, 0.25 / self._span)
+        state_hz = self.state_hz
         waves = np.exp(-1j * np.pi * state_hz[:, None] * self._times)
         grid = np.linspace(-0.9, 0.9, 7) * max(self._frame, PANEL_S)
         along = -1j * np.pi * state_hz[:, None, None] * grid
         across, down = (np.exp(along * self._places[:, axis, None]) for axis in (0, 1))
         turns = (across[:, :, None, :] * down[:, :, :, None]).reshape(*across.shape[:2], -1)
         delays = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)  # (7, 7, 2) -> (49, 2)
-        return state_hz, waves, delays, turns
+        return waves, delays, turns
 
     def _start_clocks(self) -> Array:
         """Find (C, 5) clocks to start from: strongest frequencies, each with its best delays."""
-        state_hz, waves, delays, turns = self._candidates
+        state_hz = self.state_hz
+        waves, delays, turns = self._candidates
         adjoint = self._x * self._now
         adjoint[:, :-1] -= self._x[:, 1:] * self._back[:, 1:]
         lines = waves @ adjoint.T  # (F, P)

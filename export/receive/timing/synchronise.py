@@ -10,8 +10,8 @@ from export.receive.timing.fit import ClockFit, ToggleWindow
 
 MIN_WINDOW_S, WINDOW_S = 0.5, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""
-MAX_SAMPLES = 4096
-"""Largest number of frames that a fit looks back, whatever their times say."""
+MAX_SAMPLES = 1024
+"""Largest number of frames that a fit looks back: the work of a search grows with its square."""
 MIN_FRAMES = 30
 """Number of frames that the first fit needs: some clock fits nearly every order of fewer."""
 AWAY_S = 0.4
@@ -155,7 +155,7 @@ class Synchroniser:
         """Fit the clock to the last seconds, and look for another one where that is in doubt."""
         times, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
         window = ToggleWindow(times, toggles, self.places, self.fps)
-        if window.places_seen == 0:
+        if window.places_seen == 0 or window.state_hz.size == 0:
             return
         if window.deviation.max() < MIN_TOGGLE:
             self.clock, self.r2 = None, 0.0
@@ -164,7 +164,7 @@ class Synchroniser:
         needed = needed_evidence(times[-1] - times[0], self.fps)
         followed = None
         if self.clock is not None:
-            followed = self._follow(window, time)
+            followed = self._follow(window)
             if followed.evidence >= needed and (
                 followed.r2 >= GOOD_R2 or time < self._searched_at + SEARCH_S
             ):
@@ -187,7 +187,7 @@ class Synchroniser:
         if self.best is None or toggling.strength > self.best.strength:
             self.best = toggling
 
-    def _follow(self, window: ToggleWindow, time: float) -> ClockFit:
+    def _follow(self, window: ToggleWindow) -> ClockFit:
         """Fit the held clock to the window, from where it has run to."""
         assert self.clock is not None
         number = 2 * round(self.clock.number(window.middle) / 2)

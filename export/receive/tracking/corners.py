@@ -50,6 +50,8 @@ class CornerShift:
 
     def __init__(self, layout: Layout) -> None:
         self.layout = layout
+        self.total: Array = np.zeros(8)
+        """(8,) sum of all moves so far, numbers of a homography of a display from -1 to 1."""
         self._shift: Array | None = None
         self._size = map_size(layout)
         width, height = self._size
@@ -59,13 +61,15 @@ class CornerShift:
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
-    def take(self, original: Image, embedded: Image, scores: Array) -> None:
+    def take(self, original: Image, embedded: Image, scores: Array, total: Array) -> None:
         """Take a frame pair and its scores.
 
         Args:
             original: (height, width) or (height, width, 3) uint8, encoded, rectified.
             embedded: uint8 of the shape of ``original``.
             scores: (n_bits,) log-likelihood ratios.
+            total: (8,) value of `total` when the frames were rectified. What they show to be amiss
+                may have been put right since.
         """
         layout, size = self.layout, self._size
         if not layout.pilots:
@@ -94,12 +98,15 @@ class CornerShift:
         seen, right = self._normal_equations(slopes, weight, residual)
         sure = 1 / max(variance, 1e-6)
         self._information = KEPT * self._information + sure * seen
-        move = np.asarray(np.linalg.solve(self._information, -sure * right), np.float64)
+        left = -right - seen @ (self.total - total)
+        move = np.asarray(np.linalg.solve(self._information, sure * left), np.float64)
         corners = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
         moved = cv2.perspectiveTransform(corners[:, None], unit_homography(move))[:, 0] - corners
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
             from_unit = pixels_from_unit(layout.width, layout.height)
-            self._shift = from_unit @ unit_homography(move) @ np.linalg.inv(from_unit)
+            shift = from_unit @ unit_homography(move) @ np.linalg.inv(from_unit)
+            self._shift = shift if self._shift is None else self._shift @ shift
+            self.total = self.total + move
 
     def _normal_equations(
         self, slopes: list[Map], weight: Map, residual: Map

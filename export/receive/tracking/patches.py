@@ -47,6 +47,9 @@ class Tracked:
     """(4, 2) pixels of the camera frame, in corner order."""
     rectified: NDArray[np.uint8]
     """(height, width) or (height, width, 3) uint8, encoded, of the layout's size."""
+    anew: bool = False
+    """Whether pilots have just given the display away, so that nothing is known of its corners from
+    the frames before."""
 
 
 class DisplayTracker(Protocol):

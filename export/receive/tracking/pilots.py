@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,8 @@ class PilotTracker:
         self._values.clear()
         self._at.clear()
         self._count = self._missed = 0
-        return self._accept(image, found.corners, fresh=True)
+        tracked = self._accept(image, found.corners, fresh=True)
+        return None if tracked is None else replace(tracked, anew=True)
 
     def _accept(self, image: Image, corners: Array, *, fresh: bool) -> Tracked | None:
         """Rectify the display where the motion of its points puts it."""

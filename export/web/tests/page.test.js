@@ -6,7 +6,10 @@ import { join } from "node:path";
 import { test } from "node:test";
 
 import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
+import { timeAfter } from "../src/page/films.js";
+import { rateOf } from "../src/page/frames.js";
 import { planeOfFrame, planeOfRgba, turned } from "../src/page/planes.js";
+import { Reception } from "../src/page/reception.js";
 import { recordingFile } from "../src/page/recording.js";
 import { linkOf, noteOf, textOf } from "../src/page/text.js";
 import { parseHeader, readY4m } from "../src/page/y4m.js";
@@ -73,6 +76,8 @@ test("what is no such film is refused in words", async () => {
     "RIFF",
     "YUV4MPEG2 W8 H8 F30:1",
     "YUV4MPEG2 W640 F30:1",
+    "YUV4MPEG2 W20.5 H16.25 F30:1",
+    "YUV4MPEG2 W1e3 H0x20 F30:1",
     "YUV4MPEG2 W640 H480 C420p7",
     "YUV4MPEG2 W640 H480 C420p17",
     "YUV4MPEG2 W640 H480 C450",
@@ -134,13 +139,48 @@ test("colours become luma as OpenCV makes it", async () => {
   assert.deepEqual(plane.data, luma.data.slice(0, 6));
 });
 
+test("times tell the rate, and missing frames count", () => {
+  assert.ok(Math.abs(rateOf([0, 0.1, 0.2, 0.5, 0.6]) - 10) < 1e-9);
+  assert.ok(Number.isNaN(rateOf([3])));
+});
+
+test("times that cannot be are replaced", () => {
+  assert.equal(timeAfter(5, null, 10), 5);
+  assert.equal(timeAfter(NaN, null, 10), 0);
+  assert.equal(timeAfter(1.3, 1, 10), 1.3);
+  for (const stated of [1, 0.2, NaN, 1e9]) assert.equal(timeAfter(stated, 1, 10), 1.1);
+});
+
+test("answers on what was read before are not heard", () => {
+  /** @type {any[]} */
+  const heard = [];
+  const listener = new Proxy({}, { get: (_, name) => (/** @type {any} */ step) => {
+    if (name === "step") heard.push(step);
+  } });
+  class Silent {
+    postMessage() {}
+  }
+  Object.assign(globalThis, { Worker: Silent, document: { baseURI: "http://localhost/" } });
+  const reception = new Reception(/** @type {any} */ (listener));
+  reception.hear({ type: "ready" });
+  reception.begin(30);
+  const step = /** @type {any} */ ({ type: "step", session: reception.session });
+  reception.hear(step);
+  reception.end();
+  reception.hear(step);
+  assert.deepEqual(heard, [step]);
+});
+
 test("a frame is turned clockwise", () => {
   const plane = { width: 3, height: 2, data: Uint8Array.from([1, 2, 3, 4, 5, 6]) };
-  assert.deepEqual(turned(plane, 0), plane);
+  assert.deepEqual(turned(plane, 0, false), plane);
   const quarter = { width: 2, height: 3, data: Uint8Array.from([4, 1, 5, 2, 6, 3]) };
-  assert.deepEqual(turned(plane, 90), quarter);
-  assert.deepEqual(turned(plane, 180).data, plane.data.slice().reverse());
-  assert.deepEqual(turned(turned(plane, 90), 270), plane);
+  assert.deepEqual(turned(plane, 90, false), quarter);
+  assert.deepEqual(turned(plane, 180, false).data, plane.data.slice().reverse());
+  assert.deepEqual(turned(turned(plane, 90, false), 270, false), plane);
+  const mirrored = { width: 2, height: 3, data: Uint8Array.from([1, 4, 2, 5, 3, 6]) };
+  assert.deepEqual(turned(plane, 90, true), mirrored);
+  assert.deepEqual(plane.data, Uint8Array.from([1, 2, 3, 4, 5, 6]));
 });
 
 test("a recording is an archive of a film and of what is known about it", async () => {

@@ -45,9 +45,10 @@ test("corners move to where decoded blocks lie", () => {
   const layout = new Layout(fixture.layout);
   const shifts = new CornerShift(layout);
   const corners = frameCorners(layout.width, layout.height);
+  const total = new Float64Array(8);
   for (const { images, scores, shift } of fixture.pairs) {
     const [first, second] = images.map(planeOf);
-    shifts.take(first, second, scores.data);
+    shifts.take(first, second, scores.data, total);
     const found = shifts.shift();
     assert.equal(found === null, shift === null);
     if (found === null) continue;

@@ -197,6 +197,9 @@ def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, comman
         (("--key", "gone"), "--key: gone: no such file"),
         (("--key", "short"), "--key: short: need 16 to 4096 random bytes"),
         (("--max-age", 5), "--max-age: only a message with a key has an age"),
+        (("--max-age", 2_000_000), "--max-age: only a message with a key has an age"),
+        (("other.png", "--keep-on"), "--keep-on: two images are one frame pair"),
+        (("other.png", "--fps", 60), "--fps: two images are one frame pair"),
         (("--key", "key", "--max-age", "nan"), "--max-age: need a finite number, got nan"),
         (("--key", "key", "--max-age", "-1"), "--max-age: need more than 0"),
         (("--out", ""), "--out: the name is empty; give the path of a file"),
@@ -223,6 +226,15 @@ def test_wrong_flags_give_one_line(
 def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
     with pytest.raises(InputError, match="no such folder, video file or camera number"):
         open_source(name)
+
+
+@pytest.mark.parametrize(("nominal", "real"), [(5, 60), (2, 30), (0.5, 30)])
+def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
+    """As of a camera that does not know its own rate, or of a wrong --fps."""
+    clock, rng = Synchroniser(nominal, np.zeros((5, 2))), np.random.default_rng(0)
+    for number in range(120):
+        clock.add(number / real, 3.0 * (number // 2 % 2) + rng.normal(0, 1, 5))
+    assert clock.clock is None
 
 
 def test_times_that_stand_still_fill_no_memory() -> None:

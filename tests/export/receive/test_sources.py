@@ -144,6 +144,18 @@ def test_times_that_cannot_be_are_replaced(
     assert source.fps == pytest.approx(20)
 
 
+def test_a_camera_that_is_unplugged_ends_with_a_warning(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ToldTimes, "times", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(cv2, "VideoCapture", lambda index: ToldTimes("camera"))
+    assert len(list(open_source("0").frames)) == 3
+    assert "camera 0 returns no more frames; is it unplugged?" in capsys.readouterr().err
+    monkeypatch.setattr(ToldTimes, "times", ())
+    with pytest.raises(InputError, match="camera 0: returns no frames"):
+        list(open_source("0").frames)
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [

@@ -5,7 +5,10 @@
  * file, and the browser's decoder turns them into pictures; the film is not played.
  */
 
-import { BlobSource, Input, MATROSKA, MP4, QTFF, UrlSource, VideoSampleSink, WEBM } from "mediabunny";
+import {
+  BlobSource, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, UrlSource, VideoSampleSink, WEBM,
+} from "mediabunny";
+import { rateOf } from "./frames.js";
 import { readY4m, Y4M_MAGIC } from "./y4m.js";
 
 /** @import { InputVideoTrack, VideoSample } from "mediabunny" */
@@ -15,10 +18,14 @@ import { readY4m, Y4M_MAGIC } from "./y4m.js";
 /** Kinds of compressed films that are read; cameras, phones and browsers write these. */
 const KINDS = [MP4, QTFF, WEBM, MATROSKA];
 
-/** Number of frames from whose times a film's rate is taken. */
-const PROBED = 100;
+/** Number of frames from whose times a film's rate is taken, and the rate where there are too few. */
+const [PROBED, USUAL_FPS] = [100, 30];
 
-/** Why a file is not read. */
+/** Smallest and largest time, in seconds, from one frame to the next that is believed. */
+const [MIN_GAP_S, MAX_GAP_S] = [0.5 / 1000, 60];
+
+/** Why a file is not read, and why nothing is read in it. */
+const NO_FRAMES = "the film has no frames";
 const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, webm, mkv, y4m)";
 
 /** A film that is not read, or not to its end; the message says why. */
@@ -46,19 +53,34 @@ export class Unreadable extends Error {}
  * @throws {Unreadable} there is no such film, it is damaged, or this browser cannot decode it
  */
 export async function filmFrames(film, viewer, signal) {
-  if (await isY4m(film)) await plainFrames(await streamOf(film, signal), viewer, signal);
+  if (await isY4m(film, signal)) await plainFrames(await streamOf(film, signal), viewer, signal);
   else await codedFrames(film, viewer, signal);
+}
+
+/**
+ * Say when a frame is shown, from the time that its film states, as `link.video.time_after` does.
+ *
+ * @param {number} stated - seconds; may be anything
+ * @param {number | null} before - time of the frame before, or null for the first frame
+ * @param {number} fps - frames a second of the film
+ * @returns {number} seconds, later than `before`
+ */
+export function timeAfter(stated, before, fps) {
+  if (before === null) return Math.abs(stated) <= MAX_GAP_S ? stated : 0;
+  const gap = stated - before;
+  return gap >= MIN_GAP_S && gap <= MAX_GAP_S ? stated : before + 1 / fps;
 }
 
 /**
  * Tell films without compression from others by their first bytes.
  *
  * @param {Blob | URL} film
+ * @param {AbortSignal} signal
  * @returns {Promise<boolean>}
  * @throws {Unreadable} there is no such film, or it is empty
  */
-async function isY4m(film) {
-  const reader = (await streamOf(film)).getReader();
+async function isY4m(film, signal) {
+  const reader = (await streamOf(film, signal)).getReader();
   let start = "";
   while (start.length < Y4M_MAGIC.length) {
     const { value, done } = await reader.read();
@@ -74,14 +96,14 @@ async function isY4m(film) {
  * Open a film's bytes.
  *
  * @param {Blob | URL} film
- * @param {AbortSignal} [signal]
+ * @param {AbortSignal} signal
  * @returns {Promise<ReadableStream<Uint8Array>>}
  * @throws {Unreadable} there is no such film
  */
 async function streamOf(film, signal) {
   if (film instanceof Blob) return film.stream();
   const response = await fetch(film, { signal }).catch(() => null);
-  signal?.throwIfAborted();
+  signal.throwIfAborted();
   if (response?.ok && response.body) return response.body;
   throw new Unreadable(`there is no film at ${film.pathname}`);
 }
@@ -94,14 +116,16 @@ async function streamOf(film, signal) {
  * @param {AbortSignal} signal
  */
 async function plainFrames(stream, viewer, signal) {
-  let begun = false;
+  /** @type {number | null} */
+  let last = null;
   for await (const { plane, time, fps } of readY4m(stream)) {
     if (signal.aborted) return;
-    if (!begun) viewer.begin(fps);
-    begun = true;
+    if (last === null) viewer.begin(fps);
     viewer.show(plane.width, plane.height, (context) => drawPlane(plane, context));
-    await viewer.take({ plane }, time);
+    last = timeAfter(time, last, fps);
+    await viewer.take({ plane }, last);
   }
+  if (last === null) throw new Unreadable(NO_FRAMES);
 }
 
 /** @param {Plane} plane @param {CanvasRenderingContext2D} context */
@@ -123,35 +147,51 @@ async function codedFrames(film, viewer, signal) {
   const source =
     film instanceof Blob ? new BlobSource(film) : new UrlSource(film, { getRetryDelay: () => null });
   const input = new Input({ source, formats: KINDS });
+  const dispose = () => input.dispose();
+  signal.addEventListener("abort", dispose);
+  /** @type {number | null} */
+  let last = null;
   let count = 0;
   try {
     const track = await trackOf(input);
-    const { averagePacketRate } = await track.computePacketStats(PROBED);
+    const fps = rateOf(await firstTimes(track));
     if (signal.aborted) return;
-    viewer.begin(averagePacketRate);
+    viewer.begin(fps);
     for await (const sample of new VideoSampleSink(track).samples()) {
       if (signal.aborted) return sample.close();
-      await takeSample(sample, viewer);
+      last = timeAfter(sample.timestamp, last, fps || USUAL_FPS);
+      await takeSample(sample, last, viewer);
       count++;
     }
   } catch (error) {
-    throw error instanceof Unreadable ? error : new Unreadable(damageAt(count + 1, error));
+    throw error instanceof Unreadable ? error : new Unreadable(endedAt(count + 1, error));
   } finally {
+    signal.removeEventListener("abort", dispose);
     input.dispose();
   }
-  if (!count) throw new Unreadable("the film has no frames");
+  if (!count) throw new Unreadable(NO_FRAMES);
+}
+
+/** @param {InputVideoTrack} track @returns {Promise<number[]>} seconds, rising */
+async function firstTimes(track) {
+  const times = [];
+  const packets = new EncodedPacketSink(track).packets(undefined, undefined, { metadataOnly: true });
+  for await (const { timestamp } of packets) {
+    if (times.push(timestamp) >= PROBED) break;
+  }
+  return times.sort((a, b) => a - b);
 }
 
 /**
- * Say where a film is damaged.
+ * Say where a film cannot be read on from.
  *
  * @param {number} number - of the frame, 1 for the first
  * @param {unknown} error - what the browser or mediabunny says
  * @returns {string}
  */
-function damageAt(number, error) {
+function endedAt(number, error) {
   const why = error instanceof Error ? error.message : String(error);
-  return `the film is damaged at frame ${number} (${why.replace(/\.$/, "")})`;
+  return `it cannot be read on from frame ${number} (${why.replace(/\.$/, "")})`;
 }
 
 /** @param {Input} input @returns {Promise<InputVideoTrack>} */
@@ -165,13 +205,19 @@ async function trackOf(input) {
   return track;
 }
 
-/** @param {VideoSample} sample - is closed @param {Viewer} viewer */
-async function takeSample(sample, viewer) {
-  const { rotation, timestamp } = sample;
+/**
+ * Show a frame, and have it taken.
+ *
+ * @param {VideoSample} sample - is closed
+ * @param {number} time - in seconds
+ * @param {Viewer} viewer
+ */
+async function takeSample(sample, time, viewer) {
+  const { rotation, flip } = sample;
   const frame = sample.toVideoFrame();
   const { width, height } = frame.visibleRect ?? { width: 0, height: 0 };
   const [wide, high] = rotation % 180 ? [height, width] : [width, height];
   viewer.show(wide, high, (context) => sample.draw(context, 0, 0, wide, high));
   sample.close();
-  await viewer.take({ frame, rotation }, timestamp);
+  await viewer.take({ frame, rotation, flip }, time);
 }

@@ -1,13 +1,18 @@
-/** The frames of a camera with their own times; it does not wait for what becomes of them. */
+/**
+ * The frames of a camera with their own times, and the rate that times tell.
+ *
+ * A camera does not wait for what becomes of its frames.
+ */
 
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
 /**
- * A frame: as the browser has it, with the degrees by which it is to be turned clockwise, 0 where
- * nothing is said; or as pixels of a canvas; or as luma.
+ * A frame: as the browser has it, with the degrees by which it is to be turned clockwise and whether
+ * it is to be mirrored then, left and right; or as pixels of a canvas; or as luma.
  *
- * @typedef {{ frame?: VideoFrame, rotation?: number, rgba?: RgbaImage, plane?: Plane }} Pixels
+ * @typedef {{ frame?: VideoFrame, rotation?: number, flip?: boolean, rgba?: RgbaImage,
+ *   plane?: Plane }} Pixels
  */
 
 /**
@@ -107,4 +112,18 @@ function pixelsOf(video, canvas, time) {
   context.drawImage(video, 0, 0);
   const { data } = context.getImageData(0, 0, width, height);
   return { rgba: { width, height, data } };
+}
+
+/**
+ * Tell the rate of a camera or a film from the times of some frames; gaps count as the frames that
+ * they lack.
+ *
+ * @param {number[]} times - in seconds, rising
+ * @returns {number} frames a second; NaN where there are too few times
+ */
+export function rateOf(times) {
+  const gaps = times.slice(1).map((next, i) => next - times[i]);
+  const usual = [...gaps].sort((a, b) => a - b)[gaps.length >> 1];
+  const frames = gaps.reduce((sum, gap) => sum + Math.max(1, Math.round(gap / usual)), 0);
+  return frames / gaps.reduce((sum, gap) => sum + gap, 0);
 }

@@ -6,7 +6,7 @@ import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
-import { linkOf, noteOf, textOf } from "./text.js";
+import { linkOf, noteOf, textOf, utf8Of } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
 /** @import { Arrival, Step } from "./protocol.js" */
@@ -67,16 +67,16 @@ const reception = new Reception({
   },
   failed(reason) {
     stop();
-    if (reception.isReady) say("The receiver has stopped", sentence(reason));
-    else say("The receiver cannot work in this browser", `${sentence(reason)} Try a newer browser.`);
+    if (!sayFailure()) say("The receiver has stopped", sentence(reason));
   },
   step: showStep,
   kept(share) {
     say("Saving what the camera sees", `${Math.round(100 * share)} %`);
   },
   recording(file) {
-    download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
     byId("record").disabled = false;
+    if (!file) return;
+    download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
     say("Saved", "The file is among your downloads.");
   },
 });
@@ -91,6 +91,18 @@ function say(text, advice = "") {
   if (text !== state.text) [state.text, state.since] = [text, performance.now()];
   if (byId("status").textContent !== text) byId("status").textContent = text;
   if (byId("advice").textContent !== advice) byId("advice").textContent = advice;
+}
+
+/**
+ * Say why the receiver will never be able to read, where that is so.
+ *
+ * @returns {boolean} whether it is so
+ */
+function sayFailure() {
+  const { failure } = reception;
+  if (failure === null) return false;
+  say("The receiver cannot work in this browser", `${sentence(failure)} Try a newer browser.`);
+  return true;
 }
 
 /**
@@ -188,6 +200,7 @@ function stop() {
     [picture.hidden, video.hidden] = [false, true];
   }
   running.abort();
+  if (reception.isReady) reception.record(0, {});
   for (const track of streamOf(video)?.getTracks() ?? []) track.stop();
   video.pause();
   overlay.guide.toggleAttribute("hidden", true);
@@ -212,13 +225,13 @@ function streamOf(element) {
  */
 function prepare(isCamera, again) {
   stop();
+  reception.end();
   clearMessage();
   readAgain = again;
   fromCamera = isCamera;
   running = new AbortController();
   byId("start").hidden = true;
   video.srcObject = null;
-  video.removeAttribute("src");
   video.classList.remove("live");
   overlay.show(null, false);
   picture.hidden = true;
@@ -234,6 +247,7 @@ function prepare(isCamera, again) {
  * @param {string} [deviceId] - of the camera
  */
 async function readCamera(deviceId) {
+  if (sayFailure()) return;
   const signal = prepare(true, () => void readCamera(deviceId));
   say("Asking for the camera", "The browser asks whether this page may use it.");
   try {
@@ -247,7 +261,7 @@ async function readCamera(deviceId) {
     overlay.show(null, false);
     if (!reception.isLoaded) say(LOADING, "It takes 7 MB, once.");
     else if (!reception.isReady) say(GETTING_READY, WAIT);
-    void showControls(stream.getVideoTracks()[0]);
+    showControls(stream.getVideoTracks()[0], signal).catch(() => {}); // they are left out
     void stayAwake();
     reception.begin(null);
     await cameraFrames(stream, video, (pixels, time) => reception.offer(pixels, time), signal);
@@ -263,8 +277,13 @@ async function readCamera(deviceId) {
   }
 }
 
-/** Show what the camera offers: its settings, and the other cameras. */
-async function showControls(/** @type {MediaStreamTrack} */ track) {
+/**
+ * Show what the camera offers: its settings, and the other cameras.
+ *
+ * @param {MediaStreamTrack} track
+ * @param {AbortSignal} signal - ends it
+ */
+async function showControls(track, signal) {
   const rows = cameraControls(track).map((control) => {
     const { name, range, set } = control;
     if (!range) {
@@ -291,7 +310,7 @@ async function showControls(/** @type {MediaStreamTrack} */ track) {
     choice.addEventListener("change", () => void readCamera(choice.value));
     rows.push(labelled("Camera", choice));
   }
-  byId("controls").replaceChildren(...rows);
+  if (!signal.aborted) byId("controls").replaceChildren(...rows);
 }
 
 /** @param {Record<string, number>} values @returns {Record<string, string>} */
@@ -323,6 +342,7 @@ async function stayAwake() {
  * @param {Blob | URL} film - a file, or an address on the site of this page
  */
 async function readFilm(film) {
+  if (sayFailure()) return;
   const signal = prepare(false, () => void readFilm(film));
   say("Opening the film", reception.isReady ? "" : "The receiver is still being loaded.");
   try {
@@ -339,7 +359,11 @@ async function readFilm(film) {
   }
 }
 
-/** @param {AbortSignal} signal */
+/**
+ * Wait until the receiver can read.
+ *
+ * @param {AbortSignal} signal - ends it, as also a receiver does that fails
+ */
 async function whenReady(signal) {
   while (!reception.isReady && !signal.aborted) {
     await new Promise((resolve) => setTimeout(resolve, 50));
@@ -386,7 +410,10 @@ function readNamedFilm() {
     url = null;
   }
   if (url?.origin === location.origin) void readFilm(url);
-  else say("The film cannot be read", "It must lie on the same site as this page.");
+  else {
+    stop();
+    say("The film cannot be read", "It must lie on the same site as this page.");
+  }
   return true;
 }
 
@@ -417,8 +444,8 @@ byId("share").addEventListener("click", () => {
 });
 byId("keep").addEventListener("click", () => {
   if (!shown) return;
-  const isText = !textOf(shown).includes("\\x");
-  download(new Blob([new Uint8Array(shown)]), isText ? "message.txt" : "message.bin");
+  const name = utf8Of(shown) === null ? "message.bin" : "message.txt";
+  download(new Blob([new Uint8Array(shown)]), name);
 });
 byId("film").addEventListener("change", () => {
   const [file] = byId("film").files;
@@ -427,7 +454,10 @@ byId("film").addEventListener("change", () => {
 byId("key").addEventListener("change", async () => {
   const [file] = byId("key").files;
   if (file && !(file.size >= MIN_KEY_BYTES && file.size <= MAX_KEY_BYTES)) {
+    stop(); // an earlier key counts no more, and nothing is to be read without one unasked
     byId("key").value = "";
+    reception.key = null;
+    byId("age").disabled = true;
     const sizes = `A key has ${MIN_KEY_BYTES} to ${MAX_KEY_BYTES} bytes`;
     return say("This file is no key", `${sizes}, and this file has ${file.size}.`);
   }

@@ -105,9 +105,16 @@ function withoutGaps(data, offset, stride, length) {
  *
  * @param {Plane} plane
  * @param {number} degrees - clockwise: 0, 90, 180 or 270
- * @returns {Plane} the same plane for 0 degrees
+ * @param {boolean} flip - whether it is then mirrored, left and right
+ * @returns {Plane} the same plane where nothing is to be done
  */
-export function turned(plane, degrees) {
+export function turned(plane, degrees, flip) {
+  if (flip) {
+    const { width, height, data } = turned(plane, degrees, false);
+    const luma = data.slice();
+    for (let row = 0; row < height; row++) luma.subarray(row * width, (row + 1) * width).reverse();
+    return { width, height, data: luma };
+  }
   if (degrees === 0) return plane;
   const { width, height, data } = plane;
   const last = data.length - 1;

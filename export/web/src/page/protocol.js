@@ -52,7 +52,7 @@
  *   | { type: "failed", reason: string }
  *   | Step
  *   | { type: "kept", share: number }
- *   | { type: "recording", file: Blob }} Answer
+ *   | { type: "recording", file: Blob | null }} Answer
  */
 
 export {};

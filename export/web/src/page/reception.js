@@ -2,6 +2,8 @@
  * The page's end of the worker: gives it frames one at a time, and drops those that come meanwhile.
  */
 
+import { rateOf } from "./frames.js";
+
 /** @import { Pixels } from "./frames.js" */
 /** @import { Answer, Request, Step } from "./protocol.js" */
 
@@ -24,7 +26,8 @@ const DEFAULT_FPS = 30;
  * @property {(reason: string) => void} failed - the worker cannot go on
  * @property {(step: Step) => void} step - a frame was taken
  * @property {(share: number) => void} kept - a frame was kept for the recording
- * @property {(file: Blob) => void} recording - the recording is whole
+ * @property {(file: Blob | null) => void} recording - the recording has ended; null where it has no
+ *   frames
  */
 
 /** Hands frames to the worker. */
@@ -46,6 +49,8 @@ export class Reception {
     this.isLoaded = false;
     /** Whether the worker can read. */
     this.isReady = false;
+    /** Why the worker will never be able to read, or null. @type {string | null} */
+    this.failure = null;
     /** Number of the film or camera that is read, so that late answers on others do not count. */
     this.session = 0;
     /** @type {number[]} */
@@ -56,8 +61,16 @@ export class Reception {
     this.worker.onmessage = ({ data }) => this.hear(data);
     this.worker.onerror = (event) => {
       event.preventDefault();
-      listener.failed(event.message || "its program could not be loaded");
+      this.fail(event.message || "its program could not be loaded");
     };
+  }
+
+  /** Take no more answers on the film or camera that was read. */
+  end() {
+    this.session++;
+    this.times = [];
+    this.taken = this.dropped = 0;
+    this.fps = null;
   }
 
   /**
@@ -67,9 +80,7 @@ export class Reception {
    *   that no camera has is replaced by a usual one
    */
   begin(fps) {
-    this.times = [];
-    this.taken = this.dropped = 0;
-    this.session++;
+    this.end();
     this.fps = fps === null || (fps >= MIN_FPS && fps <= MAX_FPS) ? fps : DEFAULT_FPS;
     if (this.fps === null) return;
     const { session, key, maxAgeS } = this;
@@ -98,27 +109,22 @@ export class Reception {
     return this.ask({ type: "frame", time, ...pixels }, moved ? [moved] : []);
   }
 
-  /** Measure the rate from the times of the first frames; gaps count as the frames they lack. */
+  /** Measure the rate from the times of the first frames. */
   measure(/** @type {number} */ time) {
     this.times.push(time);
-    if (this.times.length < PROBED) return;
-    const gaps = this.times.slice(1).map((next, i) => next - this.times[i]);
-    const usual = [...gaps].sort((a, b) => a - b)[gaps.length >> 1];
-    const frames = gaps.reduce((sum, gap) => sum + Math.max(1, Math.round(gap / usual)), 0);
-    this.begin(frames / gaps.reduce((sum, gap) => sum + gap, 0));
+    if (this.times.length >= PROBED) this.begin(rateOf(this.times));
   }
 
   /** Say that the film has ended, once the last frame is read. */
   async finish() {
     await this.whenIdle();
-    if (this.fps === null) this.begin(DEFAULT_FPS); // it had no frames
     await this.ask({ type: "finish" }, []);
   }
 
   /**
-   * Keep the next frames in place of reading them.
+   * Keep the next frames in place of reading them. What was kept before becomes a recording.
    *
-   * @param {number} frames - how many, at most
+   * @param {number} frames - how many, at most; 0 to keep none any more
    * @param {Record<string, unknown>} about - what is written beside them
    */
   record(frames, about) {
@@ -157,9 +163,15 @@ export class Reception {
     }
     if (answer.type === "recording") return listener.recording(answer.file);
     this.answered = null;
-    if (answer.type === "failed") listener.failed(answer.reason);
+    if (answer.type === "failed") this.fail(answer.reason);
     else if (answer.type === "kept") listener.kept(answer.share);
     else if (answer.session === this.session) listener.step(answer);
     answered?.(undefined);
+  }
+
+  /** @param {string} reason - why the worker cannot go on */
+  fail(reason) {
+    if (!this.isReady) this.failure = reason;
+    this.listener.failed(reason);
   }
 }

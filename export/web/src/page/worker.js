@@ -92,6 +92,7 @@ async function answer(request) {
     case "start":
       return start(request);
     case "record":
+      endRecording();
       recording.wanted = request.frames;
       recording.about = request.about;
       recording.frames = [];
@@ -109,10 +110,10 @@ async function answer(request) {
 }
 
 /** @param {Pixels} pixels @returns {Promise<Plane>} */
-async function planeOf({ frame, rotation, rgba, plane }) {
+async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
   if (plane) return plane;
   if (rgba) return planeOfRgba(rgba);
-  if (frame) return turned(await planeOfFrame(frame), rotation ?? 0);
+  if (frame) return turned(await planeOfFrame(frame), rotation, flip);
   throw new Error("a frame without pixels");
 }
 
@@ -168,20 +169,28 @@ function report(corners, message, last) {
 
 /** @param {Plane} plane @param {number} time */
 function keep(plane, time) {
-  const { frames, about } = recording;
+  const { frames } = recording;
   const [first] = frames;
   const fits = !first || first.plane.data.length === plane.data.length;
   if (fits) frames.push({ plane, time });
   const most = Math.floor(MAX_RECORDED_BYTES / plane.data.length);
   const share = frames.length / Math.min(recording.wanted, most);
   say({ type: "kept", share });
-  if (fits && share < 1) return;
+  if (!fits || share >= 1) endRecording();
+}
+
+/** Make a file of the frames that were kept, where any were wanted. */
+function endRecording() {
+  const { wanted, frames, about } = recording;
+  if (!wanted) return;
   const observations = film.receiver?.observations ?? null;
   const seconds = Math.floor(Date.now() / 1000);
-  const file = recordingFile(frames, film.fps, { ...about, observations }, seconds);
-  recording.wanted = 0;
-  recording.frames = [];
-  say({ type: "recording", file });
+  const whole = { ...about, observations };
+  Object.assign(recording, { wanted: 0, frames: [] });
+  say({
+    type: "recording",
+    file: frames.length ? recordingFile(frames, film.fps, whole, seconds) : null,
+  });
 }
 
 /** @param {unknown} error */

@@ -61,7 +61,9 @@ export function parseHeader(line) {
   if (magic !== Y4M_MAGIC) throw new Error("the file is no .y4m film");
   /** @param {string} letter */
   const value = (letter) => words.find((word) => word.startsWith(letter))?.slice(1) ?? "";
-  const [width, height] = [Number(value("W")), Number(value("H"))];
+  const [width, height] = ["W", "H"].map((letter) =>
+    /^\d+$/.test(value(letter)) ? Number(value(letter)) : 0,
+  );
   if (!(width >= 16 && height >= 16 && width * height <= MAX_PIXELS)) {
     throw new Error("the film does not say how large its frames are");
   }
@@ -155,8 +157,9 @@ class ByteReader {
  */
 export async function* readY4m(stream) {
   const reader = new ByteReader(stream);
-  const { width, height, fps, limited, bits, restBytes } = parseHeader((await reader.line()) ?? "");
   try {
+    const header = parseHeader((await reader.line()) ?? "");
+    const { width, height, fps, limited, bits, restBytes } = header;
     for (let number = 0; ; number++) {
       const line = await reader.line();
       if (!line?.startsWith("FRAME")) return;

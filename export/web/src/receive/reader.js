@@ -16,7 +16,7 @@ import { CornerShift } from "./tracking/corners.js";
 
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../link/code/message.js").Message} Message */
-/** @typedef {import("../link/geometry.js").Point} Point */
+/** @typedef {import("./tracking/patches.js").Tracked} Tracked */
 /** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
@@ -47,12 +47,6 @@ export const APART = 4.0;
  * @property {(original: BytePlane, embedded: BytePlane) => Promise<{ scores: ArrayLike<number> }>}
  *   decode
  * @property {() => Promise<void>} [load]
- */
-
-/**
- * The display in one camera frame: its corners in pixels of the frame, and its rectified image.
- *
- * @typedef {{ corners: Point[], rectified: BytePlane }} Tracked
  */
 
 /**
@@ -164,6 +158,14 @@ export class Sight {
   }
 }
 
+/**
+ * A camera frame that is kept until its frame pairs can be decoded: the display in it; the mean of
+ * its toggles, in gray levels; and (8,) `CornerShift.total` when it was rectified, or null where the
+ * display was found anew since.
+ *
+ * @typedef {{ frame: RectifiedFrame, level: number, moved: Float64Array | null }} BufferedFrame
+ */
+
 /** Reads the message of a display that shows one layout. */
 export class DisplayReader {
   #fps;
@@ -171,7 +173,7 @@ export class DisplayReader {
   #sight;
   #occlusion;
   #corners;
-  /** @type {{ frame: RectifiedFrame, level: number }[]} */
+  /** @type {BufferedFrame[]} */
   #buffer = [];
   /** @type {number | null} */
   #next = null;
@@ -221,7 +223,7 @@ export class DisplayReader {
    * @param {number} height - of the camera frame, pixels
    * @returns {Promise<Reading>}
    */
-  async take({ corners, rectified }, time, width, height) {
+  async take({ corners, rectified, anew }, time, width, height) {
     const inView = pointsInView(corners, width, height);
     this.#sight.see(rectified, time, inView);
     const start = performance.now();
@@ -229,7 +231,11 @@ export class DisplayReader {
     this.sync.add(time, toggles);
     const known = toggles.filter(Number.isFinite);
     const level = known.reduce((sum, value) => sum + value, 0) / known.length;
-    this.#buffer.push({ frame: { time, rectified, inView }, level });
+    if (anew) {
+      this.#corners = new CornerShift(this.layout);
+      for (const waiting of this.#buffer) waiting.moved = null;
+    }
+    this.#buffer.push({ frame: { time, rectified, inView }, level, moved: this.#corners.total });
     if (this.#buffer.length > BUFFER) this.#buffer.shift();
     if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
     if (this.sync.slips !== this.#slips) {
@@ -288,10 +294,10 @@ export class DisplayReader {
       ) {
         over++;
       }
-      buffer.splice(0, over);
+      const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
       this.#timing.add("compose", start);
       if (original === null || embedded === null) continue;
-      const { pair, message } = await this.#decode(number, last, original, embedded);
+      const { pair, message } = await this.#decode(number, last, original, embedded, moved);
       pairs.push(pair);
       if (message !== null) return { pairs, message };
     }
@@ -305,9 +311,10 @@ export class DisplayReader {
    * @param {number} time - seconds
    * @param {DisplayState} original
    * @param {DisplayState} embedded
+   * @param {(Float64Array | null)[]} moved - of the pair's frames; none where no more frames come
    * @returns {Promise<{ pair: DecodedPair, message: Message | null }>}
    */
-  async #decode(number, time, original, embedded) {
+  async #decode(number, time, original, embedded, moved) {
     let start = performance.now();
     const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
     const images = [original.image, embedded.image];
@@ -322,7 +329,8 @@ export class DisplayReader {
       return covered[bit] ? 0 : soft.scores[bit] * trust;
     });
     this.#sight.mixed += 1 - trusted / scores.length;
-    this.#corners.take(original.image, embedded.image, scores);
+    const total = meanOf(moved);
+    if (total !== null) this.#corners.take(original.image, embedded.image, scores, total);
     this.decoded++;
     this.#timing.add("decode", start);
     start = performance.now();
@@ -361,12 +369,29 @@ export class DisplayReader {
       if (states[at].up) continue;
       const [original, embedded] = [0, 1].map((which) => averageState(states[at + which].images));
       const number = Math.floor(at / 2);
-      const { pair, message } = await this.#decode(number, states[at].time, original, embedded);
+      const { pair, message } = await this.#decode(number, states[at].time, original, embedded, []);
       pairs.push(pair);
       if (message !== null) return { pairs, message };
     }
     return { pairs, message: null };
   }
+}
+
+/**
+ * Average arrays of one length.
+ *
+ * @param {(Float64Array | null)[]} arrays
+ * @returns {Float64Array | null} null where there are none, or one is missing
+ */
+function meanOf(arrays) {
+  const [first] = arrays;
+  if (!first) return null;
+  const sum = new Float64Array(first.length);
+  for (const array of arrays) {
+    if (array === null) return null;
+    array.forEach((value, i) => (sum[i] += value));
+  }
+  return sum.map((value) => value / arrays.length);
 }
 
 /**

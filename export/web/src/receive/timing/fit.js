@@ -138,6 +138,11 @@ export class ToggleWindow {
     this.#span = times[n - 1] - times[0];
     this.#places = places;
     this.#frame = 1 / fps;
+    /**
+     * Numbers of states a second (F,) that are looked for. There are none where the window is too
+     * short for the camera's nominal rate, which then is far below the real one.
+     */
+    this.stateHz = candidateRates(this.#span, this.#frame);
     const values = new Float64Array(P * n);
     for (let at = 0; at < values.length; at++) values[at] = toggles[at % n][Math.floor(at / n)];
     const seen = (this.#seen = withoutOutliers(values, P));
@@ -499,8 +504,9 @@ export class ToggleWindow {
   #startClocks() {
     const P = this.#P;
     const n = this.#n;
-    this.#candidates ??= candidateWaves(this.#times, this.#places, this.#frame);
-    const { stateHz, real, imaginary, across, down, grid } = this.#candidates;
+    const { stateHz } = this;
+    this.#candidates ??= candidateWaves(stateHz, this.#times, this.#places, this.#frame);
+    const { real, imaginary, across, down, grid } = this.#candidates;
     const adjoint = new Float64Array(P * n);
     const { now, back } = this.#factors;
     for (let at = 0; at < adjoint.length; at++) {
@@ -576,22 +582,31 @@ export class ToggleWindow {
 }
 
 /**
- * Work out the fundamentals of displays at the rates that are looked for.
+ * List the rates of displays that are looked for.
  *
- * `stateHz` (F,) are numbers of states a second, and `real` and `imaginary` their F waves (n,).
- * `grid` holds delays along each axis; `across` and `down` are, for each rate, the phases (P, GRID)
+ * @param {number} span - length of the window, seconds
+ * @param {number} frame - time from one camera frame to the next, seconds
+ * @returns {Float64Array} (F,) states a second
+ */
+function candidateRates(span, frame) {
+  const first = Math.max(MIN_STATE_HZ, 3 / span);
+  const step = 0.25 / span;
+  const F = Math.max(0, Math.ceil((MAX_STATES / frame - first) / step));
+  return Float64Array.from({ length: F }, (_, f) => first + f * step);
+}
+
+/**
+ * Work out the fundamentals of displays.
+ *
+ * `real` and `imaginary` are the F waves (n,). `grid` holds delays along each axis; `across` and `down` are, for each rate, the phases (P, GRID)
  * by which these turn a wave at each place.
  *
+ * @param {Float64Array} stateHz - (F,) numbers of states a second
  * @param {Float64Array} times - (n,) seconds
  * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
  * @param {number} frame - time from one camera frame to the next, seconds
  */
-function candidateWaves(times, places, frame) {
-  const span = times[times.length - 1] - times[0];
-  const first = Math.max(MIN_STATE_HZ, 3 / span);
-  const step = 0.25 / span;
-  const F = Math.max(0, Math.ceil((MAX_STATES / frame - first) / step));
-  const stateHz = Float64Array.from({ length: F }, (_, f) => first + f * step);
+function candidateWaves(stateHz, times, places, frame) {
   const delay = Math.max(frame, PANEL_S);
   const grid = Array.from({ length: GRID }, (_, i) => (-0.9 + (1.8 * i) / (GRID - 1)) * delay);
   const [across, down] = [0, 1].map((axis) => {
@@ -601,7 +616,7 @@ function candidateWaves(times, places, frame) {
     }
     return phasors(stateHz, delays);
   });
-  return { stateHz, ...phasors(stateHz, times), across, down, grid };
+  return { ...phasors(stateHz, times), across, down, grid };
 }
 
 /**

@@ -7,8 +7,8 @@ import { ClockFit, ToggleWindow } from "./fit.js";
 export const MIN_WINDOW_S = 0.5;
 /** Seconds of toggles that a later fit looks back. */
 export const WINDOW_S = 4.0;
-/** Largest number of frames that a fit looks back, whatever their times say. */
-export const MAX_SAMPLES = 4096;
+/** Largest number of frames that a fit looks back: a search's work grows with its square. */
+export const MAX_SAMPLES = 1024;
 /** Number of frames that the first fit needs: some clock fits nearly every order of fewer. */
 export const MIN_FRAMES = 30;
 /**
@@ -172,7 +172,7 @@ export class Synchroniser {
     const times = Float64Array.from(samples, (sample) => sample.time);
     const toggles = samples.map((sample) => sample.toggles);
     const window = new ToggleWindow(times, toggles, this.places, this.fps);
-    if (window.placesSeen === 0) return;
+    if (window.placesSeen === 0 || window.stateHz.length === 0) return;
     const deviation = Math.max(...window.deviation);
     if (deviation < MIN_TOGGLE) {
       this.clock = null;

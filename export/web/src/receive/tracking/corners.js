@@ -51,6 +51,8 @@ const UNIT_CORNERS = [
 
 /** Compares decoded frame pairs with what was seen. */
 export class CornerShift {
+  /** Sum (8,) of all moves so far, numbers of a homography of a display from -1 to 1. */
+  total = new Float64Array(NUMBERS);
   /** @type {Float64Array | null} */
   #shift = null;
   #size;
@@ -70,8 +72,10 @@ export class CornerShift {
    * @param {BytePlane} original - rectified
    * @param {BytePlane} embedded - rectified, of the size of `original`
    * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
+   * @param {Float64Array} total - (8,) value of `total` when the frames were rectified; what they
+   *   show to be amiss may have been put right since
    */
-  take(original, embedded, scores) {
+  take(original, embedded, scores, total) {
     const { layout } = this;
     const [width, height] = this.#size;
     if (layout.pilotBlocks.length === 0) return;
@@ -89,11 +93,11 @@ export class CornerShift {
     }
     const change = withoutSlope({ width, height, data: difference }, block).data;
     const weight = evenness({ width, height, data: mean });
-    let [power, along, total] = [0, 0, 0];
+    let [power, along, all] = [0, 0, 0];
     for (let at = 0; at < pixels; at++) {
       power += weight[at] * expected.data[at] ** 2;
       along += weight[at] * expected.data[at] * change[at];
-      total += weight[at];
+      all += weight[at];
     }
     const amplitude = along / Math.max(power, 1e-9);
     const residual = change;
@@ -103,9 +107,11 @@ export class CornerShift {
       squares += weight[at] * residual[at] ** 2;
     }
     // noise is alike over a block, which so counts once
-    const variance = (squares / total) * block[0] * block[1];
+    const variance = (squares / all) * block[0] * block[1];
     if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
-    const right = this.#learn(expected, amplitude, weight, residual, Math.max(variance, 1e-6));
+    const ahead = this.total.map((value, i) => value - total[i]);
+    const sure = 1 / Math.max(variance, 1e-6);
+    const right = this.#learn(expected, amplitude, weight, residual, sure, ahead);
     const move = solve(this.#information, right).map((value) => -value);
     const shift = this.#homography(move);
     const moved = transform(unitHomography(move), UNIT_CORNERS);
@@ -114,7 +120,9 @@ export class CornerShift {
         Math.abs(x - UNIT_CORNERS[i][0]) < (2 * FAR_BLOCKS) / layout.cols &&
         Math.abs(y - UNIT_CORNERS[i][1]) < (2 * FAR_BLOCKS) / layout.rows,
     );
-    if (near) this.#shift = shift;
+    if (!near) return;
+    this.#shift = this.#shift === null ? shift : multiply3(this.#shift, shift);
+    this.total = this.total.map((value, i) => value + move[i]);
   }
 
   /**
@@ -135,10 +143,11 @@ export class CornerShift {
    * @param {number} amplitude - of what toggles as expected
    * @param {Float32Array} weight - of each pixel
    * @param {Float32Array} residual - of each pixel
-   * @param {number} variance - of a pixel of weight 1
+   * @param {number} sure - one over the variance of a pixel of weight 1
+   * @param {Float64Array} ahead - (8,) how far corners have been moved since
    * @returns {Float64Array} (8,) what the residuals ask for, in units of the information
    */
-  #learn(expected, amplitude, weight, residual, variance) {
+  #learn(expected, amplitude, weight, residual, sure, ahead) {
     const { width, height } = expected;
     const { across, down } = slopesOf(expected);
     const scaleX = (amplitude * width) / 16;
@@ -161,7 +170,7 @@ export class CornerShift {
         columns[5] = slopeY;
         columns[6] = -x * (slopeX * x + slopeY * y);
         columns[7] = -y * (slopeX * x + slopeY * y);
-        const share = weight[at] / variance;
+        const share = sure * weight[at];
         const asked = share * residual[at];
         for (let i = 0; i < NUMBERS; i++) {
           const weighed = share * columns[i];
@@ -174,6 +183,7 @@ export class CornerShift {
       for (let j = 0; j < NUMBERS; j++) {
         const sum = added[Math.min(i, j) * NUMBERS + Math.max(i, j)];
         this.#information[i * NUMBERS + j] = KEPT * this.#information[i * NUMBERS + j] + sum;
+        right[i] += sum * ahead[j];
       }
     }
     return right;

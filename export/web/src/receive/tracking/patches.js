@@ -54,9 +54,10 @@ const CHANGED_SHARE = 0.03;
 
 /**
  * The display in one camera frame: its corners in pixels of the frame, in corner order, and its
- * rectified image, of the layout's size.
+ * rectified image, of the layout's size. `anew` says that pilots have just given the display away, so
+ * that nothing is known of its corners from the frames before.
  *
- * @typedef {{ corners: Point[], rectified: BytePlane }} Tracked
+ * @typedef {{ corners: Point[], rectified: BytePlane, anew?: boolean }} Tracked
  */
 
 /** Finds a display by its ratex patches, and follows it as long as these are seen. */

@@ -104,7 +104,8 @@ export class PilotTracker {
     this.#at = [];
     this.#start = time;
     this.#count = this.#missed = 0;
-    return this.#accept(image, found.corners, true);
+    const tracked = this.#accept(image, found.corners, true);
+    return tracked && { ...tracked, anew: true };
   }
 
   /**
