@@ -39,6 +39,9 @@ LEAST_TOGGLING = 1.0
 what does not toggle tells of no corner."""
 FAR_BLOCKS = 1.0
 """Largest move of a corner, in blocks, that one frame pair may bring."""
+DECIMALS = 9
+"""Number of decimals of a move, in halves of the display. The last bits of sums over all pixels
+change with where memory lies, and without them a film is read alike each time."""
 
 
 class CornerShift:
@@ -99,7 +102,7 @@ class CornerShift:
         sure = 1 / max(variance, 1e-6)
         self._information = KEPT * self._information + sure * seen
         left = -right - seen @ (self.total - total)
-        move = np.asarray(np.linalg.solve(self._information, sure * left), np.float64)
+        move = np.linalg.solve(self._information, sure * left).round(DECIMALS)
         corners = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
         moved = cv2.perspectiveTransform(corners[:, None], unit_homography(move))[:, 0] - corners
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
