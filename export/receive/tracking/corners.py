@@ -102,7 +102,8 @@ class CornerShift:
         sure = 1 / max(variance, 1e-6)
         self._information = KEPT * self._information + sure * seen
         left = -right - seen @ (self.total - total)
-        move = np.linalg.solve(self._information, sure * left).round(DECIMALS)
+        move = np.asarray(np.linalg.solve(self._information, sure * left), np.float64)
+        move = move.round(DECIMALS)
         corners = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
         moved = cv2.perspectiveTransform(corners[:, None], unit_homography(move))[:, 0] - corners
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
