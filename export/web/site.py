@@ -84,12 +84,14 @@ def build_site(out: Path) -> Site:
 
 
 def install_packages() -> None:
-    """Install the packages that the lock file names, where they are not there yet.
+    """Install the packages that the lock file names, where they are not there as it names them.
 
     Raises:
         InputError: npm is missing or fails.
     """
-    if not (WEB / "node_modules").is_dir():
+    installed = WEB / "node_modules" / ".package-lock.json"
+    lock = WEB / "package-lock.json"
+    if not installed.is_file() or installed.stat().st_mtime < lock.stat().st_mtime:
         run_node(["npm", "ci", "--no-fund", "--no-audit"])
 
 

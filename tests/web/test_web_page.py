@@ -283,14 +283,28 @@ def test_what_is_no_film_is_refused_in_plain_words(browser, address) -> None:
         assert not [url for url in page.requested if "example.org/a" in url and "?film" not in url]
 
 
+def noise(folder: Path, count: int) -> list[Path]:
+    """Images of noise, 160 x 120."""
+    rng = np.random.default_rng(3)
+    images = [folder / f"{number}.png" for number in range(count)]
+    for image in images:
+        write_image(image, rng.integers(0, 256, (120, 160), np.uint8))
+    return images
+
+
+@pytest.mark.parametrize("kind", ["mp4", "webm"])
+def test_every_frame_of_a_film_is_read(kind, browser, address, tmp_path) -> None:
+    write_coded(address[1] / f"noise.{kind}", noise(tmp_path, 45))
+    with open_page(browser) as page:
+        page.goto(f"{address[0]}?film=noise.{kind}")
+        wait_for(page, lambda: text_of(page, "status") == "No display found in this film")
+        assert "45 frames read, 0 skipped" in text_of(page, "details")
+
+
 def test_a_damaged_film_is_said_to_be_damaged(browser, address, tmp_path) -> None:
     folder = address[1]
-    rng = np.random.default_rng(3)
-    images = [tmp_path / f"{number}.png" for number in range(30)]
-    for image in images:
-        write_image(image, rng.integers(0, 256, (48, 64), np.uint8))
     film = folder / "whole.mp4"
-    write_coded(film, images)
+    write_coded(film, noise(tmp_path, 30))
     content = film.read_bytes()
     middle = len(content) // 2
     (folder / "hole.mp4").write_bytes(

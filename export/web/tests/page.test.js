@@ -6,7 +6,7 @@ import { join } from "node:path";
 import { test } from "node:test";
 
 import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
-import { timeAfter } from "../src/page/films.js";
+import { risingTimes } from "../src/page/films.js";
 import { rateOf } from "../src/page/frames.js";
 import { planeOfFrame, planeOfRgba, turned } from "../src/page/planes.js";
 import { Reception } from "../src/page/reception.js";
@@ -141,14 +141,18 @@ test("colours become luma as OpenCV makes it", async () => {
 
 test("times tell the rate, and missing frames count", () => {
   assert.ok(Math.abs(rateOf([0, 0.1, 0.2, 0.5, 0.6]) - 10) < 1e-9);
-  assert.ok(Number.isNaN(rateOf([3])));
+  for (const times of [[], [3], [1, 1], [0, 1e-4, 2e-4]]) assert.equal(rateOf(times), 30);
 });
 
-test("times that cannot be are replaced", () => {
-  assert.equal(timeAfter(5, null, 10), 5);
-  assert.equal(timeAfter(NaN, null, 10), 0);
-  assert.equal(timeAfter(1.3, 1, 10), 1.3);
-  for (const stated of [1, 0.2, NaN, 1e9]) assert.equal(timeAfter(stated, 1, 10), 1.1);
+test("times begin at 0, and those that cannot be are replaced", () => {
+  for (const [stated, shown] of [
+    [[9182.5, 9182.6, 9182.9], [0, 0.1, 0.4]],
+    [[NaN, 7, 7.25], [0, 0.1, 0.35]],
+    [[0, 0.1, 0.1, 0.05, 1e9, 0.55], [0, 0.1, 0.2, 0.3, 0.4, 0.55]],
+  ]) {
+    const times = stated.map(risingTimes(10));
+    times.forEach((time, i) => assert.ok(Math.abs(time - shown[i]) < 1e-6, `${times}`));
+  }
 });
 
 test("answers on what was read before are not heard", () => {

@@ -6,7 +6,7 @@
  */
 
 import {
-  BlobSource, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, UrlSource, VideoSampleSink, WEBM,
+  BlobSource, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, VideoSampleSink, WEBM,
 } from "mediabunny";
 import { rateOf } from "./frames.js";
 import { readY4m, Y4M_MAGIC } from "./y4m.js";
@@ -18,14 +18,14 @@ import { readY4m, Y4M_MAGIC } from "./y4m.js";
 /** Kinds of compressed films that are read; cameras, phones and browsers write these. */
 const KINDS = [MP4, QTFF, WEBM, MATROSKA];
 
-/** Number of frames from whose times a film's rate is taken, and the rate where there are too few. */
-const [PROBED, USUAL_FPS] = [100, 30];
+/** Number of frames from whose times a film's rate is taken. */
+const PROBED = 100;
 
 /** Smallest and largest time, in seconds, from one frame to the next that is believed. */
 const [MIN_GAP_S, MAX_GAP_S] = [0.5 / 1000, 60];
 
 /** Why a file is not read, and why nothing is read in it. */
-const NO_FRAMES = "the film has no frames";
+const NO_FRAMES = "the film has no frames, or was cut off";
 const NO_FILM = "the file is no film, or none that this page reads (mp4, mov, webm, mkv, y4m)";
 
 /** A film that is not read, or not to its end; the message says why. */
@@ -58,17 +58,23 @@ export async function filmFrames(film, viewer, signal) {
 }
 
 /**
- * Say when a frame is shown, from the time that its film states, as `link.video.time_after` does.
+ * Make rising times of those that a film states, as `link.video.time_after` does; the first is 0.
  *
- * @param {number} stated - seconds; may be anything
- * @param {number | null} before - time of the frame before, or null for the first frame
  * @param {number} fps - frames a second of the film
- * @returns {number} seconds, later than `before`
+ * @returns {(stated: number) => number} takes the times of the frames in order, in seconds, which may
+ *   be anything, and says when each is shown
  */
-export function timeAfter(stated, before, fps) {
-  if (before === null) return Math.abs(stated) <= MAX_GAP_S ? stated : 0;
-  const gap = stated - before;
-  return gap >= MIN_GAP_S && gap <= MAX_GAP_S ? stated : before + 1 / fps;
+export function risingTimes(fps) {
+  let offset = NaN;
+  /** @type {number | null} */
+  let last = null;
+  return (stated) => {
+    const usual = last === null ? 0 : last + 1 / fps;
+    if (Number.isNaN(offset) && Number.isFinite(stated)) offset = stated - usual;
+    const gap = last === null ? NaN : stated - offset - last;
+    last = gap >= MIN_GAP_S && gap <= MAX_GAP_S ? stated - offset : usual;
+    return last;
+  };
 }
 
 /**
@@ -116,16 +122,16 @@ async function streamOf(film, signal) {
  * @param {AbortSignal} signal
  */
 async function plainFrames(stream, viewer, signal) {
-  /** @type {number | null} */
-  let last = null;
+  /** @type {((stated: number) => number) | null} */
+  let timeOf = null;
   for await (const { plane, time, fps } of readY4m(stream)) {
     if (signal.aborted) return;
-    if (last === null) viewer.begin(fps);
+    if (timeOf === null) viewer.begin(fps);
+    timeOf ??= risingTimes(fps);
     viewer.show(plane.width, plane.height, (context) => drawPlane(plane, context));
-    last = timeAfter(time, last, fps);
-    await viewer.take({ plane }, last);
+    await viewer.take({ plane }, timeOf(time));
   }
-  if (last === null) throw new Unreadable(NO_FRAMES);
+  if (timeOf === null) throw new Unreadable(NO_FRAMES);
 }
 
 /** @param {Plane} plane @param {CanvasRenderingContext2D} context */
@@ -144,29 +150,23 @@ function drawPlane({ width, height, data }, context) {
  * @param {AbortSignal} signal
  */
 async function codedFrames(film, viewer, signal) {
-  const source =
-    film instanceof Blob ? new BlobSource(film) : new UrlSource(film, { getRetryDelay: () => null });
-  const input = new Input({ source, formats: KINDS });
-  const dispose = () => input.dispose();
-  signal.addEventListener("abort", dispose);
-  /** @type {number | null} */
-  let last = null;
+  const file = film instanceof Blob ? film : await new Response(await streamOf(film, signal)).blob();
+  const input = new Input({ source: new BlobSource(file), formats: KINDS });
   let count = 0;
   try {
     const track = await trackOf(input);
     const fps = rateOf(await firstTimes(track));
+    const timeOf = risingTimes(fps);
     if (signal.aborted) return;
     viewer.begin(fps);
     for await (const sample of new VideoSampleSink(track).samples()) {
-      if (signal.aborted) return sample.close();
-      last = timeAfter(sample.timestamp, last, fps || USUAL_FPS);
-      await takeSample(sample, last, viewer);
+      await takeSample(sample, timeOf(sample.timestamp), viewer);
       count++;
+      if (signal.aborted) return; // which closes the decoder
     }
   } catch (error) {
     throw error instanceof Unreadable ? error : new Unreadable(endedAt(count + 1, error));
   } finally {
-    signal.removeEventListener("abort", dispose);
     input.dispose();
   }
   if (!count) throw new Unreadable(NO_FRAMES);
@@ -198,7 +198,7 @@ function endedAt(number, error) {
 async function trackOf(input) {
   if (!(await input.canRead().catch(() => false))) throw new Unreadable(NO_FILM);
   const track = await input.getPrimaryVideoTrack();
-  if (!track) throw new Unreadable("the file has no picture");
+  if (!track) throw new Unreadable("the file has no picture, or was cut off");
   if (!(await track.canDecode())) {
     throw new Unreadable(`this browser cannot decode the film (${track.codec ?? "of unknown kind"})`);
   }
@@ -217,7 +217,13 @@ async function takeSample(sample, time, viewer) {
   const frame = sample.toVideoFrame();
   const { width, height } = frame.visibleRect ?? { width: 0, height: 0 };
   const [wide, high] = rotation % 180 ? [height, width] : [width, height];
-  viewer.show(wide, high, (context) => sample.draw(context, 0, 0, wide, high));
-  sample.close();
+  try {
+    viewer.show(wide, high, (context) => sample.draw(context, 0, 0, wide, high));
+  } catch (error) {
+    frame.close();
+    throw error;
+  } finally {
+    sample.close();
+  }
   await viewer.take({ frame, rotation, flip }, time);
 }

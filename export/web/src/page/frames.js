@@ -7,6 +7,12 @@
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
+/** Smallest and largest number of frames a second that is believed. */
+const [MIN_FPS, MAX_FPS] = [1, 1000];
+
+/** Frames a second where the times of the frames tell nothing. */
+const DEFAULT_FPS = 30;
+
 /**
  * A frame: as the browser has it, with the degrees by which it is to be turned clockwise and whether
  * it is to be mirrored then, left and right; or as pixels of a canvas; or as luma.
@@ -119,11 +125,12 @@ function pixelsOf(video, canvas, time) {
  * they lack.
  *
  * @param {number[]} times - in seconds, rising
- * @returns {number} frames a second; NaN where there are too few times
+ * @returns {number} frames a second; a usual number where the times tell none that a camera has
  */
 export function rateOf(times) {
   const gaps = times.slice(1).map((next, i) => next - times[i]);
   const usual = [...gaps].sort((a, b) => a - b)[gaps.length >> 1];
   const frames = gaps.reduce((sum, gap) => sum + Math.max(1, Math.round(gap / usual)), 0);
-  return frames / gaps.reduce((sum, gap) => sum + gap, 0);
+  const rate = frames / gaps.reduce((sum, gap) => sum + gap, 0);
+  return rate >= MIN_FPS && rate <= MAX_FPS ? rate : DEFAULT_FPS;
 }

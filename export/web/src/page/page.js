@@ -71,13 +71,14 @@ const reception = new Reception({
   },
   step: showStep,
   kept(share) {
+    if (running.signal.aborted) return;
     say("Saving what the camera sees", `${Math.round(100 * share)} %`);
   },
   recording(file) {
     byId("record").disabled = false;
     if (!file) return;
     download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
-    say("Saved", "The file is among your downloads.");
+    if (!running.signal.aborted) say("Saved", "The file is among your downloads.");
   },
 });
 
@@ -353,6 +354,8 @@ async function readFilm(film) {
     if (!signal.aborted) await reception.finish();
   } catch (error) {
     if (signal.aborted) return;
+    if (reception.taken) await reception.finish(); // what there is may hold the message
+    if (shown) return;
     stop();
     const why = error instanceof Error ? error.message : String(error);
     say("The film cannot be read", sentence(why));

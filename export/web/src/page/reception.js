@@ -10,13 +10,6 @@ import { rateOf } from "./frames.js";
 /** Number of frames from whose times the rate of a camera is measured. */
 const PROBED = 16;
 
-/** Largest and smallest number of frames a second that is believed. */
-const MAX_FPS = 1000;
-const MIN_FPS = 1;
-
-/** Frames a second where the times of the frames tell nothing. */
-const DEFAULT_FPS = 30;
-
 /**
  * What the page is told.
  *
@@ -76,15 +69,14 @@ export class Reception {
   /**
    * Begin a new film or camera.
    *
-   * @param {number | null} fps - frames a second, or null where they are to be measured; a number
-   *   that no camera has is replaced by a usual one
+   * @param {number | null} fps - frames a second, or null where they are to be measured
    */
   begin(fps) {
     this.end();
-    this.fps = fps === null || (fps >= MIN_FPS && fps <= MAX_FPS) ? fps : DEFAULT_FPS;
-    if (this.fps === null) return;
+    this.fps = fps;
+    if (fps === null) return;
     const { session, key, maxAgeS } = this;
-    this.send({ type: "start", session, fps: this.fps, key, maxAgeS: key && maxAgeS });
+    this.send({ type: "start", session, fps, key, maxAgeS: key && maxAgeS });
   }
 
   /**
