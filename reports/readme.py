@@ -114,7 +114,7 @@ STEPS |= {
         "phones_robust": "--preset robust --kappas 3 --views 45 --n-bytes 1000",
         "phones_fast": "--preset fast --state-hz 30 --fps 60 --kappas 3 --views 0 --n-bytes 5000",
         "phones_hidden": "--preset hidden --state-hz 60 --fps 120 --kappas 1 --views 0"
-        " --n-bytes 2000",
+        f" --n-bytes 2000 {RATES_THREE}",
     }.items()
 }
 STEPS |= {

@@ -251,6 +251,12 @@ def test_films_through_codecs_are_pooled_and_kept(
     assert len(taken) == 16
 
 
+def test_the_page_of_films_has_all_blocks() -> None:
+    page = (ROOT / "docs" / "films.md").read_text()
+    for name in codecs.BLOCKS:
+        assert f"<!-- {name} -->" in page and f"<!-- /{name} -->" in page
+
+
 def test_every_variant_can_be_encoded_and_is_another_one() -> None:
     assert len({repr((v.codec, v.phone)) for v in codecs.VARIANTS.values()}) == len(codecs.VARIANTS)
     for name, variant in codecs.VARIANTS.items():
