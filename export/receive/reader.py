@@ -73,8 +73,8 @@ class BufferedFrame:
 
     shown: RectifiedFrame
     """The display in it."""
-    level: float
-    """Mean of the toggles, in gray levels; NaN where there are none."""
+    measured: NDArray[np.float64]
+    """(V,) what `Toggles.measure` says of it."""
     moved: NDArray[np.float64] | None
     """(8,) value of `CornerShift.total` when the frame was rectified; None where the display was
     found anew since."""
@@ -173,7 +173,7 @@ class DisplayReader:
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""
         self._toggles = make_toggles(self.layout)
-        self.sync = Synchroniser(self._fps, self._toggles.places)
+        self.sync = Synchroniser(self._fps, self._toggles)
         """Finds and holds the display's clock."""
         self._slips, self._next = 0, None
         self._buffer.clear()
@@ -196,9 +196,8 @@ class DisplayReader:
         in_view = points_in_view(tracked.corners, shape)
         self._sight.see(tracked.rectified, time, in_view)
         start = perf_counter()
-        toggles = self._toggles.measure(tracked.rectified)
-        self.sync.add(time, toggles)
-        level = np.nanmean(toggles) if np.isfinite(toggles).any() else np.nan
+        measured = self._toggles.measure(tracked.rectified)
+        self.sync.add(time, measured)
         if self._buffer and self._buffer[-1].shown.rectified.shape != tracked.rectified.shape:
             self._buffer.clear()  # frames were gray, and now have colours, or the other way round
         if tracked.anew:
@@ -206,7 +205,7 @@ class DisplayReader:
             for at, waiting in enumerate(self._buffer):
                 self._buffer[at] = replace(waiting, moved=None)
         shown = RectifiedFrame(time, tracked.rectified, in_view)
-        self._buffer.append(BufferedFrame(shown, float(level), self._corners.total))
+        self._buffer.append(BufferedFrame(shown, measured, self._corners.total))
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period
         if self.sync.slips != self._slips:
@@ -328,10 +327,11 @@ class DisplayReader:
     def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode frames in order, each of one state, which ends where the toggles change level."""
         pairs: list[DecodedPair] = []
-        seen = [waiting for waiting in self._buffer if np.isfinite(waiting.level)]
-        levels = np.array([waiting.level for waiting in seen])
-        if levels.size < 2:
+        seen = [waiting for waiting in self._buffer if np.isfinite(waiting.measured).any()]
+        if len(seen) < 2:
             return pairs, None
+        toggles = self._toggles.over_time(np.array([waiting.measured for waiting in seen]))
+        levels = np.nanmean(toggles, axis=1)
         high = levels > (levels.max() + levels.min()) / 2
         if not high.any():  # all have one level
             return pairs, None

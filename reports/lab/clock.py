@@ -3,37 +3,44 @@
 The receiver believes a clock whose evidence exceeds a bound, set by
 `export.receive.timing.synchronise.needed_evidence`. Here it looks for a clock in windows of toggles
 without one: noise, noise that lasts over several frames, toggles of a real clock in shuffled order,
-and simulated films of a display that stands still. Then it looks for clocks in noise, to say from
-which strength on they are found.
+and simulated films of displays, with patches and with pilots, that stand still. Then it looks for
+clocks in noise, to say from which strength on they are found.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 
 import numpy as np
 import tyro
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from data_gen.film.codec import CodecSettings, through_codec
+from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.receive.timing.clock import Array, DisplayClock, embedded_share
 from export.receive.timing.fit import ClockFit, ToggleWindow
 from export.receive.timing.synchronise import needed_evidence
-from export.receive.timing.toggles import patch_toggles
+from export.receive.timing.toggles import PatchToggles, Toggles, make_toggles
+from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import Tracker
 from link.embed import embed
 from link.errors import ParameterError, at_least, read_flags, run_cli
-from link.layout import make_layout
+from link.geometry import frame_corners, transform
+from link.layout import Layout, make_layout
+from link.presets import PRESETS
 from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson
 
-PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
+PLACES = PatchToggles(make_layout()).places
 """Centres of the ratex patches of the 8 x 8 layout on the display."""
+STILL = {"patches": make_layout(), "pilots": PRESETS["robust"].layout}
+"""Layouts of the displays that stand still, by the kind of their windows."""
 SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0)
 """Lengths of windows, seconds; the receiver's grow from the first to the last."""
 SLOW = 0.65
@@ -56,7 +63,7 @@ class ClockConfig:
     fps: float = 30.0
     """Number of frames that the camera takes a second."""
     films: int = 4
-    """Number of films of a display that stands still; windows of them are drawn many times."""
+    """Number of films of each display that stands still; windows of them are drawn many times."""
     film_seconds: float = 12.0
     """Length of each of these films, seconds."""
     seed: int = 0
@@ -72,13 +79,15 @@ class Window:
     times: Array
     """(n,) seconds."""
     toggles: Array
-    """(n, 5) displayed gray levels."""
+    """(n, P) gray levels."""
     seconds: float
     """Length of the window."""
+    places: Array
+    """(P, 2) places of the display, in [0, 1]."""
 
     def search(self, fps: float) -> tuple[ClockFit, float]:
         """Look for a clock; return it, and its evidence as a share of what is needed."""
-        fit = ToggleWindow(self.times, self.toggles, PLACES, fps).search()
+        fit = ToggleWindow(self.times, self.toggles, self.places, fps).search()
         return fit, fit.evidence / needed_evidence(self.seconds, fps)
 
 
@@ -106,25 +115,53 @@ def noisy_clock(
     for now in range(1, len(times)):
         noise[now] = lag * noise[now - 1] + np.sqrt(1 - lag**2) * fresh[now]
     deviation = np.exp(rng.normal(0, 0.5, len(PLACES)))
-    return Window(times, strength * wave + deviation * noise, seconds)
+    return Window(times, strength * wave + deviation * noise, seconds, PLACES)
 
 
 def shuffled_clock(rng: np.random.Generator, fps: float) -> Window:
     """Draw a window of a random clock with little noise, and shuffle its frames."""
     window = noisy_clock(rng, fps, float(rng.uniform(2, 12)), (0.0,) * 5)
-    return Window(window.times, rng.permutation(window.toggles), window.seconds)
+    return replace(window, toggles=rng.permutation(window.toggles))
 
 
-def film_still_display(number: int, config: ClockConfig) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class StillFilm:
+    """A film of a display that stands still."""
+
+    times: Array
+    """(n,) seconds."""
+    values: Array
+    """(n, V) what `Toggles.measure` says of each frame."""
+    toggles: Toggles
+    """What measured them."""
+
+    def window(self, rng: np.random.Generator) -> Window:
+        """Draw a window, in which patches or pilots change places and signs at random.
+
+        Without a clock one sign and one place are as good as another, so that one film gives many
+        windows.
+        """
+        seconds = float(rng.choice(SECONDS))
+        start = rng.uniform(self.times[0], self.times[-1] - seconds)
+        chosen = (self.times >= start) & (self.times <= start + seconds)
+        count = self.values.shape[1]
+        drawn = (rng.choice([-1.0, 1.0], count) * self.values[chosen])[:, rng.permutation(count)]
+        toggles = self.toggles.over_time(drawn)
+        return Window(self.times[chosen], toggles, seconds, self.toggles.places)
+
+
+def film_still_display(item: tuple[str, int], config: ClockConfig) -> StillFilm:
     """Film a display that stands still, and follow it.
 
     Even films are lossless and odd ones pass through H.264; the hand moves once and then six times
     as much as usual.
 
-    Returns:
-        times (n,) in seconds, and toggles (n, 5) in displayed gray levels.
+    Args:
+        item: key of `STILL`, and number of the film.
+        config: seed, frames a second and length.
     """
-    layout = make_layout()
+    kind, number = item
+    layout = STILL[kind]
     source = Source(layout, "test", config.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[number % len(pictures)].rgb
@@ -138,36 +175,46 @@ def film_still_display(number: int, config: ClockConfig) -> tuple[Array, Array]:
     rng = np.random.default_rng([config.seed, number])
     frames = film([shown], layout, source.pair("canon-lg"), 45.0, settings, rng)
     codec = CodecSettings("h264" if number % 2 else "none")
-    tracker, rows = Tracker(layout), []
-    for frame in through_codec(frames, codec, config.fps):
-        tracked = tracker.follow(frame.rgb, frame.time_s)
-        if tracked is not None:
-            rows.append((frame.time_s, patch_toggles(tracked.rectified, layout)))
-    times, toggles = zip(*rows, strict=True)
-    return np.array(times), np.array(toggles)
+    toggles = make_toggles(layout)
+    times, values = [], []
+    for time, rectified in _followed(through_codec(frames, codec, config.fps), layout):
+        times.append(time)
+        values.append(toggles.measure(rectified))
+    return StillFilm(np.array(times), np.array(values), toggles)
 
 
-def still_window(films: list[tuple[Array, Array]], rng: np.random.Generator, fps: float) -> Window:
-    """Draw a window of a film; its patches change places and signs at random.
+def _followed(
+    frames: Iterable[VideoFrame], layout: Layout
+) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Follow the display through a film: times of frames in which it is, and the display in them.
 
-    Without a clock one sign and one place are as good as another, so that one film gives many
-    windows.
+    Pilots that do not toggle cannot be found, so where such a display is in the first frame, and
+    in one before which it was lost, is taken from the truth.
     """
-    times, toggles = films[int(rng.integers(len(films)))]
-    seconds = float(rng.choice(SECONDS))
-    start = rng.uniform(times[0], times[-1] - seconds)
-    chosen = (times >= start) & (times <= start + seconds)
-    signs = rng.choice([-1.0, 1.0], len(PLACES))
-    drawn = (signs * toggles[chosen])[:, rng.permutation(len(PLACES))]
-    return Window(times[chosen], drawn, seconds)
+    tracker, follower = Tracker(layout), Follower(layout)
+    display = frame_corners(layout.width, layout.height)
+    for frame in frames:
+        if layout.ratex:
+            tracked = tracker.follow(frame.rgb, frame.time_s)
+            rectified = None if tracked is None else tracked.rectified
+        else:
+            step = follower.step(frame.rgb)
+            known = transform(frame.H_captured_from_display, display)
+            corners = known if step is None else step[0]
+            rectified = follower.rectified(frame.rgb, corners)
+            if rectified is not None and step is None:
+                follower.begin(frame.rgb, corners, rectified)
+            follower.advance(corners)
+        if rectified is not None:
+            yield frame.time_s, rectified
 
 
 def draw_windows(
-    kind: str, films: list[tuple[Array, Array]], rng: np.random.Generator, fps: float
+    kind: str, films: Mapping[str, Sequence[StillFilm]], rng: np.random.Generator, fps: float
 ) -> Window:
     """Draw a window without a clock of a kind that `KINDS` names."""
-    if kind == "stands still":
-        return still_window(films, rng, fps)
+    if kind in STILL:
+        return films[kind][int(rng.integers(len(films[kind])))].window(rng)
     if kind == "shuffled":
         return shuffled_clock(rng, fps)
     slow = {"noise": (0.0,) * 5, "codec": (SLOW, SLOW, 0.0, 0.0, 0.3), "slow": (0.95,) * 5}
@@ -179,20 +226,21 @@ KINDS = {
     "codec": "noise that lasts, as a codec's does",
     "slow": "noise that wanders",
     "shuffled": "toggles in shuffled order",
-    "stands still": "films of a display that stands still",
+    "patches": "films of a display with patches that stands still",
+    "pilots": "films of a display with pilots that stands still",
 }
 """Kinds of windows without a clock, and how the table calls them."""
 
 
 def false_strengths(
-    chunk: tuple[str, int, int], config: ClockConfig, films: list[tuple[Array, Array]]
+    chunk: tuple[str, int, int], config: ClockConfig, films: Mapping[str, Sequence[StillFilm]]
 ) -> list[float]:
     """Evidence, as a share of what is needed, in windows without a clock.
 
     Args:
         chunk: kind of the windows, number of the chunk, and number of windows in it.
         config: seed and frames a second.
-        films: toggles of films of a display that stands still.
+        films: films of displays that stand still, by the keys of `STILL`.
     """
     one_thread()
     kind, number, windows = chunk
@@ -233,7 +281,10 @@ def main() -> None:
         raise ParameterError("film_seconds", f"need more than {max(SECONDS):g}")
     with ProcessPoolExecutor(config.jobs) as pool:
         film_it = partial(film_still_display, config=config)
-        films = list(pool.map(film_it, range(config.films)))
+        films = {
+            kind: list(pool.map(film_it, [(kind, number) for number in range(config.films)]))
+            for kind in STILL
+        }
         chunks = list(_chunks(config.windows))
         look = partial(false_strengths, config=config, films=films)
         strengths: dict[str, list[float]] = {kind: [] for kind in KINDS}

@@ -9,12 +9,13 @@ from web_fixtures import run_node_tests, write_fixture
 from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
 from export.receive.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
-from export.receive.timing.toggles import make_toggles
+from export.receive.timing.toggles import PatchToggles, make_toggles
 from export.web.tables import layout_table
 from link.embed import embed
+from link.layout import make_layout
 from link.presets import PRESETS
 
-PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
+PATCHES = PatchToggles(make_layout())
 GRID = np.stack(np.meshgrid(*2 * [np.arange(4) / 4 + 0.125]), axis=-1).reshape(-1, 2)
 """Places, x and y in [0, 1], as those of pilots."""
 
@@ -67,21 +68,21 @@ def window_fixture(clock, fps, seconds, places, seed, hidden=0.0, jitter=0.0, **
     }
 
 
-def run_fixture(fps, seconds, seed, places):
+def run_fixture(fps, seconds, seed):
     """A synchroniser's clock after each frame, through a weak spell, a pause, and a new start."""
     rng = np.random.default_rng(seed)
     clock = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
     times = np.arange(int(seconds * fps)) / fps
-    toggles = toggles_of(clock, times, places, rng, 0.4)
+    toggles = toggles_of(clock, times, PATCHES.places, rng, 0.4)
     weak = (times > 0.4 * seconds) & (times < 0.6 * seconds)
     toggles[weak] = rng.normal(0, 1.5, toggles[weak].shape)
     toggles[times < 0.1] = np.nan
     late = replace(clock, start=clock.start + 1.1 * clock.period)
     again = times > 0.7 * seconds + 1.5 * AWAY_S
-    toggles[again] = toggles_of(late, times[again], places, rng, 0.4)
+    toggles[again] = toggles_of(late, times[again], PATCHES.places, rng, 0.4)
     seen = (times < 0.7 * seconds) | again
     times, toggles = times[seen], toggles[seen]
-    sync = Synchroniser(fps, places)
+    sync = Synchroniser(fps, PATCHES)
     clocks, states = [], []
     for time, values in zip(times, toggles, strict=True):
         sync.add(time, values)
@@ -93,7 +94,7 @@ def run_fixture(fps, seconds, seed, places):
         "fps": fps,
         "times": times,
         "toggles": toggles,
-        "places": places,
+        "layout": layout_table(PATCHES.layout),
         "clocks": np.array(clocks),
         "states": np.array(states),
         "best": [best.strength, best.amplitude, best.state_hz, best.deviation],
@@ -125,7 +126,7 @@ def folder(tmp_path_factory):
                 DisplayClock(1 / 15.1, 0.1, 0.004, -0.012, camera / 2),
                 30.0,
                 1.5,
-                PLACES,
+                PATCHES.places,
                 1,
                 noise=0.4,
             ),
@@ -133,7 +134,7 @@ def folder(tmp_path_factory):
                 DisplayClock(1 / 2.1, 0.3, 0.0, 0.015, camera / 2),
                 30.0,
                 4.0,
-                PLACES,
+                PATCHES.places,
                 2,
                 noise=0.6,
                 correlation=0.6,
@@ -151,7 +152,7 @@ def folder(tmp_path_factory):
             ),
         ],
     )
-    write_fixture(folder, "run", run_fixture(30.0, 9.0, 5, PLACES))
+    write_fixture(folder, "run", run_fixture(30.0, 9.0, 5))
     return folder
 
 
@@ -169,12 +170,14 @@ def test_toggles_are_those_of_python(tmp_path):
         ]
         frames[2][: layout.height // 8, : layout.width // 8] = 90  # covers a patch
         toggles = make_toggles(layout)
+        measured = [toggles.measure(frame) for frame in frames]
         known.append(
             {
                 "layout": layout_table(layout),
                 "frames": frames,
                 "places": toggles.places,
-                "toggles": [toggles.measure(frame) for frame in frames],
+                "measured": measured,
+                "toggles": toggles.over_time(np.array(measured)),
             }
         )
     write_fixture(tmp_path, "toggles", known)

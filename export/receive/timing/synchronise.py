@@ -7,6 +7,7 @@ import numpy as np
 
 from export.receive.timing.clock import Array, DisplayClock
 from export.receive.timing.fit import ClockFit, ToggleWindow
+from export.receive.timing.toggles import Toggles
 
 MIN_WINDOW_S, WINDOW_S = 0.5, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""
@@ -28,9 +29,10 @@ SEARCH_S = 4.0
 """Seconds from one search to the next while the clock that is known is confirmed."""
 CLEARLY, SHARE = 15.0, 0.05
 """Least evidence by which another clock must lead, and the least as a share of the held clock's."""
-MIN_TOGGLE = 0.1
-"""Standard deviation of the toggles of a place, displayed gray levels, below which the place stands
-still: a square wave of kappa 1 has 0.5."""
+MIN_TOGGLE = 0.05
+"""Smallest toggle between original and embedded frames, and smallest standard deviation of the
+toggles of a place, in gray levels; what changes by less stands still. At kappa 1 the toggle is 1
+to 2, and what is left of it in a film of few bits is about 0.1."""
 HOLD_S = 6.0
 """Longest time, in seconds, for which a clock runs on without being confirmed."""
 MAX_PHASE_ERROR = 0.25
@@ -90,12 +92,12 @@ class Synchroniser:
 
     Args:
         fps: frames of the camera in a second; they bound delays and shutter.
-        places: (P, 2) places of the display, in [0, 1], whose toggles are known.
+        toggles: says at which places of the display toggles are known, and works them out.
     """
 
-    def __init__(self, fps: float, places: Array) -> None:
+    def __init__(self, fps: float, toggles: Toggles) -> None:
         self.fps = fps
-        self.places = places
+        self.toggles = toggles
         self.clock: DisplayClock | None = None
         """The clock, or None while it is unknown."""
         self.r2 = 0.0
@@ -123,17 +125,17 @@ class Synchroniser:
         wander = WANDER * (time - middle) / self.clock.period
         return float(np.hypot(fit.phase_error(time - middle), wander))
 
-    def add(self, time: float, toggles: Array) -> None:
-        """Take the toggles of one frame, and fit the clock where it is time.
+    def add(self, time: float, values: Array) -> None:
+        """Take what was measured in one frame, and fit the clock where it is time.
 
         Args:
             time: time of the frame, seconds; later than before.
-            toggles: (P,) displayed gray levels; NaN where a place is hidden.
+            values: (V,) as `Toggles.measure` gives them; NaN where a place is hidden.
         """
-        if np.isfinite(toggles).any():
+        if np.isfinite(values).any():
             if self._samples and time - self._samples[-1][0] > AWAY_S:
                 self._back_at = time
-            self._samples.append((time, toggles))
+            self._samples.append((time, values))
         oldest = time - WINDOW_S
         if self._back_at is not None and time - self._back_at >= MIN_WINDOW_S:
             fresh = sum(at >= self._back_at for at, _ in self._samples)
@@ -153,8 +155,9 @@ class Synchroniser:
 
     def _update(self, time: float) -> None:
         """Fit the clock to the last seconds, and look for another one where that is in doubt."""
-        times, toggles = (np.array(column) for column in zip(*self._samples, strict=True))
-        window = ToggleWindow(times, toggles, self.places, self.fps)
+        times, values = (np.array(column) for column in zip(*self._samples, strict=True))
+        toggles = self.toggles.over_time(values)
+        window = ToggleWindow(times, toggles, self.toggles.places, self.fps)
         if window.places_seen == 0 or window.state_hz.size == 0:
             return
         if window.deviation.max() < MIN_TOGGLE:

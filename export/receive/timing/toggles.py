@@ -18,10 +18,9 @@ Array = NDArray[np.float64]
 PARTS = (4, 4)
 """Number of parts of the display, from top to bottom and from left to right, over each of which the
 toggles of pilots are averaged."""
-MEMORY = 0.1
-"""Share by which the newest frame enters the running mean and variance of a pilot."""
-LEAST_VARIANCE = 0.3
-"""Squared gray levels added to a pilot's variance before its weight is the inverse."""
+LEAST_VARIANCE = 0.1
+"""Squared gray levels added to a pilot's variance before its weight is the inverse, so that the few
+frames of a short window do not make single pilots weigh all."""
 
 
 def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.float64]:
@@ -51,7 +50,11 @@ class Toggles(Protocol):
     """(P, 2) x and y on the display, in [0, 1]."""
 
     def measure(self, rectified: NDArray[np.uint8]) -> Array:
-        """Measure the (P,) toggles in a rectified frame; NaN where a place is hidden."""
+        """Measure what a rectified frame shows of the toggling: (V,) values; NaN where hidden."""
+        ...
+
+    def over_time(self, values: Array) -> Array:
+        """Turn the (n, V) values of n frames into their (n, P) toggles, in gray levels."""
         ...
 
 
@@ -70,13 +73,17 @@ class PatchToggles:
         """Measure the (patches,) toggles in a rectified frame."""
         return patch_toggles(rectified, self.layout)
 
+    def over_time(self, values: Array) -> Array:
+        """Return the (n, patches) toggles as they are."""
+        return values
+
 
 class PilotToggles:
     """Toggles of pilots, averaged over the parts of the display.
 
-    Pilots whose blocks vary much from frame to frame, because the picture is steep there, weigh
-    less. What they show of the picture itself does not change from frame to frame, and the clock
-    takes it off.
+    Pilots whose blocks vary much, because the picture is steep there, weigh less. All frames of a
+    window get the same weights, and each pilot is taken less its mean. Otherwise what it shows of
+    the picture itself, which is far more than it toggles, would change with the weights.
 
     Args:
         layout: layout with pilots.
@@ -90,20 +97,18 @@ class PilotToggles:
         taken, self._part = np.unique(part, return_inverse=True)
         at_row, at_col = np.divmod(taken, cols)
         self.places = np.stack([(at_col + 0.5) / cols, (at_row + 0.5) / rows], axis=1)
-        self._signs = pilot_signs(layout)
-        self._mean: Array | None = None
-        self._variance = np.ones(layout.pilots)
+        parts = np.arange(len(taken))
+        self._signs_of_parts = pilot_signs(layout)[:, None] * (self._part[:, None] == parts)
 
     def measure(self, rectified: NDArray[np.uint8]) -> Array:
-        """Measure the (P,) toggles in a rectified frame, in captured gray levels."""
-        values = pilot_values(rectified, self.layout).astype(np.float64)
-        if self._mean is None:
-            self._mean = values.copy()
-        apart = values - self._mean
-        self._mean += MEMORY * apart
-        self._variance += MEMORY * (apart**2 - self._variance)
-        weights = 1 / (self._variance + LEAST_VARIANCE)
-        sums = np.bincount(self._part, self._signs * values * weights)
+        """Measure how much each of the (pilots,) stands out, in captured gray levels."""
+        return pilot_values(rectified, self.layout).astype(np.float64)
+
+    def over_time(self, values: Array) -> Array:
+        """Average the (n, pilots) values of n frames: (n, P) toggles, in captured gray levels."""
+        apart = values - values.mean(axis=0)
+        weights = 1 / ((apart**2).mean(axis=0) + LEAST_VARIANCE)
+        sums = (apart * weights) @ self._signs_of_parts
         return np.asarray(2 * sums / np.bincount(self._part, weights))
 
 

@@ -4,9 +4,11 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { DisplayClock, embeddedShare } from "../src/receive/timing/clock.js";
 import { ToggleWindow } from "../src/receive/timing/fit.js";
+import { Layout } from "../src/link/layout.js";
 import { Synchroniser, neededEvidence } from "../src/receive/timing/synchronise.js";
+import { PatchToggles } from "../src/receive/timing/toggles.js";
 import { close } from "./comparison.js";
-import { readFixture } from "./fixtures.js";
+import { readFixture, rowsOf } from "./fixtures.js";
 
 /** @param {ArrayLike<number>} numbers */
 function clockOf(numbers) {
@@ -17,14 +19,6 @@ function clockOf(numbers) {
 /** @param {DisplayClock} clock */
 function numbersOf(clock) {
   return [clock.period, clock.start, clock.delayX, clock.delayY, clock.shutter];
-}
-
-/**
- * @param {{ shape: number[], data: Float64Array }} table
- * @returns {Float64Array[]} its rows
- */
-function rowsOf({ shape, data }) {
-  return Array.from({ length: shape[0] }, (_, k) => data.slice(k * shape[1], (k + 1) * shape[1]));
 }
 
 test("shares of exposures", () => {
@@ -65,7 +59,7 @@ test("fits of clocks to windows", () => {
 
 test("a synchroniser finds the clock, holds it and keeps its numbers", () => {
   const known = readFixture("run");
-  const sync = new Synchroniser(known.fps, known.places.data);
+  const sync = new Synchroniser(known.fps, new PatchToggles(new Layout(known.layout)));
   const [clocks, states] = [rowsOf(known.clocks), rowsOf(known.states)];
   rowsOf(known.toggles).forEach((toggles, k) => {
     const time = known.times.data[k];

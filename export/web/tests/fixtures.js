@@ -33,3 +33,12 @@ export function readFixture(name) {
     return { shape: value.shape, data: TYPES[value.dtype](buffer) };
   });
 }
+
+/**
+ * Cut a table into its rows.
+ *
+ * @param {{ shape: number[], data: Float64Array }} table
+ */
+export function rowsOf({ shape, data }) {
+  return Array.from({ length: shape[0] }, (_, k) => data.slice(k * shape[1], (k + 1) * shape[1]));
+}

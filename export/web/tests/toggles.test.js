@@ -5,16 +5,20 @@ import { loadOpenCv } from "../src/image/opencv.js";
 import { Layout } from "../src/link/layout.js";
 import { makeToggles } from "../src/receive/timing/toggles.js";
 import { close, planeOf } from "./comparison.js";
-import { readFixture } from "./fixtures.js";
+import { readFixture, rowsOf } from "./fixtures.js";
 
 test("toggles of a few frames", async () => {
   await loadOpenCv();
-  for (const { layout, frames, places, toggles } of readFixture("toggles")) {
+  for (const { layout, frames, places, measured, toggles } of readFixture("toggles")) {
     const meter = makeToggles(new Layout(layout));
     close(meter.places, places.data, 1e-12);
-    frames.forEach((/** @type {any} */ frame, /** @type {number} */ k) => {
-      const hidden = (/** @type {number} */ value) => (Number.isNaN(value) ? -1e9 : value);
-      close(meter.measure(planeOf(frame)).map(hidden), toggles[k].data.map(hidden), 1e-4);
+    const hidden = (/** @type {number} */ value) => (Number.isNaN(value) ? -1e9 : value);
+    const values = frames.map((/** @type {any} */ frame) => meter.measure(planeOf(frame)));
+    values.forEach((/** @type {Float64Array} */ value, /** @type {number} */ k) => {
+      close(value.map(hidden), measured[k].data.map(hidden), 1e-4);
+    });
+    meter.overTime(values).forEach((value, k) => {
+      close(value.map(hidden), rowsOf(toggles)[k].map(hidden), 1e-4);
     });
   }
 });

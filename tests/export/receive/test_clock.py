@@ -19,12 +19,13 @@ from export.receive.timing.synchronise import (
     Synchroniser,
     needed_evidence,
 )
-from export.receive.timing.toggles import patch_toggles
+from export.receive.timing.toggles import PatchToggles, patch_toggles
 from link.embed import embed
 from link.layout import make_layout
 from reports.lab.clock import ClockConfig, false_strengths
 
-PLACES = np.array([[0.06, 0.06], [0.94, 0.94], [0.94, 0.06], [0.06, 0.94], [0.56, 0.56]])
+PATCHES = PatchToggles(make_layout())
+PLACES = PATCHES.places
 
 
 def test_shares_of_an_exposure_over_a_change() -> None:
@@ -75,7 +76,7 @@ def test_the_clock_is_found_in_noisy_toggles(
 ) -> None:
     rng = np.random.default_rng(1)
     true = DisplayClock(1 / state_hz, 0.123, *delays, 0.5 / fps)
-    sync = Synchroniser(fps, PLACES)
+    sync = Synchroniser(fps, PATCHES)
     for number in range(int(4 * fps)):
         time = number / fps
         wave = embedded_share(np.array([astuple(true)]), np.array([time]), PLACES)[0, :, 0]
@@ -90,7 +91,7 @@ def test_the_clock_is_found_in_noisy_toggles(
 def test_states_keep_their_numbers_for_a_minute() -> None:
     rng = np.random.default_rng(2)
     true = DisplayClock(1 / 15.1, 0.123, 0.002, 0.01, 0.016)
-    sync = Synchroniser(30, PLACES)
+    sync = Synchroniser(30, PATCHES)
     offsets, slips = [], 0
     for number in range(60 * 30):
         time = number / 30
@@ -106,7 +107,7 @@ def test_states_keep_their_numbers_for_a_minute() -> None:
 
 def test_noise_and_stillness_give_no_clock() -> None:
     rng = np.random.default_rng(3)
-    noisy, still = Synchroniser(30, PLACES), Synchroniser(30, PLACES)
+    noisy, still = Synchroniser(30, PATCHES), Synchroniser(30, PATCHES)
     for number in range(150):
         noisy.add(number / 30, rng.normal(0, 1, 5))
         still.add(number / 30, np.ones(5))
@@ -200,7 +201,7 @@ def test_a_wave_that_one_place_alone_shows_is_no_clock() -> None:
 @pytest.mark.parametrize("kind", ["noise", "codec", "slow", "shuffled"])
 def test_no_clock_is_found_where_there_is_none(kind: str) -> None:
     """Five windows of each kind; `python -m reports.lab.clock` looks at thousands."""
-    shares = false_strengths((kind, 0, 5), ClockConfig(), [])
+    shares = false_strengths((kind, 0, 5), ClockConfig(), {})
     assert max(shares) < 0.8
 
 
@@ -216,7 +217,7 @@ def test_a_known_clock_runs_on_through_a_weak_spell_and_states_keep_their_number
     toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
     weak = (times > 3) & (times < 7.5)
     toggles[weak] = rng.normal(0, 1.5, toggles[weak].shape)
-    sync = Synchroniser(30, PLACES)
+    sync = Synchroniser(30, PATCHES)
     clocks = listen(sync, times, toggles)
     locked = next(k for k, clock in enumerate(clocks) if clock is not None)
     assert times[locked] < 1.1
@@ -232,7 +233,7 @@ def test_a_display_out_of_view_for_a_while_keeps_its_clock() -> None:
     times = np.arange(14 * 30) / 30
     toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
     seen = (times < 5) | (times > 8)
-    sync = Synchroniser(30, PLACES)
+    sync = Synchroniser(30, PATCHES)
     clocks = listen(sync, times[seen], toggles[seen])
     assert sync.slips == 1
     assert abs((offset(clocks[-1], times[-1]) + 1) % 2 - 1) < 0.1
@@ -248,7 +249,7 @@ def test_a_display_that_starts_anew_while_it_is_out_of_view_is_read_soon() -> No
     before, after = (toggles_of(clock, times, rng, 3.0, 0.4) for clock in (TRUE, late))
     seen = (times < 5) | (times > 5 + 1.5 * AWAY_S)
     toggles = np.where(times[:, None] < 5, before, after)
-    sync = Synchroniser(30, PLACES)
+    sync = Synchroniser(30, PATCHES)
     clocks = listen(sync, times[seen], toggles[seen])
     ahead = [offset(clock, time) for clock, time in zip(clocks[30:], times[seen][30:], strict=True)]
     apart = np.abs((np.array(ahead) + 1.1 + 1) % 2 - 1)
@@ -263,7 +264,7 @@ def test_a_clock_that_nothing_confirms_ends_and_the_next_is_a_new_run() -> None:
     toggles = toggles_of(TRUE, times, rng, 3.0, 0.4)
     weak = (times > 5) & (times < 5 + HOLD_S + WINDOW_S + 2)
     toggles[weak] = rng.normal(0, 1.5, toggles[weak].shape)
-    sync = Synchroniser(30, PLACES)
+    sync = Synchroniser(30, PATCHES)
     clocks = listen(sync, times, toggles)
     without = [
         time for time, clock in zip(times, clocks, strict=True) if clock is None and time > 5
@@ -281,7 +282,7 @@ def test_a_display_that_starts_anew_is_a_new_run() -> None:
     times = np.arange(14 * 30) / 30
     late = replace(TRUE, start=TRUE.start + 1.1 * TRUE.period)
     before, after = (toggles_of(clock, times, rng, 3.0, 0.4) for clock in (TRUE, late))
-    sync = Synchroniser(30, PLACES)
+    sync = Synchroniser(30, PATCHES)
     clocks = listen(sync, times, np.where(times[:, None] < 7, before, after))
     assert 2 <= sync.slips <= 3  # windows that hold some of both may fit a clock between them
     assert abs((offset(clocks[-1], times[-1]) + 1.1 + 1) % 2 - 1) < 0.1
@@ -290,7 +291,7 @@ def test_a_display_that_starts_anew_is_a_new_run() -> None:
 def test_the_strongest_toggling_is_kept_where_no_clock_is_found() -> None:
     rng = np.random.default_rng(14)
     times = np.arange(60) / 30
-    noisy, still = Synchroniser(30, PLACES), Synchroniser(30, PLACES)
+    noisy, still = Synchroniser(30, PATCHES), Synchroniser(30, PATCHES)
     listen(noisy, times, rng.normal(0, 1, (60, 5)))
     listen(still, times, rng.normal(3, 0.02, (60, 5)))
     assert noisy.best is not None

@@ -18,6 +18,7 @@ from export.receive.reader import PAIRS_A_FRAME
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
 from export.receive.timing.synchronise import MAX_SAMPLES, Synchroniser
+from export.receive.timing.toggles import PatchToggles
 from export.runtime import Decoder
 from link.code.authenticate import sign
 from link.errors import InputError
@@ -231,14 +232,14 @@ def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
 @pytest.mark.parametrize(("nominal", "real"), [(5, 60), (2, 30), (0.5, 30)])
 def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
     """As of a camera that does not know its own rate, or of a wrong --fps."""
-    clock, rng = Synchroniser(nominal, np.zeros((5, 2))), np.random.default_rng(0)
+    clock, rng = Synchroniser(nominal, PatchToggles(make_layout())), np.random.default_rng(0)
     for number in range(120):
         clock.add(number / real, 3.0 * (number // 2 % 2) + rng.normal(0, 1, 5))
     assert clock.clock is None
 
 
 def test_times_that_stand_still_fill_no_memory() -> None:
-    clock = Synchroniser(30, np.zeros((5, 2)))
+    clock = Synchroniser(30, PatchToggles(make_layout()))
     for _ in range(MAX_SAMPLES + 10):
         clock.add(1.0, np.zeros(5))
     assert len(clock._samples) == MAX_SAMPLES

@@ -159,11 +159,15 @@ export class Sight {
 }
 
 /**
- * A camera frame that is kept until its frame pairs can be decoded: the display in it; the mean of
- * its toggles, in gray levels; and (8,) `CornerShift.total` when it was rectified, or null where the
- * display was found anew since.
+ * A camera frame that is kept until its frame pairs can be decoded: the display in it; (V,) what
+ * `Toggles.measure` says of it; and (8,) `CornerShift.total` when it was rectified, or null where
+ * the display was found anew since.
  *
- * @typedef {{ frame: RectifiedFrame, level: number, moved: Float64Array | null }} BufferedFrame
+ * @typedef {{
+ *   frame: RectifiedFrame,
+ *   measured: Float64Array,
+ *   moved: Float64Array | null,
+ * }} BufferedFrame
  */
 
 /** Reads the message of a display that shows one layout. */
@@ -200,14 +204,14 @@ export class DisplayReader {
     this.#corners = new CornerShift(this.layout);
     this.#toggles = makeToggles(this.layout);
     /** Finds and holds the display's clock. */
-    this.sync = new Synchroniser(fps, this.#toggles.places);
+    this.sync = new Synchroniser(fps, this.#toggles);
     this.collector.startRun();
   }
 
   /** Forget the clock and the frames that wait for it; the collector keeps what it has. */
   restart() {
     this.#toggles = makeToggles(this.layout);
-    this.sync = new Synchroniser(this.#fps, this.#toggles.places);
+    this.sync = new Synchroniser(this.#fps, this.#toggles);
     this.#slips = 0;
     this.#next = null;
     this.#buffer = [];
@@ -227,15 +231,13 @@ export class DisplayReader {
     const inView = pointsInView(corners, width, height);
     this.#sight.see(rectified, time, inView);
     const start = performance.now();
-    const toggles = this.#toggles.measure(rectified);
-    this.sync.add(time, toggles);
-    const known = toggles.filter(Number.isFinite);
-    const level = known.reduce((sum, value) => sum + value, 0) / known.length;
+    const measured = this.#toggles.measure(rectified);
+    this.sync.add(time, measured);
     if (anew) {
       this.#corners = new CornerShift(this.layout);
       for (const waiting of this.#buffer) waiting.moved = null;
     }
-    this.#buffer.push({ frame: { time, rectified, inView }, level, moved: this.#corners.total });
+    this.#buffer.push({ frame: { time, rectified, inView }, measured, moved: this.#corners.total });
     if (this.#buffer.length > BUFFER) this.#buffer.shift();
     if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
     if (this.sync.slips !== this.#slips) {
@@ -348,9 +350,10 @@ export class DisplayReader {
   async #decodeUnclocked() {
     /** @type {DecodedPair[]} */
     const pairs = [];
-    const seen = this.#buffer.filter(({ level }) => Number.isFinite(level));
-    const levels = seen.map(({ level }) => level);
-    if (levels.length < 2) return { pairs, message: null };
+    const seen = this.#buffer.filter(({ measured }) => measured.some(Number.isFinite));
+    if (seen.length < 2) return { pairs, message: null };
+    const toggles = this.#toggles.overTime(seen.map(({ measured }) => measured));
+    const levels = toggles.map((places) => spreadOf([...places.filter(Number.isFinite)]).mean);
     const middle = (Math.max(...levels) + Math.min(...levels)) / 2;
     const high = spreadOf(levels.filter((level) => level > middle));
     const low = spreadOf(levels.filter((level) => level <= middle));
@@ -358,8 +361,8 @@ export class DisplayReader {
     if (!(high.mean - low.mean >= apart)) return { pairs, message: null };
     /** @type {{ up: boolean, time: number, images: BytePlane[] }[]} */
     const states = [];
-    for (const { frame, level } of seen) {
-      const up = level > middle;
+    for (const [at, { frame }] of seen.entries()) {
+      const up = levels[at] > middle;
       if (states.length === 0 || states[states.length - 1].up !== up) {
         states.push({ up, time: frame.time, images: [] });
       }

@@ -3,6 +3,8 @@
 import { DisplayClock } from "./clock.js";
 import { ClockFit, ToggleWindow } from "./fit.js";
 
+/** @typedef {import("./toggles.js").Toggles} Toggles */
+
 /** Seconds of toggles that the first fit needs. */
 export const MIN_WINDOW_S = 0.5;
 /** Seconds of toggles that a later fit looks back. */
@@ -31,8 +33,11 @@ export const SEARCH_S = 4.0;
 export const CLEARLY = 15.0;
 /** Least evidence by which another clock must lead, as a share of the held clock's. */
 export const SHARE = 0.05;
-/** Standard deviation of a place's toggles, displayed gray levels, below which it stands still. */
-export const MIN_TOGGLE = 0.1;
+/**
+ * Smallest toggle between original and embedded frames, and smallest standard deviation of the
+ * toggles of a place, in gray levels; what changes by less stands still.
+ */
+export const MIN_TOGGLE = 0.05;
 /** Longest time, in seconds, for which a clock runs on without being confirmed. */
 export const HOLD_S = 6.0;
 /** Standard error of the state's number, in states, at which a running clock is given up. */
@@ -76,7 +81,7 @@ export function neededEvidence(span, fps) {
 
 /** Fits the clock to the toggles of the last seconds. */
 export class Synchroniser {
-  /** @type {{ time: number, toggles: Float64Array }[]} */
+  /** @type {{ time: number, values: Float64Array }[]} */
   #samples = [];
   /** Since when frames come again, seconds; infinite where they never stopped. */
   #backAt = Infinity;
@@ -88,11 +93,11 @@ export class Synchroniser {
 
   /**
    * @param {number} fps - frames of the camera in a second; they bound delays and shutter
-   * @param {Float64Array} places - (P, 2) places of the display, in [0, 1], whose toggles are known
+   * @param {Toggles} toggles - where toggles are known, and how they are worked out
    */
-  constructor(fps, places) {
+  constructor(fps, toggles) {
     this.fps = fps;
-    this.places = places;
+    this.toggles = toggles;
     /** The clock, or null while it is unknown. @type {DisplayClock | null} */
     this.clock = null;
     /** Share in [0, 1] of the toggles' variance that the clock explains in the last window. */
@@ -127,18 +132,18 @@ export class Synchroniser {
   }
 
   /**
-   * Take the toggles of one frame, and fit the clock where it is time.
+   * Take what was measured in one frame, and fit the clock where it is time.
    *
    * @param {number} time - of the frame, seconds; later than before
-   * @param {Float64Array} toggles - (P,) displayed gray levels; NaN where a place is hidden
+   * @param {Float64Array} values - (V,) as `Toggles.measure` gives them; NaN where hidden
    */
-  add(time, toggles) {
+  add(time, values) {
     const samples = this.#samples;
-    if (toggles.some(Number.isFinite)) {
+    if (values.some(Number.isFinite)) {
       if (samples.length > 0 && time - samples[samples.length - 1].time > AWAY_S) {
         this.#backAt = time;
       }
-      samples.push({ time, toggles });
+      samples.push({ time, values });
     }
     let oldest = time - WINDOW_S;
     if (time - this.#backAt >= MIN_WINDOW_S) {
@@ -170,8 +175,8 @@ export class Synchroniser {
   #update(time) {
     const samples = this.#samples;
     const times = Float64Array.from(samples, (sample) => sample.time);
-    const toggles = samples.map((sample) => sample.toggles);
-    const window = new ToggleWindow(times, toggles, this.places, this.fps);
+    const toggles = this.toggles.overTime(samples.map((sample) => sample.values));
+    const window = new ToggleWindow(times, toggles, this.toggles.places, this.fps);
     if (window.placesSeen === 0 || window.stateHz.length === 0) return;
     const deviation = Math.max(...window.deviation);
     if (deviation < MIN_TOGGLE) {

@@ -13,10 +13,23 @@ import { pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
 
 /** Number of parts of the display, top to bottom and left to right, over which pilots average. */
 export const PARTS = [4, 4];
-/** Share by which the newest frame enters the running mean and variance of a pilot. */
-export const MEMORY = 0.1;
-/** Squared gray levels added to a pilot's variance before its weight is the inverse. */
-export const LEAST_VARIANCE = 0.3;
+/**
+ * Squared gray levels added to a pilot's variance before its weight is the inverse, so that the few
+ * frames of a short window do not make single pilots weigh all.
+ */
+export const LEAST_VARIANCE = 0.1;
+
+/**
+ * Measures the toggling at some places of the display, from which its clock is found: `places`
+ * (P, 2) in [0, 1]; what a rectified frame shows of the toggling, (V,) values; and the toggles (P,)
+ * of n frames, in gray levels, from their values.
+ *
+ * @typedef {{
+ *   places: Float64Array,
+ *   measure: (rectified: BytePlane) => Float64Array,
+ *   overTime: (values: Float64Array[]) => Float64Array[],
+ * }} Toggles
+ */
 
 /**
  * Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
@@ -63,21 +76,27 @@ export class PatchToggles {
   measure(rectified) {
     return patchToggles(rectified, this.layout);
   }
+
+  /**
+   * Return the toggles of some frames as they are.
+   *
+   * @param {Float64Array[]} values
+   */
+  overTime(values) {
+    return values;
+  }
 }
 
 /**
  * Toggles of pilots, averaged over the parts of the display.
  *
- * Pilots whose blocks vary much from frame to frame, because the picture is steep there, weigh
- * less. What they show of the picture itself does not change from frame to frame, and the clock
- * takes it off.
+ * Pilots whose blocks vary much, because the picture is steep there, weigh less. All frames of a
+ * window get the same weights, and each pilot is taken less its mean. Otherwise what it shows of the
+ * picture itself, which is far more than it toggles, would change with the weights.
  */
 export class PilotToggles {
   #part;
   #signs;
-  /** @type {Float64Array | null} */
-  #mean = null;
-  #variance;
 
   /** @param {Layout} layout - with pilots */
   constructor(layout) {
@@ -100,29 +119,40 @@ export class PilotToggles {
       ]),
     );
     this.#signs = pilotSigns(layout);
-    this.#variance = new Float64Array(layout.pilotBlocks.length).fill(1);
   }
 
   /**
-   * Measure the (P,) toggles in a rectified frame, in captured gray levels.
+   * Measure how much each of the (pilots,) stands out in a rectified frame, in captured gray levels.
    *
    * @param {BytePlane} rectified
    */
   measure(rectified) {
-    const values = Float64Array.from(pilotValues(rectified, this.layout));
-    const mean = (this.#mean ??= values.slice());
-    const sums = new Float64Array(this.places.length / 2);
-    const weights = new Float64Array(sums.length);
-    values.forEach((value, pilot) => {
-      const apart = value - mean[pilot];
-      mean[pilot] += MEMORY * apart;
-      this.#variance[pilot] += MEMORY * (apart ** 2 - this.#variance[pilot]);
-      const weight = 1 / (this.#variance[pilot] + LEAST_VARIANCE);
-      const part = this.#part[pilot];
-      sums[part] += this.#signs[pilot] * value * weight;
-      weights[part] += weight;
+    return Float64Array.from(pilotValues(rectified, this.layout));
+  }
+
+  /**
+   * Average the values of n frames: n times (P,) toggles, in captured gray levels.
+   *
+   * @param {Float64Array[]} values - n times (pilots,)
+   */
+  overTime(values) {
+    const weights = new Float64Array(this.places.length / 2);
+    const factors = new Float64Array(this.#part.length);
+    const means = factors.map((_, pilot) => {
+      const mean = values.reduce((sum, frame) => sum + frame[pilot], 0) / values.length;
+      const square = values.reduce((sum, frame) => sum + (frame[pilot] - mean) ** 2, 0);
+      const weight = 1 / (square / values.length + LEAST_VARIANCE);
+      weights[this.#part[pilot]] += weight;
+      factors[pilot] = 2 * this.#signs[pilot] * weight;
+      return mean;
     });
-    return sums.map((sum, part) => (2 * sum) / weights[part]);
+    return values.map((frame) => {
+      const sums = new Float64Array(weights.length);
+      this.#part.forEach((part, pilot) => {
+        sums[part] += factors[pilot] * (frame[pilot] - means[pilot]);
+      });
+      return sums.map((sum, part) => sum / weights[part]);
+    });
   }
 }
 
@@ -130,7 +160,7 @@ export class PilotToggles {
  * Make what measures the toggling of a layout with patches or pilots.
  *
  * @param {Layout} layout
- * @returns {PatchToggles | PilotToggles}
+ * @returns {Toggles}
  */
 export function makeToggles(layout) {
   return layout.pilotBlocks.length > 0 ? new PilotToggles(layout) : new PatchToggles(layout);
