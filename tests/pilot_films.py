@@ -50,16 +50,19 @@ def filmed(
     night: bool = False,
     message: NDArray[np.integer] | None = None,
     pan: float = 0.0,
+    parallax: float = 0.0,
 ) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
     """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
 
     The display's edges cannot be seen where it is ``dark`` around. At ``night`` wall and picture
     have a few gray levels, and bright signs on both have the only clear edges. Each state is shown
     for ``hold`` frames. The blocks of a pair show the next row of ``message``, (rows, n_bits), or
-    random bits. From one pair to the next the picture moves right by ``pan`` pixels.
+    random bits. From one pair to the next the picture moves right by ``pan`` pixels. The wall moves
+    by the share ``parallax`` less than the display, as before a camera that moves sideways, and has
+    most of the clear points.
     """
     rng = np.random.default_rng(seed)
-    wall = 60 + 8 * texture((480, 640), seed)
+    wall = 60 + (40 * texture((480, 640), seed, 2) if parallax else 8 * texture((480, 640), seed))
     picture = 150 + 20 * texture((layout.height, layout.width), seed + 1)
     if dark:
         wall[:] = float(picture.mean())
@@ -90,7 +93,9 @@ def filmed(
         motion[:2, 2] = 3 * np.sin([number / 7, number / 9])
         view = cv2.warpPerspective(shown, motion @ H, (640, 480))
         mask = cv2.warpPerspective(np.ones_like(shown), motion @ H, (640, 480))
-        room = cv2.warpPerspective(wall, motion, (640, 480), borderMode=cv2.BORDER_REPLICATE)
+        behind = np.eye(3)
+        behind[:2, 2] = (1 - parallax) * motion[:2, 2]
+        room = cv2.warpPerspective(wall, behind, (640, 480), borderMode=cv2.BORDER_REPLICATE)
         image = mask * view + (1 - mask) * room
         if night:
             image *= 0.06

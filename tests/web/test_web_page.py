@@ -377,7 +377,7 @@ FILMS = {
     "paper 0": Shown("paper", 0, 3, "Hello", 4, (640, 480)),
     "paper 45": Shown("paper", 45, 3, "https://example.org", 3),
     "robust 0": Shown("robust", 0, 3, "A robust message", 3),
-    "hidden 45": Shown("hidden", 45, 2, "From the side", 4),
+    "hidden 45": Shown("hidden", 45, 2, "From the side", 3),
 }
 """Films of 30 frames a second of displays that show 15 states a second."""
 

@@ -39,6 +39,8 @@ def film(name: str) -> dict[str, object]:
         images, corners = filmed(FINE, 30, seed=1)
         images = [np.ascontiguousarray(image[::-1, ::-1]) for image in images]
         corners = [639, 479] - corners
+    elif name == "parallax":
+        images, corners = filmed(FINE, 30, seed=2, parallax=1.0)
     elif name == "no edges":
         images, corners = filmed(FINE, 54, seed=7, dark=True)
     elif name == "still":
@@ -57,7 +59,9 @@ def film(name: str) -> dict[str, object]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["edges", "upside down", "no edges", "still", "other layout"])
+@pytest.mark.parametrize(
+    "name", ["edges", "upside down", "parallax", "no edges", "still", "other layout"]
+)
 def test_page_finds_what_python_finds(tmp_path: Path, name: str) -> None:
     fixture = film(name)
     assert (fixture["python"] is None) == (fixture["truth"] is None)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.all_blocks import BlockMaps
 from export.locate.pilots.evidence import LEAST_DEVIATION
+from export.locate.pilots.stabilise import Tracks
 from export.locate.pilots.waves import waves
 from link.geometry import homography_from_corners, rectify, resized_homography, transform
 from link.layout import Layout
@@ -23,14 +24,33 @@ LEAST_AREA = 0.005
 
 @dataclass(frozen=True, eq=False)
 class FilmFrame:
-    """One frame, and how the camera has moved since a reference frame."""
+    """One frame, and how what it shows has moved since a reference frame.
+
+    A camera that moves sideways sees what is near move farther than what is behind it (parallax).
+    So a display is held still by the points within it, and only where they do not suffice, by the
+    room.
+    """
 
     gray: Gray
     """(H, W) uint8."""
     H_image_from_reference: Array
-    """(3, 3) homography: where points of the reference lie in it."""
+    """(3, 3) homography: where most points of the reference lie in it."""
     at: float
     """Its position since the reference (`export.locate.pilots.waves.position`)."""
+    tracks: Tracks | None = None
+    """Points of the reference that were found again in it, or None to go by the room alone."""
+
+    def corners(self, corners: Array) -> Array:
+        """Find where a display lies.
+
+        Args:
+            corners: (4, 2) pixels of the reference frame.
+
+        Returns:
+            (4, 2) pixels of this frame.
+        """
+        own = None if self.tracks is None else self.tracks.motion_within(corners)
+        return transform(self.H_image_from_reference if own is None else own, corners)
 
     def view(self, corners: Array, layout: Layout) -> Gray | None:
         """Rectify a display to the layout's size.
@@ -71,7 +91,7 @@ class FilmFrame:
 
     def _quad(self, corners: Array) -> Array | None:
         """Find where corners of the reference lie here; None where they are not sound."""
-        quad = transform(self.H_image_from_reference, corners)
+        quad = self.corners(corners)
         size = np.array(self.gray.shape[::-1])
         if not ((quad > -FAR_OUTSIDE * size).all() and (quad < (1 + FAR_OUTSIDE) * size).all()):
             return None

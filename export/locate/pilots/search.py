@@ -30,7 +30,6 @@ from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position
 from link.errors import InputError
-from link.geometry import transform
 from link.images import as_gray
 from link.layout import Layout
 
@@ -122,7 +121,8 @@ class PilotSearch:
             return None
         if not self._frames:
             self._begin()
-        newest = FilmFrame(gray, H, position(time - self._start, self._fps))
+        at = position(time - self._start, self._fps)
+        newest = FilmFrame(gray, H, at, self._stabiliser.tracks)
         if len(self._frames) < self._window:
             self._watch(newest)
         else:
@@ -134,22 +134,20 @@ class PilotSearch:
                 next(self._work)
             except StopIteration as end:
                 self._stabiliser.forget()
-                return self._ended(end.value, H)
+                return self._ended(end.value, newest)
         return None
 
     def doubt_picture(self) -> None:
         """Take the picture for one that moves, or no longer for one, from the next search on."""
         self.picture_moves = not self.picture_moves
 
-    def _ended(
-        self, settled: Settled | None, H_newest_from_reference: Array
-    ) -> PilotDisplay | None:
+    def _ended(self, settled: Settled | None, newest: FilmFrame) -> PilotDisplay | None:
         """Say what a search has found, and choose how the next one begins."""
         if settled is None:
             self.doubt_picture()
             return None
         proposal = settled.proposal
-        corners = transform(H_newest_from_reference, proposal.corners)
+        corners = newest.corners(proposal.corners)
         return PilotDisplay(proposal.layout, corners, settled.evidence)
 
     def _begin(self) -> None:

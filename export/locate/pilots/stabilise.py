@@ -1,5 +1,6 @@
 """Hold the frames of a film still: where each point of a reference frame lies in a later one."""
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
@@ -19,10 +20,46 @@ ROOM_POINTS, APART_PX = 24, 8.0
 """Number of points that must lie around a picture that moves, for them to say how the camera moves,
 and their least distance from it, in pixels of the copies: motion is seen in 15 pixels."""
 PARTS = 8
-"""Number of parts of the image along each axis from each of which points are taken, where those
-that lie far apart count."""
+"""Number of parts of the image along each axis from each of which points are taken, so that a
+display has some where the room has clearer ones."""
 SAME_PX = 0.7
 """Largest distance, in pixels of the copies, of a point from where the common motion puts it."""
+AGREEING = 0.5
+"""Smallest share of the points within a quadrilateral that must move as one, for them to say how it
+moves."""
+SPREAD = 0.25
+"""Smallest share of a quadrilateral's area over which points within it must be spread, for them to
+say how it moves: from points that lie close together nothing follows for the rest."""
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Points of a reference frame that were found again in a later one."""
+
+    before: NDArray[np.float32]
+    """(n, 1, 2) pixels of the reference."""
+    after: NDArray[np.float32]
+    """(n, 1, 2) pixels of the later frame."""
+    same_px: float
+    """`SAME_PX` in pixels of the frames."""
+
+    def motion_within(self, quad: Array) -> Array | None:
+        """Find how what lies within a convex quadrilateral has moved.
+
+        Args:
+            quad: (4, 2) pixels of the reference, clockwise.
+
+        Returns:
+            (3, 3) homography from the reference to the later frame; None where too few points lie
+            within, or too close together, or do not agree.
+        """
+        inside = _outside(quad, self.before[:, 0, 0], self.before[:, 0, 1]) <= 0
+        motions = _motions(self.before[inside], self.after[inside], 1, self.same_px)
+        if not motions:
+            return None
+        H, same = motions[0]
+        spread = _area(same) >= SPREAD * _area(quad.astype(np.float32))
+        return H if spread and len(same) >= AGREEING * inside.sum() else None
 
 
 class Stabiliser:
@@ -41,6 +78,8 @@ class Stabiliser:
         self._far_apart = False
         self.share = 0.0
         """Share of the reference's points that moved as one in the last frame, in [0, 1]."""
+        self.tracks: Tracks | None = None
+        """Points found again in the last frame; None where pictures in it may move."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -75,7 +114,7 @@ class Stabiliser:
         if len(room) >= ROOM_POINTS:
             self._points, self._far_apart = room, False
         else:
-            self._points = _clear_points(self._reference, PARTS if far_apart else 1)
+            self._points = _clear_points(self._reference, PARTS)
         self._guess = self._points.copy()
 
     def follow(self, gray: Gray) -> Array | None:
@@ -104,13 +143,21 @@ class Stabiliser:
         good = status[:, 0] == 1
         if good.sum() < MIN_POINTS:
             return None
-        motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1)
+        motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1, SAME_PX)
         if not motions:
             return None
+        self.tracks = None if self._far_apart else self._tracks(self._points[good], moved[good])
         H, same = max(motions, key=lambda motion: _area(motion[1]))
         self.share = len(same) / len(self._points)
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
         return np.asarray(self._H_image_from_copy @ H @ np.linalg.inv(self._H_image_from_copy))
+
+    def _tracks(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> Tracks:
+        """Move points (n, 1, 2) of both copies to the images."""
+        grow = self._H_image_from_copy
+        on_images = (cv2.perspectiveTransform(points, grow) for points in (before, after))
+        one, other = (np.asarray(points, np.float32) for points in on_images)
+        return Tracks(one, other, SAME_PX * float(grow[0, 0]))
 
     def still(self, gray: Gray, H_image_from_reference: Array) -> Gray:
         """Shrink a frame and move it onto the reference's copy."""
@@ -145,11 +192,20 @@ def _around(quad: Array, shape: tuple[int, int]) -> Gray:
         shape: height and width.
     """
     y, x = np.indices(shape, np.float32)
-    outside = np.full(shape, -np.inf, np.float32)
+    return np.where(_outside(quad, x, y) >= APART_PX, 255, 0).astype(np.uint8)
+
+
+def _outside(quad: Array, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Tell how far points lie outside of the nearest lines of a convex quadrilateral, clockwise.
+
+    Returns:
+        an array of the shape of ``x``, in its unit; negative within.
+    """
+    outside = np.full(x.shape, -np.inf, np.float32)
     for start, end in zip(quad, np.roll(quad, -1, axis=0), strict=True):
         along = (end - start) / max(float(np.linalg.norm(end - start)), 1e-9)
         outside = np.maximum(outside, along[1] * (x - start[0]) - along[0] * (y - start[1]))
-    return np.where(outside >= APART_PX, 255, 0).astype(np.uint8)
+    return outside
 
 
 def _clear_points(gray: Gray, parts: int, mask: Gray | None = None) -> NDArray[np.float32]:
@@ -173,21 +229,22 @@ def _clear_points(gray: Gray, parts: int, mask: Gray | None = None) -> NDArray[n
 
 
 def _motions(
-    points: NDArray[np.float32], moved: NDArray[np.float32], most: int
+    points: NDArray[np.float32], moved: NDArray[np.float32], most: int, same_px: float
 ) -> list[tuple[Array, NDArray[np.float32]]]:
     """Find motions that points share, that of the most points first.
 
     Args:
-        points: (n, 1, 2) pixels of the reference's copy.
-        moved: (n, 1, 2) pixels of the frame's copy, where these points are found.
+        points: (n, 1, 2) pixels of the reference.
+        moved: (n, 1, 2) pixels of the frame, where these points are found.
         most: number of motions that are looked for.
+        same_px: largest distance, in pixels, of a point from where its motion puts it.
 
     Returns:
         (3, 3) homographies, each with the points that share it, at least `MIN_POINTS`.
     """
     found: list[tuple[Array, NDArray[np.float32]]] = []
     while len(found) < most and len(points) >= MIN_POINTS:
-        H, inliers = cv2.findHomography(points, moved, cv2.RANSAC, SAME_PX)
+        H, inliers = cv2.findHomography(points, moved, cv2.RANSAC, same_px)
         if H is None or inliers.sum() < MIN_POINTS:
             break
         same = inliers[:, 0] > 0

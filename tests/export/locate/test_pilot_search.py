@@ -12,7 +12,7 @@ from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, map_size
 from export.locate.pilots.evidence import pilot_evidence, pilot_signs
 from export.locate.pilots.search import PilotSearch
-from export.locate.pilots.stabilise import Stabiliser
+from export.locate.pilots.stabilise import Stabiliser, Tracks
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
 from link.errors import InputError
@@ -40,6 +40,31 @@ def test_finds_the_display_its_layout_and_its_corners() -> None:
     number, display = found
     assert display.layout == FINE
     assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_finds_a_display_before_a_wall_that_moves_otherwise(seed: int) -> None:
+    images, corners = filmed(FINE, 30, seed=seed, parallax=1.0)
+    found = search(images, [FINE])
+    assert found is not None
+    number, display = found
+    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
+def test_points_that_lie_close_together_do_not_say_how_a_display_moves() -> None:
+    """They move otherwise than the room; spread over the display they count, in a corner not."""
+    quad = np.array([[0.0, 0.0], [200.0, 0.0], [200.0, 100.0], [0.0, 100.0]])
+    x, y = np.meshgrid(np.arange(4.0), np.arange(4.0))
+    grid = np.stack([x, y], axis=-1).reshape(-1, 1, 2).astype(np.float32)
+    for wide, tall, says in ((60, 30, True), (5, 5, False)):
+        before = 5 + grid * np.float32([wide, tall])
+        around = np.concatenate([before, before + np.float32([300, 0])])
+        after = np.concatenate([before + 3, before + np.float32([300, 0])])
+        own = Tracks(around, after, 0.7).motion_within(quad)
+        assert (own is not None) == says
+        if own is not None:
+            np.testing.assert_allclose(transform(own, quad), quad + 3, atol=0.01)
+    assert Tracks(around[:5], after[:5], 0.7).motion_within(quad) is None
 
 
 @pytest.mark.slow

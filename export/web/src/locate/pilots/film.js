@@ -21,6 +21,7 @@ import { waves } from "./waves.js";
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./allBlocks.js").BlockMaps} BlockMaps */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
+/** @typedef {import("./stabilise.js").Tracks} Tracks */
 
 /** Share of the image's size by which a corner may lie outside of it. */
 export const FAR_OUTSIDE = 0.5;
@@ -30,7 +31,12 @@ export const LEAST_AREA = 0.005;
 /** Room for a rectified frame that is averaged down at once. */
 let room = new Uint8Array(0);
 
-/** One frame, and how the camera has moved since a reference frame. */
+/**
+ * One frame, and how what it shows has moved since a reference frame.
+ *
+ * A camera that moves sideways sees what is near move farther than what is behind it (parallax). So
+ * a display is held still by the points within it, and only where they do not suffice, by the room.
+ */
 export class FilmFrame {
   /** Copies of the frame, averaged down by whole factors. @type {Map<number, FloatPlane>} */
   #copies = new Map();
@@ -39,11 +45,25 @@ export class FilmFrame {
    * @param {BytePlane} gray - is kept
    * @param {Homography} HFrameFromReference
    * @param {number} at - position since the reference (waves.js)
+   * @param {Tracks | null} [tracks] - points of the reference that were found again in it, or null
+   *   to go by the room alone
    */
-  constructor(gray, HFrameFromReference, at) {
+  constructor(gray, HFrameFromReference, at, tracks = null) {
     this.gray = gray;
     this.at = at;
     this.HFrameFromReference = HFrameFromReference;
+    this.tracks = tracks;
+  }
+
+  /**
+   * Find where a display lies.
+   *
+   * @param {Point[]} corners - in the reference frame
+   * @returns {Point[]} in this frame
+   */
+  corners(corners) {
+    const own = this.tracks?.motionWithin(corners);
+    return transform(own ?? this.HFrameFromReference, corners);
   }
 
   /**
@@ -114,7 +134,7 @@ export class FilmFrame {
    * @returns {Point[] | null} null where they make no sound quadrilateral near the image
    */
   #quad(corners) {
-    const quad = transform(this.HFrameFromReference, corners);
+    const quad = this.corners(corners);
     return isNear(quad, this.gray.width, this.gray.height) ? quad : null;
   }
 

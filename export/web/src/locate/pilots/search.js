@@ -16,7 +16,6 @@
 
 import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
-import { transform } from "../../link/geometry.js";
 import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
@@ -163,7 +162,13 @@ export class PilotSearch {
       this.#forget();
       return null;
     }
-    this.#newest = new FilmFrame(gray, H, position(time - this.#start, this.fps));
+    const newest = new FilmFrame(
+      gray,
+      H,
+      position(time - this.#start, this.fps),
+      this.#stabiliser.tracks,
+    );
+    this.#newest = newest;
     if (this.#map !== null && this.#frames.length < this.window) this.#watch(this.#map);
     this.#work ??= this.#search();
     let work = 0;
@@ -181,7 +186,7 @@ export class PilotSearch {
         return null;
       }
       const { proposal, evidence } = step.value;
-      return { layout: proposal.layout, corners: transform(H, proposal.corners), evidence };
+      return { layout: proposal.layout, corners: newest.corners(proposal.corners), evidence };
     }
     this.#newest = null;
     return null;

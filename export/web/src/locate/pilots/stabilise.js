@@ -4,7 +4,7 @@ import { cv, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
-import { transform } from "../../link/geometry.js";
+import { contourArea, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3 } from "../../link/linear.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
@@ -24,10 +24,51 @@ export const APART_PX = 8.0;
 /** Largest distance, in pixels of the copies, of a point from where the common motion puts it. */
 export const SAME_PX = 0.7;
 /**
- * Number of parts of the image along each axis from each of which points are taken, where those
- * that lie far apart count.
+ * Number of parts of the image along each axis from each of which points are taken, so that a
+ * display has some where the room has clearer ones.
  */
 export const PARTS = 8;
+/**
+ * Smallest share of the points within a quadrilateral that must move as one, for them to say how it
+ * moves.
+ */
+export const AGREEING = 0.5;
+/**
+ * Smallest share of a quadrilateral's area over which points within it must be spread, for them to
+ * say how it moves: from points that lie close together nothing follows for the rest.
+ */
+export const SPREAD = 0.25;
+
+/** Points of a reference frame that were found again in a later one. */
+export class Tracks {
+  /**
+   * @param {Float32Array} before - pixels of the reference, x and y in turn
+   * @param {Float32Array} after - pixels of the later frame
+   * @param {number} samePx - `SAME_PX` in pixels of the frames
+   */
+  constructor(before, after, samePx) {
+    this.before = before;
+    this.after = after;
+    this.samePx = samePx;
+  }
+
+  /**
+   * Find how what lies within a convex quadrilateral has moved.
+   *
+   * @param {Point[]} quad - pixels of the reference, clockwise
+   * @returns {Float64Array | null} the homography from the reference to the later frame; null where
+   *   too few points lie within, or too close together, or do not agree
+   */
+  motionWithin(quad) {
+    const lines = linesOf(quad);
+    const { before, after } = this;
+    const isInside = (/** @type {number} */ i) => outside(lines, before[2 * i], before[2 * i + 1]) <= 0;
+    const within = chosen(before, isInside);
+    const [motion] = motionsOf(within, chosen(after, isInside), 1, this.samePx);
+    if (motion === undefined || 2 * motion.count < AGREEING * within.length) return null;
+    return motion.area >= SPREAD * contourArea(quad) ? motion.H : null;
+  }
+}
 
 /**
  * Follows the camera's motion since a reference frame, by optical flow and one homography.
@@ -51,6 +92,12 @@ export class Stabiliser {
   #farApart = false;
   /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
   share = 0;
+  /**
+   * Points found again in the last frame; null where pictures in it may move.
+   *
+   * @type {Tracks | null}
+   */
+  tracks = null;
 
   /** Width of the copies, pixels; 0 without a reference. */
   get width() {
@@ -88,7 +135,7 @@ export class Stabiliser {
     const room = mask ? clearPoints(reference, 1, mask) : new Float32Array(0);
     const isSeen = room.length >= 2 * ROOM_POINTS;
     this.#farApart = farApart && !isSeen;
-    this.#points = isSeen ? room : clearPoints(reference, farApart ? PARTS : 1);
+    this.#points = isSeen ? room : clearPoints(reference, PARTS);
     this.#guess = this.#points.slice();
   }
 
@@ -105,12 +152,17 @@ export class Stabiliser {
     if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
     this.#last = null;
     const small = this.#copyOf(gray);
-    const motions = motionsOf(reference, small, this.#points, this.#guess, this.#farApart ? 2 : 1);
+    const { before, after } = foundAgain(reference, small, this.#points, this.#guess);
+    const motions = motionsOf(before, after, this.#farApart ? 2 : 1, SAME_PX);
     if (motions.length === 0) return null;
     const { H, count } = motions.reduce((best, each) => (each.area > best.area ? each : best));
     this.share = (2 * count) / this.#points.length;
     this.#guess = Float32Array.from(transform(H, pointsOf(this.#points)).flat());
     const grow = this.#HImageFromCopy;
+    const [one, other] = [before, after].map((points) =>
+      Float32Array.from(transform(grow, pointsOf(points)).flat()),
+    );
+    this.tracks = this.#farApart ? null : new Tracks(one, other, SAME_PX * grow[0]);
     return multiply3(multiply3(grow, H), inverse(grow));
   }
 
@@ -174,19 +226,11 @@ export class Stabiliser {
  * @returns {BytePlane}
  */
 function aroundQuad(quad, width, height) {
-  const sides = quad.map((start, i) => {
-    const end = quad[(i + 1) % quad.length];
-    const along = [end[0] - start[0], end[1] - start[1]];
-    const length = Math.max(Math.hypot(...along), 1e-9);
-    return { start, along: along.map((part) => part / length) };
-  });
+  const lines = linesOf(quad);
   const data = new Uint8Array(width * height);
   for (let y = 0, at = 0; y < height; y++) {
     for (let x = 0; x < width; x++, at++) {
-      for (const { start, along } of sides) {
-        const outside = along[1] * (x - start[0]) - along[0] * (y - start[1]);
-        if (outside >= APART_PX) data[at] = 255;
-      }
+      if (outside(lines, x, y) >= APART_PX) data[at] = 255;
     }
   }
   return { width, height, data };
@@ -226,6 +270,38 @@ function clearPoints(plane, parts, mask = null) {
 }
 
 /**
+ * Find points of one image in another by optical flow.
+ *
+ * @param {BytePlane} reference
+ * @param {BytePlane} small
+ * @param {Float32Array} points - of the reference, x and y in turn
+ * @param {Float32Array} guess - where they may be
+ * @returns {{ before: Float32Array, after: Float32Array }} points that were found, in both images
+ */
+function foundAgain(reference, small, points, guess) {
+  return withMats((keep) => {
+    const count = points.length / 2;
+    const moved = keep(cv.matFromArray(count, 1, cv.CV_32FC2, guess));
+    const status = keep(new cv.Mat());
+    const error = keep(new cv.Mat());
+    cv.calcOpticalFlowPyrLK(
+      keep(matOf(reference)),
+      keep(matOf(small)),
+      keep(cv.matFromArray(count, 1, cv.CV_32FC2, points)),
+      moved,
+      status,
+      error,
+      new cv.Size(15, 15),
+      2,
+      new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, 30, 0.01),
+      cv.OPTFLOW_USE_INITIAL_FLOW,
+    );
+    const isFound = (/** @type {number} */ i) => status.data[i] === 1;
+    return { before: chosen(points, isFound), after: chosen(moved.data32F, isFound) };
+  });
+}
+
+/**
  * A motion that points share: the homography, the number of points, and the area, in square pixels,
  * of the smallest convex region that holds them.
  *
@@ -235,60 +311,83 @@ function clearPoints(plane, parts, mask = null) {
 /**
  * Find motions that points share, that of the most points first.
  *
- * @param {BytePlane} reference
- * @param {BytePlane} small
- * @param {Float32Array} points - of the reference
- * @param {Float32Array} guess - where they may be
+ * @param {Float32Array} before - points of the reference, x and y in turn
+ * @param {Float32Array} after - where they are found
  * @param {number} most - number of motions that are looked for
+ * @param {number} samePx - largest distance, in pixels, of a point from where its motion puts it
  * @returns {SharedMotion[]} each of `MIN_POINTS` points or more
  */
-function motionsOf(reference, small, points, guess, most) {
+function motionsOf(before, after, most, samePx) {
   return withMats((keep) => {
-    const count = points.length / 2;
-    const from = keep(cv.matFromArray(count, 1, cv.CV_32FC2, points));
-    const moved = keep(cv.matFromArray(count, 1, cv.CV_32FC2, guess));
-    const status = keep(new cv.Mat());
-    const error = keep(new cv.Mat());
-    cv.calcOpticalFlowPyrLK(
-      keep(matOf(reference)),
-      keep(matOf(small)),
-      from,
-      moved,
-      status,
-      error,
-      new cv.Size(15, 15),
-      2,
-      new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, 30, 0.01),
-      cv.OPTFLOW_USE_INITIAL_FLOW,
-    );
-    let left = [...Array(count).keys()].filter((i) => status.data[i] === 1);
-    const picked = (/** @type {ArrayLike<number>} */ all, /** @type {number[]} */ numbers) =>
-      keep(
-        cv.matFromArray(
-          numbers.length,
-          1,
-          cv.CV_32FC2,
-          numbers.flatMap((i) => [all[2 * i], all[2 * i + 1]]),
-        ),
-      );
     /** @type {SharedMotion[]} */
     const found = [];
-    while (found.length < most && left.length >= MIN_POINTS) {
+    while (found.length < most && before.length >= 2 * MIN_POINTS) {
       const inliers = keep(new cv.Mat());
-      const there = picked(moved.data32F, left);
-      const H = keep(cv.findHomography(picked(points, left), there, cv.RANSAC, SAME_PX, inliers));
+      const [here, there] = [before, after].map((points) =>
+        keep(cv.matFromArray(points.length / 2, 1, cv.CV_32FC2, points)),
+      );
+      const H = keep(cv.findHomography(here, there, cv.RANSAC, samePx, inliers));
       if (H.rows !== 3 || cv.countNonZero(inliers) < MIN_POINTS) break;
-      const same = left.filter((_, k) => inliers.data[k] > 0);
+      const isSame = (/** @type {number} */ i) => inliers.data[i] > 0;
+      const same = chosen(before, isSame);
       const hull = keep(new cv.Mat());
-      cv.convexHull(picked(points, same), hull);
+      cv.convexHull(keep(cv.matFromArray(same.length / 2, 1, cv.CV_32FC2, same)), hull);
       found.push({
         H: Float64Array.from(H.data64F),
-        count: same.length,
+        count: same.length / 2,
         area: cv.contourArea(hull),
       });
-      left = left.filter((_, k) => inliers.data[k] === 0);
+      after = chosen(after, (i) => !isSame(i));
+      before = chosen(before, (i) => !isSame(i));
     }
     return found;
+  });
+}
+
+/**
+ * Choose some of many points.
+ *
+ * @param {Float32Array} points - x and y in turn
+ * @param {(point: number) => boolean} isChosen - by the number of the point
+ */
+function chosen(points, isChosen) {
+  return points.filter((_, i) => isChosen(i >> 1));
+}
+
+/**
+ * Tell how far a point lies outside of the nearest lines of a convex quadrilateral.
+ *
+ * @param {Line[]} lines - of the quadrilateral
+ * @param {number} x
+ * @param {number} y
+ * @returns {number} negative within
+ */
+function outside(lines, x, y) {
+  let most = -Infinity;
+  for (const { start, along } of lines) {
+    most = Math.max(most, along[1] * (x - start[0]) - along[0] * (y - start[1]));
+  }
+  return most;
+}
+
+/**
+ * A line that bounds a quadrilateral: where it starts, and its direction, of length 1.
+ *
+ * @typedef {{ start: Point, along: number[] }} Line
+ */
+
+/**
+ * Find the lines that bound a quadrilateral.
+ *
+ * @param {Point[]} quad - clockwise
+ * @returns {Line[]}
+ */
+function linesOf(quad) {
+  return quad.map((start, i) => {
+    const end = quad[(i + 1) % quad.length];
+    const along = [end[0] - start[0], end[1] - start[1]];
+    const length = Math.max(Math.hypot(...along), 1e-9);
+    return { start, along: along.map((part) => part / length) };
   });
 }
 
