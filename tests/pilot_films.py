@@ -90,7 +90,7 @@ def filmed(
         moved = np.roll(picture, round(pan * (state // 2)), axis=1)
         shown = moved + sign * kappa * change
         motion = np.eye(3)
-        motion[:2, 2] = 3 * np.sin([number / 7, number / 9])
+        motion[:2, 2] = (9 if parallax else 3) * np.sin([number / 7, number / 9])
         view = cv2.warpPerspective(shown, motion @ H, (640, 480))
         mask = cv2.warpPerspective(np.ones_like(shown), motion @ H, (640, 480))
         behind = np.eye(3)
@@ -103,6 +103,17 @@ def filmed(
         images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
         corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
     return images, corners
+
+
+def panned_to(images: list[NDArray[np.uint8]], frames: int) -> list[NDArray[np.uint8]]:
+    """Frames of a camera that turns within ``frames`` frames from a wall to what images show."""
+    height, width = images[0].shape
+    wall = np.clip(60 + 20 * texture((height, width), 77), 0, 255).astype(np.uint8)
+    panned = []
+    for number, image in enumerate(images):
+        left = round(width * min(1.0, number / frames))
+        panned.append(np.concatenate([wall, image], axis=1)[:, left : left + width])
+    return panned
 
 
 MOVING_OUTLINE = np.array([[79.5, 79.5], [559.5, 79.5], [559.5, 559.5], [79.5, 559.5]])

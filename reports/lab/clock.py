@@ -191,10 +191,11 @@ def _followed(
     Pilots that do not toggle cannot be found, so where such a display is in the first frame, and
     in one before which it was lost, is taken from the truth.
     """
-    tracker, follower = Tracker(layout), Follower(layout)
+    tracker = Tracker(layout) if layout.ratex else None
+    follower = Follower(layout)
     display = frame_corners(layout.width, layout.height)
     for frame in frames:
-        if layout.ratex:
+        if tracker is not None:
             tracked = tracker.follow(frame.rgb, frame.time_s)
             rectified = None if tracked is None else tracked.rectified
         else:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pilot_films import FINE, OTHER, filmed
+from pilot_films import FINE, OTHER, filmed, panned_to
 from web_fixtures import run_node_tests, write_fixture
 
 from export.locate.pilots.search import PilotSearch
@@ -13,6 +13,7 @@ from export.web.tables import layout_table
 from link.layout import Layout
 
 FPS = 60.0
+FILMS = ["edges", "upside down", "parallax", "turned to", "no edges", "still", "other layout"]
 LATER, NO_EDGES_LATER = 3, 6
 """Largest number of frames by which the page may find a display later than Python: its steps are
 finer, and what toggles is outlined in several of them."""
@@ -41,6 +42,9 @@ def film(name: str) -> dict[str, object]:
         corners = [639, 479] - corners
     elif name == "parallax":
         images, corners = filmed(FINE, 30, seed=2, parallax=1.0)
+    elif name == "turned to":
+        images, corners = filmed(FINE, 80, seed=0)
+        images = panned_to(images, 45)
     elif name == "no edges":
         images, corners = filmed(FINE, 54, seed=7, dark=True)
     elif name == "still":
@@ -59,9 +63,7 @@ def film(name: str) -> dict[str, object]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["edges", "upside down", "parallax", "no edges", "still", "other layout"]
-)
+@pytest.mark.parametrize("name", FILMS)
 def test_page_finds_what_python_finds(tmp_path: Path, name: str) -> None:
     fixture = film(name)
     assert (fixture["python"] is None) == (fixture["truth"] is None)

@@ -38,7 +38,8 @@ class FilmFrame:
     at: float
     """Its position since the reference (`export.locate.pilots.waves.position`)."""
     tracks: Tracks | None = None
-    """Points of the reference that were found again in it, or None to go by the room alone."""
+    """Points of the reference that were found again in it; None to go by the room alone, because
+    pictures may move."""
 
     def corners(self, corners: Array) -> Array:
         """Find where a display lies.

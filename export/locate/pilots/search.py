@@ -5,8 +5,9 @@ Edges and what toggles (`toggle_map`) propose where the display may be. Corners 
 the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
 beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
 
-Where nothing is found, the next search takes the display's picture for one that moves, as a video
-does, and holds the room still alone.
+Where something toggled like a display and none was sure, the next search takes the picture for one
+that moves, as a video does, and holds the room still alone. The first searches are given up early:
+perhaps the display came into view, or began to play, only after the frames that they look at.
 
 The work is cut into steps, one or two for each frame, so that no frame takes long.
 """
@@ -30,6 +31,7 @@ from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position
 from link.errors import InputError
+from link.geometry import in_image, transform
 from link.images import as_gray
 from link.layout import Layout
 
@@ -47,8 +49,18 @@ leave time for several."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
+PATIENCE_S = 2.0
+"""Time, in seconds of frames that were seen, after which the first two searches are given up; each
+two after them may take twice as long as the two before."""
+IN_VIEW = 0.75
+"""Smallest share of the reference frame that must still be in view for a search to go on."""
+CHECKED = np.stack(np.meshgrid(*2 * [np.arange(8) / 7]), axis=-1).reshape(
+    -1, 2
+)  # (8, 8, 2) -> (64, 2)
+"""Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
 PROMISING = 9.0
-"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once."""
+"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
+much in a search in vain, there was probably no display to be seen."""
 
 Search = Generator[None, None, Settled | None]
 """Steps of the search, which end with the display that is sure, or None."""
@@ -92,6 +104,8 @@ class PilotSearch:
         self._stabiliser = Stabiliser()
         self.picture_moves = False
         """Whether displays are looked for whose picture moves (`doubt_picture`)."""
+        self._failed = self._seen = 0
+        self._surest_seen = 0.0
         self._frames: list[FilmFrame] = []
         self._later: deque[FilmFrame] = deque(maxlen=self._confirming)
         self._reference: NDArray[np.uint8]
@@ -113,16 +127,21 @@ class PilotSearch:
         """
         gray = as_gray(image)
         H = self._stabiliser.follow(gray)
+        if H is not None and not self._in_view(H):
+            self._give_up()
+            H = None
         if H is None:
             self._stabiliser.begin(gray, far_apart=self.picture_moves)
             self._reference, self._start = image, time
+            self._seen, self._surest_seen = 0, 0.0
             self._frames, self._promising, self._work = [], None, None
             self._later.clear()
             return None
         if not self._frames:
             self._begin()
         at = position(time - self._start, self._fps)
-        newest = FilmFrame(gray, H, at, self._stabiliser.tracks)
+        newest = FilmFrame(gray, H, at, None if self.picture_moves else self._stabiliser.tracks)
+        self._seen += 1
         if len(self._frames) < self._window:
             self._watch(newest)
         else:
@@ -133,19 +152,33 @@ class PilotSearch:
             try:
                 next(self._work)
             except StopIteration as end:
-                self._stabiliser.forget()
                 return self._ended(end.value, newest)
+        if self._seen > PATIENCE_S * self._fps * 2 ** (self._failed // 2):
+            return self._ended(None, newest)
         return None
+
+    def _in_view(self, H_newest_from_reference: Array) -> bool:
+        """Tell whether enough of the reference frame is still in view."""
+        size = np.array(self._reference.shape[1::-1])
+        places = transform(H_newest_from_reference, CHECKED * (size - 1))
+        return float(in_image(places, self._reference.shape).mean()) >= IN_VIEW
 
     def doubt_picture(self) -> None:
         """Take the picture for one that moves, or no longer for one, from the next search on."""
         self.picture_moves = not self.picture_moves
 
+    def _give_up(self) -> None:
+        """Choose how the next search begins after one in vain."""
+        self.picture_moves = not self.picture_moves and self._surest_seen > PROMISING
+
     def _ended(self, settled: Settled | None, newest: FilmFrame) -> PilotDisplay | None:
         """Say what a search has found, and choose how the next one begins."""
+        self._stabiliser.forget()
         if settled is None:
-            self.doubt_picture()
+            self._failed += 1
+            self._give_up()
             return None
+        self._failed = 0
         proposal = settled.proposal
         corners = newest.corners(proposal.corners)
         return PilotDisplay(proposal.layout, corners, settled.evidence)
@@ -219,7 +252,8 @@ class PilotSearch:
 
     def _settle(self, proposal: Proposal, evidence: float) -> Search:
         """Settle a proposal with this evidence in all frames so far, before it pays."""
-        return settle(proposal, evidence, self._frames, self._later, self._confirming)
+        self._surest_seen = max(self._surest_seen, evidence)
+        return (yield from settle(proposal, evidence, self._frames, self._later, self._confirming))
 
     def _all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
         """Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.

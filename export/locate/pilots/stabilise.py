@@ -1,7 +1,6 @@
 """Hold the frames of a film still: where each point of a reference frame lies in a later one."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -16,12 +15,17 @@ WIDTH = 640
 """Largest width, in pixels, of the copies on which motion is followed."""
 POINTS, MIN_POINTS = 400, 12
 """Largest and smallest number of points that are followed."""
+CLEAR, FAINT = 0.005, 0.002
+"""Smallest share of how clear the clearest point is at which others are followed: less clear ones
+may be noise. The second holds where a picture may move, because the clearest points then are its,
+and those of the room count."""
 ROOM_POINTS, APART_PX = 24, 8.0
 """Number of points that must lie around a picture that moves, for them to say how the camera moves,
-and their least distance from it, in pixels of the copies: motion is seen in 15 pixels."""
+and least distance of points from it and from each other, in pixels of the copies: motion is seen in
+15 pixels."""
 PARTS = 8
-"""Number of parts of the image along each axis from each of which points are taken, so that a
-display has some where the room has clearer ones."""
+"""Number of parts of the image along each axis in each of which so many points are followed at
+most, so that a display has some where the room has clearer ones."""
 SAME_PX = 0.7
 """Largest distance, in pixels of the copies, of a point from where the common motion puts it."""
 AGREEING = 0.5
@@ -79,7 +83,7 @@ class Stabiliser:
         self.share = 0.0
         """Share of the reference's points that moved as one in the last frame, in [0, 1]."""
         self.tracks: Tracks | None = None
-        """Points found again in the last frame; None where pictures in it may move."""
+        """Points found again in the last frame."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -110,11 +114,12 @@ class Stabiliser:
         self._H_image_from_copy = resized_homography(x, y)
         room = np.zeros((0, 1, 2), np.float32)
         if picture is not None:
-            room = _clear_points(self._reference, 1, _around(self.on_copy(picture), self.shape))
+            around = _around(self.on_copy(picture), self.shape)
+            room = _clear_points(self._reference, 1, CLEAR, around)
         if len(room) >= ROOM_POINTS:
             self._points, self._far_apart = room, False
         else:
-            self._points = _clear_points(self._reference, PARTS)
+            self._points = _clear_points(self._reference, PARTS, FAINT if far_apart else CLEAR)
         self._guess = self._points.copy()
 
     def follow(self, gray: Gray) -> Array | None:
@@ -146,7 +151,7 @@ class Stabiliser:
         motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1, SAME_PX)
         if not motions:
             return None
-        self.tracks = None if self._far_apart else self._tracks(self._points[good], moved[good])
+        self.tracks = self._tracks(self._points[good], moved[good])
         H, same = max(motions, key=lambda motion: _area(motion[1]))
         self.share = len(same) / len(self._points)
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)
@@ -208,24 +213,28 @@ def _outside(quad: Array, x: NDArray[np.float32], y: NDArray[np.float32]) -> NDA
     return outside
 
 
-def _clear_points(gray: Gray, parts: int, mask: Gray | None = None) -> NDArray[np.float32]:
-    """Choose the clearest points of each of ``parts`` x ``parts`` parts of an image, (n, 1, 2).
+def _clear_points(
+    gray: Gray, parts: int, least: float, mask: Gray | None = None
+) -> NDArray[np.float32]:
+    """Choose the clearest points of an image, but only so many in each of its parts, (n, 1, 2).
 
     Args:
         gray: (h, w) uint8.
         parts: number of parts along each axis.
+        least: smallest share of how clear the clearest point is.
         mask: (h, w) uint8, 0 where no points are taken; None to take them anywhere.
     """
-    ys, xs = (np.linspace(0, side, parts + 1).astype(int) for side in gray.shape)
-    found = [np.zeros((0, 1, 2), np.float32)]
-    for top, bottom in pairwise(ys):
-        for left, right in pairwise(xs):
-            part = gray[top:bottom, left:right]
-            free = None if mask is None else mask[top:bottom, left:right]
-            points = cv2.goodFeaturesToTrack(part, POINTS // parts**2, 0.005, 8, mask=free)
-            if points is not None:
-                found.append(points + np.array([left, top], np.float32))
-    return np.concatenate(found)
+    points = cv2.goodFeaturesToTrack(gray, 0, least, APART_PX, mask=mask)
+    if points is None:
+        return np.zeros((0, 1, 2), np.float32)
+    x, y = (parts * points[:, 0] // gray.shape[::-1]).astype(int).T
+    room = np.full((parts, parts), POINTS // parts**2)
+    kept = []
+    for number, part in enumerate(zip(y, x, strict=True)):  # the clearest comes first
+        if room[part] > 0:
+            room[part] -= 1
+            kept.append(number)
+    return np.asarray(points[kept], np.float32)
 
 
 def _motions(

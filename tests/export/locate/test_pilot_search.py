@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from conftest import slow
 from numpy.typing import NDArray
-from pilot_films import FINE, OTHER, block_views, filmed
+from pilot_films import FINE, OTHER, block_views, filmed, panned_to
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
 from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, map_size
 from export.locate.pilots.evidence import pilot_evidence, pilot_signs
-from export.locate.pilots.search import PilotSearch
+from export.locate.pilots.search import PATIENCE_S, PilotSearch
 from export.locate.pilots.stabilise import Stabiliser, Tracks
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
@@ -49,6 +49,39 @@ def test_finds_a_display_before_a_wall_that_moves_otherwise(seed: int) -> None:
     assert found is not None
     number, display = found
     assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
+def test_finds_a_display_to_which_the_camera_turns() -> None:
+    """The search that began before a wall ends once the wall is out of view."""
+    images, corners = filmed(FINE, 90, seed=0)
+    found = search(panned_to(images, 45), [FINE])
+    assert found is not None
+    number, display = found
+    assert number < 75
+    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
+@pytest.mark.slow
+def test_finds_a_display_that_begins_to_play_late() -> None:
+    still, _ = filmed(FINE, 40, seed=0, hold=10**6)
+    images, corners = filmed(FINE, 160, seed=0)
+    found = search([*still, *images[40:]], [FINE])
+    assert found is not None
+    number, display = found
+    assert number < (PATIENCE_S + 0.6) * 60
+    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pan", [0.0, 8.0])
+def test_a_picture_is_taken_for_one_that_moves_only_where_something_toggled(pan: float) -> None:
+    images, _ = filmed(FINE, 125, seed=2, pan=pan, hold=2 if pan else 10**6)
+    finder = PilotSearch([FINE], 60.0)
+    modes = []
+    for number, image in enumerate(images):
+        finder.push(image, number / 60)
+        modes.append(finder.picture_moves)
+    assert any(modes) == bool(pan)
 
 
 def test_points_that_lie_close_together_do_not_say_how_a_display_moves() -> None:

@@ -45,8 +45,8 @@ export class FilmFrame {
    * @param {BytePlane} gray - is kept
    * @param {Homography} HFrameFromReference
    * @param {number} at - position since the reference (waves.js)
-   * @param {Tracks | null} [tracks] - points of the reference that were found again in it, or null
-   *   to go by the room alone
+   * @param {Tracks | null} [tracks] - points of the reference that were found again in it; null to
+   *   go by the room alone, because pictures may move
    */
   constructor(gray, HFrameFromReference, at, tracks = null) {
     this.gray = gray;

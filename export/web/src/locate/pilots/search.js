@@ -7,8 +7,10 @@
  * believed if its blocks toggle with the pilots' signs beyond doubt (`evidence.js`). That also
  * tells which way up it is and which of several grids it shows.
  *
- * Where nothing is found, the next search takes the display's picture for one that moves, as a
- * video does, and holds the room still alone.
+ * Where something toggled like a display and none was sure, the next search takes the picture for
+ * one that moves, as a video does, and holds the room still alone. The first searches are given up
+ * early: perhaps the display came into view, or began to play, only after the frames that they look
+ * at.
  *
  * The work is cut into steps (`../steps.js`), so that no frame takes long; Python's steps are one
  * for each frame, these are finer.
@@ -16,6 +18,7 @@
 
 import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
+import { inImage, transform } from "../../link/geometry.js";
 import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
@@ -51,7 +54,19 @@ export const MOST_WINDOW = 48;
  * is found at any rate.
  */
 export const STATES_HZ = [15.0, 30.0, 60.0, 120.0];
-/** Evidence of a quadrilateral, before it pays, at which its corners are refined at once. */
+/**
+ * Time, in seconds of frames that were seen, after which the first two searches are given up; each
+ * two after them may take twice as long as the two before.
+ */
+export const PATIENCE_S = 2.0;
+/** Smallest share of the reference frame that must still be in view for a search to go on. */
+export const IN_VIEW = 0.75;
+/** Number of places along each side of the reference frame that are looked for in the newest one. */
+const CHECKED = 8;
+/**
+ * Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
+ * much in a search in vain, there was probably no display to be seen.
+ */
 export const PROMISING = 9.0;
 /** Units of work (`../steps.js`) from which on a frame has had its share. */
 export const FRAME_WORK = 36;
@@ -95,6 +110,12 @@ export class PilotSearch {
   #start = 0;
   /** From which the search began. @type {BytePlane} */
   #reference = { width: 0, height: 0, data: new Uint8Array(0) };
+  /** Number of searches in vain since a display was found. */
+  #failed = 0;
+  /** Number of frames seen since the reference. */
+  #seen = 0;
+  /** Largest evidence of a quadrilateral in this search, before it pays. */
+  #surestSeen = 0;
   /** Until when the newest frame has time for what need not be now, milliseconds. */
   #spareUntil = Infinity;
   /** The newest frame, while `push` runs. @type {FilmFrame | null} */
@@ -154,7 +175,11 @@ export class PilotSearch {
     if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
     this.#spareUntil = this.#isLate ? now + SPARE_SHARE * this.frameMs : Infinity;
     this.#last = time;
-    const H = this.#stabiliser.follow(gray);
+    let H = this.#stabiliser.follow(gray);
+    if (H !== null && !isInView(H, gray)) {
+      this.#giveUp();
+      H = null;
+    }
     if (H === null) {
       this.#stabiliser.begin(gray, this.pictureMoves);
       this.#reference = gray;
@@ -162,13 +187,10 @@ export class PilotSearch {
       this.#forget();
       return null;
     }
-    const newest = new FilmFrame(
-      gray,
-      H,
-      position(time - this.#start, this.fps),
-      this.#stabiliser.tracks,
-    );
+    const tracks = this.pictureMoves ? null : this.#stabiliser.tracks;
+    const newest = new FilmFrame(gray, H, position(time - this.#start, this.fps), tracks);
     this.#newest = newest;
+    this.#seen++;
     if (this.#map !== null && this.#frames.length < this.window) this.#watch(this.#map);
     this.#work ??= this.#search();
     let work = 0;
@@ -179,16 +201,29 @@ export class PilotSearch {
         if ((this.#isLate || this.#map === null) && performance.now() >= until) break;
         continue;
       }
+      if (step.value === null) return this.#fail();
       this.#stabiliser.forget();
       this.#forget();
-      if (step.value === null) {
-        this.doubtPicture();
-        return null;
-      }
+      this.#failed = 0;
       const { proposal, evidence } = step.value;
       return { layout: proposal.layout, corners: newest.corners(proposal.corners), evidence };
     }
     this.#newest = null;
+    const patience = PATIENCE_S * this.fps * 2 ** Math.floor(this.#failed / 2);
+    return this.#seen > patience ? this.#fail() : null;
+  }
+
+  /** Choose how the next search begins after one in vain. */
+  #giveUp() {
+    this.pictureMoves = !this.pictureMoves && this.#surestSeen > PROMISING;
+  }
+
+  /** End a search in vain. */
+  #fail() {
+    this.#giveUp();
+    this.#failed++;
+    this.#stabiliser.forget();
+    this.#forget();
     return null;
   }
 
@@ -205,6 +240,8 @@ export class PilotSearch {
     this.#map = null;
     this.#frames = [];
     this.#work = null;
+    this.#seen = 0;
+    this.#surestSeen = 0;
   }
 
   /**
@@ -451,6 +488,7 @@ export class PilotSearch {
    * @returns {Steps<Settled | null>}
    */
   #settle(proposal, evidence) {
+    this.#surestSeen = Math.max(this.#surestSeen, evidence);
     return settleSteps(proposal, evidence, this.#frames, this.confirming, () => this.#given());
   }
 
@@ -459,4 +497,19 @@ export class PilotSearch {
     if (this.#newest === null) throw new Error("a step was taken outside of push");
     return this.#newest;
   }
+}
+
+/**
+ * Tell whether enough of the reference frame is still in view.
+ *
+ * @param {ArrayLike<number>} HFrameFromReference
+ * @param {BytePlane} frame - of the reference's size
+ */
+function isInView(HFrameFromReference, { width, height }) {
+  const steps = [...Array(CHECKED).keys()].map((k) => k / (CHECKED - 1));
+  const places = steps.flatMap((y) =>
+    steps.map((x) => /** @type {Point} */ ([x * (width - 1), y * (height - 1)])),
+  );
+  const seen = inImage(transform(HFrameFromReference, places), width, height);
+  return seen.filter(Boolean).length >= IN_VIEW * places.length;
 }

@@ -17,15 +17,28 @@ export const WIDTH = 640;
 export const POINTS = 400;
 /** Smallest number of points that are followed. */
 export const MIN_POINTS = 12;
+/**
+ * Smallest share of how clear the clearest point is at which others are followed; less clear ones
+ * may be noise.
+ */
+export const CLEAR = 0.005;
+/**
+ * The same where a picture may move, because the clearest points then are its, and those of the room
+ * count.
+ */
+export const FAINT = 0.002;
 /** Number of points that must lie around a picture that moves, for them to say how the camera moves. */
 export const ROOM_POINTS = 24;
-/** Their least distance from it, in pixels of the copies: motion is seen in 15 pixels. */
+/**
+ * Least distance of points from such a picture and from each other, in pixels of the copies: motion
+ * is seen in 15 pixels.
+ */
 export const APART_PX = 8.0;
 /** Largest distance, in pixels of the copies, of a point from where the common motion puts it. */
 export const SAME_PX = 0.7;
 /**
- * Number of parts of the image along each axis from each of which points are taken, so that a
- * display has some where the room has clearer ones.
+ * Number of parts of the image along each axis in each of which so many points are followed at
+ * most, so that a display has some where the room has clearer ones.
  */
 export const PARTS = 8;
 /**
@@ -93,7 +106,7 @@ export class Stabiliser {
   /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
   share = 0;
   /**
-   * Points found again in the last frame; null where pictures in it may move.
+   * Points found again in the last frame.
    *
    * @type {Tracks | null}
    */
@@ -132,10 +145,10 @@ export class Stabiliser {
     const y = height / reference.height;
     this.#HImageFromCopy = [x, 0, (x - 1) / 2, 0, y, (y - 1) / 2, 0, 0, 1];
     const mask = picture && aroundQuad(this.onCopy(picture), reference.width, reference.height);
-    const room = mask ? clearPoints(reference, 1, mask) : new Float32Array(0);
+    const room = mask ? clearPoints(reference, 1, CLEAR, mask) : new Float32Array(0);
     const isSeen = room.length >= 2 * ROOM_POINTS;
     this.#farApart = farApart && !isSeen;
-    this.#points = isSeen ? room : clearPoints(reference, PARTS);
+    this.#points = isSeen ? room : clearPoints(reference, PARTS, farApart ? FAINT : CLEAR);
     this.#guess = this.#points.slice();
   }
 
@@ -162,7 +175,7 @@ export class Stabiliser {
     const [one, other] = [before, after].map((points) =>
       Float32Array.from(transform(grow, pointsOf(points)).flat()),
     );
-    this.tracks = this.#farApart ? null : new Tracks(one, other, SAME_PX * grow[0]);
+    this.tracks = new Tracks(one, other, SAME_PX * grow[0]);
     return multiply3(multiply3(grow, H), inverse(grow));
   }
 
@@ -237,35 +250,28 @@ function aroundQuad(quad, width, height) {
 }
 
 /**
- * Choose the clearest points of each part of an image.
+ * Choose the clearest points of an image, but only so many in each of its parts.
  *
  * @param {BytePlane} plane
  * @param {number} parts - number of parts along each axis
+ * @param {number} least - smallest share of how clear the clearest point is
  * @param {BytePlane | null} [mask] - 0 where no points are taken; null to take them anywhere
  * @returns {Float32Array<ArrayBuffer>} x and y in turn
  */
-function clearPoints(plane, parts, mask = null) {
+function clearPoints(plane, parts, least, mask = null) {
   return withMats((keep) => {
     const image = keep(matOf(plane));
     const free = keep(mask ? matOf(mask) : new cv.Mat());
-    const most = Math.floor(POINTS / parts ** 2);
-    /** @type {number[]} */
-    const all = [];
-    for (let row = 0; row < parts; row++) {
-      const [top, bottom] = [row, row + 1].map((k) => Math.floor((k * plane.height) / parts));
-      for (let col = 0; col < parts; col++) {
-        const [left, right] = [col, col + 1].map((k) => Math.floor((k * plane.width) / parts));
-        const rect = new cv.Rect(left, top, right - left, bottom - top);
-        const part = keep(image.roi(rect));
-        const open = mask ? keep(free.roi(rect)) : free;
-        const points = keep(new cv.Mat());
-        cv.goodFeaturesToTrack(part, points, most, 0.005, 8, open);
-        for (let i = 0; i < points.rows; i++) {
-          all.push(points.data32F[2 * i] + left, points.data32F[2 * i + 1] + top);
-        }
-      }
-    }
-    return Float32Array.from(all);
+    const points = keep(new cv.Mat());
+    cv.goodFeaturesToTrack(image, points, 0, least, APART_PX, free);
+    if (points.rows === 0) return new Float32Array(0);
+    const room = new Array(parts ** 2).fill(Math.floor(POINTS / parts ** 2));
+    // the clearest comes first
+    return chosen(points.data32F, (i) => {
+      const col = Math.floor((parts * points.data32F[2 * i]) / plane.width);
+      const row = Math.floor((parts * points.data32F[2 * i + 1]) / plane.height);
+      return room[row * parts + col]-- > 0;
+    });
   });
 }
 
@@ -351,7 +357,8 @@ function motionsOf(before, after, most, samePx) {
  * @param {(point: number) => boolean} isChosen - by the number of the point
  */
 function chosen(points, isChosen) {
-  return points.filter((_, i) => isChosen(i >> 1));
+  const numbers = [...Array(points.length / 2).keys()].filter(isChosen);
+  return Float32Array.from(numbers.flatMap((i) => [points[2 * i], points[2 * i + 1]]));
 }
 
 /**
