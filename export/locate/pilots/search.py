@@ -49,14 +49,12 @@ leave time for several."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
-PATIENCE_S = 2.0
-"""Time, in seconds of frames that were seen, after which the first two searches are given up; each
-two after them may take twice as long as the two before."""
+PATIENCE_S, MOST_DOUBLED = 2.0, 3
+"""Time, in seconds of frames that were seen, after which the first two searches are given up, and
+number of times that it doubles, each time for the next two searches: some displays take longer."""
 IN_VIEW = 0.75
 """Smallest share of the reference frame that must still be in view for a search to go on."""
-CHECKED = np.stack(np.meshgrid(*2 * [np.arange(8) / 7]), axis=-1).reshape(
-    -1, 2
-)  # (8, 8, 2) -> (64, 2)
+CHECKED = np.indices((8, 8)).reshape(2, -1).T / 7  # (2, 8, 8) -> (64, 2)
 """Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
@@ -153,9 +151,8 @@ class PilotSearch:
                 next(self._work)
             except StopIteration as end:
                 return self._ended(end.value, newest)
-        if self._seen > PATIENCE_S * self._fps * 2 ** (self._failed // 2):
-            return self._ended(None, newest)
-        return None
+        patience = PATIENCE_S * 2 ** min(self._failed // 2, MOST_DOUBLED)
+        return self._ended(None, newest) if self._seen > patience * self._fps else None
 
     def _in_view(self, H_newest_from_reference: Array) -> bool:
         """Tell whether enough of the reference frame is still in view."""

@@ -54,11 +54,10 @@ export const MOST_WINDOW = 48;
  * is found at any rate.
  */
 export const STATES_HZ = [15.0, 30.0, 60.0, 120.0];
-/**
- * Time, in seconds of frames that were seen, after which the first two searches are given up; each
- * two after them may take twice as long as the two before.
- */
+/** Time, in seconds of frames that were seen, after which the first two searches are given up. */
 export const PATIENCE_S = 2.0;
+/** Number of times that it doubles, each time for the next two searches: some displays take longer. */
+export const MOST_DOUBLED = 3;
 /** Smallest share of the reference frame that must still be in view for a search to go on. */
 export const IN_VIEW = 0.75;
 /** Number of places along each side of the reference frame that are looked for in the newest one. */
@@ -209,8 +208,8 @@ export class PilotSearch {
       return { layout: proposal.layout, corners: newest.corners(proposal.corners), evidence };
     }
     this.#newest = null;
-    const patience = PATIENCE_S * this.fps * 2 ** Math.floor(this.#failed / 2);
-    return this.#seen > patience ? this.#fail() : null;
+    const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
+    return this.#seen > patience * this.fps ? this.#fail() : null;
   }
 
   /** Choose how the next search begins after one in vain. */
