@@ -81,8 +81,8 @@ def _explain_nothing_found(seen: Observations) -> str:
         bright = f"{seen.clipped:.0%} of whose pixels are at the camera's limit"
         return f"{nothing}, {bright}: a shorter exposure"
     return (
-        f"{nothing}; check preset or --model, focus, exposure, and that most of the display is "
-        "in view"
+        f"{nothing}; check preset or --model, focus, exposure, that most of the display is "
+        "in view, and that the film is not mirrored"
     )
 
 

@@ -54,7 +54,7 @@ PATIENCE_S, MOST_DOUBLED = 2.0, 3
 number of times that it doubles, each time for the next two searches: some displays take longer."""
 IN_VIEW = 0.75
 """Smallest share of the reference frame that must still be in view for a search to go on."""
-CHECKED = np.indices((8, 8)).reshape(2, -1).T / 7  # (2, 8, 8) -> (64, 2)
+CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
 """Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
@@ -157,7 +157,7 @@ class PilotSearch:
     def _in_view(self, H_newest_from_reference: Array) -> bool:
         """Tell whether enough of the reference frame is still in view."""
         size = np.array(self._reference.shape[1::-1])
-        places = transform(H_newest_from_reference, CHECKED * (size - 1))
+        places = transform(H_newest_from_reference, CHECKED * size - 0.5)
         return float(in_image(places, self._reference.shape).mean()) >= IN_VIEW
 
     def doubt_picture(self) -> None:

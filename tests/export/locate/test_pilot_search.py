@@ -61,6 +61,16 @@ def test_finds_a_display_to_which_the_camera_turns() -> None:
     assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
+def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
+    images, _ = filmed(FINE, 20, seed=0)
+    finder = PilotSearch([OTHER], 60.0)
+    middle = np.array([320.0, 240.0])
+    for number, image in enumerate(images):
+        grow = cv2.getRotationMatrix2D(middle.tolist(), 0.1 * number, 1 + 0.002 * number)
+        finder.push(cv2.warpAffine(image, grow, (640, 480)), number / 60)
+    assert finder._start == 0.0
+
+
 @pytest.mark.slow
 def test_finds_a_display_that_begins_to_play_late() -> None:
     still, _ = filmed(FINE, 40, seed=0, hold=10**6)

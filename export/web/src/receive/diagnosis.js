@@ -67,8 +67,8 @@ function explainNothingFound(seen) {
     return `${nothing}, ${bright}: a shorter exposure`;
   }
   return (
-    `${nothing}; check preset or model, focus, exposure, and that most of the display is ` +
-    "in view"
+    `${nothing}; check preset or model, focus, exposure, that most of the display is ` +
+    "in view, and that the film is not mirrored"
   );
 }
 

@@ -505,9 +505,9 @@ export class PilotSearch {
  * @param {BytePlane} frame - of the reference's size
  */
 function isInView(HFrameFromReference, { width, height }) {
-  const steps = [...Array(CHECKED).keys()].map((k) => k / (CHECKED - 1));
+  const steps = [...Array(CHECKED).keys()].map((k) => (k + 0.5) / CHECKED);
   const places = steps.flatMap((y) =>
-    steps.map((x) => /** @type {Point} */ ([x * (width - 1), y * (height - 1)])),
+    steps.map((x) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5])),
   );
   const seen = inImage(transform(HFrameFromReference, places), width, height);
   return seen.filter(Boolean).length >= IN_VIEW * places.length;
