@@ -168,11 +168,11 @@ class DisplayReader:
         self._buffer: deque[BufferedFrame] = deque(maxlen=BUFFER)
         self._next: int | None = None
         self._corners = CornerShift(self.layout)
+        self._toggles = make_toggles(self.layout)
         self.restart()
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""
-        self._toggles = make_toggles(self.layout)
         self.sync = Synchroniser(self._fps, self._toggles)
         """Finds and holds the display's clock."""
         self._slips, self._next = 0, None

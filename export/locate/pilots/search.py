@@ -138,7 +138,7 @@ class PilotSearch:
         if not self._frames:
             self._begin()
         at = position(time - self._start, self._fps)
-        newest = FilmFrame(gray, H, at, None if self.picture_moves else self._stabiliser.tracks)
+        newest = FilmFrame(gray, H, at, self._stabiliser.tracks)
         self._seen += 1
         if len(self._frames) < self._window:
             self._watch(newest)

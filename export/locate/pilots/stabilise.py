@@ -83,7 +83,7 @@ class Stabiliser:
         self.share = 0.0
         """Share of the reference's points that moved as one in the last frame, in [0, 1]."""
         self.tracks: Tracks | None = None
-        """Points found again in the last frame."""
+        """Points found again in the last frame; None where pictures in it may move."""
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -151,7 +151,7 @@ class Stabiliser:
         motions = _motions(self._points[good], moved[good], 2 if self._far_apart else 1, SAME_PX)
         if not motions:
             return None
-        self.tracks = self._tracks(self._points[good], moved[good])
+        self.tracks = None if self._far_apart else self._tracks(self._points[good], moved[good])
         H, same = max(motions, key=lambda motion: _area(motion[1]))
         self.share = len(same) / len(self._points)
         self._guess = np.asarray(cv2.perspectiveTransform(self._points, H), np.float32)

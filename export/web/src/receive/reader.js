@@ -210,7 +210,6 @@ export class DisplayReader {
 
   /** Forget the clock and the frames that wait for it; the collector keeps what it has. */
   restart() {
-    this.#toggles = makeToggles(this.layout);
     this.sync = new Synchroniser(this.#fps, this.#toggles);
     this.#slips = 0;
     this.#next = null;

@@ -186,8 +186,8 @@ export class PilotSearch {
       this.#forget();
       return null;
     }
-    const tracks = this.pictureMoves ? null : this.#stabiliser.tracks;
-    const newest = new FilmFrame(gray, H, position(time - this.#start, this.fps), tracks);
+    const at = position(time - this.#start, this.fps);
+    const newest = new FilmFrame(gray, H, at, this.#stabiliser.tracks);
     this.#newest = newest;
     this.#seen++;
     if (this.#map !== null && this.#frames.length < this.window) this.#watch(this.#map);

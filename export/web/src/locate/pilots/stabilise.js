@@ -106,7 +106,7 @@ export class Stabiliser {
   /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
   share = 0;
   /**
-   * Points found again in the last frame.
+   * Points found again in the last frame; null where pictures in it may move.
    *
    * @type {Tracks | null}
    */
@@ -172,10 +172,7 @@ export class Stabiliser {
     this.share = (2 * count) / this.#points.length;
     this.#guess = Float32Array.from(transform(H, pointsOf(this.#points)).flat());
     const grow = this.#HImageFromCopy;
-    const [one, other] = [before, after].map((points) =>
-      Float32Array.from(transform(grow, pointsOf(points)).flat()),
-    );
-    this.tracks = new Tracks(one, other, SAME_PX * grow[0]);
+    this.tracks = this.#farApart ? null : tracksOf(before, after, grow);
     return multiply3(multiply3(grow, H), inverse(grow));
   }
 
@@ -228,6 +225,20 @@ export class Stabiliser {
     }
     return this.#last[1];
   }
+}
+
+/**
+ * Move points of both copies to the images.
+ *
+ * @param {Float32Array} before - x and y in turn
+ * @param {Float32Array} after
+ * @param {Homography} HImageFromCopy
+ */
+function tracksOf(before, after, HImageFromCopy) {
+  const [one, other] = [before, after].map((points) =>
+    Float32Array.from(transform(HImageFromCopy, pointsOf(points)).flat()),
+  );
+  return new Tracks(one, other, SAME_PX * HImageFromCopy[0]);
 }
 
 /**
