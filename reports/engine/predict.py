@@ -189,14 +189,14 @@ def _decode_missing(
 
 
 def predict_all(
-    conditions: Sequence[Condition], methods: Sequence[Method], folder: Path, jobs: int
+    conditions: Sequence[Condition], methods: Sequence[Method], folder: Path, backend: Backend
 ) -> pd.DataFrame:
-    """`predict` by ``jobs`` processes of this machine, for studies that need every cell.
+    """`predict` for studies that need every cell.
 
     Raises:
         InputError: a cell failed; the others are stored.
     """
-    predicted = predict(conditions, methods, folder, Backend(jobs))
+    predicted = predict(conditions, methods, folder, backend)
     if predicted.failed:
         total = sum(len(condition.cells) for condition in conditions)
         raise InputError(f"{len(predicted.failed)} of {total} cells failed: {predicted.failed[0]}")

@@ -23,17 +23,17 @@ R = TypeVar("R")
 
 
 def each_result(
-    task: Callable[[T], R], items: Mapping[str, T], jobs: int, title: str, done: int = 0
+    task: Callable[[T], R], items: Mapping[str, T], backend: Backend, title: str, done: int = 0
 ) -> Iterator[tuple[str, R]]:
     """Run a task for each item, in parallel, under a progress bar.
 
-    >>> dict(each_result(abs, {"one": -1, "two": -2}, jobs=1, title="count"))
+    >>> dict(each_result(abs, {"one": -1, "two": -2}, Backend(), title="count"))
     {'one': 1, 'two': 2}
 
     Args:
         task: function that is called with an item; picklable, as are items and results.
         items: arguments of the task by a name that tells them apart.
-        jobs: number of processes on this machine; 1 stays in this one.
+        backend: processes of this machine, or a Dask cluster.
         title: words before the progress bar.
         done: number of items that were finished earlier, for the progress bar alone.
 
@@ -44,7 +44,7 @@ def each_result(
         InputError: some tasks failed; it is raised after the last result.
     """
     names, failed = list(items), []
-    outcomes = run_tasks(task, list(items.values()), Backend(jobs))
+    outcomes = run_tasks(task, list(items.values()), backend)
     for outcome in tqdm(outcomes, total=done + len(names), initial=done, desc=title):
         if outcome.failure is not None:
             failed.append(f"{names[outcome.index]}: {outcome.failure.reason}")
@@ -55,28 +55,30 @@ def each_result(
         raise InputError(f"{title}: {len(failed)} of {total} failed: {'; '.join(failed)}")
 
 
-def all_results(task: Callable[[T], R], items: Sequence[T], jobs: int, title: str) -> list[R]:
+def all_results(
+    task: Callable[[T], R], items: Sequence[T], backend: Backend, title: str
+) -> list[R]:
     """Run a task for each item, in parallel, and return the results in the order of the items.
 
-    >>> all_results(abs, [-1, -2], jobs=1, title="count")
+    >>> all_results(abs, [-1, -2], Backend(), title="count")
     [1, 2]
 
     Args:
         task: function that is called with an item; picklable, as are items and results.
         items: arguments of the task.
-        jobs: number of processes on this machine; 1 stays in this one.
+        backend: processes of this machine, or a Dask cluster.
         title: words before the progress bar.
 
     Raises:
         InputError: some tasks failed.
     """
     named = {str(number): item for number, item in enumerate(items)}
-    found = dict(each_result(task, named, jobs, title))
+    found = dict(each_result(task, named, backend, title))
     return [found[name] for name in named]
 
 
 def resume(
-    task: Callable[[T], Any], items: Mapping[str, T], file: Path, jobs: int, title: str
+    task: Callable[[T], Any], items: Mapping[str, T], file: Path, backend: Backend, title: str
 ) -> dict[str, Any]:
     """Run a task for each item whose result is not in a file yet, and add the new results to it.
 
@@ -86,7 +88,7 @@ def resume(
         file: JSON lines, {"name": ..., "result": ..., "sha256": ...} each. Its path must say all
             that decides the results, apart from the items. A line whose digest does not fit is
             removed, and its result made again.
-        jobs: number of processes on this machine; 1 stays in this one.
+        backend: processes of this machine, or a Dask cluster.
         title: words before the progress bar.
 
     Returns:
@@ -101,7 +103,7 @@ def resume(
         missing = {name: item for name, item in items.items() if name not in results}
         with file.open("a", encoding="utf-8") as stream:
             finished = len(items) - len(missing)
-            for name, result in each_result(task, missing, jobs, title, finished):
+            for name, result in each_result(task, missing, backend, title, finished):
                 line = seal({"name": name, "result": result})
                 stream.write(line)
                 stream.flush()

@@ -11,6 +11,7 @@ from export.to_onnx import export
 from link.layout import Layout
 from models import DECODERS
 from models.neural.decoder import PhiDecoder
+from reports.engine.backends import Backend
 from reports.engine.conditions import condition_names
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
@@ -67,7 +68,7 @@ def export_and_evaluate(
     model = folder / "decoder.onnx"
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:  # torch exports with one thread
         exported = pool.submit(export, module, model, folder.name, PARITY_FRAMES, settings)
-        records = predict_all(conditions, methods, folder / "evaluation", test.jobs)
+        records = predict_all(conditions, methods, folder / "evaluation", Backend(test.jobs))
         parity = exported.result()
     scores = score(records)
     write_scores(folder / "metrics.json", scores, provenance(test.seed, simulated=True))

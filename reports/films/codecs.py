@@ -33,7 +33,7 @@ from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.layout import Layout
 from link.presets import PRESETS
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.checked import write_json
 from reports.engine.digest import short_digest
 from reports.engine.provenance import provenance
@@ -357,7 +357,7 @@ def _run(config: CodecsConfig) -> None:
             range(config.runs), config.kappas, config.views, config.pairs
         )
     }
-    films = resume(read_variants, items, stored_films(config, model), config.jobs, "films")
+    films = resume(read_variants, items, stored_films(config, model), Backend(config.jobs), "films")
     rows = variant_rows(films, config)
     setup = {key: value for key, value in asdict(config).items() if key not in ("out", "jobs")}
     content = {

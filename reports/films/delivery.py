@@ -33,7 +33,7 @@ from link.outside import read_json
 from link.presets import PRESETS
 from models import shipped_checkpoint, shipped_graphs
 from models.neural.checkpoint import load_checkpoint
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
@@ -261,7 +261,7 @@ def run_deliveries(config: DeliveryConfig) -> Path:
         f"{pair} {view:g} {run}": Take(config, pair, view, run, model)
         for run, view, pair in product(range(config.runs), config.views, config.pairs)
     }
-    stored = resume(deliver, takes, stored_runs(config, model), config.jobs, "runs")
+    stored = resume(deliver, takes, stored_runs(config, model), Backend(config.jobs), "runs")
     deliveries = [Delivery(**run) for run in stored.values()]
     summary = summarise_deliveries(deliveries, config)
     for row in summary:

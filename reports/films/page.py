@@ -45,7 +45,7 @@ from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import as_gray, make_folder, temporary_name
 from models import shipped_graphs
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
@@ -369,7 +369,7 @@ def read_films(config: PageConfig) -> list[FilmRead]:
         )
         for name, number in product(config.settings, range(config.films))
     }
-    stored = resume(read_film, takes, stored_reads(config), 1, f"films by {config.by}")
+    stored = resume(read_film, takes, stored_reads(config), Backend(), f"films by {config.by}")
     return [FilmRead.from_stored(fields) for fields in stored.values()]
 
 

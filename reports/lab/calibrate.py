@@ -30,7 +30,7 @@ from link.layout import block_mean, make_layout
 from link.ratex import tile_labels
 from models.classical.common import fit_svm, require_ratex, tile_mean
 from models.classical.two_step import fit_inverse_response
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import command
@@ -206,7 +206,9 @@ def observe_all(config: CalibrateConfig, tasks: Sequence[GridCell], title: str) 
         for task in tasks
     }
     items = {name: Observation(task, config.frames, config.seed) for name, task in named.items()}
-    found = resume(observe_cell, items, config.work / f"cells_{mark}.jsonl", config.jobs, title)
+    found = resume(
+        observe_cell, items, config.work / f"cells_{mark}.jsonl", Backend(config.jobs), title
+    )
     return {
         named[name]: {key: np.array(values) for key, values in lists.items()}
         for name, lists in found.items()

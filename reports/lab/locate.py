@@ -31,7 +31,7 @@ from link.geometry import as_corners
 from link.images import IMAGE_SUFFIXES, as_gray, read_image
 from link.layout import Layout, make_layout
 from link.outside import read_bounded
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.checked import write_json
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
@@ -226,7 +226,7 @@ def visibility_levels(config: LocateConfig) -> list[dict[str, Any]]:
             TurnSearch(index, patches, config.seed) for index in range(-(-config.frames // 5))
         ]
         title = f"turns, {patches} patches"
-        seen = np.array(all_results(turn_visibilities, searches, config.jobs, title))
+        seen = np.array(all_results(turn_visibilities, searches, Backend(config.jobs), title))
         right, wrong = np.quantile(seen[:, 0], (0, 0.05, 0.5)), np.quantile(seen[:, 1:], (0.95, 1))
         rows.append(
             {
@@ -374,13 +374,13 @@ def main() -> None:
         for kind, layout in kinds.items()
         for index in range(config.frames)
     ]
-    sightings = all_results(search_scene, searches, config.jobs, "displays")
+    sightings = all_results(search_scene, searches, Backend(config.jobs), "displays")
     bare = [
         EmptySearch(number, layout, config.size)
         for layout in kinds.values()
         for number in range(len(bare_photographs(config.size)))
     ]
-    empty = all_results(search_empty, bare, config.jobs, "no display")
+    empty = all_results(search_empty, bare, Backend(config.jobs), "no display")
     levels = visibility_levels(config)
     rows = [
         summarise_sightings(f"{kind}: {name}", some, max(config.size) / 1280)

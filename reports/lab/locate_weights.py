@@ -25,7 +25,7 @@ from link.embed import embed
 from link.errors import at_least, read_flags, run_cli
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import make_layout
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.stored import all_results
 from reports.lab.locate import VIEWS, overlap, split_pictures
 
@@ -207,10 +207,10 @@ def main() -> None:
     clutter = [
         Collage(index, seed + 1, False) for index in range(config.collages // COLLAGES_PER_CLUTTER)
     ]
-    with_display = all_results(label_scene, scenes, jobs, "rooms")
-    with_display += all_results(label_collage, collages, jobs, "collages")
-    without = all_results(label_collage, clutter, jobs, "clutter")
-    photographed = all_results(label_bare, bare, jobs, "photographs")
+    with_display = all_results(label_scene, scenes, Backend(jobs), "rooms")
+    with_display += all_results(label_collage, collages, Backend(jobs), "collages")
+    without = all_results(label_collage, clutter, Backend(jobs), "clutter")
+    photographed = all_results(label_bare, bare, Backend(jobs), "photographs")
     labelled = [*with_display, *without, *photographed]
     features, overlaps = (np.concatenate([some[part] for some in labelled]) for part in (0, 1))
     clear = (overlaps >= RIGHT_OVERLAP) | (overlaps <= WRONG_OVERLAP)

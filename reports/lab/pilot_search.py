@@ -29,7 +29,7 @@ from link.geometry import frame_corners, transform
 from link.images import make_folder
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
-from reports.engine.backends import one_thread
+from reports.engine.backends import Backend, one_thread
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.stored import resume
 from reports.render.tables import Table
@@ -211,7 +211,7 @@ def search_films(config: PilotSearchConfig) -> list[SearchOutcome]:
     mark = short_digest(drawn, code_digest(*DECIDING), *package_versions())
     make_folder(config.out)
     file = config.out / f"outcomes_{mark}.jsonl"
-    stored = resume(search_outcome, takes, file, config.jobs, "films")
+    stored = resume(search_outcome, takes, file, Backend(config.jobs), "films")
     return [SearchOutcome(**fields) for fields in stored.values()]
 
 

@@ -16,6 +16,7 @@ from data_gen.frame_pair import Source
 from link.errors import InputError, at_least, each_once, read_flags, run_cli
 from link.layout import make_layout
 from models import PRETRAINED
+from reports.engine.backends import Backend
 from reports.engine.methods import Method, methods_for
 from reports.engine.predict import predict_all
 from reports.engine.protocols import apply_protocol
@@ -83,7 +84,7 @@ def effects_report(config: ChannelConfig, source: Source) -> str:
     )
     methods += methods_for(["learned"], PRETRAINED)
     conditions = effect_conditions(source, config.frames)
-    tables = sensitivity_tables(predict_all(conditions, methods, config.work, config.jobs))
+    tables = sensitivity_tables(predict_all(conditions, methods, config.work, Backend(config.jobs)))
     return "\n\n".join([f"Seed {config.seed}.", *(table.markdown() for table in tables)])
 
 

@@ -24,6 +24,7 @@ from link.code.framing import SIGNATURE, decode, encode, frames_needed
 from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.layout import make_layout
+from reports.engine.backends import Backend
 from reports.engine.checked import write_json
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.provenance import provenance
@@ -320,7 +321,7 @@ def _run(config: FramingConfig) -> None:
     parts = (STORED_VERSION, code, *package_versions(), *settings)
     mark = short_digest(repr(parts))
     file = config.out / f"batches_{mark}.jsonl"
-    found = resume(count_decoded, curves | counted, file, config.jobs, "batches")
+    found = resume(count_decoded, curves | counted, file, Backend(config.jobs), "batches")
     rows = failure_rows(curves, found)
     for row in rows:
         print(

@@ -31,6 +31,7 @@ from link.code.ldpc import make_code
 from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
+from reports.engine.backends import Backend
 from reports.engine.provenance import provenance
 from reports.engine.stored import all_results
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels, save_png
@@ -131,7 +132,7 @@ def curve_rows(config: InformationConfig) -> list[dict[str, Any]]:
         for number, (code, ber) in enumerate(cells)
         for trial in range(config.trials)
     ]
-    needed = all_results(information_needed, receptions, config.jobs, "messages")
+    needed = all_results(information_needed, receptions, Backend(config.jobs), "messages")
     by_cell = np.array(needed).reshape(len(cells), config.trials)
     return [
         {

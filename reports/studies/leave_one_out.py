@@ -26,6 +26,7 @@ from models.neural.checkpoint import save_checkpoint
 from models.neural.config import FULL
 from models.neural.decoder import PhiDecoder
 from models.neural.training import training_step
+from reports.engine.backends import Backend
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance
@@ -94,7 +95,7 @@ def _run(config: LeaveOneOutConfig) -> None:
         test = Source(layout, "test", config.seed)
         condition = Condition("", test, paper_cells([left_out]), config.frames)
         folder = config.out / "decoded" / left_out
-        records = predict_all([condition], methods, folder, config.jobs)
+        records = predict_all([condition], methods, folder, Backend(config.jobs))
         counts = tally(records, "without", "with")[COUNTS]
         found[left_out] = compare(counts.to_numpy(), np.random.default_rng(config.seed))
         rows.append(difference_row(left_out, counts, found[left_out]))

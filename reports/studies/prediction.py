@@ -22,6 +22,7 @@ from data_gen.pairs import FITTED_FILE, PAIRS
 from link.errors import at_least, read_flags, run_cli
 from link.files.lock import locked
 from link.layout import make_layout
+from reports.engine.backends import Backend
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.protocols import PROTOCOLS, apply_protocol
@@ -80,7 +81,7 @@ def decode_printed(
     ratex_kappa = PROTOCOLS[protocol].ratex_kappa
     source = Source(make_layout(), split, config.seed, ratex_kappa=ratex_kappa)
     condition = Condition(protocol, source, paper_cells(tuple(PAIRS)), frames)
-    return score(predict_all([condition], methods, config.work, config.jobs))
+    return score(predict_all([condition], methods, config.work, Backend(config.jobs)))
 
 
 def compare_with_paper(scores: pd.DataFrame) -> pd.DataFrame:

@@ -19,6 +19,7 @@ from link.errors import at_least, choose, each_once, read_flags, run_cli
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
+from reports.engine.backends import Backend
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.render.tables import Table, summary_table
@@ -73,7 +74,7 @@ def _run(config: TuneConfig) -> None:
     source = Source(make_layout(), "train", config.seed)
     training = Condition("", source, paper_cells(config.pairs), config.frames)
     methods = grid_methods()
-    scores = score(predict_all([training], methods, config.work, config.jobs))
+    scores = score(predict_all([training], methods, config.work, Backend(config.jobs)))
     tables = [
         ranked_table(scores, name, [m.label for m in methods if m.name == name]) for name in GRIDS
     ]

@@ -24,6 +24,7 @@ from link.presets import Preset
 from link.visibility.line_code import CODE_OF_MODULATION
 from link.visibility.quality import psnr
 from models import shipped_checkpoint
+from reports.engine.backends import Backend
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import commit, provenance
@@ -103,7 +104,7 @@ def main() -> None:
         for names, frames in readers[: 2 if config.observed else 1]:
             methods = methods_for(names, shipped_checkpoint(setting.layout))
             few = condition_of(setting, frames, config.seed)
-            parts.append(predict_all([few], methods, config.work, config.jobs))
+            parts.append(predict_all([few], methods, config.work, Backend(config.jobs)))
         shown = [shown_rate(setting, rate, config.seed, config.rated) for rate in RATES_HZ]
         found.append(
             SettingResult(

@@ -230,7 +230,7 @@ def test_names_and_texts_that_cannot_be(
         ("reports.films.codecs", ["--preset", "x"], "unknown preset 'x'"),
         ("reports.films.codecs", ["--views", "90"], "--views: need an angle"),
         ("reports.films.codecs", ["--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
-        ("reports.studies.repeats", ["--captures", "1000000"], "--captures: need at most 256"),
+        ("lab.__main__", ["repeats", "--captures", "1000000"], "--captures: need at most 256"),
         ("reports.studies.framing", ["--ber", "1"], "--ber: need shares"),
         ("reports.studies.framing", ["--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
         ("reports.studies.tune", ["--pairs", "x"], "unknown name in --pairs 'x'"),

@@ -1,4 +1,4 @@
-"""The import arrow: link <- {data_gen, models} <- export <- reports <- {train.py, evaluate.py}."""
+"""The import arrow: link <- {data_gen, models} <- export <- reports <- {lab, train, evaluate}."""
 
 import ast
 import json
@@ -27,6 +27,7 @@ MAY_IMPORT = {
     "models": {"models", "link"},
     "export": {"export", "models", "link"},
     "reports": {"reports", "export", "models", "data_gen", "link"},
+    "lab": {"lab", "reports", "export", "models", "data_gen", "link"},
     "train": {"reports", "export", "models", "data_gen", "link"},
     "evaluate": {"reports", "export", "models", "data_gen", "link"},
 }

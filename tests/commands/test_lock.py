@@ -20,16 +20,18 @@ from data_gen import __main__ as data_gen
 from data_gen import video
 from export import to_onnx
 from export.send import __main__ as send
+from lab import __main__ as lab
 from link.errors import InputError
 from link.files.lock import LOCK, locked
 from link.layout import make_layout
 from models.neural.config import FULL
 from models.neural.decoder import PhiDecoder
+from reports.engine.backends import Backend
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
 from reports.films import delivery, endless
-from reports.studies import framing, leave_one_out, repeats
+from reports.studies import framing, leave_one_out
 from reports.studies.ablation import __main__ as ablation
 from reports.studies.peers import __main__ as peers
 
@@ -184,7 +186,7 @@ COMMANDS: list[tuple[Callable[[], None], list[str]]] = [
     (framing.main, ["--trials", "1"]),
     (leave_one_out.main, ["--episodes", "9"]),
     (peers.main, [*SMALL, "--systems"]),
-    (repeats.main, ["--frames", "1"]),
+    (lab.main, ["repeats", "--frames", "1"]),
 ]
 
 
@@ -197,9 +199,9 @@ def test_commands_refuse_a_folder_that_is_being_written(tmp_path: Path, command:
             assert f"{tmp_path}: process {process.pid} is writing it" in done.stderr
             assert done.stderr.count("\n") == 1
         with pytest.raises(InputError, match="is writing it"):
-            predict_all([], [], tmp_path, 1)
+            predict_all([], [], tmp_path, Backend())
         with pytest.raises(InputError, match="is writing it"):
-            resume(abs, {}, tmp_path / "results.jsonl", 1, "title")
+            resume(abs, {}, tmp_path / "results.jsonl", Backend(), "title")
         assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -181,9 +181,9 @@ def test_a_cell_that_fails_elsewhere_is_reported_too(
 
 def test_commands_that_need_every_cell_refuse_to_go_on(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="1 of 2 cells failed: canon-lg, 0°, kappa 0: kappa"):
-        predict_all(condition(BAD, GOOD), NAIVE, tmp_path, 1)
+        predict_all(condition(BAD, GOOD), NAIVE, tmp_path, Backend())
     with pytest.raises(InputError, match=r"^kappa: need 1 to 64"):
-        predict_all(condition(BAD), NAIVE, tmp_path, 1)
+        predict_all(condition(BAD), NAIVE, tmp_path, Backend())
 
 
 @pytest.mark.slow
@@ -235,10 +235,10 @@ def test_the_fingerprint_knows_what_decides() -> None:
 
 
 def test_a_method_that_is_new_costs_no_other_its_results(tmp_path: Path) -> None:
-    predict_all(condition(GOOD), NAIVE, tmp_path, 1)
+    predict_all(condition(GOOD), NAIVE, tmp_path, Backend())
     (before,) = cell_files(tmp_path)
     time_ns = before.stat().st_mtime_ns
-    records = predict_all(condition(GOOD), [*NAIVE, Method("oorc")], tmp_path, 1)
+    records = predict_all(condition(GOOD), [*NAIVE, Method("oorc")], tmp_path, Backend())
     assert records["method"].tolist() == ["naive", "oorc"]
     assert len(cell_files(tmp_path)) == 2
     assert before.stat().st_mtime_ns == time_ns

@@ -15,6 +15,7 @@ from data_gen.pairs import PAIRS
 from link.frames import Rectified, SoftBits
 from link.layout import Layout, make_layout
 from reports.engine import predict as engine
+from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.methods import Method
 from reports.engine.predict import Condition, predict_all
@@ -263,7 +264,7 @@ def test_a_stored_cell_that_is_corrupted_is_made_again(
     condition = Condition("", Source(make_layout()), (Cell("canon-lg", 0.0, 5),), 1)
 
     def decoded() -> list[dict[str, Any]]:
-        return to_lines(predict_all([condition], [Method("naive")], tmp_path, 1))
+        return to_lines(predict_all([condition], [Method("naive")], tmp_path, Backend()))
 
     expected = decoded()
     (file,) = (tmp_path / "cells").glob("*/*.jsonl")

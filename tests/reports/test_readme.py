@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from reports.readme import DOCS, METRICS, STEPS
-from reports.readme_blocks import BLOCKS
+from lab.docs import DOCS, METRICS, STEPS
+from lab.docs_blocks import BLOCKS
 from reports.render.tables import cell_tables
 from reports.score.accuracy import read_scores
 from reports.studies.prediction import PAGE, prediction_blocks
@@ -34,20 +34,25 @@ def test_every_table_of_the_stored_prediction_is_a_block() -> None:
     assert blocks.keys() == {name for name, block in BLOCKS.items() if block.page == PAGE}
 
 
+def asked(command: str) -> str:
+    """The study and flags of a command, whichever folder held the study when it was run."""
+    words = re.sub(r"python -m |\b(reports\.(\w+\.)?|lab[ .])(?=\w)", "", command)
+    return re.split(r" --(?:out|jobs|keep|page)", words)[0].replace("readme", "docs")
+
+
 def test_every_stored_result_is_of_a_step_that_is_listed() -> None:
-    """What the README quotes was made by a command that ``reports.readme --steps all`` runs."""
-    listed = {step.command.split(" --out")[0] for step in STEPS.values()}
+    """What the README quotes was made by a command that ``lab.docs --steps all`` runs."""
+    listed = {asked(step.command) for step in STEPS.values()}
     files = [*(ROOT / DOCS).glob("*.json"), *(ROOT / DOCS / "delivery").glob("*.json")]
     for file in files:
         stored = json.loads(file.read_text())["meta"]["command"]
-        command = stored.removeprefix("python -m ")
-        assert re.split(r" --(?:out|jobs)", command)[0] in listed | {"reports.readme"}, file
+        assert asked(stored) in listed | {"docs"}, file
 
 
 def test_the_stored_metrics_are_the_papers_36_cells() -> None:
     scores, meta = read_scores(ROOT / METRICS)
     assert meta["simulated"] is True
-    assert meta["command"] == "python -m reports.readme"
+    assert asked(meta["command"]) == "docs"
     assert [table.rows[1][0] for table in cell_tables(scores)] == ["canon-lg"] * 4
     assert len(scores[["pair", "view_deg", "kappa"]].drop_duplicates()) == 36
 

@@ -24,6 +24,7 @@ from link.images import write_bytes
 from link.layout import make_layout
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
+from reports.engine.backends import Backend
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.engine.predict import predict_all
 from reports.engine.provenance import provenance
@@ -87,7 +88,7 @@ def _run(config: AblationConfig) -> None:
     rows += ["learned"] if config.learned else []
     rows += FLOORS if config.ideal else []
     methods = [row_method(row, config.run or PRETRAINED) for row in rows]
-    records = predict_all(conditions, methods, config.out, config.jobs)
+    records = predict_all(conditions, methods, config.out, Backend(config.jobs))
 
     meta = provenance(config.seed, simulated=True) | {"settings": asdict(config)}
     content = {"meta": meta, **compare_rows(records, config.seed)}

@@ -21,6 +21,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED
+from reports.engine.backends import Backend
 from reports.engine.digest import code_digest, package_versions, short_digest
 from reports.engine.methods import methods_for
 from reports.engine.predict import fingerprint
@@ -120,7 +121,7 @@ def read_all(
             name += f", {fingerprint(source, config.frames, system.method)[:8]}"
         tasks[name] = PeerTask(source, config.pairs, config.views, config.frames, system)
     file = config.out / f"readings_{mark}.jsonl"
-    found = resume(read_messages, tasks, file, config.jobs, "systems")
+    found = resume(read_messages, tasks, file, Backend(config.jobs), "systems")
     return [reading for readings in found.values() for reading in readings]
 
 

@@ -13,15 +13,16 @@ from tolerances import FLOAT64
 from data_gen.film.codec import CodecSettings
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
+from lab.docs import DOCS
 from link.errors import InputError
 from link.layout import make_layout
 from models import PRETRAINED
+from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.stored import all_results, each_result, resume
 from reports.films import codecs, delivery
 from reports.films.codecs import VariantsTake
 from reports.films.delivery import Delivery, DeliveryConfig, Take
-from reports.readme import DOCS
 from reports.score.reliability import confidence_bins
 from reports.studies import framing
 
@@ -39,14 +40,14 @@ def double(number: int) -> int:
 
 @pytest.mark.parametrize("jobs", [1, slow(2)])
 def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
-    assert all_results(double, [3, 1, 2], jobs=jobs, title="double") == [6, 2, 4]
+    assert all_results(double, [3, 1, 2], Backend(jobs), title="double") == [6, 2, 4]
 
 
 def test_what_is_stored_is_not_computed_again(tmp_path: Path) -> None:
     file = tmp_path / "made" / "double.jsonl"
-    assert resume(double, {"one": 1}, file, 1, "double") == {"one": 2}
+    assert resume(double, {"one": 1}, file, Backend(), "double") == {"one": 2}
     file.write_text(seal({"name": "one", "result": 7}))
-    found = resume(double, {"two": 2, "one": 1}, file, 1, "double")
+    found = resume(double, {"two": 2, "one": 1}, file, Backend(), "double")
     assert list(found.items()) == [("two", 4), ("one", 7)]
 
 
@@ -58,31 +59,31 @@ DAMAGED += ['{"name": "one", "result": NaN}', "[" * 10**5, "\xff", '{"name": 1, 
 def test_a_damaged_line_is_made_again(tmp_path: Path, line: str) -> None:
     file = tmp_path / "double.jsonl"
     items = {"one": 1, "two": 2}
-    resume(double, items, file, 1, "double")
+    resume(double, items, file, Backend(), "double")
     whole = file.read_bytes()
     first, second = whole.splitlines(keepends=True)
     file.write_bytes(line.encode("latin-1") + b"\n" + second)
-    assert resume(double, items, file, 1, "double") == {"one": 2, "two": 4}
+    assert resume(double, items, file, Backend(), "double") == {"one": 2, "two": 4}
     assert file.read_bytes() == second + first
     file.write_bytes(first.replace(b'"result": 2', b'"result": 3') + second)
-    assert resume(double, items, file, 1, "double") == {"one": 2, "two": 4}
+    assert resume(double, items, file, Backend(), "double") == {"one": 2, "two": 4}
 
 
 def test_a_line_that_was_cut_off_is_made_again(tmp_path: Path) -> None:
     file = tmp_path / "double.jsonl"
-    resume(double, {"one": 1, "two": 2}, file, 1, "double")
+    resume(double, {"one": 1, "two": 2}, file, Backend(), "double")
     file.write_text(file.read_text()[:-9])
-    assert resume(double, {"one": 1, "two": 2}, file, 1, "double") == {"one": 2, "two": 4}
+    assert resume(double, {"one": 1, "two": 2}, file, Backend(), "double") == {"one": 2, "two": 4}
     assert len(file.read_text().splitlines()) == 2
 
 
 def test_one_that_fails_is_named_after_the_others_were_stored(tmp_path: Path) -> None:
     file = tmp_path / "double.jsonl"
     with pytest.raises(InputError, match=r"double: 1 of 3 failed: bad: ValueError: made to fail"):
-        resume(double, {"one": 1, "bad": -1, "two": 2}, file, 1, "double")
+        resume(double, {"one": 1, "bad": -1, "two": 2}, file, Backend(), "double")
     assert len(file.read_text().splitlines()) == 2
     with pytest.raises(InputError, match="1 of 1"):
-        list(each_result(double, {"bad": -1}, 1, "double"))
+        list(each_result(double, {"bad": -1}, Backend(), "double"))
 
 
 # The delivery of messages

@@ -16,7 +16,7 @@ from link.frames import SoftBits, combined
 from models import PRETRAINED
 from reports.engine.records import to_records
 from reports.score.accuracy import score
-from reports.studies import leave_one_out, repeats, tune
+from reports.studies import leave_one_out, tune
 from reports.studies.leave_one_out import without
 
 
@@ -30,36 +30,6 @@ def test_combined_adds_log_likelihood_ratios() -> None:
 def test_captures_that_cannot_be_combined_are_refused(lengths: tuple[int, ...]) -> None:
     with pytest.raises(InputError, match="equally many bits"):
         combined([SoftBits(np.zeros(n)) for n in lengths])
-
-
-@pytest.mark.slow
-def test_repeats_counts_the_errors_of_added_captures(command: Command, tmp_path: Path) -> None:
-    flags = ["--frames", 1, "--captures", 1, 2, "--conditions", "kappa1", "--jobs", 1]
-    flags += ["--layouts", "ratex", "--page", tmp_path / "page.md"]
-    done = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
-    assert done.status == 0, done.stderr
-    (row,) = json.loads((tmp_path / "repeats.json").read_text())["rows"]
-    bits = row["bits"]
-    assert (row["layout"], row["condition"], bits) == ("ratex", "kappa1", 9 * 59)
-    once, twice = row["wrong"]["scores added"]
-    assert 0 <= twice <= bits
-    assert 0 < once < bits / 2
-    fitted_once, fitted_twice = row["wrong"]["one fit"]
-    assert fitted_once == once
-    assert 0 <= fitted_twice <= bits
-    for way in row["wrong"]:
-        assert f"| ratex | kappa1 | 531 | {way} |" in done.stdout
-    assert done.stdout.strip() in (tmp_path / "page.md").read_text()
-    (decoded,) = (tmp_path / "decoded").iterdir()
-    stored = decoded.read_bytes()
-    again = command(repeats.main, *flags, "--checkpoint", PRETRAINED, "--out", tmp_path)
-    assert again.stdout == done.stdout and decoded.read_bytes() == stored
-
-
-def test_an_unknown_condition_lists_the_valid_ones(command: Command, tmp_path: Path) -> None:
-    done = command(repeats.main, "--conditions", "fog", "--out", tmp_path)
-    assert done.status != 0
-    assert "kappa1" in done.stderr
 
 
 def test_tuning_ranks_the_grid_best_first() -> None:

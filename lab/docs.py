@@ -1,4 +1,4 @@
-"""Measure again what README.md and docs say: python -m reports.readme --steps all.
+"""Measure again what README.md and docs say: python -m lab.docs --steps all.
 
 Each step is a command whose results are kept in docs/; a step goes on where it was cut off. After
 the steps, or alone with ``--steps none``, the marked blocks of README.md and docs are written from
@@ -18,15 +18,16 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
+from lab.docs_blocks import BLOCKS
 from link.errors import InputError, at_least, choose, read_flags, run_cli
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder
 from models.neural.config import FULL
+from reports.engine.backends import Backend
 from reports.engine.methods import Method, methods_for
 from reports.engine.predict import Condition, paper_cells, predict_all
 from reports.engine.provenance import provenance
-from reports.readme_blocks import BLOCKS
 from reports.render.figures import overview, plot_inverse_responses
 from reports.render.tables import replace_block
 from reports.score.accuracy import score, write_scores
@@ -79,16 +80,13 @@ STEPS = {
         "--out runs/leave_one_out",
         {"runs/leave_one_out/leave_one_out.json": "leave_one_out.json"},
     ),
-    "repeats": Step(
-        "reports.studies.repeats --frames 6 --page docs/hidden.md --out runs/repeats",
-        {"runs/repeats/repeats.json": "repeats.json"},
-    ),
+    "repeats": Step("lab repeats --frames 6 --keep"),
     "peers": Step(
         "reports.studies.peers --out runs/peers",
         {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "png")},
     ),
     "frontier": Step("reports.visibility.frontier"),
-    "pilots": Step("reports.visibility.pilots"),
+    "pilots": Step("lab pilots --keep"),
     "framing": Step(
         "reports.studies.framing --wrong --out runs/framing",
         {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},
@@ -152,7 +150,7 @@ class ReadmeConfig:
     """Measure again, and rewrite the blocks of README.md and docs."""
 
     steps: tuple[str, ...] = ("table",)
-    """Names of steps in reports/readme.py; "all" takes some hours, "none" writes the blocks
+    """Names of steps in lab/docs.py; "all" takes some hours, "none" writes the blocks
     alone."""
     frames: int = 15
     """Number of frame pairs in each cell of the step "table": one for each test picture."""
@@ -208,7 +206,7 @@ def measure_table(config: ReadmeConfig) -> None:
     methods = methods_for(tuple(DECODERS), config.checkpoint)
     methods.insert(tuple(DECODERS).index("learned"), UNTRAINED)
     condition = Condition("", source, paper_cells(tuple(PAIRS)), config.frames)
-    records = predict_all([condition], methods, Path("runs/readme"), config.jobs)
+    records = predict_all([condition], methods, Path("runs/readme"), Backend(config.jobs))
     write_scores(METRICS, score(records), provenance(config.seed, simulated=True))
     draw_pictures(source, config.checkpoint)
 

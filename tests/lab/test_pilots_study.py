@@ -5,17 +5,12 @@ from pathlib import Path
 import pytest
 from conftest import Command
 
+from lab import __main__ as lab
+from lab.study import read_results
+from lab.visibility import pilots
+from lab.visibility.pilots import PILOTS, STUDY, PilotRow, pilots_table
 from link.layout import count_pilots
-from reports.visibility import pilots
 from reports.visibility.frontier_results import ReadRow
-from reports.visibility.pilots import (
-    PILOTS,
-    PilotRow,
-    PilotsConfig,
-    measure,
-    pilots_table,
-    read_pilots,
-)
 
 
 def test_every_grid_is_compared_around_what_auto_takes() -> None:
@@ -51,24 +46,25 @@ def test_a_wrong_flag_is_refused_before_any_work(
     flags: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = command(pilots.main, *flags)
+    done = command(lab.main, "pilots", *flags)
     assert (done.status, done.stderr.count("\n")) == (2, 1), done.stderr
     assert done.stderr.startswith(f"error: {says}")
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow
-def test_the_page_gets_its_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = tmp_path / "hidden.md"
-    page.write_text("<!-- hidden_pilots -->\n<!-- /hidden_pilots -->\n")
+def test_the_table_is_made_of_what_is_stored(
+    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(pilots, "PILOTS", {(8, 8): (4, 32)})
     flags = ["--pairs", "canon-lg", "--kappas", "3", "--frames", "2", "--jobs", "1"]
-    folders = ["--work", str(tmp_path / "work"), "--page", str(page)]
-    monkeypatch.setattr("sys.argv", ["pilots", *flags, *folders])
-    pilots.main()
-    stored = read_pilots(tmp_path / "pilots.json").rows
+    done = command(lab.main, "pilots", *flags, "--out", tmp_path)
+    assert done.status == 0, done.stderr
+    file = tmp_path / "pilots.json"
+    stored = read_results(STUDY, file).content.rows
     assert [(row.pilots, row.layout.n_bits) for row in stored] == [(4, 60), (32, 32)]
     assert [entry.bits for entry in stored[0].read] == [120, 120]
-    assert "| 8 × 8 | 4 |" in page.read_text()
-    config = PilotsConfig((3,), 45.0, ("canon-lg",), 2, 0, 1, tmp_path / "work", page)
-    assert measure(config, {(8, 8): (4, 32)}) == stored  # from the stored predictions
+    assert "| 8 × 8 | 4 |" in done.stdout == (tmp_path / "pilots.md").read_text()
+    cells = {cell: cell.stat().st_mtime_ns for cell in (tmp_path / "cells").iterdir()}
+    assert command(lab.main, "pilots", *flags, "--out", tmp_path).stdout == done.stdout
+    assert {cell: cell.stat().st_mtime_ns for cell in (tmp_path / "cells").iterdir()} == cells

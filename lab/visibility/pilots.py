@@ -1,33 +1,29 @@
-"""How many pilots a fit needs, measured: python -m reports.visibility.pilots.
+"""How many pilots a fit needs.
 
 Antipodal layouts whose number of pilots varies are filmed on the same held-out pictures and channel
 draws of all nine camera-display pairs. More pilots calibrate better, and leave fewer blocks for the
-message. Writes the results and a block of docs/hidden.md; takes some minutes, and goes on where it
-was cut off.
+message. Takes some minutes.
 """
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import tyro
 from pydantic import Field
 
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import check_kappa
-from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.errors import at_least, choose, each_once
 from link.layout import Layout, count_pilots, make_layout
-from link.outside import read_json
 from models import shipped_checkpoint
-from reports.engine.checked import Count, Number, checked, write_json
+from reports.engine.checked import Count, Number
 from reports.engine.methods import methods_for
-from reports.engine.predict import Condition, predict_all
-from reports.engine.provenance import Making, commit, provenance
-from reports.render.tables import Table, TableCell, percent, share_interval, write_blocks
+from reports.engine.predict import Condition
+from reports.render.tables import Table, TableCell, percent, share_interval
 from reports.visibility.frontier_reading import read_rows
 from reports.visibility.frontier_results import Positive, ReadRow
 
@@ -43,7 +39,7 @@ METHODS_READ = ("oorc", "learned")
 
 
 @dataclass(frozen=True)
-class PilotsConfig:
+class PilotsFlags(StudyFlags):
     """Compare numbers of pilots by what is read."""
 
     kappas: tuple[int, ...] = (1, 3)
@@ -54,14 +50,6 @@ class PilotsConfig:
     """Camera-display pairs."""
     frames: int = 4
     """Number of frame pairs for each camera-display pair."""
-    seed: int = 0
-    """Seed of messages and channel draws."""
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
-    work: Path = Path("runs/pilots")
-    """Folder of the predictions, from which a run that was cut off goes on."""
-    page: Path = Path("docs/hidden.md")
-    """Page whose block is written; pilots.json is put beside it."""
 
 
 @dataclass(frozen=True)
@@ -88,73 +76,39 @@ class PilotRow:
 
 
 @dataclass(frozen=True)
-class PilotResults:
-    """Content of a pilots.json."""
+class PilotsContent:
+    """What was measured."""
 
-    meta: dict[str, Any]
-    """What produced the rows; `reports.engine.provenance.Making` at least."""
     rows: Annotated[list[PilotRow], Field(min_length=1)]
     """One row for each grid, number of pilots and kappa."""
 
 
-def main() -> None:
-    """Decode, store, tabulate."""
-    config = read_flags(lambda: tyro.cli(PilotsConfig))
-    each_once(kappas=config.kappas, pairs=config.pairs)
-    at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, seed=config.seed)
-    check_view(config.view, "view")
-    for kappa in config.kappas:
+def check_pilots(flags: PilotsFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    each_once(kappas=flags.kappas, pairs=flags.pairs)
+    at_least(1, frames=flags.frames)
+    check_view(flags.view, "view")
+    for kappa in flags.kappas:
         check_kappa(kappa, "kappas")
-    for pair in config.pairs:
+    for pair in flags.pairs:
         choose(PAIRS, pair, "name in --pairs")
-    rows = measure(config, PILOTS)
-    stored = config.page.with_name("pilots.json")
-    meta = provenance(config.seed, simulated=True) | {"commit": commit()}
-    write_json(stored, asdict(PilotResults(meta, rows)))
-    block = pilots_block(stored)
-    print(block)
-    write_blocks(config.page, {"hidden_pilots": block})
-    print(f"\nwritten: {config.page}, {stored}")
 
 
-def measure(
-    config: PilotsConfig, numbers: Mapping[tuple[int, int], Sequence[int]]
-) -> list[PilotRow]:
-    """Let the methods read every grid with every number of pilots at every kappa.
-
-    Args:
-        config: pairs, view, frame pairs and kappas.
-        numbers: numbers of pilots by the rows and columns of the grid.
-
-    Raises:
-        InputError: a pair is unknown, or a cell failed; what was decoded is kept.
-    """
+def measure_pilots(flags: PilotsFlags, workshop: Workshop) -> PilotsContent:
+    """Let the methods read every grid with every number of pilots at every kappa."""
     found = []
-    for (rows, cols), counts in numbers.items():
+    for (rows, cols), counts in PILOTS.items():
         for pilots in counts:
             layout = make_layout(rows, cols, modulation="antipodal", pilots=pilots)
-            source = Source(layout, "test", config.seed)
+            source = Source(layout, "test", flags.seed)
             methods = methods_for(METHODS_READ, shipped_checkpoint(layout))
-            for kappa in config.kappas:
-                cells = tuple(Cell(pair, config.view, kappa) for pair in config.pairs)
+            for kappa in flags.kappas:
+                cells = tuple(Cell(pair, flags.view, kappa) for pair in flags.pairs)
                 name = f"{rows} × {cols}, {pilots} pilots, κ {kappa}"
-                condition = Condition(name, source, cells, config.frames)
-                records = predict_all([condition], methods, config.work, config.jobs)
-                read = read_rows(records, config.seed)
-                found.append(PilotRow(rows, cols, pilots, kappa, config.view, read))
-    return found
-
-
-def read_pilots(file: Path) -> PilotResults:
-    """Read a pilots.json that the command wrote.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
-    results = checked(PilotResults, read_json(file), str(file))
-    checked(Making, results.meta, f"{file}, meta")
-    return results
+                condition = Condition(name, source, cells, flags.frames)
+                read = read_rows(workshop.predict([condition], methods), flags.seed)
+                found.append(PilotRow(rows, cols, pilots, kappa, flags.view, read))
+    return PilotsContent(found)
 
 
 def pilots_table(rows: Sequence[PilotRow]) -> Table:
@@ -190,22 +144,26 @@ def pilots_table(rows: Sequence[PilotRow]) -> Table:
     return Table(heads, table, left=2)
 
 
-def pilots_block(file: Path) -> str:
-    """Say what a stored measurement was made on, and show its table.
-
-    Args:
-        file: what the command wrote.
-    """
-    stored = read_pilots(file)
-    frames = sorted({entry.frames for row in stored.rows for entry in row.read})
-    views = sorted({row.view_deg for row in stored.rows})
+def pilots_blocks(results: Mapping[str, Results[PilotsContent]]) -> dict[str, str]:
+    """Say what a measurement was made on, and show its table."""
+    meta, rows = results["pilots"].meta, results["pilots"].content.rows
+    frames = sorted({entry.frames for row in rows for entry in row.read})
+    views = sorted({row.view_deg for row in rows})
     how = (
-        f"Seed {stored.meta['seed']}, {', '.join(map(str, frames))} frame pairs each at "
+        f"Seed {meta['seed']}, {', '.join(map(str, frames))} frame pairs each at "
         f"{', '.join(f'{view:g}°' for view in views)}, antipodal blocks, simulated; 95 % intervals "
         "know that errors cluster by frame pair."
     )
-    return f"{how}\n\n{pilots_table(stored.rows).markdown()}"
+    return {"hidden_pilots": f"{how}\n\n{pilots_table(rows).markdown()}"}
 
 
-if __name__ == "__main__":
-    run_cli(main)
+STUDY = Study(
+    name="pilots",
+    flags=PilotsFlags,
+    content=PilotsContent,
+    measure=measure_pilots,
+    blocks=pilots_blocks,
+    page=Path("docs/hidden.md"),
+    check=check_pilots,
+)
+"""The study that `python -m lab pilots` runs."""

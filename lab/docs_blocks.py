@@ -6,6 +6,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from lab.study import show_study
+from lab.visibility.pilots import STUDY as PILOTS
 from link.outside import read_json
 from reports.films.delivery import delivery_block
 from reports.render.tables import Table, percent, share_interval, summary_table
@@ -15,7 +17,6 @@ from reports.studies.information import information_table
 from reports.studies.peers.page import OURS, best_readings, peers_block, read_peers
 from reports.studies.prediction import prediction_blocks
 from reports.visibility.frontier_tables import frontier_blocks
-from reports.visibility.pilots import pilots_block
 
 HARDER = {
     "kappa1": "κ 1, 45°",
@@ -84,7 +85,9 @@ BLOCKS = {
     "measured": Block(RESULTS, measured_table),
     "harder": Block(RESULTS, harder_table),
     "receiver": Block(Path("docs/receiver.md"), lambda docs: delivery_block(docs / "delivery")),
-    "hidden_pilots": Block(Path("docs/hidden.md"), lambda docs: pilots_block(docs / "pilots.json")),
+    "hidden_pilots": Block(
+        Path("docs/hidden.md"), lambda docs: show_study(PILOTS, docs, docs)["hidden_pilots"]
+    ),
     "peers": Block(Path("docs/peers.md"), lambda docs: peers_block(docs / "peers.json")),
     "information": Block(
         Path("docs/framing.md"), lambda docs: information_table(_read(docs / "information.json"))

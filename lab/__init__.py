@@ -1,0 +1,1 @@
+"""Studies: each answers one question with numbers, and one command runs them all."""

@@ -1,0 +1,260 @@
+"""What all studies share: flags, a folder, how tasks run and resume, and the file of the results.
+
+A `Study` answers one question. It brings flags of its own, a function that measures, and what shows
+the measured numbers: tables in Markdown, and pictures. `run_study` does the rest. It checks the
+flags before any work, lets tasks run in parallel, keeps what they return so that a command that was
+cut off goes on, writes one file of results, and shows it.
+"""
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from inspect import getmodule
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import pandas as pd
+import tyro
+from matplotlib.figure import Figure
+
+from link.errors import at_least, read_flags
+from link.files.lock import locked
+from link.images import write_bytes
+from link.outside import read_json
+from reports.engine.backends import Backend
+from reports.engine.checked import checked, write_json
+from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
+from reports.engine.methods import Method
+from reports.engine.predict import Condition, predict_all
+from reports.engine.provenance import Making, commit, provenance
+from reports.engine.stored import resume
+from reports.render.charts import save_png
+from reports.render.tables import write_blocks
+
+T = TypeVar("T")
+DOCS = Path("docs")
+"""Folder of the documents, and of the results that they show."""
+RUNS = Path("runs")
+"""Folder in which each study has a folder of its own, where no other is named."""
+
+
+@dataclass(frozen=True)
+class StudyFlags:
+    """Flags that every study has."""
+
+    seed: int = 0
+    """Seed of all random draws."""
+    jobs: int = os.cpu_count() or 1
+    """Number of processes on this machine."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, such as tcp://host:8786, whose workers run the tasks instead."""
+    out: Path | None = None
+    """Folder of the results, and of what is kept so that a run that was cut off goes on; runs/NAME
+    by default."""
+    keep: bool = False
+    """Write the results into docs/ as well: the file of the results, the pictures, and the tables
+    in the marked blocks of their page."""
+
+
+F = TypeVar("F", bound=StudyFlags)
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Workshop:
+    """Where a study's tasks run, and where their results are kept."""
+
+    out: Path
+    """Folder of the study."""
+    backend: Backend
+    """Processes of this machine, or a Dask cluster."""
+
+    def each(
+        self, task: Callable[[T], Any], items: Mapping[str, T], inputs: Sequence[Path] = ()
+    ) -> dict[str, Any]:
+        """Run a task for each item whose result is not kept yet.
+
+        Results are kept in a file that is named after the code of the task's module and of all that
+        it imports, after the installed packages, and after the content of ``inputs``. The name of a
+        kept result is the item's name and text, so that other flags find what they share.
+
+        Args:
+            task: function of a module that holds little else; it returns what JSON can hold.
+            items: frozen dataclasses or plain values, whose text says all that decides a result, by
+                a name for messages.
+            inputs: files on whose content the results depend, such as trained decoders.
+
+        Returns:
+            the results by the items' names, in the order of the items.
+
+        Raises:
+            InputError: some tasks failed; the results of the others are kept.
+        """
+        module = getmodule(task)
+        assert module is not None
+        code = code_digest(module.__name__)
+        mark = short_digest(code, *package_versions(), file_digest(inputs))
+        file = self.out / f"{task.__name__}_{mark}.jsonl"
+        keys = {name: f"{name} {short_digest(repr(item))}" for name, item in items.items()}
+        named = {keys[name]: item for name, item in items.items()}
+        results = resume(task, named, file, self.backend, task.__name__.replace("_", " "))
+        return {name: results[key] for name, key in keys.items()}
+
+    def predict(self, conditions: Sequence[Condition], methods: Sequence[Method]) -> pd.DataFrame:
+        """Decode every cell of every condition with every method.
+
+        Returns:
+            the table of predictions, as `reports.engine.records.to_records` describes it.
+
+        Raises:
+            InputError: a cell failed; the others are kept.
+        """
+        return predict_all(conditions, methods, self.out, self.backend)
+
+
+@dataclass(frozen=True)
+class Results(Generic[R]):
+    """Content of a file of results."""
+
+    meta: dict[str, Any]
+    """What produced the numbers: at least what `reports.engine.provenance.Making` names, and the
+    study's ``flags``."""
+    content: R
+    """What was measured."""
+
+
+def no_check(flags: StudyFlags) -> None:
+    """Accept flags that need no other check than those of every study."""
+
+
+def no_figures(results: Mapping[str, Results[Any]]) -> Mapping[str, Figure]:
+    """Draw nothing."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Study(Generic[F, R]):
+    """A question, how it is answered, and how the answer is shown."""
+
+    name: str
+    """Name by which ``python -m lab`` runs it; also of its folder and of its file of results."""
+    flags: type[F]
+    """Dataclass of its flags, whose docstring the help begins with."""
+    content: type[R]
+    """Dataclass of what is measured, made of what JSON holds; files are checked against it."""
+    measure: Callable[[F, Workshop], R]
+    """Measures. What takes long runs through the workshop, and so in parallel and resumable."""
+    blocks: Callable[[Mapping[str, Results[R]]], Mapping[str, str]]
+    """Shows results, by their label, as Markdown: texts by the name of a page's marked block."""
+    page: Path | None = None
+    """Page of docs/ that has these blocks; None where no page shows them."""
+    figures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = no_figures
+    """Draws results, by their label: pictures by the name of their file."""
+    check: Callable[[F], None] = no_check
+    """Raises an `InputError` that names the first flag with a wrong value, before any work."""
+    simulated: bool = True
+    """Whether all of its captures are simulated."""
+    label: Callable[[F], str] | None = None
+    """Tells apart results of one study under other flags; without it, a study has one result, whose
+    label is the study's name."""
+
+    def label_of(self, flags: F) -> str:
+        """Name of the file of the results under these flags, without its ending."""
+        return self.name if self.label is None else self.label(flags)
+
+    def folder(self, top: Path) -> Path:
+        """Folder below ``top`` that holds the files of results: ``top`` itself for a single one."""
+        return top if self.label is None else top / self.name
+
+
+def run_study(study: Study[F, R], arguments: Sequence[str]) -> None:
+    """Read the flags, measure, write the results and show them.
+
+    Args:
+        study: what is asked.
+        arguments: the words after the study's name on the command line.
+
+    Raises:
+        InputError: a flag is wrong, tasks failed, or another process writes the folder.
+    """
+    flags = read_flags(
+        lambda: tyro.cli(study.flags, prog=f"python -m lab {study.name}", args=arguments)
+    )
+    at_least(1, jobs=flags.jobs)
+    at_least(0, seed=flags.seed)
+    study.check(flags)
+    out = flags.out or RUNS / study.name
+    with locked(out):
+        content = study.measure(flags, Workshop(out, Backend(flags.jobs, flags.scheduler)))
+        meta = provenance(flags.seed, study.simulated) | {"commit": commit()}
+        meta["flags"] = flag_values(flags)
+        write_results(out / f"{study.label_of(flags)}.json", Results(meta, content))
+        texts = show_study(study, out, out)
+    text = "\n\n".join(texts.values())
+    write_bytes(out / f"{study.name}.md", f"{text}\n".encode())
+    print(text)
+    if flags.keep:
+        kept = study.folder(DOCS)
+        name = f"{study.label_of(flags)}.json"
+        write_bytes(kept / name, (out / name).read_bytes())
+        keep_blocks(study)
+
+
+def flag_values(flags: StudyFlags) -> dict[str, Any]:
+    """Flags that decide the results, as JSON has them."""
+    values = {name: value for name, value in asdict(flags).items() if name in decisive(flags)}
+    plain: dict[str, Any] = json.loads(json.dumps(values, default=str))
+    return plain
+
+
+def decisive(flags: StudyFlags) -> list[str]:
+    """Names of the flags that decide the results: all but where and how these are made."""
+    return [name for name in asdict(flags) if name not in ("jobs", "scheduler", "out", "keep")]
+
+
+def write_results(file: Path, results: Results[Any]) -> None:
+    """Write what was measured, and what produced it, as strict JSON."""
+    write_json(file, {"meta": results.meta, **asdict(results.content)})
+
+
+def read_results(study: Study[F, R], file: Path) -> Results[R]:
+    """Read a file of results.
+
+    Raises:
+        InputError: the file is missing or damaged, or holds the results of something else.
+    """
+    stored = read_json(file)
+    content = checked(study.content, stored, str(file))
+    checked(Making, stored.get("meta"), f"{file}, meta")
+    return Results(stored["meta"], content)
+
+
+def stored_results(study: Study[F, R], folder: Path) -> dict[str, Results[R]]:
+    """Read all results of a study that a folder holds, by their label, in the labels' order."""
+    pattern = "*.json" if study.label is not None else f"{study.name}.json"
+    return {file.stem: read_results(study, file) for file in sorted(folder.glob(pattern))}
+
+
+def show_study(study: Study[F, R], folder: Path, pictures: Path) -> dict[str, str]:
+    """Make the tables of a study from its stored results, and write its pictures.
+
+    Args:
+        study: whose results are shown.
+        folder: folder of the files of results.
+        pictures: folder of the pictures.
+
+    Returns:
+        Markdown by the name of the page's block.
+    """
+    results = stored_results(study, folder)
+    for name, figure in study.figures(results).items():
+        save_png(figure, pictures / name)
+    return dict(study.blocks(results))
+
+
+def keep_blocks(study: Study[F, R]) -> None:
+    """Write the tables and pictures of the results that docs/ holds into its page and folder."""
+    texts = show_study(study, study.folder(DOCS), DOCS)
+    if study.page is not None:
+        write_blocks(study.page, texts)

@@ -1,0 +1,1 @@
+"""Studies of what people see of a message, and of what hides it."""
