@@ -18,8 +18,9 @@ from pydantic import Field
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
+from link.cli import read_flags, run_cli
 from link.embed import check_kappa
-from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.errors import at_least, choose, each_once
 from link.layout import Layout, count_pilots, make_layout
 from link.outside import read_json
 from models import shipped_checkpoint
