@@ -16,7 +16,8 @@ import tyro
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from models import DECODERS, shipped_checkpoint
 from reports.engine.backends import make_backend

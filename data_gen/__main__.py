@@ -12,10 +12,11 @@ from tqdm import tqdm
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import FramePair, shuffled_pictures
 from link.captures import MANIFEST, save_captures
-from link.errors import ParameterError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import ParameterError, at_least
 from link.files.lock import locked
 from link.frames import Captured
-from link.visibility.quality import psnr, ssim
+from link.images.quality import psnr, ssim
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,14 +26,15 @@ from data_gen.film.frame import VideoFrame
 from data_gen.film.stream import VideoSettings, film
 from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
+from link.cli import read_flags, run_cli
 from link.code.framing import encode
-from link.errors import ParameterError, at_least, choose, read_flags, run_cli
+from link.errors import ParameterError, at_least, choose
 from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
+from link.images.video import write_video
 from link.loop import Loop
 from link.presets import PRESETS
-from link.video import write_video
 
 TRUTH = "truth.jsonl"
 """Name of the file, in a folder of frames, that holds the truth about each of them."""

@@ -20,7 +20,8 @@ from tqdm import trange
 from export.markdown import markdown_table
 from export.parity import synthetic_pair
 from export.runtime import Decoder
-from link.errors import at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import at_least
 from link.frames import Rectified
 from link.images import as_batch, intensity
 from models import PRETRAINED

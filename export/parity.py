@@ -13,8 +13,9 @@ import tyro
 from tqdm import tqdm
 
 from export.runtime import Decoder
+from link.cli import read_flags, run_cli
 from link.embed import embed
-from link.errors import InputError, at_least, read_flags, run_cli
+from link.errors import InputError, at_least
 from link.frames import Rectified
 from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout
 from models.neural.checkpoint import load_checkpoint

@@ -18,7 +18,8 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from export.onnx_file import check_onnx_file
 from export.watchdog import Watchdog
-from link.errors import InputError, ParameterError, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, ParameterError
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
 from link.images import add_pixel_limit, as_batch, read_image

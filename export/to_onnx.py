@@ -17,7 +17,8 @@ from export.orphan import end_with_parent
 from export.parity import Parity, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
-from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, ParameterError, at_least
 from link.images import temporary_name, write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
 from link.outside import is_no_file

@@ -8,7 +8,8 @@ from importlib import import_module
 from typing import Any
 
 from lab.study import Study, run_study
-from link.errors import choose, run_cli
+from link.cli import run_cli
+from link.errors import choose
 
 STUDIES = {
     "pilots": ("lab.visibility.pilots", "how many pilots a fit needs"),

@@ -19,7 +19,8 @@ import tyro
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from lab.docs_blocks import BLOCKS
-from link.errors import InputError, at_least, choose, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, at_least, choose
 from link.images import write_image
 from link.layout import make_layout
 from models import DECODERS, PRETRAINED, make_decoder

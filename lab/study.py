@@ -18,7 +18,8 @@ import pandas as pd
 import tyro
 from matplotlib.figure import Figure
 
-from link.errors import at_least, read_flags
+from link.cli import read_flags
+from link.errors import at_least
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import read_json

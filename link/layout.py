@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError, at_least, choose
 from link.outside import read_json
-from link.visibility.viewing import LUMINANCE_FROM_RGB
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""
@@ -23,6 +22,8 @@ MAX_BLOCKS = 16_384
 MODULATIONS = {"on_off": (0, 1), "antipodal": (-1, 1)}
 """By the name of a modulation the change between the two displayed states, in units of kappa, of a
 block whose bit is 0 and of one whose bit is 1. The paper's is "on_off"."""
+LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
+"""Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
 COLOURS = {
     "gray": (1.0, 1.0, 1.0),
     "chroma": (1.0, float(-LUMINANCE_FROM_RGB[0] / LUMINANCE_FROM_RGB[1]), 0.0),

@@ -12,8 +12,8 @@ from link.embed import embed
 from link.errors import InputError
 from link.frames import Displayed
 from link.images import fit_picture
+from link.images.quality import psnr, ssim
 from link.layout import Layout
-from link.visibility.quality import psnr, ssim
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from link.layout import Layout, make_layout
-from link.visibility.viewing import Viewing
+
+USUAL_DISTANCE_M = 0.6
+"""Distance of the eye from a display on a desk, in metres."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +27,11 @@ class Preset:
     state_hz: float
     """Number of states, which are original or embedded frames, that are shown in a second."""
     line_code: str
-    """How a block shows a row of bits over time; a key of `link.visibility.line_code.LINE_CODES`.
+    """How a block shows a row of bits over time; a key of `export.visibility.line_code.LINE_CODES`.
     The sender shows the code of the layout's modulation."""
     purpose: str = ""
     """One sentence that says what the preset is good for."""
-    distance_m: float = Viewing.distance_m
+    distance_m: float = USUAL_DISTANCE_M
     """Distance of the eye, in metres, for which the sender says how visible the message is."""
 
     def changed(self, **given: Any) -> Layout:

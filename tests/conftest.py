@@ -168,7 +168,7 @@ Command = Callable[..., Finished]
 def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
     """Run a script's ``main`` in this process, as its last two lines do."""
 
-    from link.errors import run_cli
+    from link.cli import run_cli
 
     def run(main: Callable[[], None], *arguments: object) -> Finished:
         monkeypatch.setattr(sys, "argv", ["program", *map(str, arguments)])

@@ -37,13 +37,14 @@ import onnx
 
 from data_gen.pairs import get_pair
 from link.captures import MANIFEST, save_captures
+from link.cli import run_cli
 from link.embed import embed
-from link.errors import InputError, run_cli
+from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
 from link.images import write_image
+from link.images.video import write_video
 from link.layout import make_layout
-from link.video import write_video
 from models import PRETRAINED
 from reports.engine.backends import one_thread
 from reports.engine.records import to_line, to_records

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from link.errors import run_cli
+from link.cli import run_cli
 from link.images import write_bytes
 
 ROOT = Path(__file__).parents[1]

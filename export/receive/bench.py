@@ -17,7 +17,8 @@ from export.markdown import markdown_table
 from export.receive.receiver import Receiver
 from export.receive.sources import FPS_HELP, open_source
 from export.runtime import Decoder
-from link.errors import InputError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, at_least
 from link.images import add_pixel_limit
 from models import PRETRAINED
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
 from link.images import image_files, pixel_limit, read_image
+from link.images.video import DEFAULT_FPS, MAX_FPS, VideoReader, next_frame
 from link.outside import is_file
-from link.video import DEFAULT_FPS, MAX_FPS, VideoReader, next_frame
 
 MAX_NUMBER_DIGITS = 15
 """Largest number of digits of a file's name that count as the frame's number."""
@@ -64,8 +64,8 @@ def open_source(
     Args:
         name: path, or a whole number for a camera.
         fps: frames a second of the camera. A folder's frames have their numbers' times at this rate
-            in place of `link.video.DEFAULT_FPS`; a video's frames follow one another evenly at
-            this rate, whatever times the file states; of a camera it is the nominal rate.
+            in place of `link.images.video.DEFAULT_FPS`; a video's frames follow one another evenly
+            at this rate, whatever times the file states; of a camera it is the nominal rate.
         max_megapixels: largest number of pixels, in millions, of an image or a video's frame; see
             `link.images.pixel_limit`.
 

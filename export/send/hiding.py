@@ -1,9 +1,9 @@
 """How visible the message is to somebody who looks at the display, and the largest hidden kappa.
 
-Visibility is contrast over threshold, where 1 is just seen (`link.visibility.flicker`). A picture
+Visibility is contrast over threshold, where 1 is just seen (`export.visibility.flicker`). A picture
 has many levels, and a player may show many pictures; what counts is the most visible of a few gray
 levels, whatever the picture, and for chroma bits of a few usual colours as well
-(`link.visibility.viewing.PICTURE_LEVELS` and `COLOUR_LEVELS`). The message is random, and always
+(`export.visibility.viewing.PICTURE_LEVELS` and `COLOUR_LEVELS`). The message is random, and always
 the same. Soft edges of blocks are taken for hard ones.
 """
 
@@ -14,12 +14,12 @@ from functools import cache
 
 import numpy as np
 
+from export.visibility.flicker import contrast_over_threshold, random_message
+from export.visibility.line_code import CODE_OF_MODULATION
+from export.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
 from link.embed import MAX_KAPPA
 from link.errors import ParameterError
 from link.layout import Layout
-from link.visibility.flicker import contrast_over_threshold, random_message
-from link.visibility.line_code import CODE_OF_MODULATION
-from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
 
 Level = float | tuple[float, float, float]
 """Gray level of a picture, or its red, green and blue."""
@@ -60,7 +60,7 @@ class Onlooker:
                 raise ParameterError(name, f"need {low:g} to {high:g}, got {value:g}")
 
     def viewing(self, layout: Layout, state_hz: float) -> Viewing:
-        """Describe what is seen of a layout's blocks, for the module `link.visibility.flicker`.
+        """Describe what is seen of a layout's blocks, for the module `export.visibility.flicker`.
 
         Args:
             layout: what the display shows; it fills the diagonal.

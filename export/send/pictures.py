@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from link.errors import InputError
 from link.images import IMAGE_SUFFIXES, image_files, read_image
+from link.images.video import VideoReader, read_video
 from link.loop import Pictures
 from link.outside import is_file
-from link.video import VideoReader, read_video
 
 
 def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = None) -> Pictures:

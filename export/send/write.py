@@ -15,8 +15,8 @@ from export.send.player import write_player
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
 from link.images import MAX_NAME_BYTES, make_folder, temporary_name, write_bytes, write_image
+from link.images.video import write_video
 from link.loop import Loop
-from link.video import write_video
 
 KINDS = ("", ".html", ".avi", ".mkv")
 """Endings of an output's name: none for a folder of images, then the player, then two videos."""

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from export.web.site import build_site
-from link.errors import read_flags, run_cli
+from link.cli import read_flags, run_cli
 
 
 def main() -> None:

@@ -28,8 +28,9 @@ from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneProcessor, PhoneSettings
 from data_gen.pairs import PAIRS
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
+from link.cli import read_flags, run_cli
 from link.embed import check_kappa
-from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.errors import at_least, choose, each_once
 from link.files.lock import locked
 from link.layout import Layout
 from link.presets import PRESETS

@@ -24,9 +24,10 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.pairs import PAIRS
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from export.to_onnx import to_onnx
+from link.cli import read_flags, run_cli
 from link.code.framing import frames_needed
 from link.embed import check_kappa
-from link.errors import ParameterError, at_least, choose, each_once, read_flags, run_cli
+from link.errors import ParameterError, at_least, choose, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import read_json

@@ -28,10 +28,11 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.receive.receiver import Receiver
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
+from link.cli import read_flags, run_cli
 from link.code.collect import make_collector
 from link.code.framing import encode
 from link.embed import embed
-from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
+from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout

@@ -40,8 +40,9 @@ from data_gen.pairs import PAIRS
 from export.receive.decoders import ShippedDecoder
 from export.receive.receiver import Receiver
 from export.web.site import build_site, run_node
+from link.cli import read_flags, run_cli
 from link.code.framing import frames_needed
-from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.errors import at_least, choose, each_once
 from link.files.lock import locked
 from link.images import as_gray, make_folder, temporary_name
 from models import shipped_graphs

@@ -19,7 +19,8 @@ import tyro
 from data_gen.film.codec import CodecSettings
 from data_gen.pairs import PAIRS
 from export.send.hiding import Hiding, Onlooker
-from link.errors import at_least, choose, each_once, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import at_least, choose, each_once
 from link.files.lock import locked
 from link.outside import read_json
 from link.presets import PRESETS

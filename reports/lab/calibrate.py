@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED_FILE
-from link.errors import at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import at_least
 from link.images import intensity
 from link.layout import block_mean, make_layout
 from link.ratex import tile_labels

@@ -28,8 +28,9 @@ from export.receive.timing.synchronise import needed_evidence
 from export.receive.timing.toggles import PatchToggles, Toggles, make_toggles
 from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import Tracker
+from link.cli import read_flags, run_cli
 from link.embed import embed
-from link.errors import ParameterError, at_least, read_flags, run_cli
+from link.errors import ParameterError, at_least
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS

@@ -17,7 +17,8 @@ from tqdm import tqdm
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, ParameterError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, ParameterError, at_least
 from link.images import make_folder, write_bytes
 from link.layout import Layout, make_layout
 from models import PRETRAINED_CNN

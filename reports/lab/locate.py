@@ -25,8 +25,9 @@ from data_gen.pictures.library import Picture, load_pictures
 from export.locate.find import locate
 from export.locate.patches import image_pyramid
 from export.locate.refine import corners_on_patches
+from link.cli import read_flags, run_cli
 from link.embed import embed
-from link.errors import InputError, at_least, read_flags, run_cli
+from link.errors import InputError, at_least
 from link.geometry import as_corners
 from link.images import IMAGE_SUFFIXES, as_gray, read_image
 from link.layout import Layout, make_layout

@@ -21,8 +21,9 @@ from data_gen.pairs import PAIRS, get_pair
 from data_gen.pictures.library import Picture
 from export.locate.candidates import gather_quadrilaterals
 from export.locate.edges import FEATURES
+from link.cli import read_flags, run_cli
 from link.embed import embed
-from link.errors import at_least, read_flags, run_cli
+from link.errors import at_least
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import make_layout
 from reports.engine.backends import Backend, one_thread

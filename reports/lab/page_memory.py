@@ -25,7 +25,8 @@ from tqdm import tqdm
 
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.web.site import build_site
-from link.errors import ParameterError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import ParameterError, at_least
 from link.files.lock import locked
 from link.images import as_gray
 from link.presets import PRESETS

@@ -23,8 +23,9 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from export.locate.pilots.search import PilotSearch
+from link.cli import read_flags, run_cli
 from link.embed import embed
-from link.errors import ParameterError, at_least, choose, read_flags, run_cli
+from link.errors import ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
 from link.images import make_folder
 from link.layout import Layout, make_layout

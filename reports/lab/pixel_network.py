@@ -34,8 +34,9 @@ from data_gen.pairs import PAIRS
 from export.parity import synthetic_pair
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from export.to_onnx import to_onnx
+from link.cli import read_flags, run_cli
 from link.embed import check_kappa
-from link.errors import InputError, at_least, each_once, read_flags, run_cli
+from link.errors import InputError, at_least, each_once
 from link.images import as_batch, make_folder, write_bytes
 from link.layout import Layout, make_layout
 from models import PRETRAINED_PILOTS

@@ -19,7 +19,8 @@ from data_gen.channel.transfer import cdtf
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from link.captures import load_capture, read_manifest
-from link.errors import InputError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, at_least
 from link.frames import Captured
 from link.images import LUMA, as_rgb, read_image, write_image
 from link.layout import make_layout

@@ -19,8 +19,9 @@ from tqdm import tqdm
 from export.locate.find import locate
 from export.send.write import SENT
 from link.captures import MANIFEST
+from link.cli import read_flags, run_cli
 from link.embed import check_kappa
-from link.errors import InputError, read_flags, run_cli
+from link.errors import InputError
 from link.geometry import in_image
 from link.images import image_files, intensity, read_image, write_bytes
 from link.layout import Layout, block_mean

@@ -18,7 +18,8 @@ import numpy.typing as npt
 import scipy.io
 import tyro
 
-from link.errors import InputError, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError
 from link.outside import read_json
 
 Array = npt.NDArray[np.float64]

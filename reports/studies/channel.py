@@ -13,7 +13,8 @@ from typing import Literal
 import tyro
 
 from data_gen.frame_pair import Source
-from link.errors import InputError, at_least, each_once, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, at_least, each_once
 from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.backends import Backend

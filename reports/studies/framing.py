@@ -20,8 +20,9 @@ import tyro
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from link.cli import read_flags, run_cli
 from link.code.framing import SIGNATURE, decode, encode, frames_needed
-from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
+from link.errors import ParameterError, at_least, each_once
 from link.files.lock import locked
 from link.layout import make_layout
 from reports.engine.backends import Backend

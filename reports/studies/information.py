@@ -24,11 +24,12 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
+from link.cli import read_flags, run_cli
 from link.code.collect_fine import FIRST_TRY, NEXT_TRY
 from link.code.fine import Terms
 from link.code.framing import encode
 from link.code.ldpc import make_code
-from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
+from link.errors import ParameterError, at_least, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from reports.engine.backends import Backend

@@ -18,7 +18,8 @@ from tqdm import trange
 from data_gen.episodes import EpisodePlan, EpisodeSet, augmented_features, simulate_episodes
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import at_least
 from link.files.lock import locked
 from link.images import make_folder, write_bytes
 from link.layout import make_layout

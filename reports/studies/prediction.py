@@ -19,7 +19,8 @@ from scipy.stats import spearmanr
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import FITTED_FILE, PAIRS
-from link.errors import at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import at_least
 from link.files.lock import locked
 from link.layout import make_layout
 from reports.engine.backends import Backend

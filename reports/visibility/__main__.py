@@ -8,7 +8,8 @@ from pathlib import Path
 
 import tyro
 
-from link.errors import ParameterError, at_least, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import ParameterError, at_least
 from reports.render.charts import save_png
 from reports.render.tables import write_blocks
 from reports.visibility.codes import code_figure, code_table, compare_codes

@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
-from link.visibility.flicker import largest_kappa, message_visibility
-from link.visibility.line_code import LINE_CODES
-from link.visibility.viewing import Viewing
+from export.visibility.flicker import largest_kappa, message_visibility
+from export.visibility.line_code import LINE_CODES
+from export.visibility.viewing import Viewing
 from reports.render.charts import in_style, new_panels, set_ticks
 from reports.render.tables import Table, TableCell
 

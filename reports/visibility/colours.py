@@ -14,10 +14,11 @@ import tyro
 from joblib import Parallel, delayed
 
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.errors import at_least, read_flags, run_cli
+from export.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS
+from link.cli import read_flags, run_cli
+from link.errors import at_least
 from link.layout import COLOURS, make_layout
 from link.presets import Preset
-from link.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS
 from models import make_decoder
 from reports.render.tables import Table, write_blocks
 from reports.visibility.presets import check_seconds, seen_of

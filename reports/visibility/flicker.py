@@ -14,8 +14,9 @@ import cv2
 import tyro
 
 from data_gen.pictures.library import load_pictures
+from link.cli import read_flags, run_cli
 from link.embed import with_head_room
-from link.errors import at_least, read_flags, run_cli
+from link.errors import at_least
 from link.images import write_bytes
 from link.layout import make_layout
 from link.presets import PRESETS

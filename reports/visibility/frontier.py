@@ -17,12 +17,13 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
+from export.visibility.line_code import CODE_OF_MODULATION
+from link.cli import read_flags, run_cli
 from link.embed import with_head_room
-from link.errors import ParameterError, at_least, each_once, read_flags, run_cli
+from link.errors import ParameterError, at_least, each_once
+from link.images.quality import psnr
 from link.outside import is_file
 from link.presets import Preset
-from link.visibility.line_code import CODE_OF_MODULATION
-from link.visibility.quality import psnr
 from models import shipped_checkpoint
 from reports.engine.backends import Backend
 from reports.engine.methods import methods_for

@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from link.errors import ParameterError
-from link.layout import make_layout
-from link.presets import PRESETS, Preset
-from link.visibility.flicker import (
+from export.visibility.flicker import (
     Visibility,
     contrast_over_threshold,
     largest_kappa,
     message_visibility,
 )
-from link.visibility.line_code import LINE_CODES
-from link.visibility.viewing import PICTURE_LEVELS, Viewing, Where
+from export.visibility.line_code import LINE_CODES
+from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
+from link.errors import ParameterError
+from link.layout import make_layout
+from link.presets import PRESETS, Preset
 from reports.render.tables import Table
 
 
@@ -26,7 +26,7 @@ def setting(
 
     Args:
         grid: number of rows and of columns.
-        line_code: key of `link.visibility.line_code.LINE_CODES`.
+        line_code: key of `export.visibility.line_code.LINE_CODES`.
         kappa: gray levels between the states of a toggle.
         state_hz: states a second.
         colour: key of `link.layout.COLOURS`.

@@ -25,15 +25,16 @@ import tyro
 from numpy.typing import NDArray
 
 from data_gen.pictures.library import load_pictures
+from export.visibility.line_code import LINE_CODES
+from link.cli import read_flags, run_cli
 from link.embed import with_head_room
-from link.errors import InputError, at_least, read_flags, run_cli
+from link.errors import InputError, at_least
 from link.presets import PRESETS, Preset
-from link.visibility.line_code import LINE_CODES
 from reports.render.tables import Table, write_blocks
 from reports.visibility.presets import seen_of, setting, setting_name, viewing_of
 
 DISPLAY = "standard_fhd"
-"""Name of ColorVideoVDP's display, which is also that of `link.visibility.viewing.Viewing`."""
+"""Name of ColorVideoVDP's display, which is also that of `export.visibility.viewing.Viewing`."""
 SIZE = (1920, 1080)
 """Width and height of this display, in pixels."""
 WORKER = Path(__file__).with_name("cvvdp_worker.py")

@@ -14,7 +14,8 @@ import pytest
 import tyro
 from conftest import ROOT, Command, slow
 
-from link.errors import InputError, read_flags
+from link.cli import read_flags
+from link.errors import InputError
 
 NASTY = ("nan", "inf", "-inf", "1e400", "9" * 23, "9" * 31, "1" + 400 * "0", "9" * 5000)
 """Values that no flag takes."""

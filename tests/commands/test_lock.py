@@ -304,7 +304,7 @@ KILLED = """
 import os, signal, sys
 from pathlib import Path
 from importlib import import_module
-from link.errors import run_cli
+from link.cli import run_cli
 main, stop, *sys.argv = sys.argv[1:]
 real = Path.replace
 def replace(self, target):

@@ -13,12 +13,12 @@ from export.locate.find import locate
 from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
-from link import errors, image_size, images, layout, outside
+from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
-from link.images import read_image, write_bytes, write_image
+from link.images import read_image, size, write_bytes, write_image
+from link.images.video import VideoReader
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
-from link.video import VideoReader
 from models.neural.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from reports.engine.digest import ROOT
 from reports.engine.records import to_records
@@ -267,8 +267,8 @@ def test_the_page_on_security_states_the_limits_of_the_code() -> None:
         f"frame of a video | {images.MAX_MEGAPIXELS:g} megapixels; `--max-megapixels` or "
         f"`{images.MEGAPIXELS_VARIABLE}`",
         f"and its pixels | {layout.MAX_SIDE_PX}, and {layout.MAX_PIXELS / 1e6:g} million |",
-        f"scans of a JPEG | {image_size.MAX_SCANS} |",
-        f"a pixel of a PNG | {image_size.MAX_PIXEL_BYTES} |",
+        f"scans of a JPEG | {size.MAX_SCANS} |",
+        f"a pixel of a PNG | {size.MAX_PIXEL_BYTES} |",
         f"blocks of a layout | {layout.MAX_BLOCKS:,} |",
         f"its nodes and its fields | {MAX_MODEL_BYTES / mib:g} MiB, {MAX_NODES:,} and "
         f"{MAX_FIELDS:,} |",
@@ -277,7 +277,7 @@ def test_the_page_on_security_states_the_limits_of_the_code() -> None:
         f"let itself be stopped within {GRACE_S:g} s",
         f"weights of a checkpoint | {MAX_WEIGHTS_BYTES / mib:g} MiB |",
         f"state of a training | {MAX_STATE_BYTES / mib:g} MiB |",
-        f"command line | {errors.MAX_NUMBER:,}, where",
-        f"processes and threads {errors.MAX_OF_FLAG['jobs']} |",
+        f"command line | {cli.MAX_NUMBER:,}, where",
+        f"processes and threads {cli.MAX_OF_FLAG['jobs']} |",
     ):
         assert words in page

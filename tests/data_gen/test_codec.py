@@ -18,7 +18,7 @@ from data_gen.film.frame import VideoFrame
 from data_gen.video import main
 from link.errors import InputError
 from link.images import read_image
-from link.video import read_video
+from link.images.video import read_video
 
 FPS = 30.0
 SIZE = (160, 96)

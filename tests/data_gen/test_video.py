@@ -27,7 +27,7 @@ from data_gen.video import main
 from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.images import read_image
-from link.video import read_video
+from link.images.video import read_video
 
 STEADY = VideoSettings(
     scene=ROOM, seconds=1.0, clock_error=0.0, start_s=0.0, response_s=0.0, scan_s=0.0, hand=0.0

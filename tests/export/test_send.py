@@ -25,19 +25,19 @@ from export.send.hiding import SECONDS, SEED, Hiding, Onlooker
 from export.send.pictures import open_pictures
 from export.send.player import write_player
 from export.send.write import write_states
+from export.visibility.flicker import contrast_over_threshold, random_message
+from export.visibility.viewing import PICTURE_LEVELS, Viewing
 from link.code import framing
 from link.code.authenticate import sign, verify
 from link.code.collect import make_collector
 from link.embed import with_head_room
 from link.errors import InputError
 from link.images import fit_picture, read_image, write_image
+from link.images.quality import psnr
+from link.images.video import read_video, write_video
 from link.layout import COLOURS, MODULATIONS, Layout, make_layout
 from link.loop import Loop
 from link.presets import DEFAULT_PRESET, PRESETS
-from link.video import read_video, write_video
-from link.visibility.flicker import contrast_over_threshold, random_message
-from link.visibility.quality import psnr
-from link.visibility.viewing import PICTURE_LEVELS, Viewing
 
 LAYOUT = make_layout(5, 6, 120, 80, 2)
 GRID = ("--rows", 5, "--cols", 6, "--width", 120, "--height", 80, "--ratex", 2)
@@ -601,9 +601,9 @@ def test_opencv_adds_no_lines_of_its_own(inputs: Path, tmp_path: Path) -> None:
 def test_a_video_that_does_not_read_back_bit_for_bit_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("link.video.LOSSLESS", "MJPG")
+    monkeypatch.setattr("link.images.video.LOSSLESS", "MJPG")
     with pytest.raises(InputError, match="bit for bit"):
         write_video(tmp_path / "x.avi", iter([noise(80, 120)]), 15)
-    monkeypatch.setattr("link.video.LOSSLESS", "none")
+    monkeypatch.setattr("link.images.video.LOSSLESS", "none")
     with pytest.raises(InputError, match="cannot write none video"):
         write_video(tmp_path / "y.avi", iter([noise(80, 120)]), 15)

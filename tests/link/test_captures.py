@@ -18,8 +18,8 @@ from link.captures import MANIFEST, load_capture, read_manifest, save_captures
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
-from link.image_size import image_size
 from link.images import read_image, write_bytes, write_image
+from link.images.size import image_size
 from link.layout import make_layout
 
 LAYOUT = make_layout(4, 4, 64, 48, ratex=2)

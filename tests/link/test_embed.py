@@ -24,9 +24,15 @@ from link.embed import (
 )
 from link.errors import InputError
 from link.frames import Displayed
-from link.layout import MODULATIONS, Layout, block_index, block_mean, make_layout
-from link.visibility.quality import psnr, ssim
-from link.visibility.viewing import LUMINANCE_FROM_RGB
+from link.images.quality import psnr, ssim
+from link.layout import (
+    LUMINANCE_FROM_RGB,
+    MODULATIONS,
+    Layout,
+    block_index,
+    block_mean,
+    make_layout,
+)
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
 Picture = NDArray[np.uint8]

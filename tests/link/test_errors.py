@@ -10,8 +10,9 @@ import cv2
 import pytest
 from conftest import ROOT
 
+from link.cli import run_cli
 from link.embed import check_kappa
-from link.errors import InputError, ParameterError, at_least, each_once, run_cli
+from link.errors import InputError, ParameterError, at_least, each_once
 from link.layout import make_layout, read_layout
 
 
@@ -76,7 +77,7 @@ def test_other_errors_of_libraries_are_not_hidden() -> None:
 
 
 def test_a_terminal_without_the_characters_of_an_output_gets_escapes() -> None:
-    script = "from link.errors import run_cli; run_cli(lambda: print('κ', chr(0xdcff)))"
+    script = "from link.cli import run_cli; run_cli(lambda: print('κ', chr(0xdcff)))"
     for encoding, said in (("ascii", b"\\u03ba"), ("utf-8:strict", "κ".encode())):
         done = subprocess.run(
             [sys.executable, "-c", script],
@@ -89,7 +90,7 @@ def test_a_terminal_without_the_characters_of_an_output_gets_escapes() -> None:
 
 
 PRINTS_FOR_EVER = """
-from link.errors import run_cli
+from link.cli import run_cli
 def main():
     while True:
         print("a line of output")

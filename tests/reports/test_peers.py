@@ -18,8 +18,8 @@ from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pictures.library import load_pictures
 from link.embed import with_head_room
 from link.frames import Rectified
+from link.images.quality import psnr
 from link.layout import make_layout
-from link.visibility.quality import psnr
 from reports.engine.methods import Method
 from reports.studies.peers import adapters
 from reports.studies.peers.__main__ import main

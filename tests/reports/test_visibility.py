@@ -13,23 +13,23 @@ from conftest import ROOT, Command, OpenWindow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from link.errors import InputError, ParameterError
-from link.layout import COLOURS
-from link.visibility.chroma import colour_over_threshold, opponent_change
-from link.visibility.elatcsf import (
+from export.visibility.chroma import colour_over_threshold, opponent_change
+from export.visibility.elatcsf import (
     POOLING_EXPONENT,
     THRESHOLD_ENERGY,
     flicker_sensitivity,
     spot_sensitivity,
 )
-from link.visibility.flicker import (
+from export.visibility.flicker import (
     contrast_over_threshold,
     flicker_spectrum,
     largest_kappa,
     message_visibility,
     random_message,
 )
-from link.visibility.viewing import COLOUR_LEVELS, LUMINANCE_FROM_RGB, Viewing
+from export.visibility.viewing import COLOUR_LEVELS, Viewing
+from link.errors import InputError, ParameterError
+from link.layout import COLOURS, LUMINANCE_FROM_RGB
 from reports.visibility import __main__ as study
 from reports.visibility import colours
 from reports.visibility import flicker as flicker_page

@@ -18,7 +18,8 @@ import tyro
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from link.errors import InputError, at_least, choose, each_once, read_flags, run_cli
+from link.cli import read_flags, run_cli
+from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout

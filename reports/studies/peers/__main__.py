@@ -15,8 +15,9 @@ import tyro
 
 from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Source
+from link.cli import read_flags, run_cli
 from link.embed import check_kappa
-from link.errors import InputError, ParameterError, at_least, choose, each_once, read_flags, run_cli
+from link.errors import InputError, ParameterError, at_least, choose, each_once
 from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import make_layout

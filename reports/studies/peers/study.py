@@ -14,7 +14,7 @@ from data_gen.channel.stills import capture
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from link.embed import with_head_room
 from link.frames import Displayed, Rectified
-from link.visibility.quality import psnr, ssim
+from link.images.quality import psnr, ssim
 from reports.engine.backends import one_thread
 from reports.engine.methods import Method
 from reports.studies.peers.adapters import Peer

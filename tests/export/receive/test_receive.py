@@ -23,8 +23,8 @@ from export.runtime import Decoder
 from link.code.authenticate import sign
 from link.errors import InputError
 from link.images import write_image
+from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
-from link.video import VideoReader, read_video, write_video
 
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()

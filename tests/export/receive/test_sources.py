@@ -17,8 +17,8 @@ from export.runtime import Decoder
 from link.code.framing import encode
 from link.errors import InputError
 from link.images import write_image
+from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
-from link.video import VideoReader, read_video, write_video
 from models import PRETRAINED
 
 LAYOUT = make_layout()

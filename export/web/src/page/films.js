@@ -58,7 +58,7 @@ export async function filmFrames(film, viewer, signal) {
 }
 
 /**
- * Make rising times of those that a film states, as `link.video.time_after` does; the first is 0.
+ * Make rising times of those that a film states, as `link.images.video.time_after` does; the first is 0.
  *
  * @param {number} fps - frames a second of the film
  * @returns {(stated: number) => number} takes the times of the frames in order, in seconds, which may

@@ -2,7 +2,7 @@
 
 One block's gray levels at every refresh become light (`Viewing.light`); its luminance is cut into
 windows of half a second; in each window the amplitude of every temporal frequency, divided by the
-mean, is divided by its own threshold (`link.visibility.elatcsf`), and the squares are added. The
+mean, is divided by its own threshold (`export.visibility.elatcsf`), and the squares are added. The
 root is the *contrast over threshold*: a sine at its threshold has 1, and above 1 the flicker is
 seen more often than not.
 
@@ -20,7 +20,7 @@ seen more often than not.
   sensitivity is thousands of times below its peak. Backlights that are switched add nothing here:
   they flicker without a message as well.
 - **Colour.** elaTCSF is of luminance alone. What a toggle changes of colour goes through the two
-  colour channels of castleCSF (`link.visibility.chroma`), and is reported beside it; the whole is
+  colour channels of castleCSF (`export.visibility.chroma`), and is reported beside it; the whole is
   the root of the sum of squares, as castleCSF adds up its channels.
 - **Not modelled**: the picture's texture, which masks; the edges of blocks, their number and their
   spatial frequency; eye movements, which turn fine patterns into flashes. The whole screen in phase
@@ -32,12 +32,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from export.visibility.chroma import colour_over_threshold, opponent_change
+from export.visibility.elatcsf import flicker_sensitivity
+from export.visibility.line_code import LINE_CODES
+from export.visibility.viewing import Viewing, Where
 from link.embed import MAX_KAPPA
 from link.errors import InputError, ParameterError, choose
-from link.visibility.chroma import colour_over_threshold, opponent_change
-from link.visibility.elatcsf import flicker_sensitivity
-from link.visibility.line_code import LINE_CODES
-from link.visibility.viewing import LUMINANCE_FROM_RGB, Viewing, Where
+from link.layout import LUMINANCE_FROM_RGB
 
 Numbers = NDArray[np.float64]
 """Array of real numbers."""
@@ -163,7 +164,7 @@ def random_message(
 
     Args:
         viewing: gives the rates of states and refreshes.
-        line_code: key of `link.visibility.line_code.LINE_CODES`.
+        line_code: key of `export.visibility.line_code.LINE_CODES`.
         rng: draws the bits.
         seconds: length of the message, in seconds.
 
@@ -188,7 +189,7 @@ def message_visibility(
 
     Args:
         viewing: display, picture, kappa and viewer.
-        line_code: key of `link.visibility.line_code.LINE_CODES`.
+        line_code: key of `export.visibility.line_code.LINE_CODES`.
         rng: draws the bits.
         seconds: length of the message, in seconds; 60 give 120 windows, and the mean to about 2 %.
         where: "block" or "screen", as in `contrast_over_threshold`.
@@ -215,7 +216,7 @@ def largest_kappa(
         viewing: display, picture and viewer; its own kappa is not used.
         limit: contrast over threshold that is allowed, above 0; 1 is just seen.
         rng: draws the message.
-        line_code: key of `link.visibility.line_code.LINE_CODES`.
+        line_code: key of `export.visibility.line_code.LINE_CODES`.
         seconds: length of the message, in seconds.
         where: "block" or "screen", as in `contrast_over_threshold`.
 

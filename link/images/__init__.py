@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
-from link.image_size import ends_early, image_size, is_overfull
+from link.images.size import ends_early, image_size, is_overfull
 from link.layout import COLOURS
 from link.outside import is_file, is_no_file, read_bounded
 

@@ -5,10 +5,10 @@ contrast sensitivity function of color, area, spatiotemporal frequency, luminanc
 Journal of Vision 24(4):5, 2024, https://doi.org/10.1167/jov.24.4.5. The constants are those of
 their code, https://github.com/gfxdisp/castleCSF (MIT licence), which is not used here.
 
-The model has three channels. Its luminance channel is left to `link.visibility.elatcsf`, which was
-fitted to flicker; what is here are the red-green and the yellow-violet one, as the authors use them
-for uniform discs: the largest response over spatial frequencies, times a power of the radius. A
-block counts as a disc of its area, at the line of sight, where the eye sees colour best. This is
+The model has three channels. Its luminance channel is left to `export.visibility.elatcsf`, which
+was fitted to flicker; what is here are the red-green and the yellow-violet one, as the authors use
+them for uniform discs: the largest response over spatial frequencies, times a power of the radius.
+A block counts as a disc of its area, at the line of sight, where the eye sees colour best. This is
 on the safe side: the edge of a block may not be as sharp as that of a disc in the laboratory, and
 neighbours that toggle in opposite senses are not taken off.
 """

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from export.visibility.line_code import LINE_CODES
 from link.errors import InputError, ParameterError
-from link.visibility.line_code import LINE_CODES
 
 ANTIPODAL = [name for name in LINE_CODES if name != "on_off"]
 BITS = st.lists(st.integers(0, 1), min_size=1, max_size=12)

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from link.errors import ParameterError
+from link.presets import USUAL_DISTANCE_M
 
 Numbers = NDArray[np.float64]
 """Array of real numbers."""
-LUMINANCE_FROM_RGB = np.array([0.2126, 0.7152, 0.0722])
-"""Share of white's luminance that each of sRGB's primaries gives (IEC 61966-2-1)."""
 PICTURE_LEVELS = (32.0, 128.0, 230.0)
 """Gray levels of a picture that stand for dark, middle and bright."""
 COLOUR_LEVELS = ((200.0, 120.0, 80.0), (80.0, 120.0, 200.0), (60.0, 140.0, 60.0))
@@ -55,7 +54,7 @@ class Viewing:
     """Diagonal of the display, in inches."""
     aspect: float = 16 / 9
     """Width of the display over its height."""
-    distance_m: float = 0.6
+    distance_m: float = USUAL_DISTANCE_M
     """Distance of the eye from the display, in metres."""
     white_cd_m2: float = 200.0
     """Luminance of the display's white, in cd/m²."""
