@@ -13,6 +13,8 @@ from link.errors import choose
 
 STUDIES = {
     "pilots": ("lab.visibility.pilots", "how many pilots a fit needs"),
+    "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
+    "flicker": ("lab.visibility.flicker", "what it looks like: a page that flickers"),
     "repeats": ("lab.comparison.repeats", "what several captures of a static frame pair bring"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""

@@ -60,7 +60,7 @@ ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "r
 STEPS = {
     "table": Step(""),
     "channel": Step("reports.studies.channel"),
-    "visibility": Step("reports.visibility"),
+    "visibility": Step("lab visibility --keep"),
     "prediction": Step("reports.studies.prediction"),
     "ablation": Step(
         "reports.studies.ablation --out runs/ablation",

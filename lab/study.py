@@ -14,14 +14,16 @@ from inspect import getmodule
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 import pandas as pd
 import tyro
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from link.cli import read_flags
 from link.errors import at_least
 from link.files.lock import locked
-from link.images import write_bytes
+from link.images import write_bytes, write_image
 from link.outside import read_json
 from reports.engine.backends import Backend
 from reports.engine.checked import checked, write_json
@@ -31,9 +33,11 @@ from reports.engine.predict import Condition, predict_all
 from reports.engine.provenance import Making, commit, provenance
 from reports.engine.stored import resume
 from reports.render.charts import save_png
-from reports.render.tables import write_blocks
+from reports.render.tables import Table, write_blocks
 
 T = TypeVar("T")
+Picture = Figure | NDArray[np.uint8] | bytes
+"""What people look at: a figure, an image (H, W, 3) uint8 in encoded RGB, or a whole file."""
 DOCS = Path("docs")
 """Folder of the documents, and of the results that they show."""
 RUNS = Path("runs")
@@ -129,9 +133,23 @@ def no_check(flags: StudyFlags) -> None:
     """Accept flags that need no other check than those of every study."""
 
 
-def no_figures(results: Mapping[str, Results[Any]]) -> Mapping[str, Figure]:
+def no_pictures(results: Mapping[str, Results[Any]]) -> Mapping[str, Picture]:
     """Draw nothing."""
     return {}
+
+
+@dataclass(frozen=True)
+class Tables:
+    """Content of studies whose numbers nothing but their tables needs."""
+
+    tables: dict[str, Table]
+    """Tables by the name of the page's marked block."""
+
+
+def blocks_of_tables(results: Mapping[str, Results[Tables]]) -> dict[str, str]:
+    """Show the tables of all results as Markdown, by the name of the page's marked block."""
+    tables = [each.content.tables for each in results.values()]
+    return {name: table.markdown() for mine in tables for name, table in mine.items()}
 
 
 @dataclass(frozen=True)
@@ -150,8 +168,8 @@ class Study(Generic[F, R]):
     """Shows results, by their label, as Markdown: texts by the name of a page's marked block."""
     page: Path | None = None
     """Page of docs/ that has these blocks; None where no page shows them."""
-    figures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = no_figures
-    """Draws results, by their label: pictures by the name of their file."""
+    pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Picture]] = no_pictures
+    """Draws results, by their label: what people look at, by the name of its file."""
     check: Callable[[F], None] = no_check
     """Raises an `InputError` that names the first flag with a wrong value, before any work."""
     simulated: bool = True
@@ -249,9 +267,19 @@ def show_study(study: Study[F, R], folder: Path, pictures: Path) -> dict[str, st
         Markdown by the name of the page's block.
     """
     results = stored_results(study, folder)
-    for name, figure in study.figures(results).items():
-        save_png(figure, pictures / name)
+    for name, picture in study.pictures(results).items():
+        write_picture(pictures / name, picture)
     return dict(study.blocks(results))
+
+
+def write_picture(file: Path, picture: Picture) -> None:
+    """Write a figure as PNG, an image in the format of the file's ending, and bytes as they are."""
+    if isinstance(picture, Figure):
+        save_png(picture, file)
+    elif isinstance(picture, bytes):
+        write_bytes(file, picture)
+    else:
+        write_image(file, picture)
 
 
 def keep_blocks(study: Study[F, R]) -> None:

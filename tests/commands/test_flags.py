@@ -243,9 +243,9 @@ def test_names_and_texts_that_cannot_be(
         ("reports.lab.locate_weights", ["--collages", "1"], "--collages: need at least 5"),
         ("reports.lab.cnn_baseline", ["--kappas", "0"], "--kappas: need 1 to 64"),
         ("reports.lab.cnn_baseline", ["--max-view", "90"], "--max-view: need an angle"),
-        ("reports.visibility.__main__", ["--grid", "0", "8"], "--grid: need at least one"),
-        ("reports.visibility.flicker", ["--width", "1000000"], "layout: a 1000000x384 frame"),
-        ("reports.visibility.flicker", ["--seconds", "1000000"], "--seconds: need 1 to 3600"),
+        ("lab.__main__", ["visibility", "--limit", "0"], "--limit: need a number above 0"),
+        ("lab.__main__", ["flicker", "--width", "1000000"], "layout: a 1000000x384 frame"),
+        ("lab.__main__", ["flicker", "--seconds", "1000000"], "--seconds: need 1 to 3600"),
     ],
 )
 def test_studies_refuse_a_number_out_of_range_before_any_work(

@@ -1,15 +1,11 @@
 """Visibility: the model of the eye, the light of a display over time, and its pages."""
 
-import json
-import re
-import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from conftest import ROOT, Command, OpenWindow
+from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,15 +26,9 @@ from export.visibility.flicker import (
 from export.visibility.viewing import COLOUR_LEVELS, Viewing
 from link.errors import InputError, ParameterError
 from link.layout import COLOURS, LUMINANCE_FROM_RGB
-from reports.visibility import __main__ as study
-from reports.visibility import colours
-from reports.visibility import flicker as flicker_page
-from reports.visibility.codes import bits_known
-from reports.visibility.presets import setting
-from reports.visibility.second_model import draw_clip, rate_clips
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    pass
 
 PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [
@@ -264,21 +254,6 @@ def test_a_coloured_area_has_levels_of_its_own_and_shows_red_against_green_by_lu
         assert seen.mean < 0.3 * plain.mean
 
 
-def test_the_table_of_colours_counts_right_bits(
-    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(colours, "GRIDS", {(6, 6): 1})
-    monkeypatch.setattr(colours, "KAPPAS", {"gray": (5,), "chroma": (10,)})
-    monkeypatch.setattr(colours, "VIEWPOINTS", (("canon-lg", 0.0),))
-    page = tmp_path / "page.md"
-    done = command(colours.main, "--page", page, "--frames", 1, "--seconds", 1)
-    assert done.status == 0, done.stderr
-    rows = [line.split(" | ") for line in page.read_text().splitlines() if "× 6" in line]
-    assert [row[1:3] for row in rows] == [["gray", "5"], ["chroma", "10"]]
-    assert all(float(share) > 90 for row in rows for share in row[6:9])
-    assert command(colours.main, "--frames", 0).stderr.startswith("error: --frames: need at least")
-
-
 def test_colour_flicker_fuses_below_luminance_flicker() -> None:
     amplitudes = np.array([[[0.01, 0.0]]])
     slow, fast = (colour_over_threshold(amplitudes, [hz], 50, 3, 3)[0] for hz in (2, 30))
@@ -307,109 +282,3 @@ def test_no_kappa_may_be_small_enough() -> None:
     assert largest_kappa(Viewing(states_hz=15), 0.5, rng(), seconds=2) == 0
     with pytest.raises(ParameterError, match="limit"):
         largest_kappa(FINE, 0.0, rng())
-
-
-# The study and the page
-
-
-@given(st.floats(0, 30), st.floats(0.1, 5))
-def test_more_signal_tells_more(snr: float, more: float) -> None:
-    assert 0 <= bits_known(snr) <= bits_known(snr + more) + 1e-9 <= 1 + 2e-9
-
-
-@pytest.mark.slow
-def test_the_blocks_of_the_document_are_what_the_command_writes(
-    tmp_path: Path, command: Command
-) -> None:
-    page = tmp_path / PAGE.name
-    page.write_text(
-        re.sub(
-            r"(<!-- (visibility_(?!jod|colour)\w+) -->\n).*?(<!-- /\2 -->)",
-            r"\1\3",
-            PAGE.read_text(),
-            flags=re.S,
-        )
-    )
-    assert page.read_text() != PAGE.read_text()
-    done = command(study.main, "--page", page)
-    assert done.status == 0, done.stderr
-    assert page.read_text() == PAGE.read_text()
-
-
-@pytest.fixture(scope="module")
-def flickering(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    config = flicker_page.FlickerConfig(
-        out=tmp_path_factory.mktemp("page") / "flicker.html", width=128, height=96, seconds=2
-    )
-    flicker_page.write_flicker_page(config)
-    return config.out
-
-
-def test_the_flicker_page_loads_nothing_and_states_what_is_computed(flickering: Path) -> None:
-    text = flickering.read_text()
-    assert "default-src 'none'" in text
-    assert not re.search(r"(?:src|href)=|@import|url\(", text)
-    match = re.search(r"const page = (\{.*\});", text)
-    assert match
-    today, hidden = json.loads(match[1])["settings"]
-    assert today["seen"]["15"]["block"] > 5
-    assert hidden["seen"]["60"]["high"] < 1
-    assert "elaTCSF" in json.loads(match[1])["viewing"]
-
-
-def wait_until(page: "Page", condition: str) -> None:
-    """The page's policy forbids what Playwright's own wait does."""
-    for _ in range(100):
-        if page.evaluate(condition):
-            return
-        page.wait_for_timeout(100)
-    raise AssertionError(f"never: {condition}")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("width", [390, 1280])
-def test_the_flicker_page_fits_and_shows_its_states(
-    width: int, open_window: OpenWindow, flickering: Path
-) -> None:
-    page = open_window(width, 900)
-    problems: list[str] = []
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.goto(flickering.as_uri())
-    wait_until(page, "image.complete")
-    assert page.evaluate("document.documentElement.scrollWidth") == width
-    shown = page.evaluate(
-        """[0, 1].map(state => sides.map(side => {
-            draw(side, state);
-            const { width, height } = side.canvas;
-            const data = side.canvas.getContext("2d").getImageData(0, 0, width, height).data;
-            return [data[0], side.bits[0]];
-        }))"""
-    )
-    (off, hidden_off), (on, hidden_on) = shown
-    assert on[0] - off[0] == 3 * on[1]
-    assert hidden_on[0] - hidden_off[0] == 2 * hidden_on[1] - 1
-    page.select_option("select >> nth=1", "30")
-    assert "×" in page.inner_text("section >> nth=1")
-    page.click("#start")
-    wait_until(page, "sides.every(side => side.shown > 3)")
-    assert problems == []
-
-
-# The second model
-
-
-def test_a_clip_is_whole_gray_levels_around_the_picture() -> None:
-    preset = setting((48, 64), "toggle", 2, 60)
-    clip = draw_clip(preset, (64, 32), 0.1, rng())
-    levels = clip * 255
-    assert clip.shape == (6, 32, 64, 3)
-    np.testing.assert_allclose(levels, levels.round(), atol=1e-4)
-    np.testing.assert_allclose(np.abs(np.diff(levels, axis=0))[0], 2, atol=1e-4)
-    np.testing.assert_allclose(levels[0] + levels[1], levels[2] + levels[3], atol=1e-4)
-
-
-def test_an_environment_without_the_model_is_told() -> None:
-    with pytest.raises(InputError, match="cvvdp failed"):
-        rate_clips(Path(sys.executable), [np.zeros((2, 16, 16, 3), np.float32)], 60)
-    with pytest.raises(InputError, match="does not run cvvdp"):
-        rate_clips(Path("/no/such/python"), [np.zeros((2, 16, 16, 3), np.float32)], 60)

@@ -1,4 +1,4 @@
-"""Write a page on which a person can see the flicker: python -m reports.visibility.flicker.
+"""Write a page on which a person can see the flicker, runs/flicker/flicker.html.
 
 Two settings toggle side by side over one picture: the presets `paper` and `hidden`. Beneath each
 stands its computed contrast over threshold, for the standard display; rates can be switched.
@@ -6,21 +6,20 @@ stands its computed contrast over threshold, for the standard display; rates can
 
 import base64
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import cv2
-import tyro
 
 from data_gen.pictures.library import load_pictures
-from link.cli import read_flags, run_cli
+from lab.study import Picture, Results, Study, StudyFlags, Workshop
+from lab.visibility.presets import check_seconds, seen_of, viewing_of
 from link.embed import with_head_room
-from link.errors import at_least
-from link.images import write_bytes
 from link.layout import make_layout
 from link.presets import PRESETS
-from reports.visibility.presets import check_seconds, seen_of, viewing_of
+from reports.render.tables import Table
 
 TEMPLATE = Path(__file__).with_name("flicker.html")
 """Page with `__PAGE__` where the settings and the picture go as JSON."""
@@ -34,36 +33,40 @@ PAGE_RATES = (15, 30, 60, 120)
 
 
 @dataclass(frozen=True)
-class FlickerConfig:
+class FlickerFlags(StudyFlags):
     """Write a self-contained HTML page that flickers."""
 
-    out: Path = Path("runs/flicker.html")
-    """File of the page."""
     width: int = 512
     """Width of the picture, pixels."""
     height: int = 384
     """Height of the picture, pixels."""
     seconds: float = 40.0
     """Length of the random messages whose visibility is printed, in seconds."""
-    seed: int = 0
-    """Seed of the random messages."""
 
 
-def side_by_side(config: FlickerConfig) -> dict[str, Any]:
+@dataclass(frozen=True)
+class FlickerPage:
+    """What the page shows."""
+
+    page: dict[str, Any]
+    """Picture, settings and their visibility, as the script of the page reads them."""
+
+
+def side_by_side(flags: FlickerFlags, workshop: Workshop) -> FlickerPage:
     """Gather what the page needs: the picture, the settings, and how visible each is."""
-    picture = load_pictures("test", config.width, config.height)[0].rgb
+    picture = load_pictures("test", flags.width, flags.height)[0].rgb
     kappa = max(preset.kappa for preset in SIDES.values())
     _, png = cv2.imencode(".png", cv2.cvtColor(with_head_room(picture, kappa), cv2.COLOR_RGB2BGR))
     settings = []
     for name, preset in SIDES.items():
-        seen = {}
+        seen: dict[str, Any] = {}
         for rate in PAGE_RATES:
             at_rate = replace(preset, state_hz=rate)
             block, screen = (
-                seen_of(at_rate, config.seed, config.seconds, where, refresh_hz=120)
+                seen_of(at_rate, flags.seed, flags.seconds, where, refresh_hz=120)
                 for where in ("block", "screen")
             )
-            seen[rate] = {"block": block.mean, "high": block.high, "screen": screen.mean}
+            seen[str(rate)] = {"block": block.mean, "high": block.high, "screen": screen.mean}
         settings.append(
             {
                 "name": name,
@@ -76,9 +79,9 @@ def side_by_side(config: FlickerConfig) -> dict[str, Any]:
             }
         )
     viewing = viewing_of(next(iter(SIDES.values())))
-    return {
-        "width": config.width,
-        "height": config.height,
+    page = {
+        "width": flags.width,
+        "height": flags.height,
         "image": f"data:image/png;base64,{base64.b64encode(bytes(png)).decode()}",
         "settings": settings,
         "viewing": (
@@ -88,28 +91,40 @@ def side_by_side(config: FlickerConfig) -> dict[str, Any]:
             "picture is smaller, and its own grays and texture count: look for yourself."
         ),
     }
+    return FlickerPage(page)
 
 
-def write_flicker_page(config: FlickerConfig) -> None:
-    """Write the page.
-
-    Raises:
-        InputError: the picture is too small, or the page cannot be written.
-    """
-    page = TEMPLATE.read_text("utf-8").replace("__PAGE__", json.dumps(side_by_side(config)), 1)
-    write_bytes(config.out, page.encode())
-
-
-def main() -> None:
-    """Write the page and say where it is."""
-    config = read_flags(lambda: tyro.cli(FlickerConfig))
-    at_least(0, seed=config.seed)
-    check_seconds(config.seconds)
+def check_flicker(flags: FlickerFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    check_seconds(flags.seconds)
     for preset in SIDES.values():
-        make_layout(preset.layout.rows, preset.layout.cols, config.width, config.height, 0)
-    write_flicker_page(config)
-    print(f"written: {config.out}")
+        make_layout(preset.layout.rows, preset.layout.cols, flags.width, flags.height, 0)
 
 
-if __name__ == "__main__":
-    run_cli(main)
+def seen_beside(results: Mapping[str, Results[FlickerPage]]) -> dict[str, str]:
+    """Tabulate how visible one block of each setting is at each rate."""
+    sides = results["flicker"].content.page["settings"]
+    rows = [
+        [side["name"], *(f"{side['seen'][str(rate)]['block']:.2f}" for rate in PAGE_RATES)]
+        for side in sides
+    ]
+    heads = ["contrast over threshold", *(f"{rate} states/s" for rate in PAGE_RATES)]
+    return {"flicker": Table(heads, rows).markdown()}
+
+
+def flicker_page(results: Mapping[str, Results[FlickerPage]]) -> dict[str, Picture]:
+    """Make the page."""
+    shown = json.dumps(results["flicker"].content.page)
+    return {"flicker.html": TEMPLATE.read_text("utf-8").replace("__PAGE__", shown, 1).encode()}
+
+
+STUDY = Study(
+    name="flicker",
+    flags=FlickerFlags,
+    content=FlickerPage,
+    measure=side_by_side,
+    blocks=seen_beside,
+    pictures=flicker_page,
+    check=check_flicker,
+)
+"""The study that `python -m lab flicker` runs."""

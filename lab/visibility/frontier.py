@@ -18,6 +18,7 @@ import tyro
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from export.visibility.line_code import CODE_OF_MODULATION
+from lab.visibility.presets import seen_of, setting_name, viewing_of
 from link.cli import read_flags, run_cli
 from link.embed import with_head_room
 from link.errors import ParameterError, at_least, each_once
@@ -44,7 +45,6 @@ from reports.visibility.frontier_results import (
     write_frontier,
 )
 from reports.visibility.frontier_tables import frontier_blocks
-from reports.visibility.presets import seen_of, setting_name, viewing_of
 
 VIEWS = (0.0, 45.0)
 """Angles of observation, in degrees from the display's normal."""

@@ -1,7 +1,8 @@
-"""Contrast over threshold of the presets and of other settings, as tables."""
+"""How visible the presets and other settings are, as contrast over threshold; about a minute."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -13,10 +14,24 @@ from export.visibility.flicker import (
 )
 from export.visibility.line_code import LINE_CODES
 from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
+from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.errors import ParameterError
 from link.layout import make_layout
 from link.presets import PRESETS, Preset
 from reports.render.tables import Table
+
+KEPT = ("toggle", "hold2", "soft2")
+"""Line codes of the table of largest kappas."""
+
+
+@dataclass(frozen=True)
+class VisibilityFlags(StudyFlags):
+    """Compute the visibility of presets and of other settings."""
+
+    limit: float = 1.0
+    """Contrast over threshold that the largest kappas stay below; 1 is just seen."""
+    seconds: float = 40.0
+    """Length of the random messages, in seconds, at least 1."""
 
 
 def setting(
@@ -192,3 +207,33 @@ def square_wave_table() -> Table:
                 cells.append(f"{seen[1]:.2f} ({max(seen):.2f})")
             rows.append([f"{grid[0]} × {grid[1]}", str(states), *cells])
     return Table(["grid", "states/s", "κ 1", "κ 3"], rows, left=2)
+
+
+def check_visibility(flags: VisibilityFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    check_seconds(flags.seconds)
+    if not flags.limit > 0:
+        raise ParameterError("limit", f"need a number above 0, got {flags.limit}")
+
+
+def measure_visibility(flags: VisibilityFlags, workshop: Workshop) -> Tables:
+    """Compute all tables."""
+    return Tables(
+        {
+            "visibility_presets": preset_table(flags.seed, flags.seconds),
+            "visibility_square": square_wave_table(),
+            "visibility_kappa": kappa_table(flags.seed, flags.seconds, KEPT, flags.limit),
+        }
+    )
+
+
+STUDY = Study(
+    name="visibility",
+    flags=VisibilityFlags,
+    content=Tables,
+    measure=measure_visibility,
+    blocks=blocks_of_tables,
+    page=Path("docs/visibility.md"),
+    check=check_visibility,
+)
+"""The study that `python -m lab visibility` runs."""
