@@ -29,12 +29,12 @@ from reports.evaluation.captures import evaluate_folder
 from reports.evaluation.evidence import QUICK, Stopwatch, simulated_evidence
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import chosen_sweeps, decisive_settings
+from reports.evaluation.sweeps import SWEEPS
 from reports.evaluation.versus import compare_runs
 from reports.render.annotated import write_annotated
 from reports.render.tables import cell_tables, summary_table
 from reports.run import RunFolder
 from reports.score.accuracy import score
-from reports.studies.sweeps import SWEEPS
 
 
 @dataclass(frozen=True)

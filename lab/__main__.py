@@ -12,10 +12,16 @@ from link.cli import run_cli
 from link.errors import choose
 
 STUDIES = {
-    "pilots": ("lab.visibility.pilots", "how many pilots a fit needs"),
-    "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
+    "ablation": ("lab.comparison.ablation.study", "which switch of the decoder pays, and where"),
+    "channel": ("lab.simulation.channel", "what each effect of the simulated channel costs"),
     "flicker": ("lab.visibility.flicker", "what it looks like: a page that flickers"),
+    "framing": ("lab.comparison.framing", "how often a message is lost, by share of wrong bits"),
+    "frontier": ("lab.visibility.frontier", "how many bits are read, beside what is seen"),
+    "peers": ("lab.comparison.peers.study", "how other systems do on the same captures"),
+    "pilots": ("lab.visibility.pilots", "how many pilots a fit needs"),
+    "prediction": ("lab.simulation.prediction", "what the simulation predicts of the paper"),
     "repeats": ("lab.comparison.repeats", "what several captures of a static frame pair bring"),
+    "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""
 

@@ -18,7 +18,9 @@ import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
+from lab.__main__ import STUDIES, find_study
 from lab.docs_blocks import BLOCKS
+from lab.study import DOCS, keep_blocks, stored_results
 from link.cli import read_flags, run_cli
 from link.errors import InputError, at_least, choose
 from link.images import write_image
@@ -33,8 +35,6 @@ from reports.render.figures import overview, plot_inverse_responses
 from reports.render.tables import replace_block
 from reports.score.accuracy import score, write_scores
 
-DOCS = Path("docs")
-"""Folder of the stored results."""
 METRICS = DOCS / "metrics.json"
 """Accuracies of all methods in the paper's 36 cells."""
 UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
@@ -55,47 +55,24 @@ THREE = "--pairs canon-lg nikon-imac sony-samsung"
 """Flags of the deliveries that are measured with three camera-display pairs."""
 RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
 """Flags of the rates that are measured with three camera-display pairs."""
-ABLATION = ("ablation.json", "ablation.md", "ablation.png", "reliability.md", "reliability.png")
-"""Results of the ablation that are kept."""
 STEPS = {
     "table": Step(""),
-    "channel": Step("reports.studies.channel"),
+    "channel": Step("lab channel --keep"),
     "visibility": Step("lab visibility --keep"),
-    "prediction": Step("reports.studies.prediction"),
-    "ablation": Step(
-        "reports.studies.ablation --out runs/ablation",
-        {f"runs/ablation/{name}": name for name in ABLATION},
-    ),
+    "prediction": Step("lab prediction --keep"),
+    "ablation": Step("lab ablation --keep"),
     "ideal": Step(
-        "reports.studies.ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
-        "--frames 8 --out runs/ideal",
-        {"runs/ideal/ablation.json": "ideal.json"},
+        "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
+        "--frames 8 --label ideal --keep"
     ),
     "paper": Step(
-        "reports.studies.ablation --conditions paper --rows oorc full --frames 170 "
-        "--out runs/paper",
-        {"runs/paper/ablation.json": "paper.json"},
-    ),
-    "leave_one_out": Step(
-        "reports.studies.leave_one_out --episodes 630 --steps 200 --frames 20 "
-        "--out runs/leave_one_out",
-        {"runs/leave_one_out/leave_one_out.json": "leave_one_out.json"},
+        "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"
     ),
     "repeats": Step("lab repeats --frames 6 --keep"),
-    "peers": Step(
-        "reports.studies.peers --out runs/peers",
-        {f"runs/peers/peers.{kind}": f"peers.{kind}" for kind in ("json", "png")},
-    ),
-    "frontier": Step("reports.visibility.frontier"),
+    "peers": Step("lab peers --keep"),
+    "frontier": Step("lab frontier --keep"),
     "pilots": Step("lab pilots --keep"),
-    "framing": Step(
-        "reports.studies.framing --wrong --out runs/framing",
-        {f"runs/framing/framing.{kind}": f"framing.{kind}" for kind in ("json", "png")},
-    ),
-    "information": Step(
-        "reports.studies.information --out runs/information",
-        {f"runs/information/information.{kind}": f"information.{kind}" for kind in ("json", "png")},
-    ),
+    "framing": Step("lab framing --wrong --keep"),
     "codecs": Step(
         "reports.films.codecs --variants lossless h264-8000 h264-4000 --runs 3 --out runs/codecs"
     ),
@@ -178,6 +155,10 @@ def main() -> None:
             measure_table(config)
         else:
             run_step(name, STEPS[name])
+    for name in STUDIES:
+        study = find_study(name)
+        if stored_results(study, study.folder(DOCS)):
+            keep_blocks(study)
     for marker, block in BLOCKS.items():
         replace_block(block.page, marker, block.render(DOCS))
     pages = dict.fromkeys(str(block.page) for block in BLOCKS.values())

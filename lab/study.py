@@ -142,14 +142,18 @@ def no_pictures(results: Mapping[str, Results[Any]]) -> Mapping[str, Picture]:
 class Tables:
     """Content of studies whose numbers nothing but their tables needs."""
 
-    tables: dict[str, Table]
+    tables: dict[str, list[Table]]
     """Tables by the name of the page's marked block."""
 
 
 def blocks_of_tables(results: Mapping[str, Results[Tables]]) -> dict[str, str]:
     """Show the tables of all results as Markdown, by the name of the page's marked block."""
-    tables = [each.content.tables for each in results.values()]
-    return {name: table.markdown() for mine in tables for name, table in mine.items()}
+    blocks = [each.content.tables for each in results.values()]
+    return {
+        name: "\n\n".join(table.markdown() for table in tables)
+        for mine in blocks
+        for name, tables in mine.items()
+    }
 
 
 @dataclass(frozen=True)

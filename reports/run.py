@@ -66,7 +66,7 @@ class SweepCurve:
     """A swept quantity, and the conditions in which it was decoded."""
 
     name: str
-    """Key of `reports.studies.sweeps.SWEEPS`."""
+    """Key of `reports.evaluation.sweeps.SWEEPS`."""
     title: str
     """Heading of the sweep, such as "Viewing angle"."""
     axis: str

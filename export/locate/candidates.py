@@ -39,7 +39,7 @@ NEAR = 3.0
 for the display."""
 WEIGHTS = np.array([11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79])
 """Log-odds per unit of each of `export.locate.edges.FEATURES`, fitted on simulated photographs by
-reports.lab.locate_weights."""
+reports.lab.locate_weights at the tag results-2026-11."""
 BIAS = -22.02
 """Log-odds of a quadrilateral whose features are all 0, fitted with `WEIGHTS`."""
 

@@ -64,7 +64,8 @@ MAX_ASPECT = 40
 the small copy has fewer than 16 rows or columns."""
 MIN_SCORE = 0.04
 """Smallest score of a display without patches. Photographs of the training split that show none
-score 0.011 at most; nine in ten simulated displays score more (reports.lab.locate_weights)."""
+score 0.011 at most; nine in ten simulated displays score more. Measured by
+`reports.lab.locate_weights` at the tag results-2026-11."""
 
 
 def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | None:

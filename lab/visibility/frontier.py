@@ -1,50 +1,40 @@
-"""Right bits beside visibility, by grid and modulation: python -m reports.visibility.frontier.
+"""How many bits are read, beside what is seen, by grid and modulation; takes some minutes.
 
 Every layout is filmed on held-out pictures and channel draws of all nine camera-display pairs, at 0
 and 45 degrees. Beside the bits that each method reads stand the contrast over threshold of what the
-display shows, its PSNR, and its JOD where `reports.visibility.second_model` measured it. Writes the
-results beside docs/hidden.md, and its blocks and chart; takes some minutes, and goes on where it
-was cut off.
+display shows, and its PSNR.
 """
 
-import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
 import pandas as pd
-import tyro
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from export.visibility.line_code import CODE_OF_MODULATION
-from lab.visibility.presets import seen_of, setting_name, viewing_of
-from link.cli import read_flags, run_cli
-from link.embed import with_head_room
-from link.errors import ParameterError, at_least, each_once
-from link.images.quality import psnr
-from link.outside import is_file
-from link.presets import Preset
-from models import shipped_checkpoint
-from reports.engine.backends import Backend
-from reports.engine.methods import methods_for
-from reports.engine.predict import Condition, predict_all
-from reports.engine.provenance import commit, provenance
-from reports.render.charts import save_png
-from reports.render.tables import write_blocks
-from reports.studies.peers.page import read_peers
-from reports.visibility.frontier_charts import frontier_figure
-from reports.visibility.frontier_reading import read_rows
-from reports.visibility.frontier_results import (
+from lab.comparison.peers.study import STUDY as PEERS
+from lab.study import DOCS, Picture, Results, Study, StudyFlags, Workshop, stored_results
+from lab.visibility.frontier_charts import frontier_figure
+from lab.visibility.frontier_reading import read_rows
+from lab.visibility.frontier_results import (
     PAPER_SETTING,
     FrontierResults,
     FrontierSetting,
     SettingResult,
     ShownRate,
-    read_frontier,
-    write_frontier,
 )
-from reports.visibility.frontier_tables import frontier_blocks
+from lab.visibility.frontier_tables import frontier_blocks
+from lab.visibility.presets import seen_of
+from link.embed import with_head_room
+from link.errors import ParameterError, at_least, each_once
+from link.images.quality import psnr
+from link.presets import Preset
+from models import shipped_checkpoint
+from reports.engine.methods import methods_for
+from reports.engine.predict import Condition
 
 VIEWS = (0.0, 45.0)
 """Angles of observation, in degrees from the display's normal."""
@@ -65,7 +55,7 @@ RATES_HZ = (15, 30, 60)
 
 
 @dataclass(frozen=True)
-class FrontierConfig:
+class FrontierFlags(StudyFlags):
     """Compare layouts by what is seen and what is read."""
 
     methods: tuple[str, ...] = ("naive", "oorc", "learned")
@@ -75,58 +65,37 @@ class FrontierConfig:
     observed: int = 0
     """Number of them that the observer ``ideal_change`` reads, too, which takes seconds for each;
     0 leaves it out."""
-    seed: int = 0
-    """Seed of messages, channel draws and of the messages whose visibility is computed."""
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
-    work: Path = Path("runs/frontier")
-    """Folder of the predictions, from which a run that was cut off goes on."""
-    page: Path = Path("docs/hidden.md")
-    """Page whose blocks are written; hidden.json and the chart are put beside it."""
-    rated: Path = Path("docs/visibility.md")
-    """Page with the table of JOD that `reports.visibility.second_model` wrote."""
-    peers: Path = Path("docs/peers.json")
-    """Results of other systems, which the chart shows where they are there."""
 
 
-def main() -> None:
-    """Decode, work out, store, tabulate, draw."""
-    config = read_flags(lambda: tyro.cli(FrontierConfig))
-    each_once(methods=config.methods)
-    at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, observed=config.observed, seed=config.seed)
-    if "learned" not in config.methods:
+def check_frontier(flags: FrontierFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    each_once(methods=flags.methods)
+    at_least(1, frames=flags.frames)
+    at_least(0, observed=flags.observed)
+    if "learned" not in flags.methods:
         raise ParameterError("methods", "name learned, whose scores give the rates")
-    readers = [(config.methods, config.frames), (("ideal_change",), config.observed)]
+
+
+def measure_frontier(flags: FrontierFlags, workshop: Workshop) -> FrontierResults:
+    """Decode every setting, and work out what it shows."""
+    readers = [(flags.methods, flags.frames), (("ideal_change",), flags.observed)]
     found = []
     for setting in SETTINGS:
-        condition = condition_of(setting, config.frames, config.seed)
         parts = []
-        for names, frames in readers[: 2 if config.observed else 1]:
+        for names, frames in readers[: 2 if flags.observed else 1]:
             methods = methods_for(names, shipped_checkpoint(setting.layout))
-            few = condition_of(setting, frames, config.seed)
-            parts.append(predict_all([few], methods, config.work, Backend(config.jobs)))
-        shown = [shown_rate(setting, rate, config.seed, config.rated) for rate in RATES_HZ]
+            few = condition_of(setting, frames, flags.seed)
+            parts.append(workshop.predict([few], methods))
         found.append(
             SettingResult(
                 setting=setting,
                 message_bits=setting.layout.n_bits,
-                psnr=displayed_psnr(condition),
-                shown=shown,
-                read=read_rows(pd.concat(parts, ignore_index=True), config.seed),
+                psnr=displayed_psnr(condition_of(setting, flags.frames, flags.seed)),
+                shown=[shown_rate(setting, rate, flags.seed) for rate in RATES_HZ],
+                read=read_rows(pd.concat(parts, ignore_index=True), flags.seed),
             )
         )
-    meta = provenance(config.seed, simulated=True) | {"commit": commit()}
-    stored = config.page.with_suffix(".json")
-    write_frontier(stored, FrontierResults(meta, found))
-    texts = frontier_blocks(stored)
-    for text in texts.values():
-        print(text, end="\n\n")
-    write_blocks(config.page, texts)
-    peers = read_peers(config.peers).rows if is_file(config.peers) else []
-    chart = config.page.with_name("hidden_frontier.png")
-    save_png(frontier_figure(read_frontier(stored), peers), chart)
-    print(f"written: {config.page}, {stored}, {chart}")
+    return FrontierResults(found)
 
 
 def condition_of(setting: FrontierSetting, frames: int, seed: int) -> Condition:
@@ -135,37 +104,17 @@ def condition_of(setting: FrontierSetting, frames: int, seed: int) -> Condition:
     return Condition(setting.name, Source(setting.layout, "test", seed), cells, frames)
 
 
-def shown_rate(setting: FrontierSetting, states_hz: int, seed: int, rated: Path) -> ShownRate:
+def shown_rate(setting: FrontierSetting, states_hz: int, seed: int) -> ShownRate:
     """Work out how visible random messages of a setting are at one rate, at 60 refreshes a second.
 
     Args:
         setting: layout and kappa.
         states_hz: states a second.
         seed: seed of the messages.
-        rated: page with the table of JOD.
     """
     line_code = CODE_OF_MODULATION[setting.modulation]
     preset = Preset(setting.layout, setting.kappa, states_hz, line_code)
-    seen = seen_of(preset, seed, 20.0).mean
-    return ShownRate(states_hz, seen, measured_jod(rated, preset))
-
-
-def measured_jod(page: Path, preset: Preset) -> float | None:
-    """Find what ColorVideoVDP said of a preset in the table that the second model's command wrote.
-
-    Args:
-        page: Markdown with the table; may be missing.
-        preset: setting and rate.
-
-    Returns:
-        JOD to two digits; None where the setting was not rated at this rate.
-    """
-    rates = f"{preset.state_hz:g} of {viewing_of(preset).refresh_hz:g}"
-    start = f"| {setting_name(preset)} | {rates} | "
-    block = page.read_text().partition("<!-- visibility_jod -->")[2] if is_file(page) else ""
-    lines = block.partition("<!-- /visibility_jod -->")[0].splitlines()
-    found = [line.split("|")[-2] for line in lines if line.startswith(start)]
-    return float(found[0]) if found else None
+    return ShownRate(states_hz, seen_of(preset, seed, 20.0).mean)
 
 
 def displayed_psnr(condition: Condition) -> float:
@@ -186,5 +135,20 @@ def displayed_psnr(condition: Condition) -> float:
     return fmean(decibels)
 
 
-if __name__ == "__main__":
-    run_cli(main)
+def frontier_pictures(results: Mapping[str, Results[FrontierResults]]) -> dict[str, Picture]:
+    """Draw the charts, with other systems where docs/ store their results."""
+    peers = [row for each in stored_results(PEERS, DOCS).values() for row in each.content.rows]
+    return {"hidden_frontier.png": frontier_figure(results["frontier"].content, peers)}
+
+
+STUDY = Study(
+    name="frontier",
+    flags=FrontierFlags,
+    content=FrontierResults,
+    measure=measure_frontier,
+    blocks=frontier_blocks,
+    page=Path("docs/hidden.md"),
+    pictures=frontier_pictures,
+    check=check_frontier,
+)
+"""The study that `python -m lab frontier` runs."""

@@ -11,6 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation, Transform
 
+from lab.comparison.peers.page import COLOURS, LEAST_ACCURACY, OURS, PeerRow, best_readings
+from lab.visibility.frontier_results import (
+    CHART_HZ,
+    FrontierResults,
+    FrontierSetting,
+    ReadRow,
+    SettingResult,
+    decided_information,
+)
 from reports.render.charts import (
     MUTED,
     PAPER,
@@ -23,15 +32,6 @@ from reports.render.charts import (
     set_ticks,
 )
 from reports.render.tables import percent, share_interval
-from reports.studies.peers.page import COLOURS, LEAST_ACCURACY, OURS, PeerRow, best_readings
-from reports.visibility.frontier_results import (
-    CHART_HZ,
-    FrontierResults,
-    FrontierSetting,
-    ReadRow,
-    SettingResult,
-    decided_information,
-)
 
 GRID_MARKERS = {(8, 8): "s", (24, 32): "D", (48, 64): "^", (96, 128): "o"}
 """Markers of grids, given as rows and columns, in charts."""
@@ -43,7 +43,7 @@ LEAST_BITS = 0.1
 
 @dataclass(frozen=True)
 class FrontierChart:
-    """A chart that is drawn alone in the report, and beside the others in docs."""
+    """One of the charts that stand beside each other."""
 
     title: str
     """What it shows, in a few words."""
@@ -78,14 +78,6 @@ def frontier_charts(results: FrontierResults, peers: Sequence[PeerRow] = ()) -> 
             lambda panel: _draw_bits(panel, results, widest, others),
         ),
     ]  # fmt: skip
-
-
-@in_style
-def chart_figure(chart: FrontierChart) -> Figure:
-    """Draw one chart alone, for the report."""
-    figure, (panel,) = new_panels(legend=NAMES_IN)
-    chart.draw(panel)
-    return figure
 
 
 @in_style

@@ -1,19 +1,13 @@
-"""What layouts show and what is read from them: results of a study, and their file.
+"""What layouts show and what is read from them: results of a study."""
 
-The study `reports.visibility.frontier` stores its results in docs/hidden.json.
-"""
-
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from link.layout import Layout, make_layout
-from link.outside import read_json
-from reports.engine.checked import Count, Number, Share, checked, write_json
-from reports.engine.provenance import Making
+from reports.engine.checked import Count, Number, Share
 
 Positive = Annotated[int, Field(ge=1, le=2**20)]
 """Type of a number of things in a stored file of which there is at least one."""
@@ -68,8 +62,6 @@ class ShownRate:
     """States a second, on a display of 60 refreshes a second."""
     seen: Annotated[float, Field(ge=1e-9, le=1e9)]
     """Contrast over threshold of one block; above 1 it is seen."""
-    jod: Number | None
-    """Quality by ColorVideoVDP, in JOD of which 10 is the best; None where it was not measured."""
 
 
 @dataclass(frozen=True)
@@ -142,10 +134,8 @@ class SettingResult:
 
 @dataclass(frozen=True)
 class FrontierResults:
-    """Content of a hidden.json."""
+    """What was measured."""
 
-    meta: dict[str, Any]
-    """What produced the results; `reports.engine.provenance.Making` at least."""
     settings: Annotated[list[SettingResult], Field(min_length=1)]
     """One entry for each setting."""
 
@@ -179,22 +169,6 @@ class FrontierResults:
     def methods(self) -> list[str]:
         """Labels of the methods in order of first appearance."""
         return list(dict.fromkeys(row.method for result in self.settings for row in result.read))
-
-
-def write_frontier(file: Path, results: FrontierResults) -> None:
-    """Write results as strict JSON: {"meta": ..., "settings": [...]}."""
-    write_json(file, asdict(results))
-
-
-def read_frontier(file: Path) -> FrontierResults:
-    """Read a hidden.json that `write_frontier` wrote.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
-    results = checked(FrontierResults, read_json(file), str(file))
-    checked(Making, results.meta, f"{file}, meta")
-    return results
 
 
 def decided_information(accuracy: float) -> float:

@@ -1,9 +1,10 @@
-"""Tables of what layouts show and what is read from them, for docs and the page of evaluate.py."""
+"""Tables of what layouts show and what is read from them."""
 
-from pathlib import Path
+from collections.abc import Mapping
 
+from lab.study import Results
+from lab.visibility.frontier_results import PAPER_HZ, FrontierResults, Lead
 from reports.render.tables import Table, TableCell, percent, share_interval
-from reports.visibility.frontier_results import PAPER_HZ, FrontierResults, Lead, read_frontier
 
 
 def bits_table(results: FrontierResults) -> Table:
@@ -35,25 +36,6 @@ def _lead_cell(lead: Lead | None) -> str | TableCell:
     return TableCell(f"{lead.points:+.2f}", interval, "good" if lead.low > 0 else "bad")
 
 
-def close_table(results: FrontierResults) -> Table | None:
-    """Tabulate where `learned` is not clearly ahead of another method; None where it always is."""
-    rows: list[list[str | TableCell]] = []
-    for result in results.settings:
-        for row in sorted(result.read, key=lambda row: row.view_deg):
-            if row.lead is not None and row.lead.low <= 0:
-                ours = next(
-                    own.accuracy
-                    for own in result.read
-                    if (own.method, own.view_deg) == ("learned", row.view_deg)
-                )
-                name, view = result.setting.name, f"{row.view_deg:g}°"
-                right = [percent(ours), percent(row.accuracy)]
-                rows.append([name, view, row.method, *right, _lead_cell(row.lead)])
-    heads = ["setting", "view", "method", "learned right %", "method right %", "points ahead"]
-    title = "Where learned is not clearly ahead: the interval of its lead reaches 0 or below"
-    return Table(heads, rows, title, left=3) if rows else None
-
-
 def rate_table(results: FrontierResults) -> Table:
     """Tabulate visibility and bits a second, and both against the paper's setting."""
     paper = results.paper
@@ -68,26 +50,21 @@ def rate_table(results: FrontierResults) -> Table:
                     str(rate.states_hz),
                     f"{rate.seen:.2f}",
                     f"{result.psnr:.1f}",
-                    "–" if rate.jod is None else f"{rate.jod:.2f}",
                     f"{carried:,.0f}",
                     f"{rate.seen / seen:.2f}",
                     f"{carried / bits_hz:.1f}" if bits_hz else "–",
                 ]
             )
-    heads = ["setting", "states/s", "contrast over threshold", "PSNR dB", "JOD", "bits/s",
+    heads = ["setting", "states/s", "contrast over threshold", "PSNR dB", "bits/s",
              "× seen of the paper's", "× bits/s of the paper's"]  # fmt: skip
     return Table(heads, rows)
 
 
-def frontier_blocks(file: Path) -> dict[str, str]:
-    """Make the blocks of docs/hidden.md by name.
-
-    Args:
-        file: what `write_frontier` wrote.
-    """
-    results = read_frontier(file)
+def frontier_blocks(stored: Mapping[str, Results[FrontierResults]]) -> dict[str, str]:
+    """Show right bits, and bits a second, by the name of the page's block."""
+    meta, results = stored["frontier"].meta, stored["frontier"].content
     rows = [row for result in results.settings for row in result.read]
     each = ", ".join(str(count) for count in sorted({row.frames for row in rows}))
-    how = f"Seed {results.meta['seed']}, {each} frame pairs at each view, simulated."
+    how = f"Seed {meta['seed']}, {each} frame pairs at each view, simulated."
     tables = {"hidden_bits": bits_table(results), "hidden_rates": rate_table(results)}
     return {name: f"{how}\n\n{table.markdown()}" for name, table in tables.items()}

@@ -16,6 +16,8 @@ from data_gen.channel.optics import check_view
 from data_gen.frame_pair import Cell, Source
 from data_gen.pairs import PAIRS
 from lab.study import Results, Study, StudyFlags, Workshop
+from lab.visibility.frontier_reading import read_rows
+from lab.visibility.frontier_results import Positive, ReadRow
 from link.embed import check_kappa
 from link.errors import at_least, choose, each_once
 from link.layout import Layout, count_pilots, make_layout
@@ -24,8 +26,6 @@ from reports.engine.checked import Count, Number
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition
 from reports.render.tables import Table, TableCell, percent, share_interval
-from reports.visibility.frontier_reading import read_rows
-from reports.visibility.frontier_results import Positive, ReadRow
 
 PILOTS = {
     (8, 8): (4, 8, 16, 24, 32),

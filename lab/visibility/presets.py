@@ -220,9 +220,9 @@ def measure_visibility(flags: VisibilityFlags, workshop: Workshop) -> Tables:
     """Compute all tables."""
     return Tables(
         {
-            "visibility_presets": preset_table(flags.seed, flags.seconds),
-            "visibility_square": square_wave_table(),
-            "visibility_kappa": kappa_table(flags.seed, flags.seconds, KEPT, flags.limit),
+            "visibility_presets": [preset_table(flags.seed, flags.seconds)],
+            "visibility_square": [square_wave_table()],
+            "visibility_kappa": [kappa_table(flags.seed, flags.seconds, KEPT, flags.limit)],
         }
     )
 

@@ -27,6 +27,8 @@ first stages shrink both fourfold."""
 CONTRAST = 20.0
 """Factor by which the difference of the frames is multiplied. They differ by a few gray levels of
 255, and the factor brings that to the order of 1."""
+TRAINED_BY = "python -m reports.lab.cnn_baseline at the tag results-2026-11"
+"""Command that trained the shipped network; the repository no longer holds it."""
 GROUP = 8
 """Number of channels that are normalised together, over the whole frame."""
 
@@ -177,7 +179,7 @@ def load_cnn(folder: Path) -> BlockNet:
     Raises:
         InputError: a file is missing, damaged, or does not fit the other.
     """
-    config = read_config(folder, "python -m reports.lab.cnn_baseline")
+    config = read_config(folder, TRAINED_BY)
     try:
         module = BlockNet(CnnConfig(**config["cnn"]))
     except (ValueError, KeyError, TypeError) as error:
@@ -214,7 +216,7 @@ class Cnn:
     """One network for all cameras and displays; nothing is calibrated on the frame pair."""
 
     checkpoint: Path = PRETRAINED_CNN
-    """Folder with decoder.pt and config.json, written by ``python -m reports.lab.cnn_baseline``."""
+    """Folder with decoder.pt and config.json, which `TRAINED_BY` wrote."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair, in natural log-likelihood ratios."""

@@ -16,8 +16,8 @@ from reports.evaluation.cost import measure_cost
 from reports.evaluation.findings import REFERENCES, leaders
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import Place, captured_stories, simulated_stories
+from reports.evaluation.sweeps import sweep_conditions, swept_methods
 from reports.run import RunFolder
-from reports.studies.sweeps import sweep_conditions, swept_methods
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def simulated_evidence(
         comparison: the main comparison.
         predicted: predictions of the main comparison.
         methods: all methods that were compared.
-        sweeps: names of the sweeps, keys of `reports.studies.sweeps.SWEEPS`.
+        sweeps: names of the sweeps, keys of `reports.evaluation.sweeps.SWEEPS`.
         quick: whether fewer values are swept, and fewer frame pairs shown.
         backend: where the cells of sweeps are decoded.
         clock: gets the times.

@@ -7,6 +7,9 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
+from lab.visibility.frontier_charts import chart_figure, frontier_charts
+from lab.visibility.frontier_results import CHART_HZ, FrontierResults, read_frontier
+from lab.visibility.frontier_tables import bits_table, close_table, rate_table
 from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
@@ -54,9 +57,6 @@ from reports.studies.peers.page import (
     peers_table,
     read_peers,
 )
-from reports.visibility.frontier_charts import chart_figure, frontier_charts
-from reports.visibility.frontier_results import CHART_HZ, FrontierResults, read_frontier
-from reports.visibility.frontier_tables import bits_table, close_table, rate_table
 
 SECTIONS = {
     "glance": "At a glance",

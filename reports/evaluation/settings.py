@@ -10,7 +10,7 @@ from typing import Any
 from data_gen.flags import LayoutFlags
 from reports.engine.methods import Method
 from reports.engine.predict import checkpoint_digest
-from reports.studies.sweeps import SWEEPS
+from reports.evaluation.sweeps import SWEEPS
 
 UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "compare")
 """Flags that decide no number, and so are no part of a run's settings."""

@@ -6,7 +6,7 @@ score table also keeps the sum of squares that `clustered_interval` needs.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -119,12 +119,17 @@ def pool(scores: pd.DataFrame, by: Sequence[str] = ("method",)) -> pd.DataFrame:
 
 def write_scores(file: Path, scores: pd.DataFrame, meta: dict[str, Any]) -> None:
     """Write a score table as metrics.json (strict JSON): {"meta": ..., "rows": [...]}."""
-    kept = scores.drop(columns=["condition", "paper"])
+    write_json(file, {"meta": meta, "rows": [asdict(row) for row in to_score_rows(scores)]})
+
+
+def to_score_rows(scores: pd.DataFrame) -> list[ScoreRow]:
+    """Turn a score table of one condition into rows that JSON can hold."""
+    kept = scores.drop(columns=["condition", "paper"])[[field.name for field in fields(ScoreRow)]]
     rows = [
         {key: None if pd.isna(value) else value for key, value in row.items()}
         for row in kept.to_dict("records")
     ]
-    write_json(file, {"meta": meta, "rows": rows})
+    return checked(list[ScoreRow], rows, "scores")
 
 
 def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
@@ -137,13 +142,18 @@ def read_scores(file: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
         InputError: the file is missing or damaged.
     """
     content = checked(StoredScores, read_json(file), str(file))
-    table = pd.DataFrame([vars(row) for row in content.rows], columns=SCORES)
+    return to_scores(content.rows), content.meta
+
+
+def to_scores(rows: Sequence[ScoreRow]) -> pd.DataFrame:
+    """Turn stored rows into a score table, whose only condition is ""."""
+    table = pd.DataFrame([vars(row) for row in rows], columns=SCORES)
     table["condition"] = ""
     table["view_deg"] = pd.to_numeric(table["view_deg"]).astype("Float64")
     table["kappa"] = pd.to_numeric(table["kappa"]).astype("Int64")
     table["accuracy"] = table["accuracy"].astype(float)
     table["paper"] = _printed(table)
-    return table, content.meta
+    return table
 
 
 def _printed(table: pd.DataFrame) -> list[float]:

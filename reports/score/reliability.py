@@ -132,7 +132,9 @@ def calibration_error(bins: Sequence[Bin]) -> float:
     return sum(b.count * abs(b.accuracy - b.confidence) for b in bins) / total
 
 
-def reliability_curves(records: pd.DataFrame, methods: Sequence[str]) -> Curves:
+def reliability_curves(
+    records: pd.DataFrame, methods: Sequence[str]
+) -> dict[str, dict[str, list[Bin]]]:
     """Bins of each method in each condition, and over `ALL` of them.
 
     Args:

@@ -30,10 +30,7 @@ from reports.engine.backends import Backend
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
-from reports.films import delivery, endless
-from reports.studies import framing, leave_one_out
-from reports.studies.ablation import __main__ as ablation
-from reports.studies.peers import __main__ as peers
+from reports.films import delivery
 
 HOLD = """
 import os, subprocess, sys, time
@@ -180,12 +177,7 @@ SMALL = ["--pairs", "canon-lg", "--frames", "1", "--jobs", "1"]
 COMMANDS: list[tuple[Callable[[], None], list[str]]] = [
     (evaluate.main, [*SMALL, "--views", "0", "--kappas", "5", "--methods", "naive"]),
     (train.main, ["--episodes", "1", "--jobs", "1"]),
-    (ablation.main, SMALL),
     (delivery.main, ["--runs", "1", "--jobs", "1"]),
-    (endless.main, []),
-    (framing.main, ["--trials", "1"]),
-    (leave_one_out.main, ["--episodes", "9"]),
-    (peers.main, [*SMALL, "--systems"]),
     (lab.main, ["repeats", "--frames", "1"]),
 ]
 

@@ -24,8 +24,8 @@ from link.layout import Layout, make_layout
 from models import PRETRAINED
 from reports.engine.methods import Method, suited_methods
 from reports.evaluation.settings import decisive_settings
+from reports.evaluation.sweeps import sweep_conditions
 from reports.evaluation.versus import compare_runs
-from reports.studies.sweeps import sweep_conditions
 
 FINE = ("--rows", 12, "--cols", 16, "--modulation", "antipodal", "--pilots", "auto")
 FINE_LAYOUT = make_layout(12, 16, modulation="antipodal", pilots=32)

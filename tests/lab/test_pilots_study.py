@@ -8,9 +8,9 @@ from conftest import Command
 from lab import __main__ as lab
 from lab.study import read_results
 from lab.visibility import pilots
+from lab.visibility.frontier_results import ReadRow
 from lab.visibility.pilots import PILOTS, STUDY, PilotRow, pilots_table
 from link.layout import count_pilots
-from reports.visibility.frontier_results import ReadRow
 
 
 def test_every_grid_is_compared_around_what_auto_takes() -> None:

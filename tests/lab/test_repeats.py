@@ -3,11 +3,26 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import Command
 
 from lab import __main__ as lab
+from link.errors import InputError
+from link.frames import SoftBits, combined
 from models import PRETRAINED
+
+
+def test_combined_adds_log_likelihood_ratios() -> None:
+    one, two = SoftBits(np.array([1.0, -2, 0.5])), SoftBits(np.array([-3.0, 1, 0.5]))
+    np.testing.assert_array_equal(combined([one, two]).scores, [-2, -1, 1])
+    np.testing.assert_array_equal(combined([one]).bits, one.bits)
+
+
+@pytest.mark.parametrize("lengths", [(), (3, 4)])
+def test_captures_that_cannot_be_combined_are_refused(lengths: tuple[int, ...]) -> None:
+    with pytest.raises(InputError, match="equally many bits"):
+        combined([SoftBits(np.zeros(n)) for n in lengths])
 
 
 @pytest.mark.slow

@@ -10,17 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Command, slow
-
-from link.images import write_image
-from reports.engine.records import to_records
-from reports.evaluation import page
-from reports.evaluation.page import write_report
-from reports.evaluation.versus import compare_runs
-from reports.run import Cost, Response, Run, RunFolder, Story, SweepCurve, SweepPoint
-from reports.score.accuracy import score, write_scores
 from reports.studies.ablation.__main__ import compare_rows
 from reports.studies.peers.page import PeerRow, write_peers
-from reports.visibility.frontier_results import (
+
+from lab.visibility.frontier_results import (
     PAPER_SETTING,
     FrontierResults,
     Lead,
@@ -29,6 +22,13 @@ from reports.visibility.frontier_results import (
     ShownRate,
     write_frontier,
 )
+from link.images import write_image
+from reports.engine.records import to_records
+from reports.evaluation import page
+from reports.evaluation.page import write_report
+from reports.evaluation.versus import compare_runs
+from reports.run import Cost, Response, Run, RunFolder, Story, SweepCurve, SweepPoint
+from reports.score.accuracy import score, write_scores
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 JSON = (

@@ -11,7 +11,7 @@ from link.ratex import training_pixels
 from reports.engine.methods import Method
 from reports.evaluation.reasons import Parts, block_lumas, explain, take_apart
 from reports.evaluation.response import measure_response
-from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS, sweep_conditions
+from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, sweep_conditions
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 import evaluate
 from data_gen.frame_pair import Cell, FramePair, Source
+from lab.visibility.frontier_results import read_frontier, write_frontier
 from link.captures import save_captures
 from link.layout import make_layout
 from reports.engine.records import to_records
@@ -24,6 +25,7 @@ from reports.evaluation.findings import leaders
 from reports.evaluation.html import render
 from reports.evaluation.page import SECTIONS, write_report
 from reports.evaluation.settings import chosen_sweeps
+from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS
 from reports.render.charts import (
     ACCURACY_TICKS,
     Point,
@@ -42,8 +44,6 @@ from reports.render.tables import Table, TableCell
 from reports.run import REFERENCES, RunFolder, Story
 from reports.score.accuracy import score, write_scores
 from reports.score.paired import same_captures
-from reports.studies.sweeps import SWEEPS, SWEPT_PAIRS
-from reports.visibility.frontier_results import read_frontier, write_frontier
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 MACHINE_FREE = ("src", "href", "data", "poster", "srcset", "action", "xlink:href")
@@ -302,7 +302,7 @@ def store(tmp_path: Path) -> Store:
 def test_a_run_with_predictions_alone_says_what_it_lacks(store: Store) -> None:
     folder = store("bare", [line("oorc", i, i % 2) for i in range(6)])
     checked = check_page(write_report(folder))
-    assert "python -m reports.visibility.frontier measures it" in checked.text["frontier"]
+    assert "python -m lab.visibility.frontier measures it" in checked.text["frontier"]
     for anchor in ("sweeps", "frontier", "reliability", "cdtf", "pictures", "failures", "cost"):
         assert "not in this run" in checked.text[anchor]
 

@@ -24,7 +24,6 @@ from reports.films import codecs, delivery
 from reports.films.codecs import VariantsTake
 from reports.films.delivery import Delivery, DeliveryConfig, Take
 from reports.score.reliability import confidence_bins
-from reports.studies import framing
 
 STORED = sorted((ROOT / DOCS / "delivery").glob("*.json"))
 
@@ -283,46 +282,3 @@ def test_one_film_is_read_through_codecs_and_phones() -> None:
     for name, other in (("lossless", alone), ("h264-8000", coded)):
         del found[name]["receiver_fps"], other["receiver_fps"]
         assert found[name] == other
-
-
-# The codes
-
-
-SMALL = ("--trials", 4, "--ber", 0.02, 0.2, "--jobs", 1)
-
-
-def test_the_code_holds_at_few_and_fails_at_many_wrong_bits(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(framing, "RANDOM", 6)
-    monkeypatch.setattr(framing, "NOISY", 4)
-    monkeypatch.setattr(framing, "BATCH", 4)
-    done = command(framing.main, *SMALL, "--wrong", "--out", tmp_path)
-    assert done.status == 0, done.stderr
-    content = json.loads((tmp_path / "framing.json").read_text())
-    rows = [row for row in content["rows"] if row["code"].startswith("LDPC")]
-    assert [(row["loops"], row["ber"]) for row in rows] == [
-        (loops, ber) for loops in (1, 2, 3) for ber in (0.02, 0.2)
-    ]
-    assert [row["failed"] for row in rows if row["ber"] == 0.02] == [0, 0, 0]
-    assert rows[1]["failed"] == 4
-    assert [(row["decodes"], row["wrong"]) for row in content["wrong"]] == [(6, 0), (4, 0)]
-    assert (tmp_path / "framing.png").is_file()
-    (stored,) = tmp_path.glob("batches_*.jsonl")
-    before = stored.read_bytes()
-    assert command(framing.main, *SMALL, "--wrong", "--out", tmp_path).status == 0
-    assert stored.read_bytes() == before
-
-
-def test_a_batch_begins_where_the_one_before_ended() -> None:
-    config = framing.FramingConfig(trials=3, ber=(0.05, 0.1))
-    (code,) = [name for name in framing.CODES if name.startswith("LDPC")]
-    batches = list(framing.curve_batches(config, [code]).values())
-    rng = np.random.default_rng(config.seed)
-    for batch in batches:
-        again = np.random.default_rng()
-        again.bit_generator.state = dict(batch.state)
-        pairs = zip(framing.draw_trials(batch, rng), framing.draw_trials(batch, again), strict=True)
-        for one, other in pairs:
-            assert one.message == other.message
-            assert np.array_equal(one.scores, other.scores)

@@ -1,0 +1,153 @@
+"""The ablation as tables and a picture, from the numbers that were measured."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
+
+from lab.comparison.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
+from lab.comparison.ablation.switches import FLOORS, WHOLE_DECODERS
+from reports.render.charts import in_style
+from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
+from reports.score.paired import MIN_FRAMES, Paired
+
+TICKS = (-30, -10, -3, -1, 0, 1, 3, 10, 30)
+"""Ticks of the picture's scale, in points; the scale is linear within 1 and logarithmic beyond."""
+
+
+def ablation_tables(ablation: Ablation, frames: int) -> list[Table]:
+    """Return what each switch is worth, and how the whole decoders stand against OORC.
+
+    Args:
+        ablation: what was measured.
+        frames: number of frame pairs in each cell.
+
+    Returns:
+        a table for each of `BLOCKS` (rows of the ablation by conditions; the error in per cent, and
+        beside it the paired difference to the reference), and one of the whole decoders.
+    """
+    tables = [_switch_table(ablation.entries, title) for title in BLOCKS]
+    return [*tables, _whole_decoders_table(ablation, frames)]
+
+
+@in_style
+def ablation_figure(ablation: Ablation) -> Figure:
+    """Draw the paired differences with their intervals, one panel a block and condition.
+
+    Green is better than the reference beyond the interval, red is worse, gray is neither.
+    """
+    entries = ablation.entries
+    by_place = {(entry.row, entry.condition): entry for entry in entries}
+    conditions = list(dict.fromkeys(entry.condition for entry in entries))
+    order = dict.fromkeys(entry.row for entry in entries)
+    blocks = {
+        reference: [row for row in order if row in rows and row not in (reference, *FLOORS)]
+        for reference, rows in BLOCKS.values()
+    }
+    blocks = {reference: rows for reference, rows in blocks.items() if rows}
+    heights = [len(rows) + 1 for rows in blocks.values()]
+    figure = Figure(figsize=(1.6 + 2.4 * len(conditions), 1.4 + 0.3 * sum(heights)))
+    panels = figure.subplots(
+        len(blocks),
+        len(conditions),
+        sharex="row",
+        sharey="row",
+        squeeze=False,
+        height_ratios=heights,
+    )
+    for line, (reference, rows) in zip(panels, blocks.items(), strict=True):
+        for panel, condition in zip(line, conditions, strict=True):
+            _draw_panel(panel, [by_place[row, condition].against[reference] for row in rows])
+            base = by_place[reference, condition]
+            panel.set_title(f"{condition}\n{reference}: {100 * base.error:.2f} % wrong", fontsize=9)
+        line[0].set_yticks(range(len(rows)), rows, fontsize=9)
+        line[0].set_ylim(len(rows) - 0.5, -0.5)
+        line[0].set_ylabel(f"less that of {reference}", fontsize=9)
+    label = "difference in accuracy, points, paired 95 % interval (simulated captures)"
+    figure.supxlabel(label, fontsize=9)
+    figure.tight_layout()
+    return figure
+
+
+def _draw_panel(panel: Axes, compared: Sequence[Paired]) -> None:
+    """Draw the comparisons of one condition below each other."""
+    panel.axvline(0, color="0.7", linewidth=1)
+    for y, paired in enumerate(compared):
+        colour = {"good": "C2", "bad": "C3", "": "0.4"}[_tint(paired)]
+        if paired.frames >= MIN_FRAMES:
+            panel.plot([paired.low, paired.high], [y, y], color=colour)
+        panel.plot(paired.difference, y, "o", color=colour, markersize=4)
+    panel.set_xscale("symlog", linthresh=1, linscale=0.6)
+    panel.xaxis.set_major_locator(FixedLocator(TICKS))
+    panel.xaxis.set_minor_locator(NullLocator())
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.grid(axis="x", color="0.92")
+    panel.tick_params(axis="x", labelsize=7)
+
+
+def _switch_table(entries: Sequence[AblationEntry], title: str) -> Table:
+    """Rows of one block by conditions."""
+    reference, rows = BLOCKS[title]
+    by_place = {(entry.row, entry.condition): entry for entry in entries}
+    bits = {entry.condition: entry.bits for entry in entries}
+    shown = [row for row in dict.fromkeys(entry.row for entry in entries) if row in rows]
+    return Table(
+        [f"row, against {reference}", *(f"{name}, {count:,} bits" for name, count in bits.items())],
+        [[row, *(_error_cell(by_place[row, name], reference) for name in bits)] for row in shown],
+        title,
+    )
+
+
+def _error_cell(entry: AblationEntry, reference: str) -> TableCell:
+    """Error of a row, its multiple of the floor's, and its difference to the reference."""
+    floor = entry.against.get("ideal")
+    multiple = "" if floor is None or floor.ratio is None else f" ×{floor.ratio:.2f}"
+    text = percent(entry.error) + multiple
+    if reference not in entry.against:
+        return TableCell(text)
+    paired = entry.against[reference]
+    return TableCell(text, f"{paired.difference:+.2f}, {_interval(paired)}", _tint(paired))
+
+
+def _whole_decoders_table(ablation: Ablation, frames: int) -> Table:
+    """Errors of decoders to use as a multiple of OORC's, and the cells in which they are behind."""
+    rows = []
+    for entry in ablation.entries:
+        if entry.row not in WHOLE_DECODERS:
+            continue
+        paired = entry.against["oorc"]
+        high = "∞" if paired.ratio_high is None else f"{paired.ratio_high:.2f}"
+        behind = [
+            cell
+            for cell in ablation.behind_oorc
+            if (cell.row, cell.condition) == (entry.row, entry.condition)
+        ]
+        named = ["; ".join(map(_cell_behind, behind))] if behind else []
+        rows.append(
+            [
+                entry.row,
+                entry.condition,
+                "–" if paired.ratio is None else f"{paired.ratio:.2f}",
+                f"{paired.ratio_low:.2f} to {high}",
+                ": ".join([f"{len(behind)} of {entry.frames // frames}", *named]),
+            ]
+        )
+    multiple = "multiple of OORC's errors"
+    heads = ["row", "condition", multiple, "95 % interval", "cells behind OORC"]
+    return Table(heads, rows, "Whole decoders against OORC", left=2)
+
+
+def _cell_behind(cell: CellBehind) -> str:
+    return (
+        f"{cell.pair} {cell.view_deg:g}° κ {cell.kappa}: {cell.difference:+.2f}, "
+        f"{cell.low:+.2f} to {cell.high:+.2f}"
+    )
+
+
+def _interval(paired: Paired) -> str:
+    return "no interval" if paired.frames < MIN_FRAMES else difference_interval(paired)
+
+
+def _tint(paired: Paired) -> Tint:
+    return "good" if paired.low > 0 else "bad" if paired.high < 0 else ""

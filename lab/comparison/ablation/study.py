@@ -1,0 +1,206 @@
+"""Which switch of the torch decoder pays, and where.
+
+A row adds one switch to plain OORC or removes one from the full decoder; a condition is a setting
+of the channel. All rows decode identical captures.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from data_gen.frame_pair import Source
+from data_gen.pairs import PAIRS
+from lab.comparison.ablation.page import ablation_figure, ablation_tables
+from lab.comparison.ablation.results import Ablation, AblationEntry, CellBehind
+from lab.comparison.ablation.switches import FLOORS, ROWS, WHOLE_DECODERS, row_method
+from lab.study import Picture, Results, Study, StudyFlags, Workshop
+from link.errors import InputError, at_least, choose, each_once
+from link.layout import make_layout
+from models import PRETRAINED
+from models.neural.checkpoint import load_checkpoint
+from reports.engine.conditions import SETTINGS, named_condition
+from reports.render.reliability import reliability_figure, reliability_tables
+from reports.render.tables import Table
+from reports.score.accuracy import pool, score
+from reports.score.paired import COUNTS, cells_behind, compare, tally
+from reports.score.reliability import ALL, reliability_curves
+
+REFERENCES = ("oorc", "full", "ideal")
+"""Rows with which every other row is compared, where they are decoded."""
+
+
+@dataclass(frozen=True)
+class AblationFlags(StudyFlags):
+    """Switches of the torch decoder by conditions, on simulated captures of the test pictures."""
+
+    conditions: tuple[str, ...] = tuple(SETTINGS)
+    """Settings of the channel, named in reports/engine/conditions.py."""
+    rows: tuple[str, ...] = ROWS
+    """Rows, named in lab/comparison/ablation/switches.py; the references oorc and full always
+    join."""
+    learned: bool = True
+    """Add the trained decoder."""
+    ideal: bool = False
+    """Add the floors, under every decoder and under those that do not know the picture. They take
+    some ten times as long as all else."""
+    pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs."""
+    frames: int = 20
+    """Number of frame pairs in each cell, which is a pair, view and kappa; each has 59 bits."""
+    run: Path | None = None
+    """Checkpoint of the trained decoder: by default the shipped one."""
+    label: str = "ablation"
+    """Name of the results, which tells apart those of other rows and conditions."""
+
+
+def check_ablation(flags: AblationFlags) -> None:
+    """Raise an `InputError` for a wrong flag, before any work."""
+    valid: dict[str, Mapping[str, object]] = {
+        "conditions": SETTINGS,
+        "rows": dict.fromkeys(ROWS),
+        "pairs": PAIRS,
+    }
+    for flag, choices in valid.items():
+        names = getattr(flags, flag)
+        for name in names:
+            choose(choices, name, f"name in --{flag}")
+        each_once(**{flag: names})
+    at_least(1, frames=flags.frames)
+    if flags.learned:
+        try:
+            load_checkpoint(flags.run or PRETRAINED)
+        except InputError as error:
+            raise InputError(f"--run: {error}; or leave it out: --no-learned") from None
+
+
+def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
+    """Decode all conditions by all rows, and compare."""
+    base = Source(make_layout(), "test", flags.seed)
+    conditions = [
+        named_condition(name, base, flags.pairs, flags.frames) for name in flags.conditions
+    ]
+    rows = [row for row in ROWS if row in ("oorc", "full", *flags.rows)]
+    rows += ["learned"] if flags.learned else []
+    rows += FLOORS if flags.ideal else []
+    methods = [row_method(row, flags.run or PRETRAINED) for row in rows]
+    records = workshop.predict(conditions, methods)
+    entries, behind = compare_rows(records, flags.seed)
+    curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])
+    return Ablation(entries, behind, curves)
+
+
+def compare_rows(records: pd.DataFrame, seed: int) -> tuple[list[AblationEntry], list[CellBehind]]:
+    """Count the errors of every row in every condition, and compare rows with the references.
+
+    Args:
+        records: predictions of all rows in all conditions.
+        seed: seed of the resamples, which are the same for every comparison.
+
+    Returns:
+        one entry for each condition and row, and one for each cell in which a decoder to use is
+        behind OORC beyond the paired 95 % interval.
+    """
+    entries, behind = [], []
+    for condition, mine in records.groupby("condition", sort=False):
+        rows = list(mine["method"].unique())
+        for row in pool(score(mine)).itertuples():
+            against = {}
+            for reference in REFERENCES:
+                if reference in rows and reference != row.method:
+                    counts = tally(mine, row.method, reference)[COUNTS].to_numpy()
+                    against[reference] = compare(counts, np.random.default_rng(seed))
+            entries.append(
+                AblationEntry(
+                    row=row.method,
+                    condition=str(condition),
+                    frames=int(row.frames),
+                    bits=int(row.bits),
+                    errors=int(row.errors),
+                    error=row.errors / row.bits,
+                    ci_low=1 - row.high,
+                    ci_high=1 - row.low,
+                    against=against,
+                )
+            )
+        for row in rows:
+            if row in WHOLE_DECODERS:
+                rng = np.random.default_rng(seed)
+                for cell, paired in cells_behind(mine, row, "oorc", rng):
+                    behind.append(
+                        CellBehind(
+                            row=row,
+                            condition=str(condition),
+                            pair=str(cell["pair"]),
+                            view_deg=float(cell["view_deg"]),
+                            kappa=int(cell["kappa"]),
+                            difference=paired.difference,
+                            low=paired.low,
+                            high=paired.high,
+                        )
+                    )
+    return entries, behind
+
+
+def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
+    """Show the ablation of the label "ablation", or else of the only one there is."""
+    shown = results.get("ablation") or next(iter(results.values()))
+    ablation = shown.content
+    frames = shown.meta["flags"]["frames"]
+    tables = [f"## {table.markdown()}" for table in ablation_tables(ablation, frames)]
+    blocks = {"ablation": "\n\n".join([describe_study(shown.meta), *tables])}
+    if ablation.curves:
+        tables = [table.markdown() for table in reliability_tables(ablation.curves)]
+        blocks["reliability"] = "\n\n".join(tables)
+    return blocks
+
+
+def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Picture]:
+    """Draw the paired differences, and the diagram of reliability where it was measured."""
+    ablation = (results.get("ablation") or next(iter(results.values()))).content
+    pictures: dict[str, Picture] = {"ablation.png": ablation_figure(ablation)}
+    if ablation.curves:
+        names = [*dict.fromkeys(entry.condition for entry in ablation.entries), ALL]
+        pictures["reliability.png"] = reliability_figure(ablation.curves, names)
+    return pictures
+
+
+def describe_study(meta: Mapping[str, Any]) -> str:
+    """Say what the numbers are, as Markdown, from what a file of results says of its making."""
+    flags = meta["flags"]
+    bits = flags["frames"] * make_layout().n_bits
+    rows = []
+    for name in flags["conditions"]:
+        setting = SETTINGS[name]
+        views = ", ".join(f"{view:g}°" for view in setting.views)
+        changed = ", ".join(f"{key} {value:g}" for key, value in setting.parameters) or "fitted"
+        rows.append([name, views, ", ".join(map(str, setting.kappas)), changed])
+    return "\n\n".join(
+        [
+            f"Simulated captures, test pictures and channel draws, seed {meta['seed']}; a cell is "
+            f"a pair, view and κ and has {flags['frames']} frame pairs, {bits:,} bits. Pairs: "
+            f"{', '.join(flags['pairs'])}. By `{meta['command']}`.",
+            "An entry is the error in per cent, and in brackets the difference in accuracy to the "
+            "reference on identical captures: points, positive is better, with the 95 % interval "
+            "of a paired bootstrap over frame pairs"
+            + ("; × is the multiple of the ideal observer's errors." if flags["ideal"] else "."),
+            Table(["condition", "views", "κ", "channel"], rows, left=4).markdown(),
+        ]
+    )
+
+
+STUDY = Study(
+    name="ablation",
+    flags=AblationFlags,
+    content=Ablation,
+    measure=measure_ablation,
+    blocks=ablation_blocks,
+    page=Path("docs/ablation.md"),
+    pictures=ablation_pictures,
+    check=check_ablation,
+    label=lambda flags: flags.label,
+)
+"""The study that `python -m lab ablation` runs."""
