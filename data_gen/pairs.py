@@ -5,7 +5,8 @@ Each number is *measured* (citation), *datasheet*, *assumed* (bounds in brackets
 SPECTRA: `reports.lab.spectra`, at the tag results-2026-11, on rawtoaces-data sensitivities
 (Apache-2.0) and isetbio (MIT) and vistadisp display spectra. DARKTABLE: base curves and noise
 profiles of darktable. LENSFUN: lens database (CC BY-SA 3.0). PRAD: prad.de's reviews of the Samsung
-2493HM and 2494HM, sisters of the 2494SW. PTC: published sensor tests, D50 30,490 e at ISO 200, Canon 40D 41,400 e at ISO 100.
+2493HM and 2494HM, sisters of the 2494SW. PTC: published sensor tests, D50 30,490 e at ISO 200,
+Canon 40D 41,400 e at ISO 100.
 
 No table of luminance against angle was found for these panels: ``falloff``, ``washout`` and
 ``leak`` are assumptions, ordered TN > 32-inch S-IPS > IPS, and kept below what phone and tablet

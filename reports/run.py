@@ -8,13 +8,11 @@
 | sweeps.json, sweeps.jsonl | what was swept, and the predictions there |
 | stories.json, stories/ | single frame pairs as pictures |
 | response.json, cost.json | inverse responses that methods find, and their time |
-| reference/ | results of other commands that the report shows |
 | run.json | command, versions, machine; its presence marks a finished run |
 | report.html | the page |
 """
 
 import json
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -28,7 +26,6 @@ from link.files.lock import LOCK
 from link.images import make_folder, write_bytes
 from link.outside import inside, is_file, read_json
 from reports.engine.checked import Count, Number, checked
-from reports.engine.digest import ROOT
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions, to_lines, write_lines
 from reports.score.accuracy import read_scores, score, write_scores
@@ -38,13 +35,6 @@ Multiple = Annotated[float, Field(ge=1e-6, le=1e9)]
 """Type of a multiple of a time, which charts show on a logarithmic axis."""
 MAX_PICTURE_BYTES = 64 * 2**20
 """Largest size, in bytes, of a picture of a stored run that the report shows."""
-REFERENCES = {
-    "ablation": "docs/ablation.json",
-    "frontier": "docs/hidden.json",
-    "peers": "docs/peers.json",
-    "prediction": "docs/prediction.json",
-}
-"""Results of other commands that the report shows, copied into the run's folder."""
 REPORT = "report.html"
 """Name of the page of a run."""
 CONFIG = "config.json"
@@ -203,8 +193,6 @@ class Run:
     """Responses that methods found; empty where they were not measured."""
     cost: Cost | None
     """Time that the methods take; None where it was not measured."""
-    references: dict[str, Path]
-    """Files of results of other commands, by the names of `REFERENCES`; those that are there."""
 
     @property
     def seed(self) -> int:
@@ -329,7 +317,7 @@ class RunFolder:
         notes: Sequence[str],
         **stated: str,
     ) -> None:
-        """Write run.json, the mark of a finished run, and copy the results of `REFERENCES`.
+        """Write run.json, the mark of a finished run.
 
         Args:
             meta: what `reports.engine.provenance.provenance` says.
@@ -338,11 +326,6 @@ class RunFolder:
             **stated: settings that run.json says otherwise than config.json, such as the digest of
                 a manifest in place of its folder.
         """
-        for name, source in REFERENCES.items():
-            if (ROOT / source).is_file():
-                target = self.path / "reference" / f"{name}.json"
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(ROOT / source, target)
         rounded = {name: round(value, 1) for name, value in seconds.items()}
         settings = {**self.settings, **stated}
         about = About(meta, commit(), machine(), settings, rounded, list(notes))
@@ -372,11 +355,6 @@ class RunFolder:
                 stories=self._read_list("stories.json", Story),
                 responses=self._read_list("response.json", Response),
                 cost=self._read("cost.json", Cost) if is_file(self.path / "cost.json") else None,
-                references={
-                    name: self.path / "reference" / f"{name}.json"
-                    for name in REFERENCES
-                    if is_file(self.path / "reference" / f"{name}.json")
-                },
             )
             checked(Making, run.about.meta, "run.json, meta")
             checked(UsedCheckpoints, run.about.settings, "run.json, settings")

@@ -1,4 +1,4 @@
-"""Who wins, by how much, why, and where it fails: from the tables of a run, in numbers."""
+"""Who wins, by how much, and where it fails: from the tables of a run, in numbers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,6 @@ from reports.score.paired import (
     compare_methods,
     same_captures,
 )
-from reports.studies.ablation.results import Ablation
 
 REFERENCES = ("oorc", "hidden_ratex")
 """Methods of the paper with which others are compared: a method's reference is the first of them
@@ -200,45 +199,6 @@ def worst_points(swept: Sequence[SweptAccuracy], method: str) -> list[SweptAccur
     """Find the values of sweeps that ``method`` reads below `WELL_READ`, the worst first."""
     mine = [entry for entry in swept if entry.method == method and entry.accuracy < WELL_READ]
     return sorted(mine, key=lambda entry: entry.accuracy)
-
-
-@dataclass(frozen=True)
-class PartLoss:
-    """What the full decoder loses without one of its parts."""
-
-    part: str
-    """Name of the part, as rows of the ablation name it after "full-"."""
-    condition: str
-    """Condition of the ablation in which the loss is largest."""
-    points: float
-    """Loss of accuracy, points."""
-    low: float
-    """Lower end of the 95 % interval of the loss, points; above 0."""
-    high: float
-    """Upper end of the 95 % interval of the loss, points."""
-
-
-def parts_that_pay(ablation: Ablation, count: int) -> list[PartLoss]:
-    """Find the parts of the full decoder without which it loses most.
-
-    Args:
-        ablation: the stored ablation.
-        count: largest number of parts.
-
-    Returns:
-        for each part its largest loss beyond the paired interval, the largest first.
-    """
-    losses = []
-    for entry in ablation.entries:
-        paired = entry.against.get("full")
-        if entry.row.startswith("full-") and paired is not None and paired.high < 0:
-            part = entry.row.removeprefix("full-")
-            lost = (-paired.difference, -paired.high, -paired.low)
-            losses.append(PartLoss(part, entry.condition, *lost))
-    first: dict[str, PartLoss] = {}
-    for loss in sorted(losses, key=lambda loss: -loss.points):
-        first.setdefault(loss.part, loss)
-    return list(first.values())[:count]
 
 
 def _resamples(run: Run) -> np.random.Generator:

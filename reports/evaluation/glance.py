@@ -1,35 +1,17 @@
-"""At a glance: who wins, by how much, why, and where it fails."""
+"""At a glance: who wins, by how much, and where it fails."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reports.engine.methods import METHODS
 from reports.evaluation.findings import (
-    PartLoss,
     Standing,
     SweptAccuracy,
     leaders,
-    parts_that_pay,
     undecided,
     worst_points,
 )
 from reports.run import Run
-from reports.studies.ablation.results import Ablation
-
-PART_WORDS = {
-    "refine": "refinement",
-    "register": "registration",
-    "rows": "gains by row",
-    "space": "calibration over the display",
-    "drift": "drift terms",
-    "texture": "texture weights",
-    "area": "whole tiles",
-    "quiet": "least-noise intensity",
-    "coarsen": "averaged pixels",
-}
-"""Parts of the decoder in words, by their names in rows of the ablation."""
-SHOWN_PARTS = 3
-"""Largest number of parts of the decoder that are named."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +32,6 @@ class Glance:
 
     winners: list[Winner]
     """The best methods of groups that decoded the same captures, the best first."""
-    parts: list[PartLoss]
-    """Parts of the decoder without which the stored ablation loses most."""
     failures: list[SweptAccuracy]
     """Values of sweeps at which the best method is said to fail, the worst first."""
 
@@ -60,7 +40,6 @@ def find_glance(
     run: Run,
     ranked: Sequence[Standing],
     swept: Sequence[SweptAccuracy],
-    ablation: Ablation | None,
 ) -> Glance:
     """Gather the findings that stand first on the page.
 
@@ -68,13 +47,11 @@ def find_glance(
         run: what was decoded; at least one bit of it is known.
         ranked: standings of its methods.
         swept: accuracies of its sweeps.
-        ablation: the stored ablation, if there is one.
     """
     by_method = {standing.method: standing for standing in ranked}
     best = leaders(run.records, run.swept)
     return Glance(
         [Winner(by_method[m], undecided(run, m, ranked), is_hidden(run, m)) for m in best],
-        parts_that_pay(ablation, SHOWN_PARTS) if ablation else [],
         worst_points(swept, best[0]),
     )
 

@@ -7,14 +7,10 @@ from pathlib import Path
 import pandas as pd
 from markupsafe import Markup
 
-from lab.visibility.frontier_charts import chart_figure, frontier_charts
-from lab.visibility.frontier_results import CHART_HZ, FrontierResults, read_frontier
-from lab.visibility.frontier_tables import bits_table, close_table, rate_table
 from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import inside, is_file, read_bounded
-from reports.engine.conditions import SETTINGS
 from reports.engine.methods import METHODS
 from reports.evaluation import exhibits
 from reports.evaluation.findings import (
@@ -25,7 +21,7 @@ from reports.evaluation.findings import (
     standings,
     swept_accuracies,
 )
-from reports.evaluation.glance import PART_WORDS, find_glance
+from reports.evaluation.glance import find_glance
 from reports.evaluation.html import render
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
@@ -44,36 +40,24 @@ from reports.run import (
     RunFolder,
     SweepCurve,
 )
-from reports.score.accuracy import read_scores
 from reports.score.paired import MIN_FRAMES
 from reports.score.reliability import ALL, Curves, reliability_curves
-from reports.studies.ablation.page import ablation_tables
-from reports.studies.ablation.results import read_ablation
-from reports.studies.peers.page import (
-    COLOURS,
-    PeerRow,
-    best_readings,
-    peers_figure,
-    peers_table,
-    read_peers,
-)
 
 SECTIONS = {
     "glance": "At a glance",
     "summary": "Summary",
     "paper": "The paper’s tables",
     "sweeps": "Sweeps",
-    "ablation": "Ablation",
-    "frontier": "What is seen, and what is read",
-    "peers": "Other systems",
     "reliability": "Reliability",
     "cdtf": "CDTF",
     "pictures": "Pictures",
     "failures": "Worst failures",
     "cost": "Cost",
+    "elsewhere": "Measured elsewhere",
     "provenance": "Provenance",
 }
-"""Titles of the report's sections by anchor, in the order of the page."""
+"""Titles of the report's sections by anchor, in the order of the page; those that a run has nothing
+for are left out."""
 MAIN, SWEPT = "main comparison", "all sweeps"
 """Names of the two conditions whose reliability the page shows."""
 
@@ -102,53 +86,44 @@ def report_page(run: Run) -> str:
     """Fill the report's template with a run.
 
     Raises:
-        InputError: a picture of a story is missing, or lies outside the run's folder; or a stored
-            result of another command is damaged.
+        InputError: a picture of a story is missing, or lies outside the run's folder.
     """
-    stored = run.references
-    under_paper = read_scores(stored["prediction"])[0] if "prediction" in stored else None
-    ablation = read_ablation(stored["ablation"]) if "ablation" in stored else None
-    peers = read_peers(stored["peers"]) if "peers" in stored else None
-    peer_rows = peers.rows if peers else []
-    frontier = read_frontier(stored["frontier"]) if "frontier" in stored else None
     ranked, swept = standings(run), swept_accuracies(run)
     known = any(standing.accuracy is not None for standing in ranked)
     curves = llr_curves(run)
+    paper, sweeps = paper_tables(run), sweep_charts(run, swept)
+    kinds = {story.kind for story in run.stories}
+    cost = exhibits.cost_table(run.cost) if run.cost else None
+    filled: dict[str, object] = {
+        "paper": paper,
+        "sweeps": sweeps,
+        "reliability": curves,
+        "cdtf": run.responses,
+        "pictures": "strip" in kinds,
+        "failures": "failure" in kinds,
+        "cost": cost and cost.rows,
+    }
     return render(
         "report.html.j2",
-        {method: colour_of(method) for method in (*METHODS, *run.methods)} | COLOURS,
+        {method: colour_of(method) for method in (*METHODS, *run.methods)},
         run=run,
-        sections=SECTIONS,
+        sections={name: title for name, title in SECTIONS.items() if filled.get(name, True)},
         ranked=ranked,
-        glance=find_glance(run, ranked, swept, ablation) if known else None,
-        part_words=PART_WORDS,
-        setting_words={name: setting.words for name, setting in SETTINGS.items()},
+        glance=find_glance(run, ranked, swept) if known else None,
         summary=summary_table(run.scores, against={s.method: s.against for s in ranked}),
         summary_chart=summary_chart(ranked) if known else None,
         references=REFERENCES,
         well_read=WELL_READ,
         min_frames=MIN_FRAMES,
         far=FAR,
-        paper=paper_tables(run, under_paper),
-        sweeps=sweep_charts(run, swept),
-        ablation=ablation_tables(ablation) if ablation else [],
-        ablation_meta=ablation.meta if ablation else None,
-        frontier=frontier,
-        frontier_charts=seen_charts(frontier, peer_rows) if frontier else [],
-        frontier_hz=CHART_HZ,
-        frontier_close=close_table(frontier) if frontier else None,
-        frontier_rates=rate_table(frontier) if frontier else None,
-        frontier_bits=bits_table(frontier) if frontier else None,
-        peers=peers_charts(peer_rows),
-        peers_table=peers_table(best_readings(peer_rows)) if peers else None,
-        peers_meta=peers.meta if peers else None,
-        llr_methods=[name for name, card in METHODS.items() if card.llr],
+        paper=paper,
+        sweeps=sweeps,
         reliability=calibration_table(curves) if curves else None,
         reliability_charts=reliability_charts(curves),
         reliability_bits=SHOWN_BITS,
         responses=response_charts(run.responses),
         response_errors=exhibits.response_table(run.responses),
-        cost=exhibits.cost_table(run.cost) if run.cost else None,
+        cost=cost,
         cost_chart=cost_chart(run.cost) if run.cost else None,
         story_table=exhibits.story_table,
         picture=lambda file: picture_data(run.folder, file),
@@ -161,14 +136,10 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
     return to_svg(figure, "Accuracy of each method with its interval")
 
 
-def paper_tables(run: Run, prediction: pd.DataFrame | None) -> list[Table]:
-    """Tables of the cells that the paper has, with ours under its protocol as they are stored."""
+def paper_tables(run: Run) -> list[Table]:
+    """Tables of the cells that the paper has."""
     in_paper = run.scores.groupby(["kappa", "view_deg"], dropna=False)["paper"].transform("count")
-    under_paper: dict[tuple[object, ...], float] = {}
-    if prediction is not None:
-        for row in prediction.dropna(subset=["view_deg", "kappa", "accuracy"]).itertuples():
-            under_paper[row.method, row.pair, row.view_deg, row.kappa] = row.accuracy
-    return cell_tables(run.scores[in_paper > 0], under_paper)
+    return cell_tables(run.scores[in_paper > 0])
 
 
 def sweep_charts(
@@ -185,22 +156,6 @@ def sweep_charts(
             svg = to_svg(figure, f"Accuracy by {curve.axis}")
             found.append((curve, svg, exhibits.sweep_table(curve, mine), mine))
     return found
-
-
-def peers_charts(rows: Sequence[PeerRow]) -> list[tuple[str, int, Markup]]:
-    """For each condition its name, the number of captures of a point, and the chart."""
-    found = []
-    for name in dict.fromkeys(row.condition for row in rows):
-        mine = [row for row in rows if row.condition == name]
-        svg = to_svg(peers_figure(mine), f"Accuracy by PSNR, {name}")
-        found.append((name, min(row.captures for row in mine), svg))
-    return found
-
-
-def seen_charts(results: FrontierResults, peers: Sequence[PeerRow]) -> list[tuple[str, Markup]]:
-    """Charts of what is seen and what is read, each with its title."""
-    charts = frontier_charts(results, peers)
-    return [(chart.title, to_svg(chart_figure(chart), chart.title)) for chart in charts]
 
 
 def llr_curves(run: Run) -> Curves | None:
@@ -224,11 +179,18 @@ def llr_curves(run: Run) -> Curves | None:
 
 
 def reliability_charts(curves: Curves | None) -> list[Markup]:
-    """A diagram of each condition."""
+    """A diagram of each condition, unless it would show one dot of each method alone."""
     if curves is None:
         return []
     names = [name for name in next(iter(curves.values())) if name != ALL]
-    return [to_svg(reliability_figure(curves, [name]), f"Reliability, {name}") for name in names]
+    return [
+        to_svg(reliability_figure(curves, [name]), f"Reliability, {name}")
+        for name in names
+        if any(
+            sum(b.count >= SHOWN_BITS for b in by_condition[name]) > 1
+            for by_condition in curves.values()
+        )
+    ]
 
 
 def response_charts(responses: Sequence[Response]) -> list[tuple[Response, Markup]]:

@@ -128,26 +128,17 @@ def summary_table(
     return Table([*heads, "paper %"], rows, title)
 
 
-def cell_tables(
-    scores: pd.DataFrame, under_paper: Mapping[tuple[object, ...], float] | None = None
-) -> list[Table]:
-    """A table for each kappa and view, pairs by methods: ours with half its interval / the paper's.
+def cell_tables(scores: pd.DataFrame) -> list[Table]:
+    """Make a table for each kappa and view of a score table.
 
-    Args:
-        scores: a score table.
-        under_paper: by (method, pair, view_deg, kappa), accuracies in [0, 1] that are shown after
-            the paper's: ours under the paper's protocol.
+    Returns:
+        tables of pairs by methods: ours with half its interval, and the paper's number.
     """
     methods = [str(name) for name in scores["method"].unique()]
     tables = []
     for (kappa, view), group in scores.groupby(["kappa", "view_deg"], sort=False, dropna=False):
         pooled = pool(group, ["pair", "method"])
-        cells = {
-            (row.pair, row.method): _beside_paper(
-                row, (under_paper or {}).get((row.method, row.pair, view, kappa))
-            )
-            for row in pooled.itertuples()
-        }
+        cells = {(row.pair, row.method): _beside_paper(row) for row in pooled.itertuples()}
         pairs = [str(pair) for pair in group["pair"].unique()]
         rows = [[pair, *(cells.get((pair, m), "–") for m in methods)] for pair in pairs]
         if len(pairs) > 1:
@@ -199,7 +190,7 @@ def _markdown(cell: str | TableCell) -> str:
     return f"{cell.text} {cell.beside.format(cell.small)}" if cell.small else cell.text
 
 
-def _beside_paper(row: Any, under_paper: float | None) -> str | TableCell:
+def _beside_paper(row: Any) -> str | TableCell:
     """Ours ± half the interval, and the paper's number where it has one."""
     if not row.bits:
         return "–"
@@ -207,7 +198,6 @@ def _beside_paper(row: Any, under_paper: float | None) -> str | TableCell:
     if pd.isna(row.paper):
         return text
     small = percent(row.paper, 1)
-    small += "" if under_paper is None else f" | {percent(under_paper, 1)}"
     gap = 100 * (row.accuracy - row.paper)
     return TableCell(text, small, "good" if gap > FAR else "bad" if gap < -FAR else "", "/ {}")
 

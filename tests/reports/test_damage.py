@@ -10,34 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Command, slow
-from reports.studies.ablation.__main__ import compare_rows
-from reports.studies.peers.page import PeerRow, write_peers
 
-from lab.visibility.frontier_results import (
-    PAPER_SETTING,
-    FrontierResults,
-    Lead,
-    ReadRow,
-    SettingResult,
-    ShownRate,
-    write_frontier,
-)
 from link.images import write_image
 from reports.engine.records import to_records
 from reports.evaluation import page
 from reports.evaluation.page import write_report
 from reports.evaluation.versus import compare_runs
 from reports.run import Cost, Response, Run, RunFolder, Story, SweepCurve, SweepPoint
-from reports.score.accuracy import score, write_scores
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 JSON = (
     "run.json", "metrics.json", "predictions.jsonl", "sweeps.json", "sweeps.jsonl", "stories.json",
-    "response.json", "cost.json", "reference/ablation.json", "reference/peers.json",
-    "reference/frontier.json", "reference/prediction.json",
+    "response.json", "cost.json",
 )  # fmt: skip
 """Files that --report reads."""
-QUICK = ("run.json", "stories.json", "reference/peers.json")
+QUICK = ("run.json", "stories.json", "response.json")
 """Files that the default run damages."""
 SOME = [name if name in QUICK else slow(name) for name in JSON]
 CONTENTS: dict[str, bytes | None] = {
@@ -88,7 +75,6 @@ def line(method: str, index: int, condition: str = "") -> dict[str, Any]:
 
 def write_run(path: Path) -> None:
     """A finished run that has every file, each as small as it may be."""
-    methods = ("naive", "oorc", "full", "full-rows", "learned")
     run = RunFolder(path)
     run.claim({"seed": 0, "ratex": 5, "checkpoints": {"learned": "0123456789abcdef"}})
     main = to_records([line(m, i) for m in ("naive", "oorc", "learned") for i in range(5)])
@@ -120,25 +106,6 @@ def write_run(path: Path) -> None:
     run.write_responses([response])
     run.write_cost(Cost(3, "warps", 1.0, {"warps": (1.0, 1.0, 1.0), "naive": (1.0, 2.0, 3.0)}))
     run.finish(META, {"decoding": 1.0}, ["a note"])
-    rows = to_records([line(m, i, "paper") for m in methods for i in range(6)])
-    ablation = {"meta": META | {"settings": {"frames": 6}}, **compare_rows(rows, 0)}
-    place = {"row": "full", "condition": "paper", "pair": "canon-lg", "view_deg": 0.0, "kappa": 3}
-    behind = place | {"difference": -1.0, "low": -2.0, "high": -0.5}
-    ablation["behind_oorc"] = [behind]
-    (path / "reference" / "ablation.json").write_text(json.dumps(ablation))
-    peers = [
-        PeerRow("toy", "weak", "0°", used, 2, 2, 4, 3, 0.75, 0.3, 0.95, 35.0, 0.8, 3.0)
-        for used in (1, 2)
-    ]
-    write_peers(path / "reference" / "peers.json", peers, META)
-    rates = [ShownRate(15, 2.0, 9.5), ShownRate(60, 1.0, None)]
-    read = [
-        ReadRow(0.0, "oorc", 1, 4, 3, 0.75, 0.3, 0.95, 0.2, Lead(25.0, -1.0, 60.0)),
-        ReadRow(0.0, "learned", 1, 4, 4, 1.0, 0.5, 1.0, 0.9, None),
-    ]
-    results = FrontierResults(META, [SettingResult(PAPER_SETTING, 59, 41.7, rates, read)])
-    write_frontier(path / "reference" / "frontier.json", results)
-    write_scores(path / "reference" / "prediction.json", score(main), META)
     write_report(path)
 
 
@@ -149,7 +116,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-CHARTS = ("summary_chart", "peers_charts", "seen_charts", "reliability_charts", "response_charts")
+CHARTS = ("summary_chart", "reliability_charts", "response_charts")
 CHARTS += ("cost_chart", "sweep_charts")
 
 
