@@ -25,7 +25,7 @@ from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.tracking.patches import Tracked
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
-from link.code.authenticate import MAX_STAMP, Verifier, read_key
+from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.images import add_pixel_limit, make_folder, read_image, write_image
 from link.layout import Layout
@@ -63,10 +63,8 @@ def main() -> None:
     parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
     parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
     add_pixel_limit(parser)
-    args = read_flags(parser.parse_args, max_age=MAX_STAMP)
+    args = read_flags(parser.parse_args)
     at_least(1, threads=args.threads)
-    if "" in args.input:
-        raise InputError("INPUT: a name is empty; give a folder, a video, images or a camera")
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")
     if len(args.input) == 2:

@@ -194,7 +194,7 @@ def main() -> None:
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, the preset, and
     how visible the message is to the eye, as contrast over threshold (docs/visibility.md).
     """
-    args = read_flags(send_parser().parse_args, counter=MAX_STAMP)
+    args = read_flags(send_parser().parse_args)
     kind = output_kind(args.out)
     message = message_of(args.message, args.file)
     preset = PRESETS[args.preset]
