@@ -6,7 +6,7 @@ import os
 import re
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from itertools import pairwise
 from typing import TypeVar
@@ -109,11 +109,7 @@ def read_flags(read: Callable[[], T]) -> T:
     ...
     link.errors.InputError: --frames: need a whole number, got 'many'; see --help
     """
-    for before, word in pairwise(sys.argv):
-        flag, given, value = word.partition("=")
-        if not word or (given and not value and flag.startswith("--")):
-            flag = flag or (before if before.startswith("--") else "an input")
-            raise InputError(f"{flag}: empty; give a name, a number or a text")
+    _refuse_empty_words(sys.argv)
     printed, answer = io.StringIO(), io.StringIO()  # no terminals, so tyro writes plain text
     try:
         with redirect_stderr(printed), redirect_stdout(answer):
@@ -127,6 +123,15 @@ def read_flags(read: Callable[[], T]) -> T:
     for name, value in _leaves("", flags):
         _check_value(name, value)
     return flags
+
+
+def _refuse_empty_words(words: Sequence[str]) -> None:
+    """Raise an `InputError` where a command line gives a flag or an input an empty text."""
+    for before, word in pairwise(words):
+        flag, given, value = word.partition("=")
+        if not word or (given and not value and flag.startswith("--")):
+            flag = flag or (before if before.startswith("--") else "an input")
+            raise InputError(f"{flag}: empty; give a name, a number or a text")
 
 
 def _complaint(printed: str) -> str:
