@@ -104,7 +104,7 @@ def read_layouts(folder: Path) -> list[Layout]:
     Raises:
         InputError: the manifest is no good, or a frame pair has no layout.
     """
-    found = {}
+    found: dict[Layout, None] = {}
     for entry in read_manifest(folder):
         try:
             found[Layout.from_dict(entry["layout"])] = None

@@ -18,11 +18,12 @@ from conftest import ROOT, Command, Finished, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 
 import export.send.__main__ as send_cli
 import link.loop as loop_module
 from export.send.hiding import SECONDS, SEED, Hiding, Onlooker
-from export.send.pictures import open_pictures
+from export.send.pictures import open_pictures, stand_still
 from export.send.player import write_player
 from export.send.write import write_states
 from export.visibility.flicker import contrast_over_threshold, random_message
@@ -318,6 +319,28 @@ def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     done = command(send_cli.main, *words, tmp_path / "a.html")
     assert (done.status, done.stderr) == (0, f"{send_cli.MOVING}\n")
     report(command(send_cli.main, *words, tmp_path / "b.html", "--ratex", 2))
+
+
+def animate(file: Path, levels: tuple[int, ...]) -> Path:
+    """Write plain pictures of these levels that follow one another."""
+    first, *rest = (Image.fromarray(np.full((96, 128, 3), level, np.uint8)) for level in levels)
+    first.save(file, save_all=True, append_images=rest, duration=100)
+    return file
+
+
+def test_a_picture_moves_where_several_are_shown(tmp_path: Path) -> None:
+    gifs = [animate(tmp_path / f"{n}.gif", (30, 90, 150)[:n]) for n in (1, 3)]
+    assert [stand_still(open_pictures(gif, 7.5)) for gif in gifs] == [True, False]
+    for number in range(2):
+        write_image(tmp_path / "folder" / f"{number}.png", np.full((96, 128, 3), 99, np.uint8))
+        assert stand_still(open_pictures(tmp_path / "folder", 7.5)) == (number == 0)
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".png"])
+def test_an_animation_that_would_lose_its_pictures_is_refused(suffix: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="an animation; save one picture of it, or all as GIF"):
+        open_pictures(animate(tmp_path / f"moves{suffix}", (30, 90)), 7.5)
+    assert stand_still(open_pictures(animate(tmp_path / f"still{suffix}", (30,)), 7.5))
 
 
 shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
