@@ -16,10 +16,11 @@ import tyro
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
 from data_gen.pairs import PAIRS
+from link.captures import read_layouts
 from link.cli import read_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
 from link.files.lock import locked
-from models import DECODERS, shipped_checkpoint
+from models import DECODERS
 from reports.engine.backends import make_backend
 from reports.engine.methods import Method, methods_for, suited_methods
 from reports.engine.predict import Condition, paper_cells, predict
@@ -75,7 +76,8 @@ class EvaluateConfig(SourceFlags):
     captures: Path | None = None
     """Folder of captures, own or simulated, with a manifest.jsonl; replaces the simulation."""
     run: Path | None = None
-    """Checkpoint of the method "learned": by default the shipped one, trained on all pairs."""
+    """Checkpoint of the method "learned": by default the shipped one for the layout of each frame
+    pair, trained on all pairs."""
     show: Path | None = None
     """With --captures: folder for annotated pictures, one a frame pair and method."""
     jobs: int = os.cpu_count() or 1
@@ -99,11 +101,11 @@ def main() -> None:
     check(config)
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))
-    checkpoint = config.run or shipped_checkpoint(config.layout())
-    methods = apply_protocol(config.protocol, methods_for(config.methods, checkpoint))
+    methods = apply_protocol(config.protocol, methods_for(config.methods, config.run))
+    layouts = read_layouts(config.captures) if config.captures else [config.layout()]
     folder = RunFolder(config.out)
     with locked(config.out):
-        folder.claim(decisive_settings(config, methods))
+        folder.claim(decisive_settings(config, methods, layouts))
         failed = []
         if config.captures is None:
             failed = evaluate_simulated(config, methods, folder)
@@ -159,6 +161,8 @@ def check(config: EvaluateConfig) -> None:
     source = comparison_of(config).source
     if config.pictures is not None and config.captures is None:
         shuffled_pictures(source)
+    if config.captures is not None and config.layout() != EvaluateConfig().layout():
+        raise InputError("--captures: has layouts of its own; leave out the flags of the layout")
     if config.show is not None and config.captures is None:
         raise InputError("--show: draws captures, so it needs --captures")
 

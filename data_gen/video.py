@@ -6,7 +6,6 @@ or FILE.mp4 for a film as phones store it)
 
 import json
 import zlib
-from argparse import ArgumentParser
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -123,9 +122,7 @@ def image_name(frame: VideoFrame) -> str:
 
 def main() -> None:
     """Film, and write frames and truth."""
-    first = ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--preset", default=FILMED_PRESET)
-    usual = FilmConfig.of_preset(read_flags(lambda: first.parse_known_args()[0]).preset)
+    usual = FilmConfig.of_preset(read_flags(lambda: tyro.cli(FilmConfig)).preset)
     config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
     at_least(0, first=config.first)
     at_least(1, shown=config.shown)

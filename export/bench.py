@@ -7,7 +7,6 @@ machine does meets all of them; a ratio is taken within each round.
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 
 import cv2
@@ -24,12 +23,10 @@ from link.cli import read_flags, run_cli
 from link.errors import at_least
 from link.frames import Rectified
 from link.images import as_batch, intensity
-from models import PRETRAINED
+from models import find_graph
 from models.classical.common import training_samples
 from models.classical.oorc import OORC, explicit_map
 
-MODEL = PRETRAINED / "decoder.onnx"
-"""Model that is timed where none is given."""
 REFERENCE = "two warpPerspective"
 """Name of what all times are divided by."""
 MAX_SVM_SAMPLES = 3000
@@ -44,8 +41,8 @@ CAPTURE = (720, 960)
 class BenchConfig:
     """Compare the exported decoder with two warps and with scikit-learn's SVM."""
 
-    model: tyro.conf.Positional[Path] = MODEL
-    """The .onnx file of the decoder."""
+    model: tyro.conf.Positional[str] = "paper"
+    """The .onnx file of the decoder, or the name of a preset, whose decoder ships."""
     rounds: int = 200
     """Number of rounds that count."""
     warmup: int = 20
@@ -62,7 +59,7 @@ def main() -> None:
     at_least(1, rounds=config.rounds, threads=config.threads)
     at_least(0, warmup=config.warmup, seed=config.seed)
     cv2.setNumThreads(config.threads)
-    decoder = Decoder(config.model, config.threads)
+    decoder = Decoder(find_graph(config.model), config.threads)
     rng = np.random.default_rng(config.seed)
     times: dict[str, list[float]] = {}
     for number in trange(config.warmup + config.rounds, desc="bench", unit="round"):

@@ -26,6 +26,7 @@ from link.images import add_pixel_limit, as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
 from link.ratex import visibility
+from models import find_graph
 
 ORT_ERRORS: tuple[type[Exception], ...] = (
     *(
@@ -376,7 +377,7 @@ def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | 
 def main() -> None:
     """Decode two captured images and print bits and scores as JSON."""
     parser = argparse.ArgumentParser(prog="python -m export.runtime", description=main.__doc__)
-    parser.add_argument("model", type=Path, help="an .onnx file")
+    parser.add_argument("model", type=find_graph, help="an .onnx file, or a preset's name")
     parser.add_argument("original", type=Path, help="image of the original frame")
     parser.add_argument("embedded", type=Path, help="image of the embedded frame")
     for flag, text in (

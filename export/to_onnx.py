@@ -20,8 +20,9 @@ from link import __version__
 from link.cli import read_flags, run_cli
 from link.errors import InputError, ParameterError, at_least
 from link.images import temporary_name, write_bytes
-from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, read_layout
+from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
 from link.outside import is_no_file
+from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint, read_config
 from models.neural.decoder import PhiDecoder
 
@@ -168,26 +169,30 @@ def export(
 class ExportConfig:
     """Export a run's checkpoint."""
 
-    run: tyro.conf.Positional[Path]
-    """Folder with decoder.pt and config.json, such as runs/canon-lg."""
+    run: tyro.conf.Positional[Path | None] = None
+    """Folder with decoder.pt and config.json, such as runs/canon-lg; where absent, the checkpoint
+    that ships for the layout."""
     parity_frames: int = 30
     """Synthetic frame pairs on which torch and onnxruntime must agree."""
     layout: Path | None = None
     """JSON file with a layout (docs/formats.md); the run's own layout where absent."""
     out: Path | None = None
-    """The .onnx file; RUN/decoder.onnx where absent."""
+    """The .onnx file; RUN/decoder.onnx where absent, but for a checkpoint that ships."""
 
 
 def main() -> None:
     """Export, check parity, and say so."""
     config = read_flags(lambda: tyro.cli(ExportConfig))
     at_least(1, parity_frames=config.parity_frames)
-    path = config.out or config.run / "decoder.onnx"
+    layout = read_layout(config.layout) if config.layout else None
+    run = config.run or shipped_checkpoint(layout or make_layout())
+    if config.out is None and run.resolve() in (PRETRAINED.resolve(), PRETRAINED_PILOTS.resolve()):
+        raise ParameterError("out", f"{run} ships as it is; name the new .onnx file")
+    path = config.out or run / "decoder.onnx"
     if is_no_file(path):
         raise ParameterError("out", f"{path} is a folder or a device; name a file")
-    module = load_checkpoint(config.run, read_layout(config.layout) if config.layout else None)
-    training = read_config(config.run).get("train")
-    parity = export(module, path, config.run.name, config.parity_frames, training)
+    module, training = load_checkpoint(run, layout), read_config(run).get("train")
+    parity = export(module, path, run.name, config.parity_frames, training)
     print(json.dumps({"model": str(path), **asdict(parity)}))
 
 

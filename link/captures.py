@@ -98,6 +98,21 @@ def read_manifest(folder: Path) -> list[dict[str, Any]]:
     return entries
 
 
+def read_layouts(folder: Path) -> list[Layout]:
+    """Read the layouts of a folder's frame pairs, each once.
+
+    Raises:
+        InputError: the manifest is no good, or a frame pair has no layout.
+    """
+    found: dict[Layout, None] = {}
+    for entry in read_manifest(folder):
+        try:
+            found[Layout.from_dict(entry["layout"])] = None
+        except InputError as error:
+            raise InputError(f"{folder / MANIFEST}, {entry['original']}: {error}") from None
+    return list(found)
+
+
 def load_capture(folder: Path, entry: dict[str, Any]) -> Captured:
     """Read the frame pair of one manifest entry.
 

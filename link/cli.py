@@ -2,59 +2,44 @@
 
 import dataclasses
 import io
-import math
 import os
 import re
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from itertools import pairwise
-from pathlib import Path
 from typing import TypeVar
 
 import cv2
 
+from link.code.authenticate import MAX_STAMP
 from link.errors import InputError, ParameterError
 
 T = TypeVar("T")
 MAX_NUMBER = 10**6
 """Largest number, and with a minus the smallest, that a flag takes, if `MAX_OF_FLAG` has no
 other."""
-MAX_OF_FLAG = {"seed": 2**32 - 1, "jobs": 256, "threads": 256}
-"""Largest numbers of flags that many commands have, by the flag's name. Every library that the
-project draws from takes seeds of 32 bits."""
+MAX_OF_FLAG = {
+    "seed": 2**32 - 1,
+    "jobs": 256,
+    "threads": 256,
+    "counter": MAX_STAMP,
+    "max_age": MAX_STAMP,
+}
+"""Largest numbers by the flag's name. Every library that the project draws from takes seeds of 32
+bits."""
 MAX_COMPLAINT = 300
 """Number of characters after which a parser's complaint, which may repeat a long value, is cut."""
-COLOUR = re.compile(r"\x1b\[[0-9;]*m")
-"""Pattern of what makes a terminal change its colour."""
-RULE = re.compile(r"^[ │|]*(?:─{4,}|-{4,})[ │|]*$", re.MULTILINE)
-"""Pattern of a line that divides a box into sections, with and without Unicode."""
-BORDER = re.compile(r"^[│╭╰─ ]+|[│╮╯─ ]+$", re.MULTILINE)
-"""Pattern of what stands left and right of a box's text."""
 PLAIN_WORDS = (
-    (r"invalid literal for int\(\) with base 10: ", "need a whole number, got "),
-    (r"could not convert string to float: ", "need a number, got "),
-    (r"invalid int value: ", "need a whole number, got "),
-    (r"invalid float value: ", "need a number, got "),
-    (r"Exceeds the limit .*", "need fewer digits"),
-    (
-        r"no type matching (?:\{None\}\|)?\{?(.+?)\}? could be instantiated from (\[.*?\])\..*",
-        r"need \1, got \2",
-    ),
-    (r"Could not find valid parse for arguments: ", "need other values, got "),
-    (
-        r"Could not parse arguments (\[.*\]) into tuple type typing.Tuple",
-        r"need other values, got \1 for ",
-    ),
-    (r"Missing value( for argument '\S+')\. Expected (\d+) values", r"\2 values are missing\1"),
-    (r"\b1 values are", "a value is"),
-    (r"(\d{10})[\d ]{50,}", r"\1..."),
-    (r"\. Expected one of \((.*)\)", r"; choose one of \1"),
+    (r"^(argument|Error parsing) (?=-)", ""),
+    (r"^Error parsing (\w+): (\w+):", r"--\1.\2:"),
+    (r"invalid literal for int\(\) with base 10:|invalid int value:", "need a whole number, got"),
+    (r"Could not (find valid parse for|parse) arguments:?", "need other values, got"),
 )
-"""Patterns of what parsers of flags say, each with the words of this project for it."""
-
-
+"""Patterns of what argparse and tyro say, each with what is said instead: the flag comes first."""
+RULE = re.compile(r"^ *-* *$", re.MULTILINE)
+"""Pattern of a line that ends a paragraph: it is blank, or a rule that tyro draws."""
 NO_MEMORY = re.compile(r"Insufficient memory|can't allocate memory|bad_?alloc", re.IGNORECASE)
 """Pattern of what OpenCV and torch say where memory is used up; they raise no `MemoryError`."""
 
@@ -100,17 +85,15 @@ def run_cli(main: Callable[[], None]) -> None:
         sys.exit(2)
 
 
-def read_flags(read: Callable[[], T], **largest: int) -> T:
-    """Read a command's flags with a parser that prints a usage screen or a box where one is wrong.
+def read_flags(read: Callable[[], T]) -> T:
+    """Read a command's flags with argparse or tyro, and say in one line what is wrong with them.
 
-    What the parser says becomes the message of an `InputError`, in one line that begins with the
-    flag; --help prints and exits as usual. What it returns is checked for what no command can work
-    with: numbers that are not finite or beyond `MAX_NUMBER`, negative whole numbers, paths without
-    a name, and text that is not UTF-8.
+    Refused beside what the parser refuses are texts that are empty or not UTF-8, negative whole
+    numbers, and numbers that are not finite or are beyond `MAX_NUMBER`. --help prints and exits as
+    usual.
 
     Args:
         read: ``parser.parse_args`` of argparse, or a call of ``tyro.cli``.
-        largest: largest numbers by flag, for those that need another bound.
 
     Returns:
         what ``read`` returns.
@@ -125,12 +108,9 @@ def read_flags(read: Callable[[], T], **largest: int) -> T:
     Traceback (most recent call last):
     ...
     link.errors.InputError: --frames: need a whole number, got 'many'; see --help
-    >>> read_flags(lambda: parser.parse_args(["--frames", "9" * 23]))
-    Traceback (most recent call last):
-    ...
-    link.errors.ParameterError: frames: need at most 1000000, got 99999999999999999999999
     """
-    printed, answer = _Screen(), _Screen()
+    _refuse_empty_words(sys.argv)
+    printed, answer = io.StringIO(), io.StringIO()  # no terminals, so tyro writes plain text
     try:
         with redirect_stderr(printed), redirect_stdout(answer):
             flags = read()
@@ -139,113 +119,77 @@ def read_flags(read: Callable[[], T], **largest: int) -> T:
             sys.stdout.write(answer.getvalue())  # argparse hides that it cannot be written
             raise
         raise InputError(f"{_complaint(printed.getvalue())}; see --help") from None
-    if printed.getvalue():  # warnings of a parser that went on
-        sys.stderr.write(printed.getvalue())
-    for name, value in _leaves(flags, ""):
-        _check_flag(name, value, largest)
+    sys.stderr.write(printed.getvalue())  # warnings of a parser that went on
+    for name, value in _leaves("", flags):
+        _check_value(name, value)
     return flags
 
 
-class _Screen(io.StringIO):
-    """Holds what a parser prints, and looks to it like the standard output."""
-
-    def isatty(self) -> bool:
-        """Whether a terminal shows the standard output, so that colours are of use."""
-        return sys.__stdout__ is not None and sys.__stdout__.isatty()
-
-    @property
-    def encoding(self) -> str:  # type: ignore[override]
-        """Encoding of the standard output, on which the shapes of boxes depend."""
-        return "utf-8" if sys.__stdout__ is None else sys.__stdout__.encoding
+def _refuse_empty_words(words: Sequence[str]) -> None:
+    """Raise an `InputError` where a command line gives a flag or an input an empty text."""
+    for before, word in pairwise(words):
+        flag, given, value = word.partition("=")
+        if not word or (given and not value and flag.startswith("--")):
+            flag = flag or (before if before.startswith("--") else "an input")
+            raise InputError(f"{flag}: empty; give a name, a number or a text")
 
 
 def _complaint(printed: str) -> str:
-    """What a parser of flags says is wrong, in one line, and first of all the flag.
+    """Take what is wrong out of what argparse or tyro printed, in one line.
 
-    Of argparse it is what follows "error:", of tyro the first section of its box. Wording that is
-    not known here is passed on as it stands.
+    Of argparse it is what follows "error:", of tyro the paragraph below the title and its rule,
+    and the flag that tyro suggests for one that is unknown.
     """
-    printed = COLOUR.sub("", printed)
-    sections = RULE.split(printed.partition(": error: ")[2] or printed.strip().partition("\n")[2])
-    texts = [" ".join(BORDER.sub(" ", section).split()) for section in sections]
-    texts = [text for text in texts if text] or ["the flags are wrong"]
-    unknown = [rest for text in texts for rest in re.findall(r"^[Uu]nrecogni\w+ \w+: (.*)", text)]
-    if unknown:
-        meant = [text for text in texts if text.startswith("Perhaps you meant: ")]
-        flag = unknown[0].split()[0].strip(",")
-        what = "no such flag" if flag.startswith("-") else "one word too many"
-        names = re.findall(r"(--\S+) ", meant[0])[:1] if meant else []
-        return f"{flag}: {what}" + "".join(f"; perhaps you meant {name}" for name in names)
-    said = texts[0]
-    missing = re.match(r"Missing from .*?: (\S+) .*\(required\)", said)
-    missing = missing or re.match(r"the following arguments are required: ([^\s,]+)", said)
-    if missing:
-        return f"{missing[1]}: is required"
+    said = printed.partition(": error: ")[2] or RULE.split(printed)[1]
+    said = " ".join(said.split()).rstrip(".")
     for pattern, words in PLAIN_WORDS:
         said = re.sub(pattern, words, said)
-    said = re.sub(r"^argument (\S+?/)?(?=\S+: )|^Error parsing (?=--)", "", said)
-    group = re.match(r"Error parsing (\w+): (\w+): ", said)
-    if group:
-        said = f"--{group[1]}.{group[2].replace('_', '-')}: {said[group.end() :]}"
-    named = re.search(r" (for argument '(--[\w.-]+)')", said)
-    if named:
-        said = f"{named[2]}: {said.replace(named[0], '')}"
-    said = said.rstrip(".")
-    return said if len(said) <= MAX_COMPLAINT else f"{said:.{MAX_COMPLAINT}}..."
+    said = said if len(said) <= MAX_COMPLAINT else f"{said:.{MAX_COMPLAINT}}..."
+    meant = re.search(r"Perhaps you meant:\s+(--\S+)", printed)
+    return f"{said}; perhaps you meant {meant[1]}" if meant else said
 
 
-def _leaves(flags: object, name: str) -> Iterator[tuple[str, object]]:
-    """The values of a namespace or a dataclass, and those within them, each with its name."""
-    if isinstance(flags, Namespace):
-        inner = list(vars(flags).items())
-    elif dataclasses.is_dataclass(flags) and not isinstance(flags, type):
-        inner = [(field.name, getattr(flags, field.name)) for field in dataclasses.fields(flags)]
-    elif isinstance(flags, list | tuple):
-        for value in flags:
-            yield from _leaves(value, name)
-        return
+def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:
+    """The values of a namespace or a dataclass, and those within them, by names such as ".a.b"."""
+    if isinstance(value, Namespace) or dataclasses.is_dataclass(value):
+        for key, inner in vars(value).items():
+            yield from _leaves(f"{name}.{key}", inner)
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _leaves(name, inner)
     else:
-        yield name, flags
-        return
-    for key, value in inner:
-        yield from _leaves(value, f"{name}.{key}" if name else key)
+        yield name, value
 
 
-def _check_flag(name: str, value: object, largest: Mapping[str, int]) -> None:
-    """Raise a `ParameterError` where no flag of any command may have this value."""
-    parts = name.split(".")
-    given = {word.partition("=")[0].replace("_", "-") for word in sys.argv}
-    for start in range(len(parts) - 1):  # the prefixes of groups may be left out
-        if f"--{'.'.join(parts[start:]).replace('_', '-')}" in given:
-            name = ".".join(parts[start:])
-            break
-    else:
-        name = parts[-1]
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        high = largest.get(parts[-1], MAX_OF_FLAG.get(parts[-1], MAX_NUMBER))
-        got = f"got {value!s:.40}"
-        if isinstance(value, float) and not math.isfinite(value):
-            raise ParameterError(name, f"need a finite number, {got}")
-        if isinstance(value, int) and value < 0:
-            raise ParameterError(name, f"need at least 0, {got}")
-        if abs(value) > high:
-            raise ParameterError(name, f"need at most {high}, {got}")
-    flag = f"--{name.replace('_', '-')}"
-    shown = flag if flag in given else parts[-1].upper()  # an input that has no flag
+def _check_value(name: str, value: object) -> None:
+    """Raise an `InputError` where no flag of any command may have this value.
+
+    Args:
+        name: names of a flag's groups and of the flag, each after a point.
+        value: value of the flag.
+    """
+    flag = _flag_as_given(name)
+    if isinstance(value, int | float):
+        high = MAX_OF_FLAG.get(name.rpartition(".")[2], MAX_NUMBER)
+        low = 0 if isinstance(value, int) else -high
+        if not low <= value <= high:
+            raise InputError(f"{flag}: need {low} to {high}, got {value!s:.40}")
     if isinstance(value, str):
         try:
             value.encode()
         except UnicodeEncodeError:
-            raise InputError(f"{shown}: not text in UTF-8; check the terminal's encoding") from None
-    if isinstance(value, Path) and value == Path() and _is_empty(flag):
-        raise InputError(f"{shown}: the name is empty; give the path of a file or folder")
+            raise InputError(f"{flag}: not text in UTF-8; check the terminal's encoding") from None
 
 
-def _is_empty(flag: str) -> bool:
-    """Whether a flag, or an input that has none, is an empty text on the command line."""
-    if flag in sys.argv:
-        return (flag, "") in pairwise(sys.argv)
-    return f"{flag}=" in sys.argv or "" in sys.argv
+def _flag_as_given(name: str) -> str:
+    """Find the flag on the command line, where prefixes of groups may be left out.
+
+    An input that has no flag is named in capitals, as --help names it.
+    """
+    dashed = name.replace("_", "-")
+    words = (word.partition("=")[0].replace("_", "-") for word in sys.argv)
+    flags = [word for word in words if word[:2] == "--" and dashed.endswith(f".{word[2:]}")]
+    return max(flags, key=len, default=dashed.rpartition(".")[2].upper())
 
 
 def print_error(said: str) -> None:

@@ -3,6 +3,7 @@
 The module of a decoder is imported when the decoder is first built.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -22,6 +23,11 @@ PRETRAINED_CNN = PRETRAINED.with_name("pretrained_cnn")
 """Folder of the shipped checkpoint of ``cnn``, trained on all nine camera-display pairs."""
 
 
+def shipped_checkpoint(layout: Layout) -> Path:
+    """Choose the shipped checkpoint of ``learned`` that reads a layout."""
+    return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
+
+
 @dataclass(frozen=True)
 class Card:
     """All that is known of a method before it decodes anything."""
@@ -37,8 +43,9 @@ class Card:
     """Whether a simulated display shows it equalised pictures without ratex patches."""
     llr: bool = False
     """Whether its scores are natural log-likelihood ratios of the bits."""
-    checkpoint: Path | None = None
-    """Folder of the checkpoint that it loads where no other is named; None for untrained ones."""
+    checkpoint: Callable[[Layout], Path] | None = None
+    """Chooses, by the layout, the folder of the checkpoint that it loads where no other is named;
+    None for untrained ones."""
     inverse_response: Literal["", "straight", "fitted", "histogram", "phi"] = ""
     """How it finds g, from captured to displayed intensity: it takes g for a straight line, fits it
     to the ratex tiles, takes the picture's histogram for uniform, or has the coefficients of g as
@@ -71,17 +78,14 @@ DECODERS = {
         "#d4520a",
         "s",
         llr=True,
-        checkpoint=PRETRAINED,
+        checkpoint=shipped_checkpoint,
         inverse_response="phi",
     ),
-    "cnn": Card("models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=PRETRAINED_CNN),
+    "cnn": Card(
+        "models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=lambda _: PRETRAINED_CNN
+    ),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
-
-
-def shipped_checkpoint(layout: Layout) -> Path:
-    """Choose the shipped checkpoint of ``learned`` that reads a layout."""
-    return PRETRAINED_PILOTS if layout.pilots else PRETRAINED
 
 
 def shipped_graphs() -> dict[Layout, Path]:
@@ -100,6 +104,15 @@ def shipped_graphs() -> dict[Layout, Path]:
         else PRETRAINED / "decoder.onnx"
         for layout in sorted(layouts, key=lambda layout: layout.rows * layout.cols)
     }
+
+
+def find_graph(name: str) -> Path:
+    """Find an exported decoder by its path, or by the name of the preset for which one ships.
+
+    >>> find_graph("hidden").name, find_graph("runs/mine.onnx").name
+    ('48x64.onnx', 'mine.onnx')
+    """
+    return shipped_graphs()[PRESETS[name].layout] if name in PRESETS else Path(name)
 
 
 class BlockDecoder(Protocol):

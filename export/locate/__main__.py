@@ -15,6 +15,7 @@ from link.cli import print_error, read_flags, run_cli
 from link.errors import InputError
 from link.images import add_pixel_limit, pixel_limit, read_image, write_image
 from link.layout import Layout, read_layout
+from models import find_graph
 
 
 def layout_of(model: Path | None, file: Path | None) -> Layout | None:
@@ -35,7 +36,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m export.locate", description=main.__doc__)
     parser.add_argument("images", type=Path, nargs="+", metavar="IMAGE")
     known = parser.add_mutually_exclusive_group()
-    known.add_argument("--model", type=Path, help="an .onnx decoder, which carries its layout")
+    known.add_argument(
+        "--model", type=find_graph, help="an .onnx decoder, which carries its layout, or a preset"
+    )
     known.add_argument("--layout", type=Path, help="a JSON file with the layout displayed")
     add_pixel_limit(parser)
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.find import locate
-from export.receive.decoders import PairDecoder, ShippedDecoder
+from export.receive.decoders import PairDecoder, open_decoders
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox, say
 from export.receive.reader import DecodedPair
@@ -23,14 +23,13 @@ from export.receive.receiver import Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.tracking.patches import Tracked
-from export.runtime import Decoder
 from link.cli import read_flags, run_cli
-from link.code.authenticate import MAX_STAMP, Verifier, read_key
+from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.images import add_pixel_limit, make_folder, read_image, write_image
 from link.layout import Layout
 from link.presets import PRESETS
-from models import shipped_graphs
+from models import find_graph
 
 OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
 """Flags that have no meaning for two images."""
@@ -47,10 +46,10 @@ def main() -> None:
     parser.add_argument("input", nargs="+", metavar="INPUT")
     parser.add_argument(
         "--model",
-        type=Path,
+        type=find_graph,
         action="append",
-        help="an .onnx file, which says what display to look for; may be given several times; "
-        "by default those that ship, one for each preset of export.send",
+        help="an .onnx file, or a preset's name, which says what display to look for; may be given "
+        "several times; by default those that ship, one for each preset of export.send",
     )
     parser.add_argument("--fps", type=float, help=FPS_HELP)
     parser.add_argument("--show", type=Path, help="folder for annotated pictures")
@@ -63,10 +62,8 @@ def main() -> None:
     parser.add_argument("--key", type=Path, help="deliver only what was sent with this key")
     parser.add_argument("--max-age", type=float, help="of a message with a key, seconds")
     add_pixel_limit(parser)
-    args = read_flags(parser.parse_args, max_age=MAX_STAMP)
+    args = read_flags(parser.parse_args)
     at_least(1, threads=args.threads)
-    if "" in args.input:
-        raise InputError("INPUT: a name is empty; give a folder, a video, images or a camera")
     if len(args.input) > 2:
         raise InputError("INPUT: give one folder, video or camera, or two images")
     if len(args.input) == 2:
@@ -80,17 +77,6 @@ def main() -> None:
     if args.show is not None:
         make_folder(args.show)
     read_stream(decoders, args, inbox)
-
-
-def open_decoders(models: Sequence[Path] | None, threads: int) -> list[PairDecoder]:
-    """Open the models of --model; where there are none, those that ship, each when it is needed.
-
-    Raises:
-        InputError: a file is missing or damaged, or a given one is no decoder.
-    """
-    if models:
-        return [Decoder(model, threads) for model in models]
-    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped_graphs().items()]
 
 
 def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:

@@ -7,23 +7,20 @@ the layout's size is timed beside it, so that what else the machine does meets b
 
 import argparse
 import json
-from pathlib import Path
 from time import perf_counter
 
 import cv2
 import numpy as np
 
 from export.markdown import markdown_table
+from export.receive.decoders import open_decoders
 from export.receive.receiver import Receiver
 from export.receive.sources import FPS_HELP, open_source
-from export.runtime import Decoder
 from link.cli import read_flags, run_cli
 from link.errors import InputError, at_least
 from link.images import add_pixel_limit
-from models import PRETRAINED
+from models import find_graph
 
-MODEL = PRETRAINED / "decoder.onnx"
-"""Decoder that is used where --model is absent."""
 H_CAPTURED_FROM_DISPLAY = np.array([[2.0, 0.1, 100], [0.05, 1.8, 60], [1e-4, 1e-4, 1]])
 """Homography of the warp that is timed for comparison."""
 
@@ -34,7 +31,12 @@ def main() -> None:
         prog="python -m export.receive.bench", description="Speed of the whole receiver."
     )
     parser.add_argument("input", metavar="INPUT", help="a folder of images or a video file")
-    parser.add_argument("--model", type=Path, default=MODEL, help="an .onnx file")
+    parser.add_argument(
+        "--model",
+        type=find_graph,
+        action="append",
+        help="an .onnx file, or a preset's name; by default all presets are looked for",
+    )
     parser.add_argument("--fps", type=float, help=FPS_HELP)
     parser.add_argument("--frames", type=int, default=300, help="at most")
     parser.add_argument("--threads", type=int, default=2, help="of onnxruntime and OpenCV")
@@ -44,7 +46,7 @@ def main() -> None:
     cv2.setNumThreads(args.threads)
     source = open_source(args.input, args.fps, args.max_megapixels)
     frames = [frame for _, frame in zip(range(args.frames), source.frames, strict=False)]
-    receiver = Receiver(Decoder(args.model, args.threads), source.fps)
+    receiver = Receiver(open_decoders(args.model, args.threads), source.fps)
     size = receiver.layout.width, receiver.layout.height
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     pushed, warped = [], []

@@ -1,5 +1,6 @@
 """Decoders for a receiver: it may need several, and most films need one, which is then loaded."""
 
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
@@ -11,6 +12,7 @@ from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
 from link.errors import InputError
 from link.frames import SoftBits
 from link.layout import Layout
+from models import shipped_graphs
 
 
 class PairDecoder(Protocol):
@@ -75,3 +77,14 @@ class ShippedDecoder:
             InputError: the file is no decoder for the layout, or the decoder refuses the frames.
         """
         return self._begun().result().decode(original, embedded)
+
+
+def open_decoders(models: Sequence[Path] | None, threads: int) -> list[PairDecoder]:
+    """Open the models of --model; where there are none, those that ship, each when it is needed.
+
+    Raises:
+        InputError: a file is missing or damaged, or a given one is no decoder.
+    """
+    if models:
+        return [Decoder(model, threads) for model in models]
+    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped_graphs().items()]

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from export.send.hiding import Hiding, Onlooker
-from export.send.pictures import open_pictures, stands_still
+from export.send.pictures import open_pictures, stand_still
 from export.send.write import output_kind, write_loop
 from link.cli import read_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
@@ -34,7 +34,7 @@ MOVING = (
     "note: where the picture moves, displays with pilots are found some seconds later and read "
     "less well than those with patches, which --preset paper shows"
 )
-"""What is said of a folder or a video on a layout with pilots (docs/receiver.md)."""
+"""What is said of several pictures on a layout with pilots (docs/receiver.md)."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
 
@@ -194,7 +194,7 @@ def main() -> None:
     Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, the preset, and
     how visible the message is to the eye, as contrast over threshold (docs/visibility.md).
     """
-    args = read_flags(send_parser().parse_args, counter=MAX_STAMP)
+    args = read_flags(send_parser().parse_args)
     kind = output_kind(args.out)
     message = message_of(args.message, args.file)
     preset = PRESETS[args.preset]
@@ -206,11 +206,12 @@ def main() -> None:
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     hiding = Hiding(layout, state_hz, onlooker)
     kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
+    pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
     loop = Loop(
         layout,
         kappa,
         encode(protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy),
-        open_pictures(args.pictures, state_hz / 2, args.max_megapixels),
+        pictures,
         args.pyramid_level,
     )
     more = {
@@ -220,7 +221,7 @@ def main() -> None:
     }
     report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
     print(json.dumps({"out": str(args.out), **report}))
-    if layout.pilots and not stands_still(args.pictures):
+    if layout.pilots and not stand_still(pictures):
         print(MOVING, file=sys.stderr)
 
 

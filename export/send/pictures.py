@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -34,16 +35,16 @@ def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = N
         return partial(map, read, image_files(source))
     if not is_file(source):
         raise InputError(f"{source}: no such image, folder or video; check the path")
-    if stands_still(source):
+    if source.suffix.lower() in IMAGE_SUFFIXES:
         picture = read(source)
         return lambda: iter([picture])
     fps = VideoReader(source, max_megapixels).fps
     return partial(_in_time, source, max_megapixels, 1.0 if fps is None else fps / pair_hz)
 
 
-def stands_still(source: Path) -> bool:
-    """Tell whether a source for `open_pictures` is a single image, and no folder or video."""
-    return not source.is_dir() and source.suffix.lower() in IMAGE_SUFFIXES
+def stand_still(pictures: Pictures) -> bool:
+    """Tell whether pictures are a single one, which is then shown all the time."""
+    return len(list(islice(pictures(), 2))) == 1
 
 
 def _in_time(video: Path, max_megapixels: float | None, step: float) -> Iterator[NDArray[np.uint8]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
-from link.images.size import ends_early, image_size, is_overfull
+from link.images.size import ends_early, image_size, is_animated, is_overfull
 from link.layout import COLOURS
 from link.outside import is_file, is_no_file, read_bounded
 
@@ -144,8 +144,8 @@ def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray
         (H, W, 3) uint8, encoded, RGB.
 
     Raises:
-        InputError: the file is missing, is not an image, has too many pixels, or is smaller than
-            16 x 16.
+        InputError: the file is missing, is not an image or an animated one, has too many pixels, or
+            is smaller than 16 x 16.
     """
     path, limit = Path(path), pixel_limit(max_megapixels)
     if not is_file(path):
@@ -153,6 +153,8 @@ def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray
     data = read_bounded(path, BYTES_PER_PIXEL * limit + SPARE_BYTES)
     if ends_early(data):
         raise InputError(f"{path}: not a readable image: it is cut off; copy it again")
+    if is_animated(data):
+        raise InputError(f"{path}: an animation; save one picture of it, or all as GIF or video")
     size = image_size(data)
     image = None
     if size is not None:

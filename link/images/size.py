@@ -26,6 +26,8 @@ MAX_SCANS = 100
 MAX_PIXEL_BYTES = 16
 """Largest number of compressed bytes of a PNG file for each pixel, twice what the largest pixels
 take without compression."""
+WEBP_ANIMATION = 2
+"""Bit of an extended WebP file's flags that an animation sets."""
 SPARE_PIXELS = 4096
 """Number of pixels by which a PNG file may seem larger than it is, so that small ones pass."""
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257
@@ -93,6 +95,13 @@ def is_overfull(data: bytes, width: int, height: int) -> bool:
         compressed = sum(length for name, length in _png_chunks(data) if name == b"IDAT")
         return compressed > MAX_PIXEL_BYTES * (width * height + SPARE_PIXELS)
     return data.startswith(JPEG) and _jpeg_scans(data) > MAX_SCANS
+
+
+def is_animated(data: bytes) -> bool:
+    """Whether a PNG or WebP file says that it holds several pictures, which follow one another."""
+    if data.startswith(PNG):
+        return any(name == b"acTL" for name, _ in _png_chunks(data))
+    return data[8:16] == b"WEBPVP8X" and bool(data[20:21] and data[20] & WEBP_ANIMATION)
 
 
 def _jpeg_scans(data: bytes) -> int:

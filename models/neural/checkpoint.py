@@ -19,6 +19,7 @@ from link.errors import InputError, UnsuitedError
 from link.images import write_bytes
 from link.layout import Layout
 from link.outside import is_file, read_bounded, read_json
+from models import shipped_checkpoint
 from models.neural.config import DecoderConfig
 from models.neural.decoder import PhiDecoder
 
@@ -100,7 +101,8 @@ def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:
                 ("pilots" if each.pilots else "ratex patches") for each in (saved_layout, layout)
             ]
             raise UnsuitedError(
-                f"{folder} was trained on layouts with {kinds[0]}, not with {kinds[1]}"
+                f"{folder} was trained on layouts with {kinds[0]}, not with {kinds[1]}; take "
+                f"{shipped_checkpoint(layout)} or a run that was"
             )
         module = PhiDecoder(layout or saved_layout, DecoderConfig(**config["decoder"]))
     except UnsuitedError:

@@ -52,10 +52,10 @@ class Method:
         """All that is known of the method."""
         return METHODS[self.name]
 
-    @property
-    def checkpoint(self) -> Path | None:
-        """Folder of its checkpoint: the one among its options, or the one that it ships with."""
-        return dict(self.options).get("checkpoint", self.card.checkpoint)
+    def checkpoint(self, layout: Layout) -> Path | None:
+        """Folder of its checkpoint: the one among its options, or what ships for the layout."""
+        shipped = self.card.checkpoint and self.card.checkpoint(layout)
+        return dict(self.options).get("checkpoint", shipped)
 
     def build(self) -> BlockDecoder:
         """The decoder; only for methods whose card does not say ``needs_truth``."""
@@ -69,9 +69,9 @@ class Method:
         return lambda pair: decoder.decode(pair.rectified)
 
 
-def methods_for(names: Sequence[str], checkpoint: Path) -> list[Method]:
-    """The named methods; ``learned`` gets the checkpoint."""
-    options = {"learned": (("checkpoint", checkpoint),)}
+def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Method]:
+    """The named methods; ``learned`` gets the checkpoint, or takes what ships for each layout."""
+    options = {"learned": (("checkpoint", checkpoint),)} if checkpoint is not None else {}
     return [Method(name, options.get(name, ())) for name in names]
 
 

@@ -22,6 +22,7 @@ from link.embed import check_kappa
 from link.errors import InputError, UnsuitedError, each_once
 from link.files.lock import locked
 from link.images import write_bytes
+from link.layout import Layout
 from reports.engine.backends import DIED, Backend, one_thread, run_tasks
 from reports.engine.digest import code_digest, file_digest, package_versions
 from reports.engine.methods import Method
@@ -241,18 +242,19 @@ def fingerprint(source: Source, frames: int, method: Method) -> str:
     parts = [
         repr((STORED_VERSION, source, frames, method.name, options)),
         code_digest("data_gen.frame_pair", method.card.target.partition(":")[0]),
-        checkpoint_digest(method),
+        checkpoint_digest(method, source.layout),
         file_digest(sorted(source.pictures.glob("*")) if source.pictures else []),
         *package_versions(),
     ]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def checkpoint_digest(method: Method) -> str:
-    """SHA-256 of the files of a method's checkpoint; empty where it has none."""
-    if method.checkpoint is None:
-        return ""
-    return file_digest([method.checkpoint / name for name in ("config.json", "decoder.pt")])
+def checkpoint_digest(method: Method, *layouts: Layout) -> str:
+    """SHA-256 of the files of a method's checkpoints for some layouts; empty where it has none."""
+    folders = dict.fromkeys(method.checkpoint(layout) for layout in layouts)
+    names = ("config.json", "decoder.pt")
+    files = [folder / name for folder in folders if folder is not None for name in names]
+    return file_digest(files) if files else ""
 
 
 def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataFrame, list[str]]:

@@ -8,6 +8,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from data_gen.flags import LayoutFlags
+from link.layout import Layout
 from reports.engine.methods import Method
 from reports.engine.predict import checkpoint_digest
 from reports.evaluation.sweeps import SWEEPS
@@ -33,12 +34,15 @@ def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str
     return tuple(SWEEPS) if whole else ()
 
 
-def decisive_settings(config: LayoutFlags, methods: Sequence[Method]) -> dict[str, Any]:
+def decisive_settings(
+    config: LayoutFlags, methods: Sequence[Method], layouts: Sequence[Layout]
+) -> dict[str, Any]:
     """Name all that decides the result: flags, and digests of the checkpoints.
 
     Args:
         config: settings of evaluate.py.
         methods: methods that are compared.
+        layouts: layouts of the frame pairs on which they are compared.
     """
     layout, usual = config.layout(), type(config)().layout()
     flags = {field.name for field in fields(LayoutFlags)}
@@ -47,4 +51,4 @@ def decisive_settings(config: LayoutFlags, methods: Sequence[Method]) -> dict[st
     for flag in sorted(flags - {"ratex"}):  # runs of the usual grid have always been without them
         if getattr(layout, flag) != getattr(usual, flag):
             settings[flag] = getattr(layout, flag)
-    return {**settings, "checkpoints": {m.name: checkpoint_digest(m) for m in methods}}
+    return {**settings, "checkpoints": {m.name: checkpoint_digest(m, *layouts) for m in methods}}

@@ -108,8 +108,8 @@ def test_numbers_that_no_flag_takes(
             done = command(main, *needed, *words)
             what = f"{module} {flag} {value:.40}: {done.stderr}"
             assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1), what
-            assert done.stderr.startswith(f"error: {flag}: need "), what
-            assert len(done.stderr) < 200, what
+            assert done.stderr.replace("_", "-").startswith(f"error: {flag}: "), what
+            assert len(done.stderr) < 400, what
 
 
 def test_the_numbers_of_commands_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,22 +134,39 @@ def test_whatever_a_parser_says_becomes_one_line(command: Command) -> None:
         (
             "data_gen.__main__",
             "--fram 3 --out x",
-            "--fram: no such flag; perhaps you meant --frames",
+            "Unrecognized options: --fram, 3; perhaps you meant --frames",
         ),
-        ("data_gen.__main__", "", "--out: is required"),
-        ("data_gen.__main__", "--out x y", "y: one word too many"),
-        ("data_gen.__main__", "--out x --frames", "--frames: a value is missing"),
+        ("data_gen.__main__", "", "Missing from program: --out PATH "),
+        ("data_gen.__main__", "--out x y", "Unrecognized options: y"),
+        (
+            "data_gen.__main__",
+            "--out x --frames",
+            "Missing value for argument '--frames'. Expected 1 values",
+        ),
         ("data_gen.__main__", "--out x --frames 1.5", "--frames: need a whole number, got '1.5'"),
-        ("data_gen.video", "--out x --message a --size 3", "--size: 2 values are missing"),
-        ("data_gen.video", "--out x --message a --passer-s 3", "--passer-s: need FLOAT FLOAT, got"),
+        (
+            "data_gen.video",
+            "--out x --message a --size 3",
+            "Missing value for argument '--size'. Expected 2 values",
+        ),
+        (
+            "data_gen.video",
+            "--out x --message a --passer-s 3",
+            "--passer-s: no type matching {None}|{FLOAT FLOAT} could be instantiated from ['3']",
+        ),
         (
             "data_gen.video",
             "--out x --message a --window x",
-            "--window: invalid choice 'x'; choose",
+            "invalid choice 'x' for argument '--window'. Expected one of ",
         ),
-        ("export.parity", "", "PATH: is required"),
-        ("export.receive.__main__", "", "INPUT: is required"),
-        ("export.receive.__main__", "x --bogus", "--bogus: no such flag"),
+        ("train", "--decoder.coarsen 3", "--decoder.coarsen: need 1 or 2, got 3"),
+        ("export.parity", "", "Missing from program: PATH "),
+        (
+            "export.receive.__main__",
+            "",
+            "the following arguments are required: INPUT",
+        ),
+        ("export.receive.__main__", "x --bogus", "unrecognized arguments: --bogus"),
         (
             "export.receive.__main__",
             "x --threads many",
@@ -165,7 +182,7 @@ def test_whatever_a_parser_says_becomes_one_line(command: Command) -> None:
 
 def test_words_of_a_parser_that_are_not_known_are_passed_on_in_one_line() -> None:
     def read() -> None:
-        print("╭─ Oh ─╮\n│ The  │\n│ moon │\n│ ──── │\n│ more │\n╰──────╯", file=sys.stderr)
+        print(" Oh\n ----\n The\n moon\n\n is\n ----\n more", file=sys.stderr)
         raise SystemExit(2)
 
     with pytest.raises(InputError, match=r"^The moon; see --help$"):
@@ -182,10 +199,10 @@ def test_help_is_printed(module: str, command: Command) -> None:
 @pytest.mark.parametrize(
     ("module", "words", "says"),
     [
-        ("data_gen.__main__", ["--out", ""], "--out: the name is empty"),
-        ("data_gen.__main__", ["--out="], "--out: the name is empty"),
-        ("export.parity", [""], "RUN: the name is empty"),
-        ("export.receive.__main__", [""], "INPUT: a name is empty"),
+        ("data_gen.__main__", ["--out", ""], "--out: empty; give a name"),
+        ("data_gen.__main__", ["--out="], "--out: empty; give a name"),
+        ("export.parity", [""], "an input: empty; give a name"),
+        ("export.receive.__main__", [""], "an input: empty; give a name"),
         ("export.receive.__main__", ["²"], "²: no such folder, video file or camera number"),
         ("export.send.__main__", ["x", "--message", "\udcff", "--out", "y"], "--message: not text"),
         ("data_gen.video", ["--message", "\udcff", "--out", "y"], "--message: not text in UTF-8"),

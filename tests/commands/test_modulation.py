@@ -15,14 +15,20 @@ import evaluate
 import export.receive.__main__ as receive_cli
 import export.runtime as runtime_cli
 import export.send.__main__ as send_cli
+import export.to_onnx as to_onnx_cli
 from data_gen.flags import LayoutFlags
 from data_gen.frame_pair import Cell, FramePair, Source
+from export.parity import Parity
 from link.captures import load_capture, read_manifest
 from link.errors import InputError
 from link.images import write_image
 from link.layout import Layout, make_layout
-from models import PRETRAINED
+from link.presets import PRESETS
+from models import PRETRAINED, PRETRAINED_PILOTS
+from models.neural.decoder import PhiDecoder
+from reports.engine.digest import file_digest
 from reports.engine.methods import Method, suited_methods
+from reports.engine.records import read_predictions
 from reports.evaluation.settings import decisive_settings
 from reports.evaluation.sweeps import sweep_conditions
 from reports.evaluation.versus import compare_runs
@@ -89,6 +95,91 @@ def test_simulated_captures_carry_the_layout(tmp_path: Path, command: Command) -
     assert done.status == 0, done.stderr
     assert "two_step: left out of 1 of 1, it trains on ratex patches" in done.stdout
     assert "| oorc |" in done.stdout
+
+
+def test_each_capture_is_decoded_by_the_checkpoint_for_its_layout(
+    tmp_path: Path, command: Command
+) -> None:
+    """Frame pairs with patches, frame pairs with pilots, and a set that joins both."""
+    lines = []
+    for name, flags in (("patches", ()), ("pilots", FINE)):
+        folder = tmp_path / "both" / name
+        done = command(data_gen_cli.main, *flags, "--frames", 1, "--kappa", 5, "--out", folder)
+        assert done.status == 0, done.stderr
+        entry = json.loads((folder / "manifest.jsonl").read_text())
+        entry |= {key: f"{name}/{entry[key]}" for key in ("original", "embedded")}
+        lines.append(json.dumps(entry))
+    (tmp_path / "both" / "manifest.jsonl").write_text("\n".join(lines))
+    for folder, pairs in (("both/patches", 1), ("both/pilots", 1), ("both", 2)):
+        out = tmp_path / f"of {pairs} {folder.replace('/', ' ')}"
+        done = command(evaluate.main, "--captures", tmp_path / folder, "--out", out,
+                       "--methods", "learned", "oorc", "--no-html")  # fmt: skip
+        assert done.status == 0, done.stderr
+        assert "left out" not in done.stdout
+        records = read_predictions(out / "predictions.jsonl")
+        assert (records["method"] == "learned").sum() == pairs
+    digests = json.loads((out / "config.json").read_text())["checkpoints"]
+    assert digests["learned"] == file_digest(
+        [folder / name for folder in (PRETRAINED, PRETRAINED_PILOTS)
+         for name in ("config.json", "decoder.pt")]
+    )  # fmt: skip
+
+
+@pytest.fixture
+def exported(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Layout, Path, str]]:
+    """Layout, file and name of the run of each export, none of which is carried out."""
+    done: list[tuple[Layout, Path, str]] = []
+
+    def record(module: PhiDecoder, path: Path, run_name: str, *_: object) -> Parity:
+        done.append((module.layout, path, run_name))
+        return Parity(1, 1, 0, 0.0, 1.0, 1.0)
+
+    monkeypatch.setattr(to_onnx_cli, "export", record)
+    return done
+
+
+def test_the_layout_chooses_the_checkpoint_that_is_exported(
+    exported: list[tuple[Layout, Path, str]], tmp_path: Path, command: Command
+) -> None:
+    layouts = {"patches": make_layout(6, 6), "pilots": FINE_LAYOUT}
+    for name, layout in layouts.items():
+        (tmp_path / f"{name}.json").write_text(json.dumps(layout.to_dict()))
+    out = ("--out", tmp_path / "mine.onnx")
+    for words in (("--layout", tmp_path / f"{name}.json") for name in layouts):
+        assert command(to_onnx_cli.main, *words, *out).status == 0
+    assert exported == [
+        (layouts["patches"], out[1], "pretrained"),
+        (layouts["pilots"], out[1], "pretrained_pilots"),
+    ]
+    done = command(to_onnx_cli.main, PRETRAINED, "--layout", tmp_path / "pilots.json", *out)
+    assert f"not with pilots; take {PRETRAINED_PILOTS} or a run that was" in done.stderr
+
+
+@pytest.mark.parametrize("run", [(), (PRETRAINED,), (PRETRAINED_PILOTS / ".." / "pretrained",)])
+def test_an_export_leaves_what_ships_as_it_is(
+    run: tuple[Path, ...], exported: list[tuple[Layout, Path, str]], command: Command
+) -> None:
+    done = command(to_onnx_cli.main, *run)
+    assert (done.status, exported) == (2, [])
+    assert done.stderr.startswith("error: --out: ") and "name the new .onnx file" in done.stderr
+
+
+def test_the_name_of_a_preset_stands_for_the_decoder_that_ships(
+    tmp_path: Path, command: Command
+) -> None:
+    write_image(tmp_path / "gray.png", np.full((384, 512, 3), 99, np.uint8))
+    for preset in ("paper", "robust"):
+        done = command(runtime_cli.main, preset, *2 * (tmp_path / "gray.png",))
+        if preset == "paper":
+            assert "no ratex patches where the corners" in done.stderr
+        else:
+            said = Layout.from_dict(json.loads(done.stdout)["layout"])
+            assert said == PRESETS["robust"].layout
+
+
+def test_captures_have_layouts_of_their_own(tmp_path: Path, command: Command) -> None:
+    done = command(evaluate.main, "--captures", tmp_path, "--rows", 12, "--out", tmp_path / "run")
+    assert done.stderr.startswith("error: --captures: has layouts of its own")
 
 
 def test_a_film_with_pilots_is_made_and_the_receiver_says_what_it_saw(
@@ -171,15 +262,15 @@ def test_the_comparison_leaves_out_what_does_not_suit(tmp_path: Path, command: C
 
 def test_settings_of_the_usual_layout_are_those_of_runs_that_knew_no_other() -> None:
     """Golden: a folder that an earlier version began is gone on with and compared."""
-    keys = list(decisive_settings(evaluate.EvaluateConfig(), []))
+    keys = list(decisive_settings(evaluate.EvaluateConfig(), [], []))
     assert sorted(keys) == [
         "captures", "checkpoints", "frames", "kappas", "methods", "pairs",
         "pictures", "protocol", "quick", "ratex", "run", "seed", "set", "sweeps", "views",
         "without",
     ]  # fmt: skip
-    assert decisive_settings(evaluate.EvaluateConfig(), [])["ratex"] == 5
-    assert decisive_settings(evaluate.EvaluateConfig(ratex=3), [])["ratex"] == 3
-    same = [decisive_settings(evaluate.EvaluateConfig(pilots=p), []) for p in ("auto", "0.25")]
+    assert decisive_settings(evaluate.EvaluateConfig(), [], [])["ratex"] == 5
+    assert decisive_settings(evaluate.EvaluateConfig(ratex=3), [], [])["ratex"] == 3
+    same = [decisive_settings(evaluate.EvaluateConfig(pilots=p), [], []) for p in ("auto", "0.25")]
     assert same[0] == same[1]
     assert (same[0]["pilots"], same[0]["ratex"]) == (16, 0)
 

@@ -18,11 +18,12 @@ from conftest import ROOT, Command, Finished, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from PIL import Image
 
 import export.send.__main__ as send_cli
 import link.loop as loop_module
 from export.send.hiding import SECONDS, SEED, Hiding, Onlooker
-from export.send.pictures import open_pictures
+from export.send.pictures import open_pictures, stand_still
 from export.send.player import write_player
 from export.send.write import write_states
 from export.visibility.flicker import contrast_over_threshold, random_message
@@ -320,6 +321,28 @@ def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     report(command(send_cli.main, *words, tmp_path / "b.html", "--ratex", 2))
 
 
+def animate(file: Path, levels: tuple[int, ...]) -> Path:
+    """Write plain pictures of these levels that follow one another."""
+    first, *rest = (Image.fromarray(np.full((96, 128, 3), level, np.uint8)) for level in levels)
+    first.save(file, save_all=True, append_images=rest, duration=100)
+    return file
+
+
+def test_a_picture_moves_where_several_are_shown(tmp_path: Path) -> None:
+    gifs = [animate(tmp_path / f"{n}.gif", (30, 90, 150)[:n]) for n in (1, 3)]
+    assert [stand_still(open_pictures(gif, 7.5)) for gif in gifs] == [True, False]
+    for number in range(2):
+        write_image(tmp_path / "folder" / f"{number}.png", np.full((96, 128, 3), 99, np.uint8))
+        assert stand_still(open_pictures(tmp_path / "folder", 7.5)) == (number == 0)
+
+
+@pytest.mark.parametrize("suffix", [".webp", ".png"])
+def test_an_animation_that_would_lose_its_pictures_is_refused(suffix: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="an animation; save one picture of it, or all as GIF"):
+        open_pictures(animate(tmp_path / f"moves{suffix}", (30, 90)), 7.5)
+    assert stand_still(open_pictures(animate(tmp_path / f"still{suffix}", (30,)), 7.5))
+
+
 shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
 known = st.one_of(
     st.builds(lambda count: {"ratex": count}, st.sampled_from([0, 1, 2, 3, 5])),
@@ -504,12 +527,12 @@ WRONG = {
         "--key: empty.txt: need 16 to 4096 random bytes",
     ),
     "long key": (f"{CUT} x.html --key picture.png", "--key: picture.png: larger than 4096 bytes"),
-    "counter": (f"{CUT} x.html --key key --counter -1", "--counter: need at least 0, got -1"),
+    "counter": (f"{CUT} x.html --key key --counter -1", "--counter: need 0 to 4294967295, got -1"),
     "bare counter": (f"{CUT} x.html --counter 1", "--counter: only a message with a key has one"),
     "dark": (f"{CUT} x.html --kappa 0", "--kappa: need 1 to 64"),
     "bright": (f"{CUT} x.html --kappa 65", "--kappa: need 1 to 64"),
     "no number": (f"{CUT} x.html --kappa much", "--kappa: need a whole number, got 'much'"),
-    "no out": ("picture.png --message hi", "--out: is required; see --help"),
+    "no out": ("picture.png --message hi", "arguments are required: --out; see --help"),
     "bad out": (f"{CUT} x.mp4", "x.mp4 must end in .html, .avi or .mkv"),
     "a file there": (f"{CUT} clip.avi", "--out: clip.avi is already there"),
     "a full folder there": (f"{CUT} many", "--out: many is already there"),
@@ -517,7 +540,7 @@ WRONG = {
     "out in a file": (f"{CUT} text.png/x", "text.png: cannot be made a folder"),
     "scale": (f"{CUT} x.html --scale 65", "--scale: need 0 to 64, got 65"),
     "hold": (f"{CUT} x.html --hold 0", "--hold: need at least 1, got 0"),
-    "refresh": (f"{CUT} x.html --refresh nan", "--refresh: need a finite number, got nan"),
+    "refresh": (f"{CUT} x.html --refresh nan", "--refresh: need -1000000 to 1000000, got nan"),
     "fast": (f"{CUT} x.html --refresh 1e5 --hold 4", "need up to 1000 states a second, got 25000"),
     "rate": (f"{CUT} x.html --state-hz 12 --hold 4", "60 Hz with --hold 4 is 15"),
     "no whole refreshes": (f"{CUT} x.html --state-hz 13", "60 Hz with --hold 5 is 12"),
@@ -535,7 +558,7 @@ WRONG = {
     "pyramid": (f"{CUT} x.html --pyramid-level 9", "--pyramid-level: 9 does not fit"),
     "patches": (f"{CUT} x.html --ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),
     "odd video": (f"{CUT} x.mkv --width 121", "even widths and heights only, got 121x80"),
-    "flag": (f"{CUT} x.html --color red", "--color: no such flag; "),
+    "flag": (f"{CUT} x.html --color red", "unrecognized arguments: --color red; see --help"),
     "no colour": (f"{CUT} x.html --colour red", "--colour: invalid choice: 'red'"),
     "chroma patches": (f"{CUT} x.html --colour chroma", "layout: ratex patches are gray, bits"),
     "both limits": (f"{CUT} x.html --visibility 1 --kappa 1", "--visibility and --kappa: give one"),

@@ -45,7 +45,10 @@ def test_a_film_shows_the_preset(name: str | None, tmp_path: Path, command: Comm
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [(("loud",), "error: unknown preset 'loud'; choose one of: paper"), ((), "error: --preset: ")],
+    [
+        (("loud",), "error: unknown preset 'loud'; choose one of: paper"),
+        ((), "error: Missing value for argument '--preset'"),
+    ],
 )
 def test_a_wrong_preset_gives_one_line(
     words: tuple[str, ...], expected: str, tmp_path: Path, command: Command

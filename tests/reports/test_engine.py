@@ -231,7 +231,7 @@ def test_the_fingerprint_knows_what_decides() -> None:
     }
     assert len(marks) == 5
     assert fingerprint(source, 1, Method("naive", label="another name")) in marks
-    assert checkpoint_digest(Method("cnn")) not in ("", file_digest([]))
+    assert checkpoint_digest(Method("cnn"), make_layout()) not in ("", file_digest([]))
 
 
 def test_a_method_that_is_new_costs_no_other_its_results(tmp_path: Path) -> None:

@@ -138,8 +138,8 @@ def test_by_default_all_shipped_graphs_are_read(
         checked[layout] = path
         return BlockMeans(layout)
 
-    monkeypatch.setattr(receive_cli, "Decoder", load)
-    monkeypatch.setattr(receive_cli, "ShippedDecoder", check)
+    monkeypatch.setattr(decoders_module, "Decoder", load)
+    monkeypatch.setattr(decoders_module, "ShippedDecoder", check)
     write_image(tmp_path / "in" / "a.png", np.full((60, 80, 3), 90, np.uint8))
     done = command(receive_cli.main, tmp_path / "in")
     assert checked == shipped_graphs()
@@ -215,7 +215,7 @@ def test_a_damaged_shipped_graph_is_refused_at_once(
     broken = tmp_path / "24x32.onnx"
     if damage is not None:
         broken.write_bytes(damage((PRETRAINED_PILOTS / "24x32.onnx").read_bytes()))
-    monkeypatch.setattr(receive_cli, "shipped_graphs", lambda: {ROBUST: broken})
+    monkeypatch.setattr(decoders_module, "shipped_graphs", lambda: {ROBUST: broken})
     done = command(receive_cli.main, tmp_path / "no film")
     assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
     assert f"{broken}: {says}" in done.stderr
@@ -224,7 +224,7 @@ def test_a_damaged_shipped_graph_is_refused_at_once(
 def test_two_images_of_pilots_give_one_line(
     monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(receive_cli, "Decoder", lambda *_: BlockMeans(ROBUST))
+    monkeypatch.setattr(decoders_module, "Decoder", lambda *_: BlockMeans(ROBUST))
     write_image(tmp_path / "a.png", np.full((60, 80, 3), 90, np.uint8))
     images = (tmp_path / "a.png", tmp_path / "a.png")
     done = command(receive_cli.main, *images, "--model", "pilots.onnx")
