@@ -130,7 +130,7 @@ def read_config(folder: Path, command: str = "python train.py --pair NAME") -> d
     """
     for file in (folder / "config.json", folder / "decoder.pt"):
         if not is_file(file):
-            raise InputError(f"{file}: not found; made by: {command}")
+            raise InputError(f"{file}: not found; train first: {command}")
     file = folder / "config.json"
     try:
         config = read_json(file)

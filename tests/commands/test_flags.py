@@ -14,6 +14,7 @@ import pytest
 import tyro
 from conftest import ROOT, Command, slow
 
+from lab.__main__ import STUDIES
 from link.cli import read_flags
 from link.errors import InputError
 
@@ -22,7 +23,7 @@ NASTY = ("nan", "inf", "-inf", "1e400", "9" * 23, "9" * 31, "1" + 400 * "0", "9"
 
 
 def commands() -> list[str]:
-    """Every module that reads flags."""
+    """Every module that reads flags, and of the lab every study, in words of a command line."""
     found = subprocess.run(
         ["git", "grep", "-lw", "read_flags", "--", "*.py", ":!tests", ":!link"],
         cwd=ROOT,
@@ -30,7 +31,9 @@ def commands() -> list[str]:
         text=True,
         check=True,
     )
-    return [file.removesuffix(".py").replace("/", ".") for file in found.stdout.split()]
+    modules = [file.removesuffix(".py").replace("/", ".") for file in found.stdout.split()]
+    modules.remove("lab.study")
+    return [*modules, *(f"lab.__main__ {name}" for name in STUDIES)]
 
 
 class Flags(BaseException):
@@ -40,8 +43,8 @@ class Flags(BaseException):
         self.described = described
 
 
-def described(main: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
-    """The parser or the configuration's class of a command."""
+def described(main: Any, monkeypatch: pytest.MonkeyPatch, *words: str) -> Any:
+    """The parser or the configuration's class of a command that begins with some words."""
 
     def stop(what: Any, *_: object, **__: object) -> None:
         raise Flags(what)
@@ -49,7 +52,7 @@ def described(main: Any, monkeypatch: pytest.MonkeyPatch) -> Any:
     with monkeypatch.context() as patch:
         patch.setattr(argparse.ArgumentParser, "parse_args", stop)
         patch.setattr(tyro, "cli", stop)
-        patch.setattr(sys, "argv", ["program"])
+        patch.setattr(sys, "argv", ["program", *words])
         with pytest.raises(Flags) as stopped:
             main()
     return stopped.value.described
@@ -95,18 +98,19 @@ def _numbers_of_fields(kind: Any, prefix: str | None) -> Iterator[tuple[str, tup
 
 
 @pytest.mark.parametrize("share", [len(NASTY), slow(1)])
-@pytest.mark.parametrize("module", commands())
+@pytest.mark.parametrize("name", commands())
 def test_numbers_that_no_flag_takes(
-    module: str, share: int, command: Command, monkeypatch: pytest.MonkeyPatch
+    name: str, share: int, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every flag with every value; soon, each flag with one value of these in turn."""
+    module, *study = name.split()
     main = importlib.import_module(module).main
-    needed, numbers = numbers_of(described(main, monkeypatch))
+    needed, numbers = numbers_of(described(main, monkeypatch, *study))
     for number, (flag, (kind, count)) in enumerate(numbers.items()):
         for value in [*NASTY[number % share :: share], *["-1"] * (kind is int)]:
             words = [f"{flag}={value}"] if count == 1 else [flag, *[value] * count]
-            done = command(main, *needed, *words)
-            what = f"{module} {flag} {value:.40}: {done.stderr}"
+            done = command(main, *study, *needed, *words)
+            what = f"{name} {flag} {value:.40}: {done.stderr}"
             assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1), what
             assert done.stderr.replace("_", "-").startswith(f"error: {flag}: "), what
             assert len(done.stderr) < 400, what

@@ -117,8 +117,8 @@ def test_results_that_something_else_wrote_are_refused(content: str, tmp_path: P
     [
         (["x"], "unknown study 'x'; choose one of: "),
         (["pilots", "--jobs", "0"], "--jobs: need at least 1"),
-        (["pilots", "--seed", "-1"], "--seed: need at least 0"),
-        (["pilots", "--nothing"], "--nothing: no such flag"),
+        (["pilots", "--seed", "-1"], "--seed: need 0 to"),
+        (["pilots", "--nothing"], "Unrecognized options: --nothing"),
     ],
 )
 def test_a_wrong_word_is_refused_before_any_work(

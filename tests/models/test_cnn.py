@@ -132,7 +132,7 @@ def not_finite(folder: Path) -> None:
         (not_finite, "not finite"),
         (
             lambda folder: (folder / "decoder.pt").unlink(),
-            "not found; made by: python -m reports.lab.cnn_baseline at the tag",
+            "not found; train first: python -m reports.lab.cnn_baseline at the tag",
         ),
         (lambda folder: (folder / "config.json").write_text("{"), "not a decoder configuration"),
         (
