@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.web.constants import write_constants
 from export.web.tables import page_preset
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
@@ -60,6 +61,7 @@ def build_site(out: Path) -> Site:
     if out.is_file() or (out.is_dir() and any(out.iterdir()) and not (out / MARK).is_file()):
         raise ParameterError("out", f"{out} holds something else; name a new folder")
     install_packages()
+    write_constants()
     make_folder(out.absolute().parent)
     hidden = temporary_name(out.absolute())
     old = hidden.with_suffix(".old")

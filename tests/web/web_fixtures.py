@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from export.web.constants import write_constants
 from export.web.site import build_site
 
 WEB = ROOT / "export" / "web"
@@ -39,6 +40,7 @@ def run_node_tests(name, folder):
     """Run export/web/tests/NAME.test.js on the fixtures of a folder."""
     if shutil.which("node") is None or not (WEB / "node_modules").is_dir():
         pytest.skip("needs node, and npm ci in export/web")
+    write_constants()
     done = subprocess.run(
         ["node", f"tests/{name}.test.js"],
         cwd=WEB,

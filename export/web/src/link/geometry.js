@@ -7,6 +7,7 @@
  * displayed picture, whatever way up the camera was. Homographies are nine numbers, row by row.
  */
 
+import { geometry } from "../generated/constants.js";
 import { shrunkByWhole } from "../image/shrink.js";
 import { warped } from "../image/warp.js";
 import { inverse, multiply3, solve } from "./linear.js";
@@ -15,8 +16,7 @@ import { inverse, multiply3, solve } from "./linear.js";
 /** @typedef {ArrayLike<number>} Homography */
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 
-/** Smallest area, in square pixels of the image, that a display may cover. */
-export const MIN_AREA_PX = 256.0;
+export const { MIN_AREA_PX } = geometry;
 
 /**
  * List the outer corners of a displayed frame, in corner order.

@@ -1,16 +1,8 @@
 /** Ratex patches: known tiles of gray, of which a rectified frame shows more or less. */
 
-/** Number of tiles along each axis of a patch. */
-export const TILES = 4;
-/** Number of training samples along each axis of a tile, all in its inner half. */
-export const SAMPLES = 6;
-/** Parts into which a tile is divided along each axis; samples lie at odd multiples of a part. */
-export const STEPS = 4 * SAMPLES;
-/**
- * Smallest correlation of the displayed and the captured tiles of a patch at which the patch counts
- * as seen: nothing covers it, and the image does not cut it off.
- */
-export const CLEAR_MATCH = 0.8;
+import { ratex } from "../generated/constants.js";
+
+export const { TILES, SAMPLES, STEPS, CLEAR_MATCH } = ratex;
 
 /**
  * How the tiles of each ratex patch look in a frame, beside how they were displayed.

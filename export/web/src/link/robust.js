@@ -5,12 +5,12 @@
  * the residuals, gives large ones less weight, and solves again.
  */
 
+import { robust } from "../generated/constants.js";
 import { solve as solveLinear } from "./linear.js";
 
 /** @typedef {import("./linear.js").Numbers} Numbers */
 
-/** Standard deviation of Gaussian numbers, in medians of their absolute values. */
-export const MAD_TO_SIGMA = 1.4826;
+export const { MAD_TO_SIGMA } = robust;
 
 /**
  * Find weights in (0, 1] that fall with the square of the residual (Cauchy's distribution).

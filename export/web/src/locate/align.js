@@ -1,5 +1,6 @@
 /** Align corners to the ratex patches, to sub-pixels, by least squares on the image itself. */
 
+import { locateAlign } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 import {
   contourArea,
@@ -38,24 +39,10 @@ const PHASES = [
 const FINE = 6;
 /** Samples at each end of a patch that are left out, because its surroundings reach them. */
 const RIM = 2;
-/** Pixels around the display that are cut out of the image with it. */
-const MARGIN_PX = 4;
-/** Standard deviation of the blur of the image and of the drawn tiles, in samples. */
-const BLUR = 0.8;
+const { MARGIN_PX, BLUR, MIN_STEP_PX, CORNER_SPREAD, RESIDUAL_LEVELS } = locateAlign;
+
 /** Smallest standard deviation of the image's blur, in pixels. */
 const LEAST_BLUR_PX = 0.7;
-/** Motion of every corner, in pixels of the image, below which a phase ends. */
-const MIN_STEP_PX = 0.01;
-/**
- * Expected error of the corners before alignment, as a share of the display's side: a ridge that
- * holds corners where too few patches determine them.
- */
-const CORNER_SPREAD = 0.02;
-/**
- * Residual, in gray levels, at which the ridge weighs: noise, moire and response that three
- * coefficients miss.
- */
-const RESIDUAL_LEVELS = 8.0;
 /** Ridge on the levels of patches and tiles. */
 const LEVEL_RIDGE = 1e-3;
 /** Units of work of a phase. */

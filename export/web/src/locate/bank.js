@@ -1,28 +1,16 @@
 /** Turned and foreshortened patches, as small images to compare parts of a photograph with. */
 
+import { locateSpots } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 import { TILES } from "../link/ratex.js";
 
 /** @typedef {import("../link/layout.js").Layout} Layout */
 
-/** Side, in pixels of the resized image, of a patch. */
-export const SEEN_PX = 15;
-/** Side, in pixels of the resized image, of the window that is compared. */
-export const WINDOW_PX = 15;
+export const { SEEN_PX, WINDOW_PX } = locateSpots;
+const { TURNS, SHAPES } = locateSpots;
+
 /** Number of pixels of a window. */
 export const WINDOW_AREA = WINDOW_PX * WINDOW_PX;
-/** Number of directions of a patch that are tried. */
-const TURNS = 24;
-/** Foreshortenings of a patch's two axes, and shears, that are tried. */
-const SHAPES = [
-  [1.0, 1.0, 0.0],
-  [0.65, 1.0, 0.0],
-  [1.0, 0.65, 0.0],
-  [0.42, 1.0, 0.0],
-  [1.0, 0.42, 0.0],
-  [0.75, 0.75, 0.45],
-  [0.75, 0.75, -0.45],
-];
 /** Number of templates of each patch. */
 const EACH = TURNS * SHAPES.length;
 /** Pixels along each axis of a tile from which templates are sampled. */

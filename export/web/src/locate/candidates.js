@@ -6,6 +6,7 @@
  * play no part here.
  */
 
+import { locateCandidates } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 import { resizeArea } from "../image/shrink.js";
 import { edgeLevels, sideFeatures, snapToEdges } from "./edges.js";
@@ -28,26 +29,12 @@ import { runToEnd } from "./steps.js";
  * @typedef {import("./steps.js").Steps<Result>} Steps
  */
 
-/** Longer side, in pixels, of the small copy on which quadrilaterals are sought. */
-export const WORK_PX = 640;
-/** Distance, in pixels of the small copy, that a side may move onto an edge. */
-const SNAP_PX = 5.0;
-/** Largest number of quadrilaterals that are taken from straight lines. */
-const LINE_QUADS = 70;
-/** Largest number of candidates that are looked at more closely. */
-const CANDIDATES = 20;
+export const { WORK_PX } = locateCandidates;
+const { SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = locateCandidates;
+
 /** Units of work of moving all quadrilaterals onto edges, and of looking at all their sides. */
 const SNAP_WORK = 8;
 const FEATURES_WORK = 7;
-/**
- * Log-odds by which a picture may be less likely than the outline of its bezel and still be taken
- * for the display.
- */
-const NEAR = 3.0;
-/** Log-odds per unit of each of `sideFeatures`, fitted on simulated photographs. */
-const WEIGHTS = [11.0, 1.57, 15.14, 4.98, 1.93, -2.3, 6.83, 5.43, -11.79];
-/** Log-odds of a quadrilateral whose features are all 0, fitted with `WEIGHTS`. */
-const BIAS = -22.02;
 /** Size, in pixels of the small copy, of the cells in which corners of alike quadrilaterals lie. */
 const ALIKE_PX = 1.5;
 

@@ -1,5 +1,6 @@
 /** What an image shows along a quadrilateral's sides: evidence for a display, and its edges. */
 
+import { locateEdges } from "../generated/constants.js";
 import { MAD_TO_SIGMA, gemanMcclureWeights, reweighted, ridgeSolution } from "../link/robust.js";
 import { median } from "./pilots/order.js";
 import { quantilesOfEvery } from "./quantiles.js";
@@ -10,8 +11,11 @@ import { signedArea } from "./quads.js";
 /** @typedef {import("../link/geometry.js").Point} Point */
 /** @typedef {import("./quads.js").Quad} Quad */
 
-/** Number of places along a side where the image is looked at. */
-const SAMPLES = 24;
+const {
+  SAMPLES, REACH, FIT_SAMPLES, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE, OTHER_SIDE,
+  MIN_EDGE_SHARE,
+} = locateEdges;
+
 /** Number of places along a side where what lies well inside is looked at. */
 const CONTENT_SAMPLES = 12;
 /**
@@ -21,25 +25,8 @@ const CONTENT_SAMPLES = 12;
 const AHEAD = Float64Array.from({ length: 16 }, (_, i) =>
   i < 8 ? -0.15 + (i * 0.12) / 7 : 1.03 + ((i - 8) * 0.12) / 7,
 );
-/** Number of pixels of the small image that are looked at on each side of an edge. */
-const REACH = 5;
 /** Number of places along a side that vote for its edge where it snaps to one. */
 const SNAP_SAMPLES = 40;
-/** Number of places along a side through which a line is fitted. */
-const FIT_SAMPLES = 96;
-/** Smallest step, in gray levels, that counts as an edge; noise and texture seldom make it. */
-const STEP_LEVELS = 10.0;
-/** Gradient, in levels per pixel, that counts nothing. */
-const NOISE_SLOPE = 0.7;
-/**
- * Gradient, in levels per pixel beyond `NOISE_SLOPE`, that counts half: a strong edge in the
- * picture must not outvote a weak one along the whole side.
- */
-const SATURATION_SLOPE = 4.0;
-/** How many times the votes an edge that is darker inside needs to be preferred. */
-const OTHER_SIDE = 1.5;
-/** Smallest share of a side's places that must lie on the fitted line. */
-const MIN_EDGE_SHARE = 0.2;
 /** Factors by which a quadrilateral shrinks to where its content is looked at. */
 const CONTENT_SCALES = [0.85, 0.6, 0.3];
 /** Factor by which a quadrilateral grows to where its surroundings are looked at. */

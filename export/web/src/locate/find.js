@@ -5,6 +5,7 @@
  * is, and where its corners are to sub-pixels. Without patches the likeliest candidate is taken.
  */
 
+import { locateFind } from "../generated/constants.js";
 import { WORK_PX, candidateSteps, onFullImage, smallCopy } from "./candidates.js";
 import { imagePyramid, searchPatches } from "./patches.js";
 import { isSound, lineSteps, rolled, upright } from "./quads.js";
@@ -28,41 +29,13 @@ import { runToEnd } from "./steps.js";
  * @typedef {import("./steps.js").Steps<Result>} Steps
  */
 
-/**
- * Error of a candidate's side, in pixels of the small copy; farther off, another edge may be
- * stronger.
- */
-const SMALL_ERROR_PX = 2.0;
-/**
- * Number of candidates whose patches are sought before quadrilaterals are made from patches alone.
- */
-const LIKELY = 6;
-/** Largest number of quadrilaterals of a display in view that are made from patches alone. */
-const SPOT_QUADS = 30;
-/** Largest number of quadrilaterals of a display partly in view that are made from patches. */
-const PARTIAL_QUADS = 8;
-/** Quarter turns by which a corner order may differ from the displayed picture's. */
-const ALL_TURNS = [0, 1, 2, 3];
-/** Visibility of the patches at which no further candidate is tried. */
-const SURE_VISIBILITY = 0.93;
-/**
- * Mean correlation of single patches near their places that is worth aligning: true displays had
- * 0.69 and more, turned ones up to 0.65.
- */
-const PROMISING = 0.55;
+const {
+  SMALL_ERROR_PX, LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_VISIBILITY, PROMISING,
+  LEAVING_QUADS, PROMISING_PARTLY, MAX_ASPECT, MIN_SCORE,
+} = locateFind;
+
 /** Largest number of turns of one quadrilateral that are aligned. */
 const ALIGNED_TURNS = 2;
-/** Largest number of quadrilaterals of lines that leave the image. */
-const LEAVING_QUADS = 6;
-/** Mean correlation of the patches in view that is worth aligning where some are out of view. */
-const PROMISING_PARTLY = 0.65;
-/**
- * Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
- * the small copy has fewer than 16 rows or columns.
- */
-const MAX_ASPECT = 40;
-/** Smallest score of a display without patches. */
-const MIN_SCORE = 0.04;
 
 /**
  * Find the lit display in an image.

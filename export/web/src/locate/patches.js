@@ -5,6 +5,7 @@
  * are, whatever the picture shows and whatever surrounds it.
  */
 
+import { locatePatches } from "../generated/constants.js";
 import { shrunkByWhole } from "../image/shrink.js";
 import { warped } from "../image/warp.js";
 import {
@@ -33,22 +34,11 @@ import { pointsByCorners } from "./cornerMotion.js";
  * @typedef {[x: number, y: number, match: number]} FoundPatch
  */
 
-/** Pixels along each axis of a tile where patches are sought. */
-const TILE_PX = 4;
-/** Reach of the search on each axis, as a share of the display's side. */
-const SEARCH = 0.09;
-/** Expected error of a coarse corner, as a share of the display's side. */
-const SEARCH_ERROR = 0.04;
-/** Expected error of a patch found, as a share of the display's side. */
-const PLACE_ERROR = 0.006;
-/** Smallest number of patches that must be seen where a layout has so many. */
-const LEAST_PATCHES = 3;
-/** Largest number of patches that may be out of view or covered. */
-const MISSED_PATCHES = 2;
-/** Smallest correlation of each patch that is counted where others are left out. */
-const CLEAR_KEPT = 0.9;
-/** Visibility that is taken off where patches that are not seen are left out of the mean. */
-const COVERED_LOSS = 0.08;
+const {
+  TILE_PX, SEARCH, SEARCH_ERROR, PLACE_ERROR, LEAST_PATCHES, MISSED_PATCHES, CLEAR_KEPT,
+  COVERED_LOSS,
+} = locatePatches;
+
 /** Corners of the display, in display units. */
 const SQUARE = /** @type {Quad} */ ([
   [0, 0],

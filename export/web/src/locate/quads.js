@@ -6,6 +6,7 @@
  * what is brighter than a threshold, where four corners describe them.
  */
 
+import { locateQuads } from "../generated/constants.js";
 import { cv, matOf, withMats } from "../image/opencv.js";
 import { quantilesOfEvery } from "./quantiles.js";
 import { segmentSteps } from "./segments.js";
@@ -22,39 +23,16 @@ import { segmentSteps } from "./segments.js";
  * @typedef {import("./steps.js").Steps<Result>} Steps
  */
 
-/** Largest number of lines from which quadrilaterals are made. */
-const MAX_LINES = 44;
-/**
- * Largest distance, in pixels, of a segment's ends from the line that it is counted to, where both
- * are bright on one side.
- */
-const COLLINEAR_PX = 1.8;
-/**
- * Largest distance, in pixels, of a segment's ends from the line that it is counted to, where they
- * are bright on opposite sides: a thin bezel's two edges are two lines.
- */
-const OPPOSED_PX = 0.7;
-/** Smallest area of a quadrilateral, as a share of the image. */
-const MIN_AREA = 0.03;
+export const { SLACK, SAME_PX } = locateQuads;
+const {
+  MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_SIDE_COVER, MIN_MEAN_COVER, NESTED,
+  THRESHOLD_QUANTILES,
+} = locateQuads;
+
 /** Smallest sine of the angle between neighbouring sides; at 70 degrees a display still has it. */
 const MIN_CROSSING = Math.sin((35 * Math.PI) / 180);
-/** Smallest share that segments must cover of each side. */
-const MIN_SIDE_COVER = 0.15;
-/** Smallest share that segments must cover of all sides on average. */
-const MIN_MEAN_COVER = 0.45;
-/**
- * Distance by which a corner may lie outside the image where the whole display is in view, as a
- * share of the image's longer side: lines found on a small image are that uncertain.
- */
-export const SLACK = 0.01;
-/** Distance, in pixels, of corners below which two quadrilaterals are one. */
-export const SAME_PX = 3.0;
 /** Number of quadrilaterals that are looked at for each of those that are chosen. */
 const LOOKED_AT = 8;
-/** Smallest and largest share of a bezel's area that the picture within may have. */
-const NESTED = [0.65, 0.97];
-/** Quantiles of the image's gray levels that serve as thresholds for outlines. */
-const THRESHOLD_QUANTILES = [0.3, 0.5, 0.65, 0.8, 0.9];
 /** Tolerances, as shares of an outline's length, at which four corners may describe it. */
 const OUTLINE_TOLERANCES = [0.015, 0.03, 0.06];
 /** Units of work of the last step of the segments, of quadrilaterals, and of one threshold. */

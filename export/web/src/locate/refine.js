@@ -4,6 +4,7 @@
  * The page has no use for Python's `refine_corners`, which is left out.
  */
 
+import { locateRefine } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 import { homographyFromCorners, rectify } from "../link/geometry.js";
 import { CLEAR_MATCH, matchPatches } from "../link/ratex.js";
@@ -33,28 +34,9 @@ import { runToEnd } from "./steps.js";
  * @typedef {{ corners: Quad, seen: number }} OnPatches
  */
 
-/**
- * Reach of each of the searches for patches before corners are aligned to them, as a share of the
- * display's side: what is found first brings the others into reach.
- */
-const SEARCHES = [0.09, 0.09, 0.03];
-/** Smallest visibility of a display that shows one patch, and two. */
-const MIN_VISIBILITY = new Map([
-  [1, 0.88],
-  [2, 0.85],
-]);
-/** Smallest visibility of a display that shows three patches or more. */
-const USUAL_VISIBILITY = 0.8;
-/**
- * Distance by which a corner of a display that is partly in view may lie outside the image, as a
- * share of the image's longer side.
- */
-export const OUTSIDE = 0.25;
-/**
- * Expected errors of the corners, as shares of the display's side, in the further alignments of a
- * display that is partly in view: what lies beyond the patches is known less well.
- */
-const PARTLY_SPREADS = [0.1, 0.1];
+export const { OUTSIDE } = locateRefine;
+const { SEARCHES, MIN_VISIBILITY, USUAL_VISIBILITY, PARTLY_SPREADS } = locateRefine;
+
 /** Largest distance, in pixels, that corners move onto edges in the second round. */
 const FINE_REACH_PX = 4.0;
 /** Units of work of the searches for patches, and of looking at them. */

@@ -7,6 +7,7 @@
  * scaled to 0.8, and a region that bends is cut short around its seed at once.
  */
 
+import { locateQuads } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
@@ -16,10 +17,8 @@ import { blurred } from "../image/blur.js";
  * @typedef {[number, number, number, number]} Segment
  */
 
-/** Smallest length, in pixels, of a segment that is used. */
-const MIN_SEGMENT_PX = 9.0;
-/** Largest number of segments that are used, the longest first. */
-const MAX_SEGMENTS = 350;
+const { MIN_SEGMENT_PX, MAX_SEGMENTS } = locateQuads;
+
 /** Standard deviation, in pixels, of the blur before gradients are taken. */
 const BLUR_PX = 0.7;
 /** Largest difference, in degrees, of a pixel's direction from that of its segment. */

@@ -6,6 +6,7 @@
  * and foreshortened patches is correlated; patches that fit together make a quadrilateral.
  */
 
+import { locateSpots } from "../generated/constants.js";
 import { bytePlane, cv, matOf, withMats } from "../image/opencv.js";
 import { homographyFromPoints, inImage, transform } from "../link/geometry.js";
 import { determinant, inverse, multiply3 } from "../link/linear.js";
@@ -23,38 +24,15 @@ import { steepestSteps } from "./steep.js";
  * @typedef {import("./steps.js").Steps<Result>} Steps
  */
 
-/** Sides of a patch, in pixels of the small image, that are tried. */
-const PATCH_PX = [8, 11, 15, 20, 27, 37, 50];
-/** Number of steepest places that are compared at each size of a patch. */
-const SPOTS = 80;
+export const { MAX_OUTSIDE } = locateSpots;
+const { PATCH_PX, SPOTS, SHIFTS, MIN_MATCH, KEPT, MAX_RATIO, MISSING, SUPPORT, BEND } = locateSpots;
+
 /** Number of places that are compared in one step. */
 const STEP_SPOTS = 5;
-/** Shifts, in pixels of the resized image and on each axis, that are tried around such a place. */
-const SHIFTS = [-4, -2, 0, 2, 4];
-/** Smallest correlation of a match that is kept. */
-const MIN_MATCH = 0.55;
-/** Largest number of matches that are kept for each patch. */
-const KEPT = 16;
 /** Smallest distance of two matches of a patch, in its sides. */
 const MATCHES_APART = 0.4;
 /** Largest difference, in radians, of a match's direction from what the quadrilateral has there. */
 const MAX_TURN = (35 * Math.PI) / 180;
-/** Largest ratio of a match's size and of what the quadrilateral has there. */
-const MAX_RATIO = 1.8;
-/** Correlation that stands for a patch that is not seen and is put where the three others say. */
-const MISSING = 0.35;
-/**
- * Distance by which a corner of a display that is partly in view may be put outside the image, as a
- * share of its longer side; `OUTSIDE` of refine.js and the error of three patches.
- */
-export const MAX_OUTSIDE = 0.35;
-/**
- * Distance, in sides of the display, within which a further patch supports what three others say;
- * perspective moves it that far.
- */
-const SUPPORT = 0.15;
-/** Step of the guessed depths of patches, as a logarithm. */
-const BEND = 0.2;
 /** Smallest depth of a corner, beside that of the patches, at which the camera sees it. */
 const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */

@@ -4,14 +4,15 @@
  * A camera does not wait for what becomes of its frames.
  */
 
+import { imagesVideo } from "../generated/constants.js";
+
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
 /** Smallest and largest number of frames a second that is believed. */
 const [MIN_FPS, MAX_FPS] = [1, 1000];
 
-/** Frames a second where the times of the frames tell nothing. */
-const DEFAULT_FPS = 30;
+const { DEFAULT_FPS } = imagesVideo;
 
 /**
  * A frame: as the browser has it, with the degrees by which it is to be turned clockwise and whether

@@ -5,6 +5,7 @@
  * then for each frame a line that begins with "FRAME", followed by its planes, luma first.
  */
 
+import { imagesVideo } from "../generated/constants.js";
 import { stretchRange } from "./planes.js";
 
 /** @import { Plane } from "../image/opencv.js" */
@@ -12,8 +13,7 @@ import { stretchRange } from "./planes.js";
 /** Bytes with which every such film begins. */
 export const Y4M_MAGIC = "YUV4MPEG2";
 
-/** Frames a second of a film that states none. */
-const DEFAULT_FPS = 30;
+const { DEFAULT_FPS } = imagesVideo;
 
 /** Largest number of bytes in a line. */
 const MAX_LINE = 4096;

@@ -1,23 +1,11 @@
 /** Say why no message came: what was seen, and what to try, in one line. */
 
+import { receiveDiagnosis } from "../generated/constants.js";
 import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
-/** Mean gray level of the display below which there is too little light. */
-export const DARK = 25.0;
-/** Share of the display's pixels at the camera's limit above which there is too much light. */
-export const BRIGHT = 0.3;
-/** Gray level from which a pixel counts as at the camera's limit. */
-export const CLIPPED = 250;
-/** Share of the needed evidence that noise alone reaches now and then. */
-export const NOISE_STRENGTH = 0.75;
-/** States a camera frame from which most exposures mix two states. */
-export const TOO_FAST = 0.8;
-/** Share of the blocks' scores that mixing must have cost to be named as the cause. */
-export const MIXED = 0.5;
-/** Share of the display within the image below which it counts as partly in view. */
-export const CUT = 0.97;
-/** Share of the frames with the display from which a fault counts as that of the film. */
-export const OFTEN = 0.2;
+export const {
+  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, CUT, OFTEN,
+} = receiveDiagnosis;
 
 /**
  * What a receiver has seen of a film from which no message came.

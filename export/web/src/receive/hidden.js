@@ -10,6 +10,7 @@
  * blocks means nothing, and the receiver erases it.
  */
 
+import { receiveHidden } from "../generated/constants.js";
 import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { CLEAR_MATCH, TILES, matchPatches } from "../link/ratex.js";
@@ -18,8 +19,7 @@ import { CLEAR_MATCH, TILES, matchPatches } from "../link/ratex.js";
 /** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {{ top: number, bottom: number, left: number, right: number }} Box */
 
-/** Smallest number of patches that must be seen for others to be filled. */
-const LEAST_CLEAR = 2;
+const { LEAST_CLEAR } = receiveHidden;
 
 /**
  * Tell which blocks of a frame pair are not seen.

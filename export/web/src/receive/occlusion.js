@@ -1,23 +1,13 @@
 /** Find the blocks that something in front of the display covers; they become erasures. */
 
+import { receiveOcclusion } from "../generated/constants.js";
 import { resizeArea } from "../image/shrink.js";
 import { median } from "../locate/pilots/order.js";
 
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../link/layout.js").Layout} Layout */
 
-/** Largest number of pixels of a block, along each axis, in the thumbnails that are compared. */
-const BLOCK_PX = 6;
-/** Largest number of pixels that all rows of blocks take; a hand covers many blocks of a fine grid. */
-const ROWS_PX = 96;
-/** Number of original frames whose median shows the picture without what passes by. */
-const HISTORY = 9;
-/** Residual at which a block is covered, in medians over all blocks. */
-const STANDS_OUT = 5.0;
-/** Smallest residual of a covered block, in gray levels, after exposure is matched. */
-const MIN_LEVELS = 8.0;
-/** Share of blocks above which the picture has changed, and nothing is covered. */
-const MAX_COVERED = 0.5;
+const { BLOCK_PX, ROWS_PX, HISTORY, STANDS_OUT, MIN_LEVELS, MAX_COVERED } = receiveOcclusion;
 
 /** Compares each original frame with the median of the last ones. */
 export class Occlusion {

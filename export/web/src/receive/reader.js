@@ -5,6 +5,7 @@
  * finds the display and hands its frames to the reader of its layout (receiver.js).
  */
 
+import { receiveReader } from "../generated/constants.js";
 import { makeCollector } from "../link/code/collect.js";
 import { CLIPPED, CUT } from "./diagnosis.js";
 import { fillHidden, hiddenBlocks } from "./hidden.js";
@@ -21,23 +22,7 @@ import { CornerShift } from "./tracking/corners.js";
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-/** Largest number of rectified frames that are kept while the clock is unknown. */
-export const BUFFER = 256;
-
-/**
- * Largest number of frame pairs that are decoded with one camera frame. Many wait when the clock
- * has just been found; the next frames take the rest, so that no frame takes long.
- */
-export const PAIRS_A_FRAME = 2;
-/** Purity of a block's exposure at which its score begins to count. */
-export const PURE_FROM = 0.6;
-/** Purity of a block's exposure from which its score counts in full. */
-export const PURE_TO = 0.95;
-/**
- * Smallest distance of the toggles' two levels, in standard deviations, at which images without a
- * clock are told apart by their toggles.
- */
-export const APART = 4.0;
+export const { BUFFER, PAIRS_A_FRAME, PURE_FROM, PURE_TO, APART } = receiveReader;
 
 /**
  * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.

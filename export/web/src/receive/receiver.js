@@ -7,6 +7,7 @@
  * decodes too, are left out.
  */
 
+import { images } from "../generated/constants.js";
 import { MISSING } from "../locate/pilots/search.js";
 import { DisplayReader, Sight, StageTimes } from "./reader.js";
 import { Repeats } from "./repeats.js";
@@ -19,8 +20,7 @@ import { PilotTracker } from "./tracking/pilots.js";
 /** @typedef {import("./reader.js").Reading} Reading */
 /** @typedef {import("./reader.js").Tracked} Tracked */
 
-/** Smallest width and height of a camera frame, in pixels. */
-export const MIN_SIDE_PX = 16;
+export const { MIN_SIDE_PX } = images;
 
 /**
  * What one camera frame brought: the display, or null where it was not found, frame pairs that

@@ -9,34 +9,12 @@
  * display stood still. There is no floor of noise then, and nothing counts as repeated.
  */
 
+import { receiveRepeats } from "../generated/constants.js";
 import { quantile } from "../locate/pilots/order.js";
 
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 
-/** Pixels along each side of the cells that are compared. */
-const CELL_PX = 8;
-/** Number of cells along each axis. */
-const CELLS = 24;
-/**
- * Quantiles, over the cells, of the differences within them. The first tells how noisy the
- * stillest cells are: in a screen's recording those that no bit changes, about a half. The last is
- * the largest difference in any cell.
- */
-const QUANTILES = [0.3, 0.5, 0.9, 1.0];
-/**
- * Largest difference of a repeated frame at each of `QUANTILES`, as a share of the usual one; a
- * codec corrects an image a little when it repeats it.
- */
-const REPEATED = [1.0, 0.3, 0.55, 0.35];
-/**
- * Smallest noise of the stillest cells, in gray levels, at which repeats are sought; with less the
- * film is free of noise, or a codec copies most of an image from the one before.
- */
-const MIN_NOISE_LEVELS = 0.2;
-/** Number of differences from which the usual one is taken. */
-const HISTORY = 16;
-/** Number of differences that must be known before a frame counts as repeated. */
-const FIRST = 6;
+const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } = receiveRepeats;
 
 /**
  * Small squares of pixels, spread evenly over an image, cell by cell.

@@ -1,5 +1,6 @@
 /** Put display states together from rectified camera frames. */
 
+import { receiveStates } from "../generated/constants.js";
 import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
@@ -9,10 +10,8 @@ import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
 /** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
 
-/** Smallest share of an exposure in one state at which a pixel counts as pure. */
-export const PURE = 0.97;
-/** Number of points along each side of the display at which exposure is worked out. */
-export const MESH = 16;
+export const { PURE, MESH } = receiveStates;
+
 /** Points (MESH MESH, 2) of the display, x and y in [0, 1], at which exposure is worked out. */
 export const PLACES = Float64Array.from({ length: 2 * MESH * MESH }, (_, at) => {
   const point = at >> 1;

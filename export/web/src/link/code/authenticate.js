@@ -8,26 +8,18 @@
  * message was made, or a counter (link/code/authenticate.py). Only the receiver's side is here.
  */
 
+import { codeAuthenticate } from "../../generated/constants.js";
 import { hmac } from "@noble/hashes/hmac.js";
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { InputError } from "../errors.js";
 import { equalBytes } from "./bits.js";
 
-/** Smallest number of bytes in a key. */
-export const MIN_KEY_BYTES = 16;
-/** Largest number of bytes in a key. */
-export const MAX_KEY_BYTES = 4096;
-/** Number of bytes that hold a message's stamp. */
-const STAMP_BYTES = 4;
-/** Number of bytes that hold a message's tag. */
-const TAG_BYTES = 8;
-/** Largest stamp; as seconds since 1970 it is reached in the year 2106. */
-const MAX_STAMP = 256 ** STAMP_BYTES - 1;
+export const { MIN_KEY_BYTES, MAX_KEY_BYTES } = codeAuthenticate;
+const { STAMP_BYTES, TAG_BYTES, MAX_STAMP, MAX_CLOCK_SKEW_S } = codeAuthenticate;
+
 /** Bytes that begin what a tag protects, so that a tag made for another purpose never fits. */
 const CONTEXT = new TextEncoder().encode("oorc signed message 1\0");
-/** Time, in seconds, by which the sender's clock may be ahead of the receiver's. */
-const MAX_CLOCK_SKEW_S = 300;
 
 /**
  * A message whose tag fits: the bytes that were sent, and the stamp.

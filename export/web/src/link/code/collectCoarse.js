@@ -11,6 +11,7 @@
  * message stands until another one is whole (link/code/collect_coarse.py).
  */
 
+import { codeCollectCoarse } from "../../generated/constants.js";
 import { equalBytes } from "./bits.js";
 import {
   MAX_FRAMES,
@@ -27,26 +28,8 @@ import { remembered } from "./remembered.js";
 import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
 import { logSumExp } from "./words.js";
 
-/** Largest posterior probability of all other hypotheses together at which a run is placed. */
-const SURE = 1e-4;
-/** Number of frames of a run that may wait for a place; then the run starts afresh. */
-const MAX_RUN = 128;
-/** Number of frames of a placed run over which its signatures are watched for contradiction. */
-const DOUBT = 6;
-/**
- * Number of loops over which scores fade, so that what was collected amiss loses its weight.
- */
-const MEMORY_LOOPS = 16;
-/**
- * Share of parity bits that may contradict the delivered message while the display still shows it;
- * another message contradicts about half of them.
- */
-const TOLERATED = 0.2;
-/**
- * Number of loops of another message after which doubt grows no further, so that the delivered
- * message, once it is back in view, is recognised within about as many.
- */
-const DOUBTED_LOOPS = 0.5;
+const { SURE, MAX_RUN, DOUBT, MEMORY_LOOPS, TOLERATED, DOUBTED_LOOPS } = codeCollectCoarse;
+
 /** Difference of log-likelihoods below which a hypothesis adds nothing that counts. */
 const HOPELESS = -40;
 

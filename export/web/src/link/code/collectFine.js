@@ -9,6 +9,7 @@
  * mean that the message has changed (link/code/collect_fine.py).
  */
 
+import { codeCollectFine } from "../../generated/constants.js";
 import {
   PIECES,
   ReadFrame,
@@ -23,35 +24,10 @@ import { Message } from "./message.js";
 import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
 import { NUMBERS, largestAt, logSumExp } from "./words.js";
 
-/** Largest posterior probability of all other numbers together at which a frame's number counts. */
-const UNSURE = 1e-4;
-/**
- * Probability that a frame's number is not the one that the display's count says. After each frame
- * the others keep about this probability over the likelihood of the right one. So it is small, and
- * frames of which few blocks can be read are numbered, too.
- */
-const JUMP = 1e-4;
-/**
- * Number of frames that may wait until their number or the terms are known; the oldest are dropped.
- */
-const MAX_WAITING = 64;
-/** Factor by which the evidence for a word of the terms fades when that word is seen again. */
-const TERMS_MEMORY = 0.8;
-/** Number of frames in a row that contradict the terms, after which they are learnt afresh. */
-const CONTRADICTIONS = 3;
-/**
- * Factor by which the scores of a frame fade when that frame is seen again, so that what was
- * collected amiss loses its weight.
- */
-const SCORES_MEMORY = 15 / 16;
-/** Information received over information sent at which decoding is first tried. */
-const FIRST_TRY = 1.08;
-/** Factor by which that ratio has to grow until decoding is tried again. */
-const NEXT_TRY = 1.03;
-/** Ratio from which on decoding is tried less often; too sure scores bring receivers there. */
-const LATE = 1.25;
-/** Factor by which the ratio then has to grow. */
-const LATE_TRY = 1.12;
+const {
+  UNSURE, JUMP, MAX_WAITING, TERMS_MEMORY, CONTRADICTIONS, SCORES_MEMORY, FIRST_TRY, NEXT_TRY, LATE,
+  LATE_TRY,
+} = codeCollectFine;
 
 /** Scores of a loop's coded bits, summed over all times that each frame was seen. */
 class CodedScores {

@@ -10,6 +10,7 @@
  * shows one or more by turns (link/code/fine.py). Only the receiver's side is here.
  */
 
+import { codeFine } from "../../generated/constants.js";
 import { sha256 } from "@noble/hashes/sha2.js";
 
 import { packBits, unpackBits } from "./bits.js";
@@ -19,16 +20,8 @@ import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
 import { NUMBERS, WORD, weighWord } from "./words.js";
 
-/** Smallest number of frames in a loop. */
-const MIN_FRAMES = 8;
-/** Largest number of coded bits in a loop, which bounds the receiver's memory. */
-const MAX_CODED = 2 ** 25;
-/** Number of words that tell the terms. */
-export const PIECES = 6;
-/** Share of a frame's bits that words may take, if more than one word of the terms is shown. */
-const HEADER_SHARE = 1 / 12;
-/** Number of bytes of the CRC-32 in the information. */
-const CRC_BYTES = 4;
+export const { PIECES } = codeFine;
+const { MIN_FRAMES, MAX_CODED, HEADER_SHARE, CRC_BYTES } = codeFine;
 
 /** What a receiver must know of a loop before it can decode it. */
 export class Terms {

@@ -11,6 +11,7 @@
  * The codeword is whitened, and interleaved over all frames and blocks.
  */
 
+import { codeFraming } from "../../generated/constants.js";
 import { InputError } from "../errors.js";
 import { packBits, unpackBits } from "./bits.js";
 import { crc32 } from "./crc.js";
@@ -18,18 +19,8 @@ import { makeCode } from "./ldpc.js";
 import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
 
-/** Smallest number of message blocks of a frame at which the framing is that of fine grids. */
-const FINE_BITS = 512;
-/** Number of bits that each frame spends on saying which frame of the loop it is. */
-export const SIGNATURE = 8;
-/** Largest number of frames in a loop. */
-export const MAX_FRAMES = 1024;
-/** Number of bytes that hold the length of the message. */
-const LENGTH_BYTES = 2;
-/** Number of bytes that hold the CRC-32. */
-const CRC_BYTES = 4;
-/** Smallest number of message blocks that a frame may have. */
-const MIN_BITS = 2 * SIGNATURE;
+export const { SIGNATURE, MAX_FRAMES } = codeFraming;
+const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, MIN_BITS } = codeFraming;
 
 /**
  * Tell whether frames with a number of message blocks have the framing of fine grids.

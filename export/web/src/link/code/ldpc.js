@@ -7,20 +7,14 @@
  * same one (link/code/ldpc.py).
  */
 
+import { codeLdpc } from "../../generated/constants.js";
 import { Propagation } from "./propagation.js";
 import { shuffled } from "./scrambled.js";
 
 /** @typedef {import("./propagation.js").Sums} Sums */
 
-/** Shares of the information bits, and in how many checks each stands (DVB-S2 at rate 1/2). */
-const DEGREES = [
-  [0.4, 8],
-  [0.6, 3],
-];
-/** Largest magnitude of a log-likelihood ratio in belief propagation; larger ones are cut. */
-const MAX_LLR = 30;
-/** Number of rounds after which belief propagation gives up. */
-const ITERATIONS = 60;
+const { DEGREES, MAX_LLR, ITERATIONS } = codeLdpc;
+
 /** Number of free sockets that are looked through for one that closes no short cycle. */
 const LOOK_AHEAD = 64;
 /** @type {import("./propagation.js").Bounds} */

@@ -1,10 +1,8 @@
 /** A message as a collector returns it. */
 
-/**
- * Largest magnitude of a score, in log-likelihood units; larger ones are cut, because what covers
- * a block can look certain, and no single block should decide.
- */
-export const MAX_SCORE = 8;
+import { codeMessage } from "../../generated/constants.js";
+
+export const { MAX_SCORE } = codeMessage;
 
 /** A message that arrived whole. */
 export class Message {

@@ -6,48 +6,24 @@
  * modulo 2 of some intermediate bits, which its number chooses (link/code/rateless.py).
  */
 
+import { codeRateless } from "../../generated/constants.js";
 import { Propagation } from "./propagation.js";
 import { remembered } from "./remembered.js";
 import { scrambled, shuffled } from "./scrambled.js";
 
-/** Smallest number of information bits in a block. */
-export const MIN_INFORMATION = 256;
-/** Largest number of information bits in a block that a message is cut into. */
-export const MAX_INFORMATION = 16384;
-/**
- * Numbers of intermediate bits in a coded bit, and how many of 1000 coded bits have each. Close to
- * Shokrollahi's distribution, with more of degree 1, by which a clean channel starts.
- */
-const DEGREES = [
-  [1, 20],
-  [2, 450],
-  [3, 180],
-  [4, 75],
-  [5, 95],
-  [8, 95],
-  [19, 60],
-  [65, 25],
-];
-/** Number of parity checks of the precode in which each information bit stands. */
-const PRECODE_COPIES = 3;
-/** Number of rounds of belief propagation after which the decoder gives up. */
-const ITERATIONS = 60;
-/** Number of rounds after which the certainty of some block must have grown. */
-const PATIENCE = 8;
-/** Factor by which the mean certainty of some block must have grown, else the decoder gives up. */
-const LEAST_GROWTH = 1.05;
+export const { MIN_INFORMATION, MAX_INFORMATION } = codeRateless;
+const { DEGREES, PRECODE_COPIES, ITERATIONS, PATIENCE, LEAST_GROWTH, MAX_HALF_LLR } = codeRateless;
+
 /** Number of blocks that are decoded together, and given up together. */
 const MAX_COLUMNS = 16;
-/** Largest magnitude of half a log-likelihood ratio in belief propagation; larger ones are cut. */
-const MAX_HALF_LLR = 9;
 /** @type {import("./propagation.js").Bounds} */
 const BOUNDS = { leastTanh: 0, mostTanh: Math.tanh(MAX_HALF_LLR), mostProduct: 1 - 2 ** -23 };
 
 /** Number of draws of a coded bit's degree, which are all as likely. */
-const DRAWS = DEGREES.reduce((sum, [, share]) => sum + share, 0);
+const DRAWS = [...DEGREES.values()].reduce((sum, share) => sum + share, 0);
 /** By draw the degree of a coded bit. */
 const DEGREE_OF_DRAW = Uint8Array.from(
-  DEGREES.flatMap(([degree, share]) => new Array(share).fill(degree)),
+  [...DEGREES].flatMap(([degree, share]) => new Array(share).fill(degree)),
 );
 
 /** @typedef {import("./propagation.js").Sums} Sums */

@@ -6,16 +6,11 @@
  * and a fast Walsh-Hadamard transform weighs all of them at once.
  */
 
+import { codeWords } from "../../generated/constants.js";
 import { range, scrambled } from "./scrambled.js";
 
-/** Number of bits of the number that a word tells. */
-const NUMBER_BITS = 12;
-/** Number of different words. */
-export const NUMBERS = 1 << NUMBER_BITS;
-/** Number of bits of a word. */
-export const WORD = 48;
-/** The first seed with which any two words differ in 14 bits or more. */
-const SEED = 13;
+export const { NUMBERS, WORD } = codeWords;
+const { NUMBER_BITS, SEED } = codeWords;
 
 /** By bit of a word, which bits of the number it adds up. */
 const COLUMNS = columnsOfWords();

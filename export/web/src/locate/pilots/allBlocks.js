@@ -10,6 +10,7 @@
  * grid from the edges (expectation-maximisation; the motion as Lucas & Kanade 1981 do).
  */
 
+import { locatePilotsAllBlocks, locatePilotsMotion } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { slopesOf } from "../../image/slopes.js";
 import { warped } from "../../image/warp.js";
@@ -29,27 +30,12 @@ import { waves } from "./waves.js";
  * @typedef {import("../steps.js").Steps<Result>} Steps
  */
 
-/** Smallest side of a block, in pixels of the maps. */
-export const LEAST_SIDE_PX = 4.0;
-/** Largest factor by which the maps are smaller than the layout. */
-export const MOST_SHRUNK = 2;
-/** Standard deviation, in blocks, over which the expected and the seen changes are smoothed. */
-export const SPAN = 0.15;
-/** Power of a period's wave below which its frames tell nothing of the toggling. */
-export const LEAST_WAVE = 1e-3;
-/** Smallest variance of the noise, as a share of the mean square of the blocks' changes. */
-export const LEAST_NOISE = 0.02;
-/** Smallest squared toggling of a block, as a share of the mean square of the blocks' changes. */
-export const LEAST_TOGGLING = 0.01;
-/** Half a log-likelihood ratio from which on the direction of a block's change is no surer. */
-export const SURE_RATIO = 9.0;
-/**
- * Standard deviation, in blocks, that corners which the pilots fitted are expected to be off by:
- * where few blocks stand out of the noise, they do not lead the corners away.
- */
-export const EXPECTED_BLOCKS = 0.1;
-/** Motion, in pixels of the maps, below which a step is the last one. */
-export const SETTLED_PX = 0.05;
+export const {
+  LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
+  EXPECTED_BLOCKS, SETTLED_PX,
+} = locatePilotsAllBlocks;
+const { POWERS } = locatePilotsMotion;
+
 /**
  * Motions of a pixel along x and along y, by each of the eight numbers of a homography: the powers
  * of x and of y, of a display from -1 to 1, and the factor of their product.
@@ -60,8 +46,6 @@ export const TERMS = [
   [[1, 0, 1], [0, 1, 1], [0, 0, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0], [2, 0, -1], [1, 1, -1]],
   [[0, 0, 0], [0, 0, 0], [0, 0, 0], [1, 0, 1], [0, 1, 1], [0, 0, 1], [1, 1, -1], [0, 2, -1]],
 ];
-/** Number of powers of a place, from 0 on, that sums of products of two motions need. */
-const POWERS = 5;
 /** Numbers of a homography that are found. */
 const NUMBERS = 8;
 /** Largest number of pixels that are handled in one unit of work (`../steps.js`). */

@@ -6,6 +6,7 @@
  * the sum over all pilots leads to where they lie.
  */
 
+import { locatePilotsClimb } from "../../generated/constants.js";
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { frameCorners, homographyFromCorners, resizedHomography } from "../../link/geometry.js";
@@ -18,19 +19,7 @@ import { signedPhases, sumsAlong } from "./evidence.js";
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 
-/** Lengths of the moves that are tried, in blocks, one after the other. */
-export const STEPS_BLOCKS = [2.0, 1.0, 0.5, 0.25];
-/** Directions of the moves. */
-export const MOVES = [
-  [1, 0],
-  [-1, 0],
-  [0, 1],
-  [0, -1],
-];
-/** Corners that move together, by their number: each, the whole display, and its sides. */
-export const GROUPS = [[0], [1], [2], [3], [0, 1, 2, 3], [0, 1], [1, 2], [2, 3], [3, 0]];
-/** Smallest rise of the pilots' share of the power, in [0, 1], for which corners move. */
-export const LEAST_GAIN = 1e-4;
+export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = locatePilotsClimb;
 
 /**
  * Find corners at which the pilots of a display toggle most surely.

@@ -10,6 +10,7 @@
  * it should have been rectified, lies in the image as it was.
  */
 
+import { locatePilotsCorners } from "../../generated/constants.js";
 import { cv, withMats } from "../../image/opencv.js";
 import {
   frameCorners,
@@ -30,42 +31,10 @@ import { matchParts } from "./partMatches.js";
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 /** @typedef {import("./partMatches.js").Matches} Matches */
 
-/** Smallest side of a block, in pixels, in the maps that are compared. */
-export const MAP_PX = 4.0;
-/**
- * Numbers of parts, from top to bottom and from left to right, that are shifted by themselves.
- * Small parts tell more of the shape; large ones stand out of more noise, and are tried next. The
- * later ones are made of whole parts of the first.
- *
- * @type {[number, number][]}
- */
-export const PARTS = [
-  [4, 6],
-  [2, 3],
-  [1, 1],
-];
-/** Width and height of the maps in which parts are shifted. @type {[number, number]} */
-export const COARSE_SIZE = [256, 192];
-/** Largest shift of a part that is looked for, in blocks. */
-export const REACH_BLOCKS = 3.0;
-/** Largest shift, as a share of the display's width, where that is more and far is looked. */
-export const REACH_SHARE = 0.1;
-/**
- * Height of a part's best match, as a multiple of the mean of its other matches, from which on it
- * is believed; chance exceeds it once in some hundred thousand parts.
- */
-export const CLEAR = 20.0;
-/**
- * Half the median of a squared normal variable: of squared real matches, a median more is so many
- * times rarer, as a power of e.
- */
-export const HALF_REAL = 0.2275;
-/** Number of clear parts from which on an affine transform is fitted. */
-export const FEW = 4;
-/** Number of clear parts from which on a homography is fitted. */
-export const MANY = 10;
-/** Distance, in blocks, within which parts' shifts agree with a transform. */
-export const SAME_BLOCKS = 0.6;
+export const {
+  MAP_PX, PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
+} = locatePilotsCorners;
+
 /**
  * Give width and height of the maps of what toggles, for a layout.
  *

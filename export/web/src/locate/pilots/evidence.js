@@ -7,6 +7,7 @@
  * shows follows from how well its blocks keep to these signs. Rate and phase need not be known.
  */
 
+import { locatePilotsEvidence } from "../../generated/constants.js";
 import { lessMeanAround } from "./around.js";
 import { areaMeans } from "./means.js";
 import { MOST_SPAN, spanOf, waves } from "./waves.js";
@@ -14,13 +15,8 @@ import { MOST_SPAN, spanOf, waves } from "./waves.js";
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
 
-/** Gray levels added to a block's deviation over time before values are divided by it. */
-export const LEAST_DEVIATION = 0.3;
-/**
- * Number of periods in a window below which a frequency is not looked at: motion and exposure
- * drift slowly, the display does not.
- */
-export const SLOWEST = 2;
+export const { LEAST_DEVIATION, SLOWEST } = locatePilotsEvidence;
+
 /**
  * Differences of phase across the display, in radians, that are tried: camera and panel go through
  * their rows one after the other, so that one side toggles later than the other.

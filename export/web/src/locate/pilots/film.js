@@ -1,5 +1,6 @@
 /** Frames of a film that are kept, and what they show of a display. */
 
+import { locatePilotsFilm } from "../../generated/constants.js";
 import { warped } from "../../image/warp.js";
 import {
   contourArea,
@@ -23,10 +24,7 @@ import { waves } from "./waves.js";
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 /** @typedef {import("./stabilise.js").Tracks} Tracks */
 
-/** Share of the image's size by which a corner may lie outside of it. */
-export const FAR_OUTSIDE = 0.5;
-/** Smallest share of the image that a display covers. */
-export const LEAST_AREA = 0.005;
+export const { FAR_OUTSIDE, LEAST_AREA } = locatePilotsFilm;
 
 /** Room for a rectified frame that is averaged down at once. */
 let room = new Uint8Array(0);

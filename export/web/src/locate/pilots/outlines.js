@@ -1,5 +1,6 @@
 /** Quadrilaterals around the largest part of a mask, and how they are fitted to a map. */
 
+import { locatePilotsToggleMap } from "../../generated/constants.js";
 import { cv, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
@@ -9,20 +10,12 @@ import { isConvex } from "./convex.js";
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
 /** @typedef {import("../../link/geometry.js").Point} Point */
 
-/** Size, in pixels of the map, of holes that are closed. */
-export const CLOSED_PX = 45;
-/** Size, in pixels of the map, of specks that are dropped. */
-export const OPENED_PX = 31;
-/** Number of pixels of the map, along each axis, in one of the copy to which outlines are fitted. */
-export const FIT_PX = 4;
-/** Distances, in pixels of the map, by which corners are tried to be moved. */
-export const FIT_STEPS = [24.0, 12.0, 6.0, 3.0];
+export const { CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS, LEAST_SHARE } = locatePilotsToggleMap;
+
 /** Directions in which corners are tried to be moved. */
 export const MOVES = [-1, 0, 1]
   .flatMap((x) => [-1, 0, 1].map((y) => [x, y]))
   .filter(([x, y]) => x || y);
-/** Smallest share of the image that a toggling display covers. */
-export const LEAST_SHARE = 0.01;
 
 /**
  * Bound the largest part of a mask, specks dropped and holes closed.

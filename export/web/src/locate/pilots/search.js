@@ -16,6 +16,7 @@
  * for each frame, these are finer.
  */
 
+import { locatePilotsSearch } from "../../generated/constants.js";
 import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { inImage, transform } from "../../link/geometry.js";
@@ -39,34 +40,13 @@ import { position } from "./waves.js";
  * @typedef {import("../steps.js").Steps<Result>} Steps
  */
 
-/** Number of quadrilaterals made of edges that are watched at once. */
-export const CANDIDATES = 6;
-/** Number of quadrilaterals made of faint edges among which what toggles chooses. */
-export const FAINT_CANDIDATES = 50;
-/** Time, in seconds, for which a room is watched before what toggles is outlined. */
-export const WINDOW_S = 0.4;
-/** Smallest number of frames that are watched: quick cameras see more of less light. */
-export const LEAST_WINDOW = 24;
-/** Largest number of frames that are watched. */
-export const MOST_WINDOW = 48;
-/**
- * Numbers of states a second at which what toggles is outlined; where edges bound the display, it
- * is found at any rate.
- */
-export const STATES_HZ = [15.0, 30.0, 60.0, 120.0];
-/** Time, in seconds of frames that were seen, after which the first two searches are given up. */
-export const PATIENCE_S = 2.0;
-/** Number of times that it doubles, each time for the next two searches: some displays take longer. */
-export const MOST_DOUBLED = 3;
-/** Smallest share of the reference frame that must still be in view for a search to go on. */
-export const IN_VIEW = 0.75;
+export const {
+  CANDIDATES, FAINT_CANDIDATES, WINDOW_S, LEAST_WINDOW, MOST_WINDOW, STATES_HZ, PATIENCE_S,
+  MOST_DOUBLED, IN_VIEW, PROMISING,
+} = locatePilotsSearch;
+
 /** Number of places along each side of the reference frame that are looked for in the newest one. */
 const CHECKED = 8;
-/**
- * Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
- * much in a search in vain, there was probably no display to be seen.
- */
-export const PROMISING = 9.0;
 /** Units of work (`../steps.js`) from which on a frame has had its share. */
 export const FRAME_WORK = 36;
 /**

@@ -1,5 +1,6 @@
 /** Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure. */
 
+import { locatePilotsSettle } from "../../generated/constants.js";
 import { BlockFit, BlockMaps, periodChangeSteps } from "./allBlocks.js";
 import { climbToPilots } from "./climb.js";
 import {
@@ -18,43 +19,11 @@ import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } 
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 
-/**
- * Smallest evidence, after paying for everything that was tried, at which a display is found: the
- * natural logarithm of one false alarm in some ten million searches.
- */
-export const SURE = 16.0;
-/** Share of the number of pilots that is enough where it is less: few cannot bring so much. */
-export const SURE_SHARE = 0.5;
-/**
- * Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
- * pays.
- */
-export const TRIALS = 1000;
-/**
- * Number of quadrilaterals that moving corners by the sum over the pilots may try, for which
- * evidence pays, too.
- */
-export const CLIMB_TRIALS = 500;
-/** Evidence from which on a display is believed at once; with less, later frames must agree. */
-export const CERTAIN = 35.0;
-/** Share of the number of pilots that is enough to be believed at once, where it is less. */
-export const CERTAIN_SHARE = 0.75;
-/** Evidence, before it pays for anything, that later frames must bring where they must agree. */
-export const CONFIRMED = 9.0;
-/** Share of the evidence needed from which on later frames are waited for, to be weighed too. */
-export const NEARLY = 0.5;
-/** Evidence of a quadrilateral at which its corners are refined once all frames were seen. */
-export const HINT = 6.0;
-/** Evidence of a quadrilateral at which the sum over its pilots can lead its corners on. */
-export const CLIMBABLE = 3.0;
-/** Largest number of times that corners are moved by parts of the display. */
-export const COARSE_ROUNDS = 5;
-/** Largest number of times that corners are moved by the sum over the display's pilots. */
-export const CLIMB_ROUNDS = 2;
-/** Largest number of times that corners are moved by all blocks of the display. */
-export const BLOCK_ROUNDS = 5;
-/** Distance, in layout pixels, below which a coarse move is the last one. */
-export const SETTLED_PX = 3.0;
+export const {
+  SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, NEARLY, HINT,
+  CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, SETTLED_PX,
+} = locatePilotsSettle;
+
 /** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
 /** Units of work of measuring how a display toggles, and of a move of its corners. */

@@ -1,5 +1,6 @@
 /** Hold the frames of a film still: where each point of a reference frame lies in a later one. */
 
+import { locatePilotsStabilise } from "../../generated/constants.js";
 import { cv, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
@@ -11,46 +12,9 @@ import { identity, inverse, multiply3 } from "../../link/linear.js";
 /** @typedef {import("../../link/geometry.js").Homography} Homography */
 /** @typedef {import("../../link/geometry.js").Point} Point */
 
-/** Largest width, in pixels, of the copies on which motion is followed. */
-export const WIDTH = 640;
-/** Largest number of points that are followed. */
-export const POINTS = 400;
-/** Smallest number of points that are followed. */
-export const MIN_POINTS = 12;
-/**
- * Smallest share of how clear the clearest point is at which others are followed; less clear ones
- * may be noise.
- */
-export const CLEAR = 0.005;
-/**
- * The same where a picture may move, because the clearest points then are its, and those of the room
- * count.
- */
-export const FAINT = 0.002;
-/** Number of points that must lie around a picture that moves, for them to say how the camera moves. */
-export const ROOM_POINTS = 24;
-/**
- * Least distance of points from such a picture and from each other, in pixels of the copies: motion
- * is seen in 15 pixels.
- */
-export const APART_PX = 8.0;
-/** Largest distance, in pixels of the copies, of a point from where the common motion puts it. */
-export const SAME_PX = 0.7;
-/**
- * Number of parts of the image along each axis in each of which so many points are followed at
- * most, so that a display has some where the room has clearer ones.
- */
-export const PARTS = 8;
-/**
- * Smallest share of the points within a quadrilateral that must move as one, for them to say how it
- * moves.
- */
-export const AGREEING = 0.5;
-/**
- * Smallest share of a quadrilateral's area over which points within it must be spread, for them to
- * say how it moves: from points that lie close together nothing follows for the rest.
- */
-export const SPREAD = 0.25;
+export const {
+  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, SAME_PX, PARTS, AGREEING, SPREAD,
+} = locatePilotsStabilise;
 
 /** Points of a reference frame that were found again in a later one. */
 export class Tracks {

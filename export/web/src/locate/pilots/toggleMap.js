@@ -8,6 +8,7 @@
  * where no edges gave the display away.
  */
 
+import { locatePilotsToggleMap } from "../../generated/constants.js";
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { homographyFromCorners } from "../../link/geometry.js";
@@ -20,40 +21,11 @@ import { spanOf, waves } from "./waves.js";
 /** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
 /** @typedef {import("../../link/geometry.js").Point} Point */
 
-/**
- * Number of periods in a window below which no display is looked for: motion and exposure drift
- * slowly, displays do not.
- */
-export const SLOWEST = 3;
-/** Ends of the band in which toggling has power, as multiples of the toggling rate. */
-export const BAND = [0.55, 1.3];
-/** Ends of the band in which toggling has no power, as multiples of the toggling rate. */
-export const QUIET = [1.85, 2.15];
-/** Largest number of frequencies at which power is measured in `BAND`. */
-export const BAND_WAVES = 4;
-/** Largest number of frequencies at which power is measured in `QUIET`. */
-export const QUIET_WAVES = 2;
-/** Standard deviations, in pixels of the maps, of the band of sizes that is looked at. */
-export const FINE_PX = 1.0;
-export const COARSE_PX = 4.0;
-/** Standard deviation, in pixels of the maps, over which power is averaged. */
-export const SMOOTH_PX = 7.0;
-/** Logarithm of power over the usual, above which more does not count. */
-export const CEILING = 1.5;
-/** Standard deviation, in pixels of the maps, over which that logarithm is averaged. */
-export const EVEN_PX = 9.0;
-/**
- * Smallest averaged logarithm at which a place toggles; half of what the clearest places have is
- * needed as well.
- */
-export const LEAST_EXCESS = 0.25;
-/** Averaged logarithm above the usual one at which a place speaks for lying within the outline. */
-export const FAINT = 0.12;
-/**
- * Share of the averaged logarithm that is usual where a place toggles clearly which takes the place
- * of `FAINT` if it is more: averaging spreads it over the display's edges.
- */
-export const EDGE_SHARE = 0.25;
+export const {
+  SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
+  LEAST_EXCESS, FAINT, EDGE_SHARE,
+} = locatePilotsToggleMap;
+
 /** Number of frames that are summed up in one pass over the pixels. */
 const AT_ONCE = 4;
 /** Number of places along each axis of a pixel at which small views are sampled. */

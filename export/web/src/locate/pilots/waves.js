@@ -8,26 +8,12 @@
  * they would. So what is slow, as motion and exposure are, is taken out of the waves themselves.
  */
 
+import { locatePilotsWaves } from "../../generated/constants.js";
 import { roundHalfEven } from "../../image/round.js";
 import { median } from "./order.js";
 
-/**
- * Step to which positions are rounded, in nominal frames, so that evenly spaced frames come out as
- * evenly spaced: files often hold times in whole milliseconds.
- */
-export const FINE_STEP = 1 / 4;
-/**
- * Power of a wave's imaginary part, as a share of the real part's, below which it is left out: at
- * two frames a period it vanishes, and what rounding leaves of it shows only noise.
- */
-export const FAINT_SINE = 0.1;
-/**
- * Largest number of nominal frames that are looked at together; frames that were taken before are
- * left out.
- */
-export const MOST_SPAN = 1200;
-/** Number of periods that may be missing in the span of a window for its fastest wave. */
-export const SPARE = 0.25;
+export const { FINE_STEP, FAINT_SINE, MOST_SPAN, SPARE } = locatePilotsWaves;
+
 /** Share of a slow wave that must be new for it to be taken out, beside those before. */
 const NEW_SHARE = 1e-6;
 

@@ -7,6 +7,7 @@
  * whitened (series.js), and drift is regressed with the wave.
  */
 
+import { receiveTimingFit } from "../../generated/constants.js";
 import { inverse, solve } from "../../link/linear.js";
 import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "./clock.js";
 import {
@@ -22,31 +23,10 @@ import {
 
 /** @typedef {import("./series.js").Factors} Factors */
 
-/** Smallest number of states a second that is looked for. */
-export const MIN_STATE_HZ = 1.0;
-/** Largest number of states a camera frame that is looked for. */
-export const MAX_STATES = 1.04;
-/** Longest time, in seconds, in which a panel writes its rows; a bound of delays, as a frame is. */
-export const PANEL_S = 1 / 60;
-/** Highest frequency of a drift that is taken off; the slowest display toggles at 0.5 Hz. */
-export const DRIFT_HZ = 0.3;
-/** Number of clocks from which a fit starts under each of two models of the noise. */
-export const STARTS = 4;
-/** Number of steps that a fit takes. */
-export const ROUNDS = 12;
-/**
- * Starts of a fit beside a clock: relative changes of its period, in states over a window. Where
- * no exposure mixes two states, a fit does not move by itself.
- */
-export const NEIGHBOURS = [0.0, -0.3, 0.3];
-/** Smallest number of toggles of a place that counts. */
-export const MIN_SEEN = 8;
-/** Largest correlation from one frame to the next that noise may have. */
-export const MAX_CORRELATION = 0.95;
-/** Step of numerical derivatives, in the natural units of a clock's five numbers. */
-export const STEP = 0.05;
-/** Largest step of a fit, in the natural units of a clock's five numbers. */
-export const REACH = 0.4;
+export const {
+  MIN_STATE_HZ, MAX_STATES, PANEL_S, DRIFT_HZ, STARTS, ROUNDS, NEIGHBOURS, MIN_SEEN,
+  MAX_CORRELATION, STEP, REACH,
+} = receiveTimingFit;
 
 /** Number of waves of which derivatives are made: that of a clock, and one for each number. */
 const MOVED = CLOCK_NUMBERS + 1;

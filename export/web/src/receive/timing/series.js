@@ -5,11 +5,9 @@
  * standard deviation that is left.
  */
 
-/**
- * Distance from a place's middle, in half distances between its 16 % and 84 % quantiles, at which
- * a toggle counts as hidden.
- */
-export const OUTLIER = 4.0;
+import { receiveTimingFit } from "../../generated/constants.js";
+
+export const { OUTLIER } = receiveTimingFit;
 
 /**
  * Weights of a sample and of the one before it, each (P, n), in what is whitened.

@@ -1,55 +1,16 @@
 /** Find the display's clock, follow it, hold it through weak spells, and find it again. */
 
+import { receiveTimingSynchronise } from "../../generated/constants.js";
 import { DisplayClock } from "./clock.js";
 import { ClockFit, ToggleWindow } from "./fit.js";
 
 /** @typedef {import("./toggles.js").Toggles} Toggles */
 
-/** Seconds of toggles that the first fit needs. */
-export const MIN_WINDOW_S = 0.5;
-/** Seconds of toggles that a later fit looks back. */
-export const WINDOW_S = 4.0;
-/** Largest number of frames that a fit looks back: a search's work grows with its square. */
-export const MAX_SAMPLES = 1024;
-/** Number of frames that the first fit needs: some clock fits nearly every order of fewer. */
-export const MIN_FRAMES = 30;
-/**
- * Seconds without a frame after which what comes may belong to another time: the display was lost,
- * and where a film had begun anew meanwhile, older frames no longer fit. They are dropped once
- * there are enough new ones.
- */
-export const AWAY_S = 0.4;
-/** Seconds from one fit to the next while the clock is known. */
-export const REFIT_S = 0.5;
-/** Seconds from one fit to the next while the clock is not known. */
-export const SEEK_S = 0.25;
-/** Smallest evidence, in units of twice the log-likelihood, that confirms a known clock. */
-export const CONFIRMED = 30.0;
-/** Share of the toggles' variance at which no other clock is looked for. */
-export const GOOD_R2 = 0.85;
-/** Seconds from one search to the next while the clock that is known is confirmed. */
-export const SEARCH_S = 4.0;
-/** Least evidence by which another clock must lead. */
-export const CLEARLY = 15.0;
-/** Least evidence by which another clock must lead, as a share of the held clock's. */
-export const SHARE = 0.05;
-/**
- * Smallest toggle between original and embedded frames, and smallest standard deviation of the
- * toggles of a place, in gray levels; what changes by less stands still.
- */
-export const MIN_TOGGLE = 0.05;
-/** Longest time, in seconds, for which a clock runs on without being confirmed. */
-export const HOLD_S = 6.0;
-/** Standard error of the state's number, in states, at which a running clock is given up. */
-export const MAX_PHASE_ERROR = 0.25;
-/** Share by which two clocks may drift apart while a clock runs on. */
-export const WANDER = 5e-5;
-/** Largest distance, in states, between a found and the held clock for numbers to go on. */
-export const SAME = 0.5;
-/** Chance, by the rule of `neededEvidence`, that a window without a clock shows one. */
-export const FALSE_ALARM = 1e-6;
-/** Factor of `neededEvidence`, fitted to the largest evidence in windows of simulated noise. */
-export const CANDIDATES = 0.03;
+export const {
+  MIN_WINDOW_S, WINDOW_S, MAX_SAMPLES, MIN_FRAMES, AWAY_S, REFIT_S, SEEK_S, CONFIRMED, GOOD_R2,
+  SEARCH_S, CLEARLY, SHARE, MIN_TOGGLE, HOLD_S, MAX_PHASE_ERROR, WANDER, SAME, FALSE_ALARM,
+  CANDIDATES,
+} = receiveTimingSynchronise;
 
 /**
  * Say how much evidence a search must find for its clock to be believed.

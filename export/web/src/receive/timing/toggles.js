@@ -5,19 +5,14 @@
  * patches these are pilots of bit 1 and of bit 0.
  */
 
+import { receiveTimingToggles } from "../../generated/constants.js";
 import { CLEAR_MATCH, matchPatches } from "../../link/ratex.js";
 import { pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 
-/** Number of parts of the display, top to bottom and left to right, over which pilots average. */
-export const PARTS = [4, 4];
-/**
- * Squared gray levels added to a pilot's variance before its weight is the inverse, so that the few
- * frames of a short window do not make single pilots weigh all.
- */
-export const LEAST_VARIANCE = 0.1;
+export const { PARTS, LEAST_VARIANCE } = receiveTimingToggles;
 
 /**
  * Measures the toggling at some places of the display, from which its clock is found: `places`

@@ -7,6 +7,7 @@
  * the change of every pixel, linear in small motions of what should be there (Lucas & Kanade 1981).
  */
 
+import { receiveTrackingCorners } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { resizeArea } from "../../image/shrink.js";
 import { slopesOf } from "../../image/slopes.js";
@@ -21,24 +22,8 @@ import { drawnBlocks } from "../../locate/pilots/partMatches.js";
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 
-/** Standard deviation of the corners before anything is decoded, in blocks. */
-const FIRST_BLOCKS = 0.4;
-/** Share of what is known of the corners that the next frame pair finds still true. */
-const KEPT = 0.9;
-/**
- * Standard deviation, in blocks, over which expected changes are smoothed, so that they lead back
- * from afar.
- */
-const SPAN = 0.4;
-/** Gradient of the picture, in gray levels a pixel of the maps, at which a pixel counts half. */
-const STEEP = 4.0;
-/**
- * Smallest toggling seen with the expected signs, in standard errors, from which corners are
- * moved: what does not toggle tells of no corner.
- */
-const LEAST_TOGGLING = 1.0;
-/** Largest move of a corner, in blocks, that one frame pair may bring. */
-const FAR_BLOCKS = 1.0;
+const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiveTrackingCorners;
+
 /** Numbers of a homography that are followed. */
 const NUMBERS = 8;
 /** Corners of a display from -1 to 1. @type {Point[]} */

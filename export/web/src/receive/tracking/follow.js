@@ -1,5 +1,6 @@
 /** Follow a display from frame to frame by optical flow, once its corners are known. */
 
+import { receiveTrackingFollow } from "../../generated/constants.js";
 import { Features } from "../../image/features.js";
 import { Flow } from "../../image/flow.js";
 import { findHomography } from "../../image/homography.js";
@@ -20,16 +21,8 @@ import { OUTSIDE } from "../../locate/refine.js";
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 
-/** Number of points that are followed, half of them on ratex patches where there are any. */
-const FEATURES = 160;
-/** Smallest number of points that must move as one for the display to count as followed. */
-const MIN_INLIERS = 12;
-/** Largest distance, in pixels of the layout, of a point from where the common motion puts it. */
-const INLIER_PX = 1.0;
-/** Distance, in pixels of the layout, of a followed point from where the image ends. */
-const EDGE_PX = 9;
-/** Share of a room's points below which another frame becomes the reference. */
-const WORN_SHARE = 0.2;
+const { FEATURES, MIN_INLIERS, INLIER_PX, EDGE_PX, WORN_SHARE } = receiveTrackingFollow;
+
 /** Width and height, in pixels of the layout, of what is compared around a point. */
 const WINDOW_PX = 13;
 /** Number of times that images are halved, so that points are followed from afar. */

@@ -6,6 +6,7 @@
  * in the frame with which it began is then looked for once more in the frame at hand.
  */
 
+import { receiveTrackingPatches } from "../../generated/constants.js";
 import { resizeArea } from "../../image/shrink.js";
 import { InputError } from "../../link/errors.js";
 import { frameCorners } from "../../link/geometry.js";
@@ -19,17 +20,11 @@ import { Follower } from "./follow.js";
 /** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 
-/** Smallest `seenVisibility` of a followed display. */
-const MIN_VISIBILITY = 0.7;
-/**
- * Units of work (locate/steps.js) after which a frame takes no further step of a search, in the
- * frames of the first search for a display.
- */
-const FIRST_WORK = 90;
-/** Units of work, in the frames of the next searches. */
-const WORK = 50;
-/** Units of work, after `PATIENCE` searches in vain, while the image stays as it is. */
-const SLOW_WORK = 8;
+const {
+  MIN_VISIBILITY, FIRST_WORK, WORK, SLOW_WORK, PATIENCE, THUMBNAIL_PX, CHANGED_LEVELS,
+  CHANGED_SHARE,
+} = receiveTrackingPatches;
+
 /**
  * Units of work of a search in which the likeliest candidates are tried. The rest of it, which finds
  * displays without visible borders, takes long; before a camera that does not wait, it has a
@@ -38,19 +33,8 @@ const SLOW_WORK = 8;
 const LIKELY_WORK = 100;
 /** Share of a frame's time that the rest of a search has before such a camera. */
 const LATER_SHARE = 0.1;
-/** Number of searches in vain after which the image must change for the search to be quick. */
-const PATIENCE = 3;
-/** Width and height, in pixels, of the thumbnails that tell whether the image has changed. */
-const THUMBNAIL_PX = 32;
 /** Distance, in pixels, of the image's rows and columns that thumbnails are made of. */
 const THUMBNAIL_STEP = 4;
-/** Gray levels by which a thumbnail's pixel differs where something has changed. */
-const CHANGED_LEVELS = 16;
-/**
- * Share of changed pixels at which the image counts as changed: the smallest display that is found
- * covers as much.
- */
-const CHANGED_SHARE = 0.03;
 
 /**
  * The display in one camera frame: its corners in pixels of the frame, in corner order, and its

@@ -1,5 +1,6 @@
 /** Find a display by its pilots, follow it, and notice when it is no longer the display. */
 
+import { receiveTrackingPilots } from "../../generated/constants.js";
 import { identity, multiply3 } from "../../link/linear.js";
 import { movedCorners } from "../../locate/pilots/corners.js";
 import { pilotEvidence, pilotValues } from "../../locate/pilots/evidence.js";
@@ -13,22 +14,7 @@ import { Follower, RoomFollower } from "./follow.js";
 /** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./patches.js").Tracked} Tracked */
 
-/** Number of frames over which the pilots of a followed display are watched. */
-export const WATCHED = 48;
-/** Number of frames from one look at the pilots to the next. */
-export const CHECK_EVERY = 24;
-/** Smallest evidence (`pilotEvidence`) at which the pilots are still seen. */
-export const LEAST_EVIDENCE = 4.0;
-/**
- * Number of looks in a row without evidence after which the display counts as lost. One is enough at
- * the first look: pilots that were beyond doubt a moment ago are gone.
- */
-export const PATIENCE = 3;
-/**
- * Number of frames within which a display that is found and lost again has probably been followed
- * by what did not move with it, its picture if that moves, or by a room in which nothing is seen.
- */
-export const SOON = 240;
+export const { WATCHED, CHECK_EVERY, LEAST_EVIDENCE, PATIENCE, SOON } = receiveTrackingPilots;
 
 /** Finds a display that shows one of several layouts with pilots, and follows it. */
 export class PilotTracker {
