@@ -7,9 +7,6 @@
 
 import * as ort from "onnxruntime-web/wasm";
 
-/** @typedef {import("./image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("./link/layout.js").Layout} Layout */
-
 ort.env.wasm.numThreads = 1;
 ort.env.logLevel = "error";
 

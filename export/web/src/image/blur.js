@@ -1,8 +1,5 @@
 /** Gaussian blur in plain loops; OpenCV's own takes 60 ms in a browser for 1280 x 720 pixels. */
 
-/** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("./opencv.js").Plane<Float32Array>} FloatPlane */
-
 /**
  * Blur a plane as `cv2.GaussianBlur` blurs floats, or bytes before it rounds them.
  *

@@ -1,6 +1,5 @@
 /** Points of an image whose surroundings differ from all that lie near (Shi & Tomasi 1994). */
 
-/** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {[number, number]} Point */
 
 /** Finds points as OpenCV's `goodFeaturesToTrack` does; the strengths of an image count once. */

@@ -5,7 +5,6 @@
  * `calcOpticalFlowPyrLK`. All that concerns the reference alone is worked out once.
  */
 
-/** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {[number, number]} Point */
 
 /** Largest number of steps of a point on each level of the pyramid. */

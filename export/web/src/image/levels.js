@@ -2,8 +2,6 @@
 
 import { roundHalfEven } from "./round.js";
 
-/** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
-
 /**
  * Stretch gray levels, in place, so that they have a mean and a standard deviation.
  *

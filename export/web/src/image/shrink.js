@@ -2,9 +2,6 @@
 
 import { roundHalfEven } from "./round.js";
 
-/** @typedef {import("./opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("./opencv.js").Plane<Float32Array>} FloatPlane */
-
 /**
  * Resize a plane by averaging over areas, as `cv2.resize` with INTER_AREA does.
  *

@@ -14,7 +14,6 @@ import { inverse, multiply3, solve } from "./linear.js";
 
 /** @typedef {[number, number]} Point */
 /** @typedef {ArrayLike<number>} Homography */
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 
 export const { MIN_AREA_PX } = geometry;
 

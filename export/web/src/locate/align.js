@@ -16,16 +16,7 @@ import { pointsByCorners } from "./cornerMotion.js";
 import { atLevel, levelFor, sideLengths } from "./patches.js";
 import { median } from "./pilots/order.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
-/** @typedef {import("./quads.js").Quad} Quad */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
- */
 
 /**
  * Phases of the alignment: the largest number of steps, and whether each tile has a level of its

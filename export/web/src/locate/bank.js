@@ -4,8 +4,6 @@ import { locateSpots } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 import { TILES } from "../link/ratex.js";
 
-/** @typedef {import("../link/layout.js").Layout} Layout */
-
 export const { SEEN_PX, WINDOW_PX } = locateSpots;
 const { TURNS, SHAPES } = locateSpots;
 

@@ -21,14 +21,6 @@ import {
 } from "./quads.js";
 import { runToEnd } from "./steps.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-/** @typedef {import("./quads.js").Quad} Quad */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
- */
-
 export const { WORK_PX } = locateCandidates;
 const { SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = locateCandidates;
 

@@ -2,8 +2,6 @@
 
 import { homographyFromPoints } from "../link/geometry.js";
 
-/** @typedef {import("../link/geometry.js").Point} Point */
-
 /**
  * Map points by the homography of four corners to four others, and say how these move them.
  *

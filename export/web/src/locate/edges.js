@@ -6,11 +6,6 @@ import { median } from "./pilots/order.js";
 import { quantilesOfEvery } from "./quantiles.js";
 import { signedArea } from "./quads.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-/** @typedef {import("./quads.js").Quad} Quad */
-
 const {
   SAMPLES, REACH, FIT_SAMPLES, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE, OTHER_SIDE,
   MIN_EDGE_SHARE,

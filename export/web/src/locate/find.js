@@ -19,15 +19,8 @@ import {
 import { MAX_OUTSIDE, cornerCells, partialSteps, spotSteps, wholeSteps } from "./spots.js";
 import { runToEnd } from "./steps.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./candidates.js").Located} Located */
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
-/** @typedef {import("./quads.js").Quad} Quad */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
- */
 
 const {
   SMALL_ERROR_PX, LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_VISIBILITY, PROMISING,

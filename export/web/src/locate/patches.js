@@ -19,10 +19,6 @@ import { TILES } from "../link/ratex.js";
 import { reweighted, ridgeSolution } from "../link/robust.js";
 import { pointsByCorners } from "./cornerMotion.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-/** @typedef {import("../link/layout.js").Layout} Layout */
-/** @typedef {import("./quads.js").Quad} Quad */
 /**
  * Gray levels of an image at 1, 1/2, 1/4, ... of its size.
  *

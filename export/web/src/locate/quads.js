@@ -11,16 +11,10 @@ import { cv, matOf, withMats } from "../image/opencv.js";
 import { quantilesOfEvery } from "./quantiles.js";
 import { segmentSteps } from "./segments.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
 /**
  * Four corners in pixels, clockwise.
  *
  * @typedef {Point[]} Quad
- */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
  */
 
 export const { SLACK, SAME_PX } = locateQuads;

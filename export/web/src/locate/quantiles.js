@@ -1,7 +1,5 @@
 /** Quantiles of an image's levels, as numpy interpolates them. */
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-
 /**
  * Find quantiles of an image's levels from a part of its pixels.
  *

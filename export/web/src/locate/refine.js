@@ -19,14 +19,7 @@ import {
 import { SLACK, isSound } from "./quads.js";
 import { runToEnd } from "./steps.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
-/** @typedef {import("./quads.js").Quad} Quad */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
- */
 /**
  * Corners in pixels of the image, and how well the patches are seen there: `seenVisibility`, or -1
  * where the corners make no display.

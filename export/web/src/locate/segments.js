@@ -10,7 +10,6 @@
 import { locateQuads } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /**
  * A segment from (x1, y1) to (x2, y2), pixels; which side is bright follows from its direction.
  *

@@ -15,15 +15,6 @@ import { patchCentres } from "./patches.js";
 import { distinct, isSound } from "./quads.js";
 import { steepestSteps } from "./steep.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-/** @typedef {import("../link/layout.js").Layout} Layout */
-/** @typedef {import("./quads.js").Quad} Quad */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
- */
-
 export const { MAX_OUTSIDE } = locateSpots;
 const { PATCH_PX, SPOTS, SHIFTS, MIN_MATCH, KEPT, MAX_RATIO, MISSING, SUPPORT, BEND } = locateSpots;
 

@@ -2,13 +2,6 @@
 
 import { blurred } from "../image/blur.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/**
- * @template Result
- * @typedef {import("./steps.js").Steps<Result>} Steps
- */
-
 /** Standard deviation, in pixels, of the blur before gradients are taken. */
 const BLUR_PX = 0.8;
 /** Gray level that is added before logarithms are taken. */

@@ -15,8 +15,6 @@ import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { CLEAR_MATCH, TILES, matchPatches } from "../link/ratex.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {{ top: number, bottom: number, left: number, right: number }} Box */
 
 const { LEAST_CLEAR } = receiveHidden;

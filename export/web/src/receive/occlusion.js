@@ -4,9 +4,6 @@ import { receiveOcclusion } from "../generated/constants.js";
 import { resizeArea } from "../image/shrink.js";
 import { median } from "../locate/pilots/order.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/layout.js").Layout} Layout */
-
 const { BLOCK_PX, ROWS_PX, HISTORY, STANDS_OUT, MIN_LEVELS, MAX_COVERED } = receiveOcclusion;
 
 /** Compares each original frame with the median of the last ones. */

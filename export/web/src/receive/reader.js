@@ -15,10 +15,8 @@ import { Synchroniser } from "./timing/synchronise.js";
 import { makeToggles } from "./timing/toggles.js";
 import { CornerShift } from "./tracking/corners.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
 /** @typedef {import("../link/code/message.js").Message} Message */
 /** @typedef {import("./tracking/patches.js").Tracked} Tracked */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 

@@ -14,8 +14,6 @@ import { Repeats } from "./repeats.js";
 import { Tracker } from "./tracking/patches.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./reader.js").PairDecoder} PairDecoder */
 /** @typedef {import("./reader.js").Reading} Reading */
 /** @typedef {import("./reader.js").Tracked} Tracked */

@@ -12,8 +12,6 @@
 import { receiveRepeats } from "../generated/constants.js";
 import { quantile } from "../locate/pilots/order.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-
 const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } = receiveRepeats;
 
 /**

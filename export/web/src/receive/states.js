@@ -5,9 +5,6 @@ import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-/** @typedef {import("../link/layout.js").Layout} Layout */
 /** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
 
 export const { PURE, MESH } = receiveStates;

@@ -14,9 +14,6 @@ import { warped } from "../image/warp.js";
 import { pilotSigns } from "../locate/pilots/evidence.js";
 import { Receiver } from "./receiver.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../link/geometry.js").Point} Point */
-
 /** Width and height, in pixels, of the films. */
 const SIZE = [480, 270];
 /** Corners of the display in them, in pixels. @type {Point[]} */

@@ -23,13 +23,6 @@ import { areaMeans } from "./means.js";
 import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
-/**
- * @template Result
- * @typedef {import("../steps.js").Steps<Result>} Steps
- */
-
 export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
   EXPECTED_BLOCKS, SETTLED_PX,

@@ -2,8 +2,6 @@
 
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-
 /**
  * Take off the mean around each pixel; beyond the border the image is mirrored.
  *

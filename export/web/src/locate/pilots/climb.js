@@ -14,9 +14,6 @@ import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "./corners.js";
 import { signedPhases, sumsAlong } from "./evidence.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 
 export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = locatePilotsClimb;

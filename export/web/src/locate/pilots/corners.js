@@ -24,10 +24,6 @@ import { pilotSigns } from "./evidence.js";
 import { median } from "./order.js";
 import { matchParts } from "./partMatches.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Homography} Homography */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 /** @typedef {import("./partMatches.js").Matches} Matches */
 

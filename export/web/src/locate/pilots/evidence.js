@@ -12,7 +12,6 @@ import { lessMeanAround } from "./around.js";
 import { areaMeans } from "./means.js";
 import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
 
 export const { LEAST_DEVIATION, SLOWEST } = locatePilotsEvidence;

@@ -15,11 +15,6 @@ import { LEAST_DEVIATION } from "./evidence.js";
 import { areaMeans } from "./means.js";
 import { waves } from "./waves.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Homography} Homography */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./allBlocks.js").BlockMaps} BlockMaps */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 /** @typedef {import("./stabilise.js").Tracks} Tracks */

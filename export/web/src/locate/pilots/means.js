@@ -2,7 +2,6 @@
 
 import { resizeArea } from "../../image/shrink.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
 
 /**

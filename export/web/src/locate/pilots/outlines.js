@@ -6,10 +6,6 @@ import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
 import { isConvex } from "./convex.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-
 export const { CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS, LEAST_SHARE } = locatePilotsToggleMap;
 
 /** Directions in which corners are tried to be moved. */

@@ -4,9 +4,6 @@ import { rolled } from "../quads.js";
 import { pilotEvidence, pilotValues, pilotsOfBlocks } from "./evidence.js";
 import { areaMeans } from "./means.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("../steps.js").Steps<any>} AnySteps */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
 

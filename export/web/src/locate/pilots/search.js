@@ -30,15 +30,8 @@ import { Stabiliser } from "./stabilise.js";
 import { ToggleMap } from "./toggleMap.js";
 import { position } from "./waves.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
-/**
- * @template Result
- * @typedef {import("../steps.js").Steps<Result>} Steps
- */
 
 export const {
   CANDIDATES, FAINT_CANDIDATES, WINDOW_S, LEAST_WINDOW, MOST_WINDOW, STATES_HZ, PATIENCE_S,

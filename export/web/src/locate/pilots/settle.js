@@ -15,7 +15,6 @@ import { pilotEvidence } from "./evidence.js";
 import { amplitudes } from "./film.js";
 import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } from "./proposals.js";
 
-/** @typedef {import("../../link/geometry.js").Point} Point */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 

@@ -8,10 +8,6 @@ import { warped } from "../../image/warp.js";
 import { contourArea, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3 } from "../../link/linear.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../link/geometry.js").Homography} Homography */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-
 export const {
   WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, SAME_PX, PARTS, AGREEING, SPREAD,
 } = locatePilotsStabilise;

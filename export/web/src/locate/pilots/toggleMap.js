@@ -17,10 +17,6 @@ import { median, quantile } from "./order.js";
 import { fitCopy, fittedOutline, outlines, withSums } from "./outlines.js";
 import { spanOf, waves } from "./waves.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-
 export const {
   SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
   LEAST_EXCESS, FAINT, EDGE_SHARE,

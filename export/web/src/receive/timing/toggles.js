@@ -9,9 +9,6 @@ import { receiveTimingToggles } from "../../generated/constants.js";
 import { CLEAR_MATCH, matchPatches } from "../../link/ratex.js";
 import { pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
-
 export const { PARTS, LEAST_VARIANCE } = receiveTimingToggles;
 
 /**

@@ -17,11 +17,6 @@ import { mapSize, withoutSlope } from "../../locate/pilots/corners.js";
 import { pilotSigns } from "../../locate/pilots/evidence.js";
 import { drawnBlocks } from "../../locate/pilots/partMatches.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../image/opencv.js").Plane<Float32Array>} FloatPlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
-
 const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiveTrackingCorners;
 
 /** Numbers of a homography that are followed. */

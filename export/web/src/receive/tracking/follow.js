@@ -17,10 +17,6 @@ import { multiply3 } from "../../link/linear.js";
 import { Stabiliser } from "../../locate/pilots/stabilise.js";
 import { OUTSIDE } from "../../locate/refine.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
-
 const { FEATURES, MIN_INLIERS, INLIER_PX, EDGE_PX, WORN_SHARE } = receiveTrackingFollow;
 
 /** Width and height, in pixels of the layout, of what is compared around a point. */

@@ -16,10 +16,6 @@ import { imagePyramid, patchesInView, seenVisibility } from "../../locate/patche
 import { cornersOnPatches, neededVisibility } from "../../locate/refine.js";
 import { Follower } from "./follow.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
-
 const {
   MIN_VISIBILITY, FIRST_WORK, WORK, SLOW_WORK, PATIENCE, THUMBNAIL_PX, CHANGED_LEVELS,
   CHANGED_SHARE,

@@ -8,10 +8,6 @@ import { PilotSearch } from "../../locate/pilots/search.js";
 import { position } from "../../locate/pilots/waves.js";
 import { Follower, RoomFollower } from "./follow.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array>} BytePlane */
-/** @typedef {import("../../link/geometry.js").Homography} Homography */
-/** @typedef {import("../../link/geometry.js").Point} Point */
-/** @typedef {import("../../link/layout.js").Layout} Layout */
 /** @typedef {import("./patches.js").Tracked} Tracked */
 
 export const { WATCHED, CHECK_EVERY, LEAST_EVIDENCE, PATIENCE, SOON } = receiveTrackingPilots;
