@@ -21,6 +21,42 @@ OFTEN = 0.2
 """Share of the frames with the display from which a fault counts as that of the film."""
 
 
+WORDS = {
+    "refused": "every message was refused ({refused}); is it the sender's key?",
+    "nothing": "no display that is looked for in any of {frames} frames",
+    "nothing, dark": ", which are dark (mean level {level:.0f} of 255): more light or a longer "
+    "exposure",
+    "nothing, bright": ", {clipped:.0%} of whose pixels are at the camera's limit: a shorter "
+    "exposure",
+    "nothing, else": "; check preset or --model, focus, exposure, that most of the display is in "
+    "view, and that the film is not mirrored",
+    "view": "the display is in view in {found} of {frames} frames",
+    "dark": ", dark there (mean level {level:.0f} of 255; more light)",
+    "bright": ", {clipped:.0%} of it at the camera's limit (a shorter exposure)",
+    "cut": ", only in part in {cut} of them (move back or turn the camera)",
+    "no pair": ", and its clock was found ({state_hz:.1f} states a second), but the film ended "
+    "before a frame pair was whole; film longer",
+    "short": ", for {seconds:.1f} s; to find the display's clock takes {least_frames} frames or "
+    "more; film longer",
+    "still": ", but its patches or pilots do not change (by less than {least_toggle:g} gray "
+    "levels); is the sender playing, and are its states shown for a camera frame or longer?",
+    "noise": ", but its patches or pilots change no more regularly than noise ({strength:.0%} of "
+    "the evidence that a clock needs); is the sender playing, is --fps right ({fps:g}), and does "
+    "each of its states last a camera frame or longer? Film closer or steadier, or send with a "
+    "larger --kappa",
+    "weak": ", and its patches or pilots toggle weakly (by {amplitude:.1f} gray levels at "
+    "{toggle_hz:.1f} states a second, {strength:.0%} of the evidence that a clock needs); film "
+    "longer, closer or steadier, or send with a larger --kappa",
+    "pairs": ", and {decoded} frame pairs gave {progress:.0%} of the information needed",
+    "too fast": ": the display shows {state_hz:.1f} states a second and the camera takes {fps:g} "
+    "frames, so most exposures mix two states; send at {half_fps:g} states a second or film at a "
+    "higher rate",
+    "too little": "; film longer or closer, or send with a larger --kappa",
+}
+"""Parts of the line by what was seen, with places for numbers as `str.format` takes them. The page
+fills them in, too."""
+
+
 @dataclass(frozen=True)
 class Observations:
     """What a receiver has seen of a film from which no message came."""
@@ -61,85 +97,38 @@ def explain_silence(seen: Observations) -> str:
     'no display that is looked for in any of 90 frames, which are dark (mean level 9 \
 of 255): more light or a longer exposure'
     """
-    if seen.refused > 0:
-        return (
-            f"every message was refused ({seen.refused}); the lines above say why; is it the "
-            "sender's key?"
-        )
+    toggling = seen.toggling or Toggling(0.0, 0.0, 0.0, 0.0)
+    values = {
+        **vars(seen),
+        "half_fps": seen.fps / 2,
+        "least_frames": MIN_FRAMES,
+        "least_toggle": MIN_TOGGLE,
+        "strength": toggling.strength,
+        "amplitude": toggling.amplitude,
+        "toggle_hz": toggling.state_hz,
+    }
+    return "".join(WORDS[part].format(**values) for part in reasons(seen))
+
+
+def reasons(seen: Observations) -> list[str]:
+    """Find what explains that no message came: keys of `WORDS`, in the order of the line."""
+    dark = seen.level is not None and seen.level < DARK
+    bright = seen.clipped > BRIGHT
+    if seen.refused:
+        return ["refused"]
     if seen.found == 0:
-        return _explain_nothing_found(seen)
-    view = f"the display is in view in {seen.found} of {seen.frames} frames"
-    return f"{view}{_light_and_cut(seen)}, {_explain_signal(seen)}"
-
-
-def _explain_nothing_found(seen: Observations) -> str:
-    nothing = f"no display that is looked for in any of {seen.frames} frames"
-    if seen.level is not None and seen.level < DARK:
-        dark = f"which are dark (mean level {seen.level:.0f} of 255)"
-        return f"{nothing}, {dark}: more light or a longer exposure"
-    if seen.clipped > BRIGHT:
-        bright = f"{seen.clipped:.0%} of whose pixels are at the camera's limit"
-        return f"{nothing}, {bright}: a shorter exposure"
-    return (
-        f"{nothing}; check preset or --model, focus, exposure, that most of the display is "
-        "in view, and that the film is not mirrored"
-    )
-
-
-def _light_and_cut(seen: Observations) -> str:
-    """Say what is wrong with the view of the display; empty where nothing is."""
-    faults = []
-    if seen.level is not None and seen.level < DARK:
-        faults.append(f"dark there (mean level {seen.level:.0f} of 255; more light)")
-    if seen.clipped > BRIGHT:
-        faults.append(f"{seen.clipped:.0%} of it at the camera's limit (a shorter exposure)")
-    if seen.cut > OFTEN * seen.found:
-        faults.append(f"only in part in {seen.cut} of them (move back or turn the camera)")
-    return "".join(f", {fault}" for fault in faults)
-
-
-def _explain_signal(seen: Observations) -> str:
-    """Say what became of the toggling of the display's patches."""
-    toggling = seen.toggling
+        cause = "nothing, dark" if dark else "nothing, bright" if bright else "nothing, else"
+        return ["nothing", cause]
+    parts = ["view"]
+    parts += ["dark"] * dark + ["bright"] * bright + ["cut"] * (seen.cut > OFTEN * seen.found)
     if seen.decoded > 0:
-        return _explain_pairs(seen)
+        rate = seen.state_hz
+        mixed = rate is not None and rate > TOO_FAST * seen.fps and seen.mixed > MIXED
+        return [*parts, "pairs", "too fast" if mixed else "too little"]
     if seen.state_hz is not None:
-        return (
-            f"and its clock was found ({seen.state_hz:.1f} states a second), but the film ended "
-            "before a frame pair was whole; film longer"
-        )
-    if toggling is None:
-        return (
-            f"for {seen.seconds:.1f} s; to find the display's clock takes {MIN_FRAMES} frames or "
-            "more; film longer"
-        )
-    if toggling.deviation < MIN_TOGGLE:
-        return (
-            f"but its patches or pilots do not change (by less than {MIN_TOGGLE:g} gray levels); "
-            "is the sender playing, and are its states shown for a camera frame or longer?"
-        )
-    if toggling.strength < NOISE_STRENGTH:
-        return (
-            "but its patches or pilots change no more regularly than noise "
-            f"({toggling.strength:.0%} of the evidence that a clock needs); is the sender playing, "
-            f"is --fps right ({seen.fps:g}), and does each of its states last a camera frame or "
-            "longer? Film closer or steadier, or send with a larger --kappa"
-        )
-    return (
-        f"and its patches or pilots toggle weakly (by {toggling.amplitude:.1f} gray levels at "
-        f"{toggling.state_hz:.1f} states a second, {toggling.strength:.0%} of the evidence that a "
-        "clock needs); film longer, closer or steadier, or send with a larger --kappa"
-    )
-
-
-def _explain_pairs(seen: Observations) -> str:
-    """Say why the frame pairs that were decoded gave no message."""
-    pairs = f"and {seen.decoded} frame pairs gave {seen.progress:.0%} of the information needed"
-    rate = seen.state_hz
-    if rate is not None and rate > TOO_FAST * seen.fps and seen.mixed > MIXED:
-        return (
-            f"{pairs}: the display shows {rate:.1f} states a second and the camera takes "
-            f"{seen.fps:g} frames, so most exposures mix two states; send at {seen.fps / 2:g} "
-            "states a second or film at a higher rate"
-        )
-    return f"{pairs}; film longer or closer, or send with a larger --kappa"
+        return [*parts, "no pair"]
+    if seen.toggling is None:
+        return [*parts, "short"]
+    if seen.toggling.deviation < MIN_TOGGLE:
+        return [*parts, "still"]
+    return [*parts, "noise" if seen.toggling.strength < NOISE_STRENGTH else "weak"]

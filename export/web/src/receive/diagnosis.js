@@ -4,7 +4,7 @@ import { receiveDiagnosis } from "../generated/constants.js";
 import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
 export const {
-  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, CUT, OFTEN,
+  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, CUT, OFTEN, WORDS,
 } = receiveDiagnosis;
 
 /**
@@ -35,116 +35,71 @@ export const {
  * @returns {string}
  */
 export function explainSilence(seen) {
-  if (seen.refused) {
-    return `every message was refused (${seen.refused}); is it the sender's key?`;
-  }
-  if (seen.found === 0) return explainNothingFound(seen);
-  const view = `the display is in view in ${seen.found} of ${seen.frames} frames`;
-  return `${view}${lightAndCut(seen)}, ${explainSignal(seen)}`;
-}
-
-/** @param {Observations} seen */
-function explainNothingFound(seen) {
-  const nothing = `no display that is looked for in any of ${seen.frames} frames`;
-  if (seen.level !== null && seen.level < DARK) {
-    const dark = `which are dark (mean level ${seen.level.toFixed(0)} of 255)`;
-    return `${nothing}, ${dark}: more light or a longer exposure`;
-  }
-  if (seen.clipped > BRIGHT) {
-    const bright = `${percent(seen.clipped)} of whose pixels are at the camera's limit`;
-    return `${nothing}, ${bright}: a shorter exposure`;
-  }
-  return (
-    `${nothing}; check preset or model, focus, exposure, that most of the display is ` +
-    "in view, and that the film is not mirrored"
-  );
-}
-
-/**
- * Say what is wrong with the view of the display; empty where nothing is.
- *
- * @param {Observations} seen
- */
-function lightAndCut(seen) {
-  const faults = [];
-  if (seen.level !== null && seen.level < DARK) {
-    faults.push(`dark there (mean level ${seen.level.toFixed(0)} of 255; more light)`);
-  }
-  if (seen.clipped > BRIGHT) {
-    faults.push(`${percent(seen.clipped)} of it at the camera's limit (a shorter exposure)`);
-  }
-  if (seen.cut > OFTEN * seen.found) {
-    faults.push(`only in part in ${seen.cut} of them (move back or turn the camera)`);
-  }
-  return faults.map((fault) => `, ${fault}`).join("");
-}
-
-/**
- * Say what became of the toggling of the display's patches.
- *
- * @param {Observations} seen
- */
-function explainSignal(seen) {
   const { toggling } = seen;
-  if (seen.decoded > 0) return explainPairs(seen);
-  if (seen.stateHz !== null) {
-    return (
-      `and its clock was found (${seen.stateHz.toFixed(1)} states a second), but the film ended ` +
-      "before a frame pair was whole; film longer"
-    );
-  }
-  if (toggling === null) {
-    return (
-      `for ${seen.seconds.toFixed(1)} s; to find the display's clock takes ${MIN_FRAMES} frames ` +
-      "or more; film longer"
-    );
-  }
-  if (toggling.deviation < MIN_TOGGLE) {
-    return (
-      `but its patches or pilots do not change (by less than ${MIN_TOGGLE} gray levels); ` +
-      "is the sender playing, and are its states shown for a camera frame or longer?"
-    );
-  }
-  if (toggling.strength < NOISE_STRENGTH) {
-    return (
-      "but its patches or pilots change no more regularly than noise " +
-      `(${percent(toggling.strength)} of the evidence that a clock needs); is the sender ` +
-      `playing, is fps right (${short(seen.fps)}), and does each of its states last a camera ` +
-      "frame or longer? Film closer or steadier, or send with a larger kappa"
-    );
-  }
-  return (
-    `and its patches or pilots toggle weakly (by ${toggling.amplitude.toFixed(1)} gray levels at ` +
-    `${toggling.stateHz.toFixed(1)} states a second, ${percent(toggling.strength)} of the ` +
-    "evidence that a clock needs); film longer, closer or steadier, or send with a larger kappa"
-  );
+  /** @type {Record<string, number | null | undefined>} */
+  const values = {
+    frames: seen.frames,
+    found: seen.found,
+    seconds: seen.seconds,
+    level: seen.level,
+    clipped: seen.clipped,
+    cut: seen.cut,
+    decoded: seen.decoded,
+    progress: seen.progress,
+    refused: seen.refused,
+    fps: seen.fps,
+    half_fps: seen.fps / 2,
+    state_hz: seen.stateHz,
+    least_frames: MIN_FRAMES,
+    least_toggle: MIN_TOGGLE,
+    strength: toggling?.strength,
+    amplitude: toggling?.amplitude,
+    toggle_hz: toggling?.stateHz,
+  };
+  const line = reasons(seen)
+    .map((part) => WORDS.get(part))
+    .join("");
+  return line
+    .replace(/\{(\w+):?([^}]*)\}/g, (_, name, form) => written(values[name] ?? NaN, form))
+    .replaceAll(" --", " "); // the page has no flags
 }
 
 /**
- * Say why the frame pairs that were decoded gave no message.
+ * Find what explains that no message came.
  *
  * @param {Observations} seen
+ * @returns {string[]} keys of `WORDS`, in the order of the line
  */
-function explainPairs(seen) {
-  const share = percent(seen.progress);
-  const pairs = `and ${seen.decoded} frame pairs gave ${share} of the information needed`;
-  const rate = seen.stateHz;
-  if (rate !== null && rate > TOO_FAST * seen.fps && seen.mixed > MIXED) {
-    return (
-      `${pairs}: the display shows ${rate.toFixed(1)} states a second and the camera takes ` +
-      `${short(seen.fps)} frames, so most exposures mix two states; send at ` +
-      `${short(seen.fps / 2)} states a second or film at a higher rate`
-    );
+function reasons(seen) {
+  const dark = seen.level !== null && seen.level < DARK;
+  const bright = seen.clipped > BRIGHT;
+  if (seen.refused) return ["refused"];
+  if (seen.found === 0) {
+    return ["nothing", dark ? "nothing, dark" : bright ? "nothing, bright" : "nothing, else"];
   }
-  return `${pairs}; film longer or closer, or send with a larger kappa`;
+  const parts = ["view"];
+  if (dark) parts.push("dark");
+  if (bright) parts.push("bright");
+  if (seen.cut > OFTEN * seen.found) parts.push("cut");
+  const { toggling, stateHz } = seen;
+  if (seen.decoded > 0) {
+    const mixed = stateHz !== null && stateHz > TOO_FAST * seen.fps && seen.mixed > MIXED;
+    return [...parts, "pairs", mixed ? "too fast" : "too little"];
+  }
+  if (stateHz !== null) return [...parts, "no pair"];
+  if (toggling === null) return [...parts, "short"];
+  if (toggling.deviation < MIN_TOGGLE) return [...parts, "still"];
+  return [...parts, toggling.strength < NOISE_STRENGTH ? "noise" : "weak"];
 }
 
-/** @param {number} share */
-function percent(share) {
-  return `${(100 * share).toFixed(0)}%`;
-}
-
-/** @param {number} value */
-function short(value) {
-  return String(Number(value.toPrecision(6)));
+/**
+ * Write a number as Python's `str.format` does.
+ *
+ * @param {number} value
+ * @param {string} form - ".1f" for one decimal, ".0%" for per cent, "g" for six digits at most
+ */
+function written(value, form) {
+  if (form.endsWith("%")) return `${(100 * value).toFixed(0)}%`;
+  if (form.endsWith("f")) return value.toFixed(Number(form.slice(1, -1)));
+  return String(form === "g" ? Number(value.toPrecision(6)) : value);
 }
