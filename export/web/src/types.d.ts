@@ -13,4 +13,4 @@ type Point = import("./link/geometry.js").Point;
 /** Corners of a quadrilateral in order. */
 type Quad = import("./locate/quads.js").Quad;
 /** A search that yields units of work and returns a result. */
-type Steps<Result> = import("./locate/steps.js").Steps<Result>;
+type Steps<Result> = import("./link/code/steps.js").Steps<Result>;

@@ -4,7 +4,10 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ReadFrame, Shape, Terms } from "../src/link/code/fine.js";
-import { codedBits, decodeCoded, numberLikelihoods, readTerms } from "../src/link/code/fine.js";
+import {
+  codedBits, codedDecodingSteps, numberLikelihoods, readTerms,
+} from "../src/link/code/fine.js";
+import { runToEnd } from "../src/link/code/steps.js";
 import { makeRateless } from "../src/link/code/rateless.js";
 import { weighWord } from "../src/link/code/words.js";
 import { close } from "./comparison.js";
@@ -66,9 +69,9 @@ test("coded bits, and their message", () => {
   const coded = codedBits(fixture.message.data, terms, fixture.n_bits);
   assert.deepEqual(coded, fixture.coded.data);
   const scores = Float32Array.from(coded, (bit) => 8 * bit - 4);
-  assert.deepEqual(decodeCoded(scores, terms), fixture.message.data);
-  assert.equal(decodeCoded(scores, new Terms(nBytes, frames, mark ^ 1)), null);
+  assert.deepEqual(runToEnd(codedDecodingSteps(scores, terms)), fixture.message.data);
+  assert.equal(runToEnd(codedDecodingSteps(scores, new Terms(nBytes, frames, mark ^ 1))), null);
   const other = codedBits(fixture.message.data.slice().fill(7), terms, fixture.n_bits);
   const wrong = Float32Array.from(other, (bit) => 8 * bit - 4);
-  assert.equal(decodeCoded(wrong, terms), null);
+  assert.equal(runToEnd(codedDecodingSteps(wrong, terms)), null);
 });

@@ -16,7 +16,7 @@ import {
 } from "../src/locate/patches.js";
 import { distinct, isSound, upright } from "../src/locate/quads.js";
 import { cornersOnEdges, cornersOnPatches } from "../src/locate/refine.js";
-import { runToEnd } from "../src/locate/steps.js";
+import { runToEnd } from "../src/link/code/steps.js";
 import { apart, close, planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 

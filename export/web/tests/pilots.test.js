@@ -26,7 +26,7 @@ import { median, quantile } from "../src/locate/pilots/order.js";
 import { Stabiliser } from "../src/locate/pilots/stabilise.js";
 import { ToggleMap } from "../src/locate/pilots/toggleMap.js";
 import { position, spanOf, waves } from "../src/locate/pilots/waves.js";
-import { runToEnd } from "../src/locate/steps.js";
+import { runToEnd } from "../src/link/code/steps.js";
 import { close, differences, planeOf, pointsOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 

@@ -49,7 +49,7 @@ test("a display with patches is found, followed, lost and found again", () => {
   const follow = () => {
     let found = 0;
     images.forEach((/** @type {any} */ image, /** @type {number} */ number) => {
-      const tracked = tracker.follow(image);
+      const tracked = tracker.follow(image, 0);
       assert.ok(tracked !== null || found === 0, `frame ${number}`);
       if (tracked === null) return;
       found++;
@@ -62,7 +62,7 @@ test("a display with patches is found, followed, lost and found again", () => {
   assert.ok(follow() >= 8);
   const { width, height } = images[0];
   const dark = { width, height, data: new Uint8Array(width * height) };
-  for (let number = 0; number < 3; number++) assert.equal(tracker.follow(dark), null);
+  for (let number = 0; number < 3; number++) assert.equal(tracker.follow(dark, 0), null);
   assert.ok(follow() >= 6);
 });
 

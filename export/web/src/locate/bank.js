@@ -158,7 +158,7 @@ const banks = new WeakMap();
  * Draw the templates of a layout, once.
  *
  * @param {Layout} layout - with patches
- * @returns {import("./steps.js").Steps<Bank>}
+ * @returns {import("../link/code/steps.js").Steps<Bank>}
  */
 export function* bankSteps(layout) {
   const known = banks.get(layout);

@@ -19,7 +19,7 @@ import {
   outlineSteps,
   upright,
 } from "./quads.js";
-import { runToEnd } from "./steps.js";
+import { runToEnd } from "../link/code/steps.js";
 
 export const { WORK_PX } = locateCandidates;
 const { SNAP_PX, LINE_QUADS, CANDIDATES, NEAR, WEIGHTS, BIAS } = locateCandidates;

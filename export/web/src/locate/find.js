@@ -17,7 +17,7 @@ import {
   neededVisibility,
 } from "./refine.js";
 import { MAX_OUTSIDE, cornerCells, partialSteps, spotSteps, wholeSteps } from "./spots.js";
-import { runToEnd } from "./steps.js";
+import { runToEnd } from "../link/code/steps.js";
 
 /** @typedef {import("./candidates.js").Located} Located */
 /** @typedef {import("./patches.js").Pyramid} Pyramid */

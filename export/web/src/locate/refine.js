@@ -17,7 +17,7 @@ import {
   seenVisibility,
 } from "./patches.js";
 import { SLACK, isSound } from "./quads.js";
-import { runToEnd } from "./steps.js";
+import { runToEnd } from "../link/code/steps.js";
 
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 /**

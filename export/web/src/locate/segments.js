@@ -42,7 +42,7 @@ const STEP_WORK = 6;
  * Find the longest straight segments of an image; the work since the last step is not yielded.
  *
  * @param {BytePlane} gray
- * @returns {import("./steps.js").Steps<Segment[]>}
+ * @returns {import("../link/code/steps.js").Steps<Segment[]>}
  */
 export function* segmentSteps(gray) {
   const { width, height } = gray;

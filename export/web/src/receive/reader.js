@@ -20,7 +20,7 @@ import { CornerShift } from "./tracking/corners.js";
 /** @typedef {import("./states.js").DisplayState} DisplayState */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { BUFFER, PAIRS_A_FRAME, PURE_FROM, PURE_TO, APART } = receiveReader;
+export const { BUFFER, PAIRS_A_FRAME, PURE_FROM, PURE_TO, APART, WORK_A_FRAME, PAIR_WORK } = receiveReader;
 
 /**
  * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
@@ -228,7 +228,22 @@ export class DisplayReader {
       this.collector.startRun();
     }
     this.#timing.add("synchronise", start);
-    return this.#decodeReady(time);
+    const reading = await this.#decodeReady(time);
+    return reading.pairs.length > 0 ? reading : { pairs: [], message: this.goOn() };
+  }
+
+  /**
+   * Go on with decoding the message, where that takes longer than one camera frame.
+   *
+   * @param {number} [work] - units of work (`GRAPH_WORK` says which) after which it stops for now
+   * @returns {Message | null} the message where it became whole
+   */
+  goOn(work = WORK_A_FRAME) {
+    if (!this.collector.decoding) return null;
+    const start = performance.now();
+    const message = this.collector.goOn(work);
+    this.#timing.add("collect", start);
+    return message;
   }
 
   /**
@@ -246,7 +261,10 @@ export class DisplayReader {
    * @returns {Promise<Reading>}
    */
   async finish() {
-    return this.sync.clock !== null ? this.#decodeReady(Infinity) : this.#decodeUnclocked();
+    const reading = await (this.sync.clock !== null
+      ? this.#decodeReady(Infinity)
+      : this.#decodeUnclocked());
+    return reading.message !== null ? reading : { ...reading, message: this.goOn(Infinity) };
   }
 
   /**
@@ -263,8 +281,11 @@ export class DisplayReader {
     if (clock === null || buffer.length === 0) return { pairs, message: null };
     this.#next ??= Math.ceil(clock.number(buffer[0].frame.time) / 2);
     const last = buffer[buffer.length - 1].frame.time;
-    const end = clock.number(now === Infinity ? last + clock.latest : now + clock.earliest);
-    const most = now === Infinity ? Infinity : PAIRS_A_FRAME;
+    const isOver = now === Infinity;
+    const end = clock.number(isOver ? last + clock.latest : now + clock.earliest);
+    const most = isOver ? Infinity : PAIRS_A_FRAME;
+    const left = Math.max(0, WORK_A_FRAME - PAIR_WORK * this.layout.nBits);
+    const work = isOver ? Infinity : left;
     while (end >= 2 * this.#next + 2 && pairs.length < most) {
       const number = this.#next++;
       const start = performance.now();
@@ -281,7 +302,7 @@ export class DisplayReader {
       const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
       this.#timing.add("compose", start);
       if (original === null || embedded === null) continue;
-      const { pair, message } = await this.#decode(number, last, original, embedded, moved);
+      const { pair, message } = await this.#decode(number, last, original, embedded, moved, work);
       pairs.push(pair);
       if (message !== null) return { pairs, message };
     }
@@ -296,9 +317,10 @@ export class DisplayReader {
    * @param {DisplayState} original
    * @param {DisplayState} embedded
    * @param {(Float64Array | null)[]} moved - of the pair's frames; none where no more frames come
+   * @param {number} [work] - units of work after which decoding of the message stops for now
    * @returns {Promise<{ pair: DecodedPair, message: Message | null }>}
    */
-  async #decode(number, time, original, embedded, moved) {
+  async #decode(number, time, original, embedded, moved, work = Infinity) {
     let start = performance.now();
     const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
     const images = [original.image, embedded.image];
@@ -318,7 +340,7 @@ export class DisplayReader {
     this.decoded++;
     this.#timing.add("decode", start);
     start = performance.now();
-    const message = this.collector.add(scores, number);
+    const message = this.collector.add(scores, number, work);
     this.#timing.add("collect", start);
     const { progress } = this.collector;
     return { pair: { number, time, scores, original, embedded, progress }, message };

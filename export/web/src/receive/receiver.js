@@ -17,6 +17,7 @@ import { PilotTracker } from "./tracking/pilots.js";
 /** @typedef {import("./reader.js").PairDecoder} PairDecoder */
 /** @typedef {import("./reader.js").Reading} Reading */
 /** @typedef {import("./reader.js").Tracked} Tracked */
+/** @typedef {import("./tracking/patches.js").DisplayTracker} DisplayTracker */
 
 export const { MIN_SIDE_PX } = images;
 
@@ -30,7 +31,6 @@ export const { MIN_SIDE_PX } = images;
 /** Reads a message from the frames of a camera that films the display. */
 export class Receiver {
   #fps;
-  #frameMs;
   /** Time of the newest frame, seconds. */
   #last = NaN;
   /** Whether frames were missing, as happens where a camera does not wait for the receiver. */
@@ -44,7 +44,7 @@ export class Receiver {
   #readers;
   /** @type {DisplayReader} */
   #reader;
-  /** @type {Tracker | PilotTracker | null} */
+  /** @type {DisplayTracker | null} */
   #following = null;
 
   /**
@@ -63,7 +63,6 @@ export class Receiver {
     /** Number of frames taken. */
     this.frames = 0;
     this.#fps = fps;
-    this.#frameMs = frameMs;
     this.#trackers = makeTrackers(layouts, fps, frameMs);
     const readers = decoders.map(
       (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight),
@@ -150,20 +149,18 @@ export class Receiver {
     if (this.#repeats.isRepeat(frame)) {
       // it was not exposed at this time
       if (this.#tracked !== null) this.found++;
-      return { tracked: this.#tracked, pairs: [], message: null };
+      return { tracked: this.#tracked, pairs: [], message: this.#reader.goOn() };
     }
     const tracked = (this.#tracked = this.#find(frame, time));
     this.timing.add("track", start);
     if (tracked === null) {
       this.#sight.miss(frame);
-      return { tracked, pairs: [], message: null };
+      return { tracked, pairs: [], message: this.#reader.goOn() };
     }
     this.found++;
     const reading = await this.#reader.take(tracked, time, frame.width, frame.height);
-    if (this.#following instanceof PilotTracker) {
-      const shift = this.#reader.shift();
-      if (shift !== null) this.#following.correct(shift);
-    }
+    const shift = this.#reader.shift();
+    if (shift !== null) this.#following?.correct(shift);
     return { tracked, ...reading };
   }
 
@@ -177,13 +174,9 @@ export class Receiver {
   #find(frame, time) {
     const followed = this.#following;
     this.#following = null;
-    const frameMs = this.#isLate ? this.#frameMs : Infinity;
     const others = this.#trackers.filter((tracker) => tracker !== followed);
     for (const tracker of followed !== null ? [followed, ...others] : others) {
-      const tracked =
-        tracker instanceof PilotTracker
-          ? tracker.follow(frame, time)
-          : tracker.follow(frame, frameMs);
+      const tracked = tracker.follow(frame, time, this.#isLate);
       if (tracked === null) continue;
       this.#following = tracker;
       const reader = this.#readers.get(tracker.layout);
@@ -214,15 +207,15 @@ export class Receiver {
  *
  * @param {Layout[]} layouts - those that are looked for, each with ratex patches or pilots
  * @param {number} fps - nominal number of frames of the camera in a second
- * @param {number} [frameMs] - time, in milliseconds, after which the search by pilots begins no step
- *   with a frame
- * @returns {(Tracker | PilotTracker)[]}
+ * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
+ *   frame
+ * @returns {DisplayTracker[]}
  */
 export function makeTrackers(layouts, fps, frameMs = Infinity) {
   const withPilots = layouts.filter((layout) => layout.pilotBlocks.length > 0);
   const withPatches = layouts.filter((layout) => layout.pilotBlocks.length === 0);
-  /** @type {(Tracker | PilotTracker)[]} */
-  const trackers = withPatches.map((layout) => new Tracker(layout));
+  /** @type {DisplayTracker[]} */
+  const trackers = withPatches.map((layout) => new Tracker(layout, frameMs));
   if (withPilots.length > 0) trackers.push(new PilotTracker(withPilots, fps, frameMs));
   return trackers;
 }

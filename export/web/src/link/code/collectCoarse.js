@@ -213,6 +213,16 @@ export class CoarseCollector {
     return this.#loop !== null;
   }
 
+  /** Whether decoding is under way: never, for a coarse grid is decoded at once. */
+  get decoding() {
+    return false;
+  }
+
+  /** Go on with decoding that is under way; there is none. @returns {Message | null} */
+  goOn() {
+    return null;
+  }
+
   /** Say that the next frame's distance to the earlier ones is not known. */
   startRun() {
     this.#waiting = [];

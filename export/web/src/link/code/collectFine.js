@@ -16,7 +16,7 @@ import {
   Shape,
   Terms,
   codedBits,
-  decodeCoded,
+  codedDecodingSteps,
   numberLikelihoods,
   readTerms,
 } from "./fine.js";
@@ -83,12 +83,23 @@ class CodedScores {
  * @typedef {{ scores: Float32Array, count: number, number: number | null }} WaitingFrame
  */
 
+/**
+ * Decoding that is under way: what was collected, which may have grown since, and the steps.
+ *
+ * @typedef {{ loop: CodedScores, steps: Steps<Uint8Array | null> }} Attempt
+ */
+
 /** Collects frames of a fine grid (`Collector` of collect.js). */
 export class FineCollector {
   /** @type {Terms | null} */
   #delivered = null;
   /** @type {CodedScores | null} */
   #loop = null;
+
+  /** Decoding that is under way, of what a loop had brought when it began. @type {Attempt | null} */
+  #attempt = null;
+  /** Whether enough is new for decoding to begin. */
+  #due = false;
 
   /** By number the logarithm of its probability for the last frame. @type {Float64Array | null} */
   #belief = null;
@@ -116,7 +127,12 @@ export class FineCollector {
 
   /** Whether scores are kept that may be those of a message not returned yet. */
   get collecting() {
-    return this.#loop !== null;
+    return this.#loop !== null || this.#attempt !== null;
+  }
+
+  /** Whether decoding is under way, which `goOn` goes on with. */
+  get decoding() {
+    return this.#attempt !== null;
   }
 
   /** Say that the next frame's distance to the earlier ones is not known. */
@@ -131,24 +147,34 @@ export class FineCollector {
    *
    * @param {ArrayLike<number>} received - (nBits) log-likelihood ratios, positive for 1
    * @param {number} count - number of the frame on the display, from any start
+   * @param {number} [work] - units of work after which decoding is left to `goOn`
    * @returns {Message | null}
    */
-  add(received, count) {
+  add(received, count, work = Infinity) {
+    this.#take(received, count);
+    return this.goOn(work);
+  }
+
+  /**
+   * Add one frame, or let it wait.
+   *
+   * @param {ArrayLike<number>} received
+   * @param {number} count
+   */
+  #take(received, count) {
     const scores = cutScores(received, new Float32Array(this.nBits));
     /** @type {WaitingFrame} */
     const frame = { scores, count, number: null };
     this.#waiting.push(frame);
     if (this.#waiting.length > MAX_WAITING) this.#waiting.shift();
     const number = this.#follow(numberLikelihoods(scores), count);
-    if (number === null) return null;
+    if (number === null) return;
     frame.number = number;
     this.#numberWaiting(number, count);
     this.#learnTerms(new ReadFrame(scores, number));
-    if (this.#terms === null) return null;
-    let isNew = false;
-    for (const waiting of this.#waiting) isNew = this.#put(waiting, this.#terms) || isNew;
+    if (this.#terms === null) return;
+    for (const waiting of this.#waiting) this.#put(waiting, this.#terms);
     this.#waiting = [];
-    return isNew && this.#loop !== null ? this.#try(this.#loop) : null;
   }
 
   /**
@@ -241,45 +267,76 @@ export class FineCollector {
   }
 
   /**
-   * Add a frame to the loop.
+   * Add a frame to the loop, and note whether decoding is due.
    *
    * @param {WaitingFrame} waiting - its number is known
    * @param {Terms} terms
-   * @returns {boolean} false where it brings nothing new that may be decoded
    */
   #put(waiting, terms) {
     const number = /** @type {number} */ (waiting.number);
-    if (number >= terms.frames) return false;
+    if (number >= terms.frames) return;
     const frame = new ReadFrame(waiting.scores, number);
-    if (frame.supports(terms) < 0) return false;
+    if (frame.supports(terms) < 0) return;
     if (terms.equals(this.#delivered)) {
-      this.#loop = null;
-      this.progress = 1;
-      return false;
+      this.#forgetLoop();
+      return;
     }
     if (!this.#loop || !this.#loop.terms.equals(terms)) {
       this.#loop = new CodedScores(terms, this.nBits);
+      this.#due = false;
     }
     this.#loop.add(number, frame.coded);
     this.progress = this.#loop.progress;
-    return this.#loop.worthDecoding();
+    this.#due ||= this.#loop.worthDecoding();
+  }
+
+  /** Drop a loop whose message was returned. */
+  #forgetLoop() {
+    this.#loop = null;
+    this.#due = false;
+    this.progress = 1;
   }
 
   /**
-   * Decode what was collected; a message ends the collection.
+   * Go on with decoding that is under way, of what was collected when it began.
+   *
+   * @param {number} [work] - units of work (`GRAPH_WORK` says which) after which no further step is
+   *   taken
+   * @returns {Message | null}
+   */
+  goOn(work = Infinity) {
+    for (let spent = 0; ; ) {
+      if (this.#attempt === null) {
+        if (this.#loop === null || !this.#due) return null;
+        this.attempts += 1;
+        this.#due = false;
+        this.#loop.tried = this.#loop.progress;
+        const steps = codedDecodingSteps(this.#loop.sums, this.#loop.terms);
+        this.#attempt = { loop: this.#loop, steps };
+      }
+      const { loop, steps } = this.#attempt;
+      if (spent >= work) return null;
+      const step = steps.next();
+      if (!step.done) {
+        spent += step.value;
+        continue;
+      }
+      this.#attempt = null;
+      if (step.value !== null) return this.#deliver(loop, step.value);
+    }
+  }
+
+  /**
+   * Make the message that was decoded of a loop; it ends the collection.
    *
    * @param {CodedScores} loop
+   * @param {Uint8Array} data
    */
-  #try(loop) {
-    this.attempts += 1;
-    loop.tried = loop.progress;
-    const data = decodeCoded(loop.sums, loop.terms);
-    if (data === null) return null;
+  #deliver(loop, data) {
     const agreement = agreementOf(loop.sums, codedBits(data, loop.terms, this.nBits));
     const changed = this.#delivered !== null;
-    this.#loop = null;
+    if (this.#loop?.terms.equals(loop.terms)) this.#forgetLoop();
     this.#delivered = loop.terms;
-    this.progress = 1;
     return new Message(data, loop.terms.frames, loop.seen, agreement, changed);
   }
 }

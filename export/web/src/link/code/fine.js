@@ -247,17 +247,28 @@ export function codedBits(message, terms, nBits) {
 }
 
 /**
- * Read a message whose terms are known.
+ * Read a message whose terms are known, step by step.
  *
  * @param {Float32Array} scores - (frames * body) log-likelihood ratios of the coded bits, positive
- *   for 1; 0 where nothing is known
+ *   for 1; 0 where nothing is known. They are copied, and may change between steps.
  * @param {Terms} terms - terms of the loop
- * @returns {Uint8Array | null} the message, or null where the scores do not suffice
+ * @returns {Steps<Uint8Array | null>} the message, or null where the scores do not suffice
  */
-export function decodeCoded(scores, terms) {
+export function codedDecodingSteps(scores, terms) {
   const llr = new Float32Array(Math.ceil(scores.length / terms.blocks) * terms.blocks);
   llr.set(scores);
-  const information = terms.code.decode(llr, terms.blocks);
+  return messageSteps(llr, terms);
+}
+
+/**
+ * Decode log-likelihood ratios of coded bits, and check the message.
+ *
+ * @param {Float32Array} llr
+ * @param {Terms} terms
+ * @returns {Steps<Uint8Array | null>}
+ */
+function* messageSteps(llr, terms) {
+  const information = yield* terms.code.decodingSteps(llr, terms.blocks);
   if (information === null) return null;
   const content = packBits(information);
   const message = content.slice(0, terms.nBytes);

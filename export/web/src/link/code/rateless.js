@@ -12,7 +12,7 @@ import { remembered } from "./remembered.js";
 import { scrambled, shuffled } from "./scrambled.js";
 
 export const { MIN_INFORMATION, MAX_INFORMATION } = codeRateless;
-const { DEGREES, PRECODE_COPIES, ITERATIONS, PATIENCE, LEAST_GROWTH, MAX_HALF_LLR } = codeRateless;
+const { DEGREES, PRECODE_COPIES, ITERATIONS, PATIENCE, LEAST_GROWTH, MAX_HALF_LLR, GRAPH_WORK } = codeRateless;
 
 /** Number of blocks that are decoded together, and given up together. */
 const MAX_COLUMNS = 16;
@@ -109,16 +109,17 @@ export class RatelessCode {
   }
 
   /**
-   * Find the information by belief propagation (sum-product).
+   * Find the information by belief propagation (sum-product), step by step.
    *
    * @param {Float32Array} llr - (count * blocks) log-likelihood ratios of coded bits 0 to
    *   count - 1, by turns from each block, positive for 1; 0 where nothing was received
    * @param {number} blocks - number of blocks
-   * @returns {Uint8Array | null} bits of all blocks, one block after the other; null where those of
-   *   some block could not be found
+   * @returns {Steps<Uint8Array | null>} bits of all blocks, one block after the other; null where
+   *   those of some block could not be found
    */
-  decode(llr, blocks) {
+  *decodingSteps(llr, blocks) {
     const graph = new Graph(this, receivedNumbers(llr, blocks));
+    yield GRAPH_WORK * graph.edges;
     const bits = new Uint8Array(blocks * this.information);
     for (let first = 0; first < blocks; first += MAX_COLUMNS) {
       const end = Math.min(first + MAX_COLUMNS, blocks);
@@ -126,7 +127,7 @@ export class RatelessCode {
         { length: end - first },
         (_, at) => new Column(graph, llr, blocks, first + at),
       );
-      if (!decodeTogether(columns)) return null;
+      if (!(yield* decodeTogether(columns, graph.edges))) return null;
       columns.forEach((column, at) => bits.set(column.bits(), (first + at) * this.information));
     }
     return bits;
@@ -164,13 +165,19 @@ function receivedNumbers(llr, blocks) {
  * Decode some blocks; they are given up together once none of them becomes surer.
  *
  * @param {Column[]} columns
- * @returns {boolean} whether all were decoded
+ * @param {number} edges - of the graph, each of which is a unit of work in each round
+ * @returns {Steps<boolean>} whether all were decoded
  */
-function decodeTogether(columns) {
+function* decodeTogether(columns, edges) {
   let active = columns;
   for (let first = 0; first < ITERATIONS; first += PATIENCE) {
     const turns = Math.min(PATIENCE, ITERATIONS - first);
-    active = active.filter((column) => !column.run(turns));
+    const left = [];
+    for (const column of active) {
+      if (!column.run(turns)) left.push(column);
+      yield turns * edges;
+    }
+    active = left;
     if (active.length === 0) return true;
     if (turns === PATIENCE && !active.filter((column) => column.grows()).length) break;
   }
@@ -213,6 +220,8 @@ class Graph {
     const members = joined.slice(0, ends[ends.length - 1]);
     /** The other coded bits, and after them the checks of the precode. @type {Sums} */
     this.sums = { starts: Int32Array.from(ends), members };
+    /** Number of messages between bits and sums. */
+    this.edges = members.length;
   }
 }
 
@@ -224,7 +233,7 @@ class Column {
 
   /**
    * @param {Graph} graph
-   * @param {Float32Array} llr - as `RatelessCode.decode` takes it
+   * @param {Float32Array} llr - as `RatelessCode.decodingSteps` takes it
    * @param {number} blocks - number of all blocks
    * @param {number} block - number of this one
    */

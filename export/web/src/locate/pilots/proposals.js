@@ -4,7 +4,7 @@ import { rolled } from "../quads.js";
 import { pilotEvidence, pilotValues, pilotsOfBlocks } from "./evidence.js";
 import { areaMeans } from "./means.js";
 
-/** @typedef {import("../steps.js").Steps<any>} AnySteps */
+/** @typedef {import("../../link/code/steps.js").Steps<any>} AnySteps */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
 
 /** Units of work (`../steps.js`) of one frame's view of a display. */
@@ -79,7 +79,7 @@ export class Watched {
  * @param {Layout} layout
  * @param {readonly FilmFrame[]} frames
  * @param {[number, number]} size - width and height
- * @returns {import("../steps.js").Steps<FloatPlane[] | null>} null where corners are not sound
+ * @returns {import("../../link/code/steps.js").Steps<FloatPlane[] | null>} null where corners are not sound
  */
 export function* viewSteps(corners, layout, frames, [width, height]) {
   const views = [];
@@ -97,7 +97,7 @@ export function* viewSteps(corners, layout, frames, [width, height]) {
  *
  * @param {Proposal} proposal
  * @param {readonly FilmFrame[]} frames
- * @returns {import("../steps.js").Steps<number>} 0 where its corners are not sound
+ * @returns {import("../../link/code/steps.js").Steps<number>} 0 where its corners are not sound
  */
 export function* evidenceSteps(proposal, frames) {
   const values = yield* valueSteps(proposal, frames);
@@ -110,7 +110,7 @@ export function* evidenceSteps(proposal, frames) {
  *
  * @param {Proposal} proposal
  * @param {readonly FilmFrame[]} frames
- * @returns {import("../steps.js").Steps<Float32Array[] | null>} null where its corners are not sound
+ * @returns {import("../../link/code/steps.js").Steps<Float32Array[] | null>} null where its corners are not sound
  */
 export function* valueSteps(proposal, frames) {
   const values = [];

@@ -42,7 +42,7 @@ const MOVE_WORK = 6;
  * @typedef {(
  *   proposal: Proposal,
  *   frames: readonly FilmFrame[],
- * ) => import("../steps.js").Steps<Point[]>} Move
+ * ) => import("../../link/code/steps.js").Steps<Point[]>} Move
  */
 
 /**
@@ -57,7 +57,7 @@ const MOVE_WORK = 6;
  * @param {readonly FilmFrame[]} watched - frames, of which there may be more after each step
  * @param {number} confirming - number of later frames that must agree with what is not certain
  * @param {() => FilmFrame} newest - gives the newest frame, another one after each `NEXT_FRAME`
- * @returns {import("../steps.js").Steps<Settled | null>} null where it is not sure
+ * @returns {import("../../link/code/steps.js").Steps<Settled | null>} null where it is not sure
  */
 export function* settleSteps(proposal, first, watched, confirming, newest) {
   const frames = [...watched];

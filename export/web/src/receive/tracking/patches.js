@@ -40,9 +40,22 @@ const THUMBNAIL_STEP = 4;
  * @typedef {{ corners: Point[], rectified: BytePlane, anew?: boolean }} Tracked
  */
 
+/**
+ * Finds a display, and follows it from frame to frame. `layout` is that of the display that was
+ * found last. `follow` takes the next frame, its time in seconds, and whether frames were missed, as
+ * happens where a camera does not wait; it gives the display, or null where it is not in view.
+ * `correct` moves the display within its rectified image, from the next frame on.
+ *
+ * @typedef {object} DisplayTracker
+ * @property {Layout} layout
+ * @property {(image: BytePlane, time: number, isLate?: boolean) => Tracked | null} follow
+ * @property {(HOldFromNew: Float64Array) => void} correct
+ */
+
 /** Finds a display by its ratex patches, and follows it as long as these are seen. */
 export class Tracker {
   #follower;
+  #frameMs;
   /** @type {ReturnType<typeof searchSteps> | null} */
   #search = null;
   /** Units of work of the search so far. */
@@ -55,24 +68,32 @@ export class Tracker {
   /** @type {Uint8Array | null} */
   #thumbnail = null;
 
-  /** @param {Layout} layout - with at least one ratex patch */
-  constructor(layout) {
+  /**
+   * @param {Layout} layout - with at least one ratex patch
+   * @param {number} [frameMs] - time, in milliseconds, after which a search begins no further step
+   *   with a frame, once frames were missed
+   */
+  constructor(layout, frameMs = Infinity) {
     if (layout.ratex.length === 0) {
       throw new InputError("a receiver needs ratex patches to find and follow the display");
     }
     this.layout = layout;
     this.#follower = new Follower(layout);
+    this.#frameMs = frameMs;
   }
+
+  /** Do nothing: the patches are seen in each frame, and say where the display lies. */
+  correct() {}
 
   /**
    * Find the display in the next frame.
    *
    * @param {BytePlane} image - gray; a search may keep it, so it must not change afterwards
-   * @param {number} [frameMs] - time, in milliseconds, after which a search begins no further step
-   *   with this frame, for a camera that does not wait
+   * @param {number} _time - of the frame; of no effect
+   * @param {boolean} [isLate] - whether frames were missed, so that the search must not take long
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image, frameMs = Infinity) {
+  follow(image, _time, isLate = false) {
     if (this.#follower.corners !== null) {
       const step = this.#follower.step(image);
       const found = step === null ? null : this.#accept(image, step.corners, step.fresh);
@@ -81,14 +102,14 @@ export class Tracker {
       this.#search = null;
       this.#vain = 0;
     }
-    return this.#look(image, frameMs);
+    return this.#look(image, isLate ? this.#frameMs : Infinity);
   }
 
   /**
    * Take some steps of a search, and begin one where none is under way.
    *
    * @param {BytePlane} image
-   * @param {number} frameMs - as `follow` takes it
+   * @param {number} frameMs - time, in milliseconds, after which no further step begins
    * @returns {Tracked | null}
    */
   #look(image, frameMs) {
@@ -123,7 +144,7 @@ export class Tracker {
    *
    * @param {number} limit - units of work after which it takes no further step
    * @param {number} start - when the work on the frame began, milliseconds
-   * @param {number} frameMs - as `follow` takes it
+   * @param {number} frameMs - time, in milliseconds, after which no further step begins
    * @returns {import("../../locate/candidates.js").Located | null} null where the search goes on, or
    *   has found nothing
    */
