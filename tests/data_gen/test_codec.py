@@ -276,27 +276,3 @@ def test_the_command_writes_a_film_with_times(tmp_path: Path, command: Command) 
     ]
     for image, frame in zip(images, read_video(tmp_path / "a.mp4"), strict=True):
         assert np.array_equal(image, frame)
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--out", "x.webm"), "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov"),
-        (("--out", "x.avi", "--codec.name", "h264"), "--out: need a folder, or a file of"),
-        (("--out", "x.mp4", "--codec.kbits", "1"), "--codec.kbits: need 50 to 500000 kbit/s"),
-        (("--out", "x.mp4", "--codec.profile", "best"), "--codec.profile: need high, main"),
-        (("--out", "x.mp4", "--size", "161", "96"), "h264: need an even width and height, got 161"),
-    ],
-)
-def test_the_command_refuses_a_codec_that_cannot_be(
-    flags: tuple[str, ...],
-    says: str,
-    command: Command,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = command(main, "--message", "hi", "--seconds", "0.1", *flags)
-    assert done.status == 2
-    assert done.stderr.splitlines()[-1].startswith(f"error: {says}"), done.stderr
-    assert not list(tmp_path.iterdir())

@@ -371,28 +371,3 @@ def test_a_video_file_holds_the_same_frames(tmp_path: Path, command: Command) ->
         for path in (tmp_path / "a" / "truth.jsonl", tmp_path / "a.jsonl")
     ]
     assert truths[0] == truths[1]
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--out", "x.txt"), "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov that"),
-        (("--out", "x", "--seconds", "0"), "--seconds: need more than 0"),
-        (("--out", "x", "--pair", "canon"), "unknown pair"),
-        (("--out", "x", "--coverage", "2"), "--coverage: need a share"),
-        (("--out", "x", "--fps", "0"), "--fps: need 0.1 to 1000 a second, got 0"),
-        (("--out", "x", "--without", "perspective"), "a scene needs perspective"),
-    ],
-)
-def test_the_command_says_what_is_wrong(
-    flags: tuple[str, ...],
-    says: str,
-    command: Command,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = command(main, "--message", "hi", *flags)
-    assert done.status == 2
-    assert says in done.stderr
-    assert not list(tmp_path.iterdir())
