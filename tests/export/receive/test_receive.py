@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Command, slow
 from numpy.typing import NDArray
-from streams import Stream, states_of
+from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 from export.receive.reader import PAIRS_A_FRAME
@@ -147,11 +147,8 @@ def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
     for message, loops in shown:
         states += loops * states_of(message, LAYOUT, np.random.default_rng(5))
     seconds = len(states) / Stream().state_hz
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))
-    for _, image, _ in Stream(phase=0).frames(states, seconds, np.random.default_rng(2)):
-        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    writer.release()
-    return path
+    film = Stream(phase=0).frames(states, seconds, np.random.default_rng(2))
+    return write_film(path, (image for _, image, _ in film))
 
 
 @pytest.mark.slow
@@ -289,11 +286,8 @@ def test_command_reads_two_images_in_either_order(
 
 @pytest.mark.slow
 def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
-    path = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))
-    for _, image, _ in Stream().frames(states, 3, np.random.default_rng(2)):
-        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    writer.release()
+    film = Stream().frames(states, 3, np.random.default_rng(2))
+    path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
     done = receive(path)
     assert done.returncode == 0, done.stderr
     assert events(done)[-1]["message"] == TEXT.decode()
