@@ -184,6 +184,17 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
     return run
 
 
+def refusal(call: Callable[[], object]) -> str:
+    """What the `InputError` says that a call must raise: one line."""
+    from link.errors import InputError
+
+    with pytest.raises(InputError) as error:
+        call()
+    said = str(error.value)
+    assert said and "\n" not in said
+    return said
+
+
 def files_in(folder: Path) -> dict[Path, bytes]:
     """Content of every file of a folder, hidden ones included."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}

@@ -1,5 +1,6 @@
 """Mutated images, videos and models: one clear line, or the right message; no crash, no hang."""
 
+import functools
 import json
 import random
 import subprocess
@@ -176,6 +177,18 @@ def mirrored(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.u
     return np.ascontiguousarray(image[:, ::-1])
 
 
+@functools.cache
+def decoder() -> Decoder:
+    return Decoder(MODEL)
+
+
+@functools.cache
+def frames_of_a_film() -> list[NDArray[np.uint8]]:
+    rng = np.random.default_rng(0)
+    film = Stream(size=(320, 240)).frames(states_of(TEXT, LAYOUT, rng), 0.5, rng)
+    return [image for _, image, _ in film]
+
+
 CHANGES: list[Callable[..., NDArray[np.uint8]]] = [noise, shuffled, cut, flat, mirrored]
 
 
@@ -184,9 +197,7 @@ CHANGES: list[Callable[..., NDArray[np.uint8]]] = [noise, shuffled, cut, flat, m
 @given(st.integers(0, 2**32 - 1))
 def test_frames_of_any_content_and_size_in_any_order(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    states = states_of(TEXT, LAYOUT, np.random.default_rng(0))
-    receiver = Receiver(Decoder(MODEL))
-    images = [image for _, image, _ in Stream(size=(320, 240)).frames(states, 0.5, rng)]
+    receiver, images = Receiver(decoder()), frames_of_a_film()
     for number in rng.integers(0, len(images), 12):
         image = images[number]
         if rng.random() < 0.6:

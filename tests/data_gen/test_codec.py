@@ -173,28 +173,6 @@ def test_the_same_film_gives_the_same_bits() -> None:
     assert [frame.rgb.tobytes() for frame in one] == [frame.rgb.tobytes() for frame in other]
 
 
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"name": "vp9"}, "codec.name: need none, h264, hevc, got 'vp9'"),
-        ({"kbits": 0.0}, "codec.kbits: need 50 to 500000 kbit/s, got 0"),
-        ({"kbits": float("nan")}, "codec.kbits"),
-        ({"gop_s": 0.0}, "codec.gop_s: need 0.03 to 60 seconds"),
-        ({"b_frames": 5}, "codec.b_frames: need 0 to 4 frames"),
-        ({"preset": "hasty"}, "codec.preset: need one of ultrafast, "),
-        ({"profile": "extended"}, "codec.profile: need high, main, baseline for h264"),
-        ({"name": "hevc", "profile": "high"}, "codec.profile: need main for hevc"),
-        ({"name": "none", "profile": "high"}, "codec.profile: need a codec's name"),
-        ({"profile": "baseline", "b_frames": 1}, "codec.b_frames: need 0 in profile baseline"),
-    ],
-)
-def test_wrong_settings_of_a_codec_are_refused(wrong: dict[str, object], says: str) -> None:
-    settings = replace(FINE, **wrong)  # type: ignore[arg-type]
-    with pytest.raises(InputError) as error:
-        list(through_codec(drifting(), settings, FPS))
-    assert str(error.value).startswith(says)
-
-
 def test_what_a_codec_cannot_hold_is_refused(tmp_path: Path) -> None:
     odd = [replace(frame, rgb=frame.rgb[:95]) for frame in drifting()]
     with pytest.raises(InputError, match="need an even width and height, got 160x95"):

@@ -24,7 +24,6 @@ from data_gen.film.stream import VideoFrame, VideoSettings, film
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.video import main
-from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.images import read_image
 from link.images.video import read_video
@@ -311,32 +310,6 @@ def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
     assert frames[-1].number == 39
     assert asked == sorted(set(asked))
     assert max(asked) >= 39
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"fps": 0.0}, "fps: need 0.1 to 1000"),
-        ({"state_hz": float("nan")}, "state_hz"),
-        ({"clock_error": 0.5}, "clock_error"),
-        ({"hand": float("nan")}, "hand: need 0 to 100"),
-        ({"start_s": float("nan")}, "start_s"),
-        ({"jumps_hz": -1.0}, "jumps_hz: need 0 to 1000 a second"),
-        ({"scan_s": float("nan")}, "scan_s: need 0 to 1 seconds"),
-        ({"drop": 1.0}, "drop: need a probability"),
-        ({"duplicate": -0.1}, "duplicate"),
-        ({"passer_s": (2.0, 1.0)}, "passer_s: the end must come after the start"),
-        ({"away_s": (1.0, 1.0)}, "away_s"),
-    ],
-)
-def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        VideoSettings(**wrong).check()  # type: ignore[arg-type]
-
-
-def test_no_state_is_refused() -> None:
-    with pytest.raises(InputError, match="states: a display needs at least one state"):
-        stream(STEADY, ())
 
 
 SHORT = ("--message", "hi", "--seconds", "0.2", "--size", "160", "96", "--width", "128")
