@@ -1,10 +1,11 @@
 """What several tests need, made once a session, and one thread for each worker of pytest-xdist."""
 
 import gc
+import importlib
 import os
 import shutil
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -165,20 +166,74 @@ Command = Callable[..., Finished]
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
     """Run a script's ``main`` in this process, as its last two lines do."""
 
     from link.cli import run_cli
 
     def run(main: Callable[[], None], *arguments: object) -> Finished:
         monkeypatch.setattr(sys, "argv", ["program", *map(str, arguments)])
-        capsys.readouterr()
+        capfd.readouterr()
         status = 0
         try:
             run_cli(main)
         except SystemExit as end:
             status = int(end.code or 0)
-        return Finished(status, *capsys.readouterr())
+        return Finished(status, *capfd.readouterr())
+
+    return run
+
+
+def refusal(call: Callable[[], object]) -> str:
+    """What the `InputError` says that a call must raise: one line."""
+    from link.errors import InputError
+
+    with pytest.raises(InputError) as error:
+        call()
+    said = str(error.value)
+    assert said and "\n" not in said
+    return said
+
+
+def files_in(folder: Path) -> dict[Path, bytes]:
+    """Content of every file of a folder, hidden ones included."""
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+Refuses = Callable[..., str]
+
+
+@pytest.fixture
+def refuses(command: Command) -> Refuses:
+    """Run a command that must refuse what it is given, and return the line that it says.
+
+    Called with the command's module, the words of its command line, as a text or one by one, and
+    what the line must say. The exit status must be 2, stderr must hold one line and stdout
+    nothing, and all files of ``folder``, by default the current one, must be as before. Where work
+    ``began`` before the refusal, there may be other output before the line.
+    """
+
+    def run(
+        module: str,
+        words: str | Sequence[object],
+        *says: str,
+        began: bool = False,
+        folder: Path | None = None,
+    ) -> str:
+        folder = folder or Path.cwd()
+        before = files_in(folder)
+        main = importlib.import_module(module).main
+        done = command(main, *(words.split() if isinstance(words, str) else words))
+        assert done.status == 2, done.stderr
+        assert "Traceback" not in done.stderr
+        line = done.stderr.splitlines()[-1]
+        if not began:
+            assert (done.stderr, done.stdout) == (f"{line}\n", "")
+        assert line.startswith("error: ")
+        for part in says:
+            assert part in line
+        assert files_in(folder) == before
+        return line
 
     return run
 

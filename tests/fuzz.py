@@ -4,10 +4,10 @@ Each case is one command on one mutated input: a manifest, a stored run, a model
 a layout, a key, a folder of train.py, values of --set, or a command line. It runs in a process of
 its own, forked from one that has all modules loaded. A case fails where it prints a traceback, dies
 of a signal, takes more than 10 seconds of processor time, does not end within a minute, takes more
-than 2 GB, or ends with an error that is not told. A case that takes too long is run once more, and
-fails where it does so again: a machine that others use is slow at times. Prints what failed, with
-its command, and counts by kind; inputs of failed cases stay in --out. Exit status 1 where a case
-failed.
+than 2 GB, ends with an error that is not told, or receives a message that nobody sent. A case that
+takes too long is run once more, and fails where it does so again: a machine that others use is slow
+at times. Prints what failed, with its command, and counts by kind; inputs of failed cases stay in
+--out. Exit status 1 where a case failed.
 
 Needs Linux, and the test dependencies (onnx to change the metadata of models).
 """
@@ -19,12 +19,10 @@ import os
 import random
 import resource
 import shutil
-import signal
 import string
 import sys
 import tempfile
 import time
-import traceback
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -37,28 +35,31 @@ import onnx
 
 from data_gen.pairs import get_pair
 from link.captures import MANIFEST, save_captures
-from link.cli import run_cli
 from link.embed import embed
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import frame_corners
 from link.images import write_image
-from link.images.video import write_video
 from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.backends import one_thread
 from reports.engine.records import to_line, to_records
 from reports.evaluation.page import write_report
 from reports.run import Cost, RunFolder, Story
+from tests.forked import Ended, run_forked
+from tests.streams import Stream, states_of, write_film
 
 MAX_S, MAX_BYTES, KILL_S = 10.0, 2 * 10**9, 60.0
 NO_FAILURES = ("cases", "refused", "repeated")
 STATUSES = (0, 1, 2, 130, 141)
 LAYOUT = make_layout()
 MODEL = PRETRAINED / "decoder.onnx"
+TEXT = "right"
+"""The message of all sound films."""
+RECEIVE = "export.receive.__main__"
 COMMANDS = (
     "evaluate", "train", "data_gen.__main__", "data_gen.video", "export.send.__main__",
-    "export.receive.__main__", "export.locate.__main__", "export.runtime", "export.parity",
+    RECEIVE, "export.locate.__main__", "export.runtime", "export.parity",
     "export.to_onnx",
 )  # fmt: skip
 NASTY: list[Any] = [
@@ -128,32 +129,30 @@ class Case:
     arguments: list[str]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """How a case ended."""
+def failures(ended: Ended) -> list[str]:
+    """What is wrong with the way in which a case ended, if anything."""
+    found = []
+    if "Traceback (most recent call last)" in ended.stderr:
+        found.append("traceback")
+    if ended.cpu_s > MAX_S or ended.seconds > KILL_S:
+        found.append("hang")
+    elif ended.status < 0:
+        found.append(f"signal {-ended.status}")
+    if ended.peak_bytes > MAX_BYTES:
+        found.append("memory")
+    if ended.status > 0 and not ended.stderr.strip():
+        found.append("silent")
+    if not received(ended) <= {TEXT}:
+        found.append("wrong message")
+    if not found and ended.status not in STATUSES:
+        found.append(f"status {ended.status}")
+    return found
 
-    status: int
-    seconds: float
-    peak_bytes: int
-    stderr: str
 
-    @property
-    def failures(self) -> list[str]:
-        """What is wrong with it, if anything."""
-        found = []
-        if "Traceback (most recent call last)" in self.stderr:
-            found.append("traceback")
-        if self.seconds > MAX_S:
-            found.append("hang")
-        elif self.status < 0:
-            found.append(f"signal {-self.status}")
-        if self.peak_bytes > MAX_BYTES:
-            found.append("memory")
-        if self.status > 0 and not self.stderr.strip():
-            found.append("silent")
-        if not found and self.status not in STATUSES:
-            found.append(f"status {self.status}")
-        return found
+def received(ended: Ended) -> set[str]:
+    """Messages that a receiver printed."""
+    lines = [line for line in ended.stdout.splitlines() if line.startswith('{"event": "message"')]
+    return {json.loads(line)["text"] for line in lines}
 
 
 def mutated_bytes(data: bytes, rng: random.Random) -> bytes:
@@ -255,7 +254,11 @@ class Inputs:
             write_image(self.good / f"photo{suffix}", frames[0])
         for name, frame in zip(("a.png", "b.png"), frames, strict=True):
             write_image(self.good / name, frame)
-        write_video(self.good / "film.avi", frames * 8, 30)
+        states = states_of(TEXT.encode(), LAYOUT, draws)
+        for number, state in enumerate(states):
+            write_image(self.good / "states" / f"{number:03d}.png", state)
+        film = Stream(size=(320, 240)).frames(states, 2, draws)
+        write_film(self.good / "film.avi", (image for _, image, _ in film))
         shown_twice = [cv2.copyMakeBorder(f, 40, 40, 60, 60, cv2.BORDER_CONSTANT) for f in
                        (pilots.original, pilots.embedded)]  # fmt: skip
         with_pilots = Captured(shown_twice[0], shown_twice[1], LAYOUTS[1], corners, corners)
@@ -338,8 +341,9 @@ class Inputs:
         images = [str(self.good / "a.png"), str(self.good / "b.png")]
         if self.rng.random() < 0.5:
             return Case("model", "export.runtime", [str(folder / "model.onnx"), *images])
-        flags = [*images, "--model", str(folder / "model.onnx")]
-        return Case("model", "export.receive.__main__", flags)
+        shown = self.rng.choice((images, [str(self.good / "states")]))
+        flags = [*shown, "--model", str(folder / "model.onnx")]
+        return Case("model", RECEIVE, flags)
 
     def image(self, folder: Path) -> Case:
         source = self.good / f"photo{self.rng.choice(('.png', '.jpg', '.bmp', '.tiff', '.webp'))}"
@@ -369,7 +373,7 @@ class Inputs:
         if self.rng.random() < 0.1:
             flags = [str(film), "--message", "hi", "--preset", "paper", "--out", "\udcff.mkv"]
             return Case("video", "export.send.__main__", flags)
-        return Case("video", "export.receive.__main__", [str(film)])
+        return Case("video", RECEIVE, [str(film)])
 
     def layout(self, folder: Path) -> Case:
         text = (self.good / f"layout{self.rng.randrange(len(LAYOUTS))}.json").read_text()
@@ -392,7 +396,7 @@ class Inputs:
             flags = [str(self.good / "a.png"), "--message", "hi", "--key", name]
             return Case("key", "export.send.__main__", [*flags, "--counter", word, "--out", "x"])
         flags = [str(self.good / "film.avi"), "--key", name, "--max-age", word]
-        return Case("key", "export.receive.__main__", flags)
+        return Case("key", RECEIVE, flags)
 
     def training(self, folder: Path) -> Case:
         """A folder of train.py: a training to go on with, a checkpoint to export or evaluate."""
@@ -453,48 +457,14 @@ class Inputs:
         return Case("command", module, words)
 
 
-def run_case(case: Case, folder: Path, main: Callable[[], None]) -> Outcome:
-    """Run a case in a forked process."""
-    stderr = folder / "stderr"
-    start = time.monotonic()
-    child = os.fork()
-    if not child:
-        _run_in_child(case, folder, stderr, main)
-    while True:
-        done, status, usage = os.wait4(child, os.WNOHANG)
-        if done:
-            break
-        if time.monotonic() - start > KILL_S:
-            os.kill(child, signal.SIGKILL)
-        time.sleep(0.002)
-    ended = time.monotonic() - start <= KILL_S
-    seconds = usage.ru_utime + usage.ru_stime if ended else KILL_S
-    said = stderr.read_text(errors="replace") if stderr.is_file() else ""
-    return Outcome(os.waitstatus_to_exitcode(status), seconds, usage.ru_maxrss * 1024, said)
+def run_case(case: Case, folder: Path, main: Callable[[], None]) -> Ended:
+    """Run a case in a forked process; a mutated --out is a name in its folder."""
 
-
-def _run_in_child(case: Case, folder: Path, stderr: Path, main: Callable[[], None]) -> None:
-    status = 99
-    try:
+    def prepare() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (2**30, 2**30))
-        os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        os.dup2(os.open(folder / "stdout", os.O_WRONLY | os.O_CREAT), 1)
-        os.dup2(os.open(stderr, os.O_WRONLY | os.O_CREAT), 2)
-        sys.argv = [case.module, *case.arguments]
-        os.chdir(folder)  # a mutated --out is a name there
         os.environ["JOBLIB_TEMP_FOLDER"] = str(folder)
-        run_cli(main)
-        status = 0
-    except SystemExit as ended:
-        status = ended.code if isinstance(ended.code, int) else 1
-        if isinstance(ended.code, str):
-            print(ended.code, file=sys.stderr)
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(status)
+
+    return run_forked(main, [case.module, *case.arguments], folder, folder, KILL_S, prepare)
 
 
 def stop_before_export(*_: object) -> None:
@@ -525,6 +495,11 @@ def main() -> None:
         begun = run_case(Case("training", "train", words), inputs.good, mains["train"])
         if not (inputs.good / "training" / "state.pt").is_file():
             sys.exit(f"the training to mutate could not be made: {begun.stderr}")
+        for shown in ("film.avi", "states"):
+            case = Case("video", RECEIVE, [str(inputs.good / shown)])
+            sound = run_case(case, inputs.good, mains[RECEIVE])
+            if received(sound) != {TEXT}:
+                sys.exit(f"{shown} to mutate is not read: {sound.stderr}")
         ends = time.monotonic() + 60 * config.minutes
         for number in range(config.cases):
             if time.monotonic() > ends:
@@ -533,23 +508,24 @@ def main() -> None:
             place.mkdir()
             case = getattr(inputs, config.kind)(place) if config.kind else inputs.case(place)
             before = set(place.iterdir())
-            outcome = run_case(case, place, mains[case.module])
-            if "hang" in outcome.failures:
+            ended = run_case(case, place, mains[case.module])
+            if "hang" in failures(ended):
                 for made in set(place.iterdir()) - before:
                     shutil.rmtree(made) if made.is_dir() else made.unlink()
                 counts[case.kind, "repeated"] += 1
-                outcome = run_case(case, place, mains[case.module])
+                ended = run_case(case, place, mains[case.module])
             counts[case.kind, "cases"] += 1
-            counts[case.kind, "refused"] += outcome.status == 2
-            slowest, largest = max(slowest, outcome.seconds), max(largest, outcome.peak_bytes)
-            for failure in outcome.failures:
+            counts[case.kind, "refused"] += ended.status == 2
+            slowest, largest = max(slowest, ended.cpu_s), max(largest, ended.peak_bytes)
+            wrong = failures(ended)
+            for failure in wrong:
                 counts[case.kind, failure] += 1
-            if outcome.failures or config.verbose:
-                last = outcome.stderr.strip().splitlines()[-1:]
-                print(number, case.kind, outcome.failures, f"{outcome.seconds:.1f} s", case.module,
+            if wrong or config.verbose:
+                last = ended.stderr.strip().splitlines()[-1:]
+                print(number, case.kind, wrong, f"{ended.cpu_s:.1f} s", case.module,
                       [word[:80] for word in case.arguments], *(line[:200] for line in last),
                       sep=" | ", flush=True)  # fmt: skip
-                if config.out is not None and outcome.failures:
+                if config.out is not None and wrong:
                     shutil.copytree(place, config.out / f"{config.seed}_{number}", symlinks=True)
             shutil.rmtree(place)
     failed = sum(count for (_, what), count in counts.items() if what not in NO_FAILURES)

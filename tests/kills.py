@@ -2,9 +2,10 @@
 
 Each command runs undisturbed first, twice. Then it is started again and again in an empty folder,
 and killed with all its processes (SIGKILL) at a moment drawn evenly from the time that it takes;
-every fourth time the run after that is killed, too. The same command then runs to its end. A case
-fails where that run is refused or fails, where a file differs from that of the undisturbed run, or
-where anything else is left, hidden files included.
+every fourth time the run after that is killed, too. Besides, it is killed just before some of its
+files get their names. The same command then runs to its end. A case fails where that run is
+refused or fails, where a file differs from that of the undisturbed run, or where anything else is
+left, hidden files included.
 
 An .mkv holds random identifiers, which FFmpeg draws, and check sums of them; these are left out.
 Two files of evaluate.py hold measured times, cost.json and run.json. They are compared without the
@@ -18,7 +19,6 @@ Prints a line of JSON for each command; exit status 1 where a case failed.
 """
 
 import argparse
-import contextlib
 import hashlib
 import importlib
 import json
@@ -29,18 +29,18 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
-import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from link.cli import run_cli
 from link.images import write_bytes
+from tests.forked import Ended, run_forked
 
 ROOT = Path(__file__).parents[1]
 GRID = "--rows 4 --cols 4 --width 256 --height 192"
+FILM = "--message hi --seconds 0.5 --size 160 120"
+SEND = "{root}/docs/overview.jpg --message hello --preset paper "
+SEND += "--rows 5 --cols 6 --ratex 2 --width 120 --height 80"
 COMMANDS = {
     "train": ("train", "--episodes 2 --rounds 3 --steps 2 --batch 4 --frames 1 --jobs 1"),
     "evaluate": (
@@ -49,14 +49,23 @@ COMMANDS = {
         "--sweeps ratex --quick --jobs 1",
     ),
     "data_gen": ("data_gen.__main__", f"--frames 6 {GRID}"),
-    "film_folder": ("data_gen.video", "--message hi --seconds 0.5 --size 160 120"),
-    "film_mkv": ("data_gen.video", "--message hi --seconds 0.5 --size 160 120"),
-    "send_player": ("export.send.__main__", "{root}/docs/overview.jpg --message hello"),
-    "send_mkv": ("export.send.__main__", "{root}/docs/overview.jpg --message hello"),
-    "send_folder": ("export.send.__main__", "{root}/docs/overview.jpg --message hello"),
+    "film_folder": ("data_gen.video", FILM),
+    "film_mkv": ("data_gen.video", FILM),
+    "send_player": ("export.send.__main__", SEND),
+    "send_mkv": ("export.send.__main__", SEND),
+    "send_folder": ("export.send.__main__", SEND),
 }
 """Module and flags of each command by a name whose end says the ending of its output."""
 ENDINGS = {"player": ".html", "mkv": ".mkv"}
+STOPS = {
+    "data_gen": ("00001_original.png", "manifest.jsonl"),
+    "film_folder": ("000002.png", "truth.jsonl"),
+    "film_mkv": ("out.jsonl",),
+    "send_player": ("out.html",),
+    "send_mkv": ("out.mkv",),
+    "send_folder": ("sent.json", "out"),
+}
+"""Files and folders of each command before which it is killed."""
 CACHE = "OORC_TRACED_GRAPHS"
 """Environment variable that names the folder of graphs that were traced before."""
 LIMIT_S = 300.0
@@ -68,15 +77,6 @@ TIMES: dict[str, Callable[[Any], Any]] = {
 """What is compared of the files that hold measured times."""
 RANDOM = re.compile(rb"(?s)\x73\xa4\x90.{16}|[\x73\x63]\xc5\x88.{8}|\xbf\x84.{4}")
 """Elements at the start of a Matroska file: SegmentUID, TrackUID, TagTrackUID, CRC-32."""
-
-
-@dataclass(frozen=True)
-class Ended:
-    """How a run ended: its status, negative for a signal, its time, and what it said."""
-
-    status: int
-    seconds: float
-    stderr: str
 
 
 class Place:
@@ -95,48 +95,15 @@ class Place:
         self.work.mkdir(parents=True)
         (self.folder / "tmp").mkdir()
 
-    def run(self, kill_s: float = LIMIT_S, words: list[str] | None = None) -> Ended:
-        """Run the command in a process group of its own, which is killed after some seconds."""
-        stderr, start = self.folder / "stderr", time.monotonic()
-        stderr.touch()
-        child = os.fork()
-        if not child:
-            self._run_in_child(stderr, words or self.words)
-        while True:
-            done, status = os.waitpid(child, os.WNOHANG)
-            if done:
-                break
-            if time.monotonic() - start >= kill_s:
-                with contextlib.suppress(ProcessLookupError):  # it has no group of its own yet
-                    os.killpg(child, signal.SIGKILL)
-                os.kill(child, signal.SIGKILL)
-                _, status = os.waitpid(child, 0)
-                break
-            time.sleep(0.001)
-        _kill_group(child)
-        seconds = time.monotonic() - start
-        return Ended(os.waitstatus_to_exitcode(status), seconds, stderr.read_text("utf-8"))
+    def run(self, kill_s: float = LIMIT_S, words: list[str] | None = None, stop: str = "") -> Ended:
+        """Run the command; it is killed after some seconds, or before ``stop`` gets its name."""
 
-    def _run_in_child(self, stderr: Path, words: list[str]) -> None:
-        status = 99
-        try:
-            os.setsid()
-            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-            os.dup2(os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), 2)
-            os.chdir(self.work)
+        def prepare() -> None:
             os.environ["TMPDIR"] = tempfile.tempdir = str(self.folder / "tmp")
-            sys.argv = words
-            run_cli(self.main)
-            status = 0
-        except SystemExit as ended:
-            status = ended.code if isinstance(ended.code, int) else 1
-        except BaseException:
-            traceback.print_exc()
-        finally:
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(status)
+            if stop:
+                die_before(stop)
+
+        return run_forked(self.main, words or self.words, self.work, self.folder, kill_s, prepare)
 
     def files(self) -> dict[str, Any]:
         """Content of every file, by its path; None for a folder, times left out."""
@@ -160,16 +127,16 @@ class Place:
             self.run(words=["evaluate", "--report", str(self.out)])
 
 
-def _kill_group(group: int) -> None:
-    """Kill what is left of a process group, and wait until it is gone."""
-    for _ in range(500):
-        try:
-            os.killpg(group, signal.SIGKILL)
-        except ProcessLookupError:
-            return
-        except PermissionError:  # nothing but processes that have ended
-            return
-        time.sleep(0.01)
+def die_before(name: str) -> None:
+    """Let this process kill itself just before a file or folder gets that name."""
+    rename = Path.replace
+
+    def replace(self: Path, target: str | Path) -> Path:
+        if Path(target).name == name:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return rename(self, target)
+
+    Path.replace = replace  # type: ignore[method-assign]
 
 
 def differences(expected: dict[str, Any], found: dict[str, Any]) -> list[str]:
@@ -227,16 +194,10 @@ def try_command(name: str, kills: int, rng: random.Random, folder: Path, out: Pa
     expected = undisturbed[0]
     failed = [f"undisturbed {line}" for line in differences(*undisturbed)]
     done = twice = ended_first = refused = compared = 0
-    for number in range(10 * kills):
-        if done >= kills:
-            break
-        place.empty()
-        moments = []
-        for _ in range(2 if number % 4 == 3 else 1):
-            moments.append(round(rng.uniform(0, seconds), 3))
-            killed = place.run(moments[-1]).status == -signal.SIGKILL
-            done, ended_first = done + killed, ended_first + (not killed)
-        twice += len(moments) - 1
+
+    def go_on(killed: str) -> None:
+        """Run to the end what was killed, and compare what is left then."""
+        nonlocal refused, compared
         left = sorted(place.files())
         ended = place.run()
         wrong = []
@@ -248,14 +209,34 @@ def try_command(name: str, kills: int, rng: random.Random, folder: Path, out: Pa
         wrong += differences(expected, place.files())
         compared += len(expected)
         if wrong:
-            failed += [f"killed at {moments} of {seconds:.2f} s: {line}" for line in wrong]
-            print(name, number, moments, *wrong, "left:", *left, sep="\n  ", flush=True)
+            failed.extend(f"killed {killed}: {line}" for line in wrong)
+            print(name, killed, *wrong, "left:", *left, sep="\n  ", flush=True)
             if out is not None:
-                shutil.copytree(place.work, out / f"{name}_{number}", symlinks=True)
-    print(json.dumps({"command": name, "seconds": round(seconds, 1), "kills": done,
-                      "twice_in_a_row": twice, "ended_before_the_kill": ended_first,
-                      "was_complete": refused, "files": len(expected),
-                      "files_compared": compared, "failures": failed}), flush=True)  # fmt: skip
+                shutil.copytree(place.work, out / f"{name}_{len(failed)}", symlinks=True)
+
+    for number in range(10 * kills):
+        if done >= kills:
+            break
+        place.empty()
+        moments = []
+        for _ in range(2 if number % 4 == 3 else 1):
+            moments.append(round(rng.uniform(0, seconds), 3))
+            killed = place.run(moments[-1]).status == -signal.SIGKILL
+            done, ended_first = done + killed, ended_first + (not killed)
+        twice += len(moments) - 1
+        go_on(f"at {moments} of {seconds:.2f} s")
+    stops = STOPS.get(name, ())
+    for stop in stops:
+        place.empty()
+        if place.run(stop=stop).status != -signal.SIGKILL:
+            failed.append(f"never made {stop}")
+        if not any(path.endswith("lock") for path in place.files()):
+            failed.append(f"no lock at {stop}")
+        go_on(f"before {stop}")
+    counts = {"command": name, "seconds": round(seconds, 1), "kills": done, "stops": len(stops)}
+    counts |= {"twice_in_a_row": twice, "ended_before_the_kill": ended_first}
+    counts |= {"was_complete": refused, "files": len(expected), "files_compared": compared}
+    print(json.dumps(counts | {"failures": failed}), flush=True)
     return not failed
 
 

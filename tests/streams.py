@@ -1,7 +1,11 @@
-"""A small camera stream with exact timing: rows, shutter and clock; no noise model but Gaussian."""
+"""A small camera stream with exact timing: rows, shutter and clock; no noise model but Gaussian.
 
-from collections.abc import Iterator
+And films of any images in files.
+"""
+
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -72,3 +76,20 @@ class Stream:
             encoded = 235 * np.clip(image, 0, 1) ** (1 / 2.2)
             encoded += self.noise * rng.standard_normal(encoded.shape)
             yield time, np.clip(encoded + 0.5, 0, 255).astype(np.uint8), corners
+
+
+def write_film(
+    path: Path, images: Iterable[NDArray[np.uint8]], fps: float = 30.0, codec: str = "MJPG"
+) -> Path:
+    """A film of gray or RGB images in a file, by a codec that OpenCV writes."""
+    writer = None
+    for image in images:
+        height, width = image.shape[:2]
+        writer = writer or cv2.VideoWriter(
+            str(path), cv2.VideoWriter.fourcc(*codec), fps, (width, height)
+        )
+        order = cv2.COLOR_GRAY2BGR if image.ndim == 2 else cv2.COLOR_RGB2BGR
+        writer.write(cv2.cvtColor(image, order))
+    assert writer is not None
+    writer.release()
+    return path

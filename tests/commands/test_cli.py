@@ -1,4 +1,4 @@
-"""Commands as a user runs them: good input gives results, bad input gives one line."""
+"""Commands as a user runs them: good input gives results. What is refused is in test_refusals."""
 
 import json
 import subprocess
@@ -10,64 +10,36 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, Finished, MakeOnce, slow
+from conftest import ROOT, Command, MakeOnce, Refuses
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
-import export.parity as parity_cli
 import export.runtime as runtime_cli
-import export.to_onnx as to_onnx_cli
-import train
-from data_gen.pairs import PAIRS
 from export.runtime import Decoder
 from link.captures import MANIFEST, load_capture, read_manifest
 from link.frames import Captured
 from link.images import write_image
 from models import DECODERS, PRETRAINED
 
-
-def shell(*arguments: object) -> Finished:
-    done = subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return Finished(done.returncode, done.stdout, done.stderr)
-
-
-def refused(finished: Finished, *parts: str) -> None:
-    """Exactly one line, "error: ...", that holds the parts; status 2; nothing on stdout."""
-    lines = finished.stderr.splitlines()
-    assert finished.status == 2
-    assert len(lines) == 1, finished.stderr
-    assert lines[0].startswith("error: ")
-    for part in parts:
-        assert part in lines[0]
-    assert finished.stdout == ""
-
-
-def refused_late(finished: Finished, *parts: str) -> None:
-    """As `refused`, but a progress bar may stand before the line."""
-    refused(Finished(finished.status, "", finished.stderr.splitlines()[-1]), *parts)
-    assert "Traceback" not in finished.stderr
+FILES = [PRETRAINED / "decoder.onnx", "o.png", "e.png"]
+"""A decoder and a frame pair of the fixture `images`."""
 
 
 @pytest.fixture(scope="module")
 def images(captured: Captured, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A captured pair (o.png, e.png), the same rectified (ro.png, re.png), and bad files."""
+    """A captured pair (o.png, e.png), and the same rectified (ro.png, re.png)."""
     folder = tmp_path_factory.mktemp("images")
     pair = captured.rectified()
     write_image(folder / "o.png", captured.original)
     write_image(folder / "e.png", captured.embedded)
     write_image(folder / "ro.png", pair.original)
     write_image(folder / "re.png", pair.embedded)
-    write_image(folder / "one.png", np.zeros((1, 1, 3), np.uint8))
-    write_image(folder / "narrow.png", captured.embedded[:, :-100])
-    (folder / "text.png").write_text("this is not an image\n")
-    (folder / "empty.png").write_bytes(b"")
     return folder
+
+
+@pytest.fixture
+def in_images(images: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(images)
 
 
 @pytest.fixture(scope="module")
@@ -110,96 +82,48 @@ def test_runtime_prints_bits_and_scores_of_rectified_images(
 
 
 def test_runtime_decodes_captured_images_with_corners(images: Path, captured: Captured) -> None:
-    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
-    done = shell("-m", "export.runtime", *files, "--corners", *points(captured.corners))
-    assert (done.status, done.stderr) == (0, "")
+    """In a process of its own."""
+    line = [sys.executable, "-m", "export.runtime", FILES[0], images / "o.png", images / "e.png"]
+    line += ["--corners", *points(captured.corners)]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
     assert captured.bits is not None
     assert np.mean(np.array(json.loads(done.stdout)["bits"]) == captured.bits) > 0.8
 
 
 def test_the_corners_of_the_embedded_image_count(
-    images: Path, captured: Captured, command: Command
+    in_images: None, captured: Captured, command: Command
 ) -> None:
-    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
     corners = points(captured.corners)
     moved = points(captured.corners + np.array([9.0, 5.0]))
     scores = [
-        json.loads(command(runtime_cli.main, *files, "--corners", *corners, *more).stdout)["scores"]
+        json.loads(command(runtime_cli.main, *FILES, "--corners", *corners, *more).stdout)["scores"]
         for more in ((), ("--corners-embedded", *corners), ("--corners-embedded", *moved))
     ]
     assert scores[0] == scores[1] != scores[2]
 
 
-def test_corners_at_the_edge_of_the_image_can_be_given(images: Path, command: Command) -> None:
-    files = PRETRAINED / "decoder.onnx", images / "ro.png", images / "re.png"
+def test_corners_at_the_edge_of_the_image_can_be_given(in_images: None, command: Command) -> None:
     whole = ("-0.5,-0.5", "511.5,-0.5", "511.5,383.5", "-0.5,383.5")
-    done = command(runtime_cli.main, *files, "--corners", *whole)
+    done = command(runtime_cli.main, FILES[0], "ro.png", "re.png", "--corners", *whole)
     assert (done.status, done.stderr) == (0, "")
 
 
-def test_corners_that_show_no_ratex_are_refused(
-    images: Path, command: Command, captured: Captured
+def test_corners_that_do_not_fit_are_refused(
+    in_images: None, captured: Captured, refuses: Refuses
 ) -> None:
-    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
-    refused(command(runtime_cli.main, *files), "no ratex patches")
     turned = points(np.roll(captured.corners, 2, axis=0))
-    refused(command(runtime_cli.main, *files, "--corners", *turned), "no ratex patches")
+    refuses("export.runtime", [*FILES, "--corners", *turned], "no ratex patches")
+    alone = ["--corners-embedded", *points(captured.corners)]
+    refuses("export.runtime", [*FILES, *alone], "--corners")
 
 
-def test_corners_of_the_embedded_image_alone_are_refused(
-    images: Path, captured: Captured, command: Command
+def test_runtime_refuses_a_truncated_model(
+    in_images: None, tmp_path: Path, refuses: Refuses
 ) -> None:
-    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
-    corners = points(captured.corners)
-    refused(command(runtime_cli.main, *files, "--corners-embedded", *corners), "--corners")
-
-
-@pytest.mark.parametrize(
-    ("original", "embedded", "parts"),
-    [
-        ("none.png", "e.png", ["none.png: no such image file"]),
-        ("o.png", "none.png", ["none.png: no such image file"]),
-        ("text.png", "e.png", ["text.png: not a readable image"]),
-        ("o.png", "empty.png", ["empty.png: not a readable image"]),
-        ("one.png", "one.png", ["one.png: image is 1x1"]),
-        ("o.png", "narrow.png", ["original is 768x576 and embedded is 668x576"]),
-    ],
-)
-def test_runtime_refuses_bad_images(
-    original: str,
-    embedded: str,
-    parts: list[str],
-    images: Path,
-    command: Command,
-) -> None:
-    files = PRETRAINED / "decoder.onnx", images / original, images / embedded
-    refused(command(runtime_cli.main, *files), *parts)
-
-
-@pytest.mark.parametrize(
-    ("corners", "part"),
-    [
-        ("10,10 900,10 700,500 10,500", "(900, 10) lies outside the 768x576 image"),
-        ("10,10 700,10 700,500 10,5e9", "lies outside the 768x576 image"),
-        ("10,10 700,10 700,500 10", "--corners: need four points x,y"),
-        ("10,10 700,10 700,500 10,a", "--corners: need four points x,y"),
-        ("10,10 700,10 700,500 10,20,30", "--corners: need four points x,y"),
-        ("10,10 700,10 700,500 10,nan", "four finite points"),
-        ("10,10 10,500 700,500 700,10", "not a convex quadrilateral"),
-    ],
-)
-def test_runtime_refuses_bad_corners(
-    corners: str, part: str, images: Path, command: Command
-) -> None:
-    files = PRETRAINED / "decoder.onnx", images / "o.png", images / "e.png"
-    refused(command(runtime_cli.main, *files, "--corners", *corners.split()), part)
-
-
-def test_runtime_refuses_a_truncated_model(images: Path, tmp_path: Path, command: Command) -> None:
-    whole = (PRETRAINED / "decoder.onnx").read_bytes()
-    (tmp_path / "cut.onnx").write_bytes(whole[: len(whole) // 3])
-    files = tmp_path / "cut.onnx", images / "o.png", images / "e.png"
-    refused(command(runtime_cli.main, *files), "cut.onnx: not a readable ONNX model")
+    (tmp_path / "cut.onnx").write_bytes(FILES[0].read_bytes()[:30_000])
+    said = "cut.onnx: not a readable ONNX model"
+    refuses("export.runtime", [tmp_path / "cut.onnx", *FILES[1:]], said)
 
 
 # python -m data_gen, then evaluate.py --captures
@@ -242,7 +166,7 @@ def test_evaluate_decodes_captures_with_every_method(
 
 @pytest.mark.slow
 def test_evaluate_says_which_methods_hidden_captures_leave_out(
-    tmp_path: Path, command: Command
+    tmp_path: Path, command: Command, refuses: Refuses
 ) -> None:
     folder, out = tmp_path / "captures", tmp_path / "out"
     assert command(data_gen_cli.main, "--out", folder, "--frames", 1, "--hidden").status == 0
@@ -252,180 +176,21 @@ def test_evaluate_says_which_methods_hidden_captures_leave_out(
     assert "oorc: left out of 1 of 1, it trains on ratex patches" in done.stdout
     rows = json.loads((out / "metrics.json").read_text())["rows"]
     assert [row["method"] for row in rows] == ["hidden_ratex"]
-    alone = ("--captures", folder, "--out", tmp_path / "none", "--methods", "oorc")
-    refused_late(command(evaluate.main, *alone), f"{folder}: no method fits")
+    alone = ["--captures", folder, "--out", tmp_path / "none", "--methods", "oorc"]
+    refuses("evaluate", alone, f"{folder}: no method fits", began=True, folder=folder)
 
 
-def test_data_gen_does_not_write_into_other_captures(captures: Path, command: Command) -> None:
-    before = (captures / MANIFEST).read_bytes()
-    done = command(data_gen_cli.main, "--out", captures, "--frames", 1)
-    refused(done, "--out", "already holds captures")
-    assert (captures / MANIFEST).read_bytes() == before
-
-
-# Bad flags
-
-
-@pytest.mark.parametrize("script", [train, data_gen_cli], ids=["train", "data_gen"])
-def test_a_wrong_pair_is_refused_with_the_valid_names(
-    script: object, tmp_path: Path, command: Command
-) -> None:
-    done = command(script.main, "--pair", "canon-dell", "--out", tmp_path)  # type: ignore[attr-defined]
-    refused(done, "'canon-dell'", *PAIRS)
-
-
-def test_evaluate_refuses_a_wrong_pair_with_the_valid_names(
-    tmp_path: Path, command: Command
-) -> None:
-    refused(command(evaluate.main, "--pairs", "canon-dell", "--out", tmp_path), *PAIRS)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        slow(("train.py", "--pair", "canon-dell")),
-        ("-m", "data_gen", "--out", "/nowhere/at/all", "--frames", "0"),
-    ],
-)
-def test_a_refusal_in_a_process_of_its_own(arguments: tuple[str, ...]) -> None:
-    refused(shell(*arguments))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("--kappa 0", "--kappa: need 1 to 64"),
-        ("--kappa 65", "--kappa: need 1 to 64"),
-        ("--frames 0", "--frames: need at least 1"),
-        ("--view 89", "--view: need an angle within ±75 degrees"),
-        ("--view -89", "--view: need an angle within ±75 degrees"),
-        ("--ratex 4", "--ratex: choose"),
-        ("--rows 0", "--rows: need at least 1, got 0"),
-        ("--without rain", "effect 'rain'; choose one of: perspective"),
-        ("--set jpeg_quality=200", "jpeg_quality must lie in [0, 100]"),
-        ("--set blur_px=true", "blur_px: need a number, such as"),
-        ("--set bayer=2", "bayer: need true or false, such as"),
-        ("--set gamma=[true,2,2]", "gamma must be 3 numbers"),
-        ("--width 20", "need a frame of at least"),
-    ],
-)
-def test_data_gen_refuses_bad_flags(
-    arguments: str, part: str, tmp_path: Path, command: Command
-) -> None:
-    done = command(data_gen_cli.main, "--out", tmp_path / "out", *arguments.split())
-    refused(done, part)
-    assert not (tmp_path / "out" / MANIFEST).exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("--split dev", "train, test"),
-        ("--pyramid-level 9", "--pyramid-level"),
-        ("--pictures nowhere", "nowhere: no such folder"),
-        ("--seed -1", "--seed"),
-    ],
-)
-def test_data_gen_refuses_what_it_finds_on_the_way(
-    arguments: str, part: str, tmp_path: Path, command: Command
-) -> None:
-    done = command(data_gen_cli.main, "--out", tmp_path / "out", *arguments.split())
-    refused_late(done, part)
-    assert not (tmp_path / "out" / MANIFEST).exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("--methods oorc magic", "naive, two_step, oorc, hidden_ratex, blind, phi, learned, cnn"),
-        ("--kappas 5 0", "--kappas: need 1 to 64"),
-        ("--frames 0", "--frames: need at least 1"),
-        ("--jobs 0", "--jobs: need at least 1"),
-        ("--views 0 89", "--view"),
-        ("--views 45 45", "--views: name at least one, and none twice"),
-        ("--ratex 4", "--ratex"),
-        ("--captures nowhere", "manifest.jsonl"),
-        ("--protocol papr", "protocol 'papr'; choose one of: fair, paper"),
-        ("--without rain", "effect 'rain'; choose one of: perspective"),
-        ("--set drift", "--set: need name=value"),
-        ("--set wind=1", "unknown parameter 'wind'"),
-        ("--set drift=2", "drift must lie in [0, 0.5]"),
-    ],
-)
-def test_evaluate_refuses_bad_flags(
-    arguments: str, part: str, tmp_path: Path, command: Command
-) -> None:
-    small = ("--pairs", "canon-lg") if "--captures" not in arguments else ()
-    jobs = ("--jobs", 1) if "--jobs" not in arguments else ()
-    frames = ("--frames", 1) if "--frames" not in arguments else ()
-    done = command(evaluate.main, "--out", tmp_path, *small, *jobs, *frames, *arguments.split())
-    refused(done, part)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("--run nowhere", "nowhere"),
-        ("--pictures nowhere", "nowhere: no such folder"),
-        ("--seed -1", "--seed"),
-    ],
-)
-def test_evaluate_refuses_what_it_finds_on_the_way(
-    arguments: str, part: str, tmp_path: Path, command: Command
-) -> None:
-    small = ("--pairs", "canon-lg", "--frames", 1, "--jobs", 1)
-    done = command(evaluate.main, "--out", tmp_path, *small, *arguments.split())
-    refused_late(done, part)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        ("--frames 0", "--frames"),
-        ("--episodes 0", "--episodes"),
-        ("--kappas 0 65", "--kappa"),
-        ("--max-view 400", "--max-view"),
-        ("--seed -1", "--seed"),
-    ],
-)
-def test_train_refuses_bad_flags(
-    arguments: str, part: str, tmp_path: Path, command: Command
-) -> None:
-    small = ("--episodes", 6, "--rounds", 1, "--steps", 1, "--jobs", 1)
-    done = command(train.main, "--out", tmp_path, *small, *arguments.split())
-    refused_late(done, part)
-
-
-@pytest.mark.parametrize("script", [to_onnx_cli, parity_cli], ids=["to_onnx", "parity"])
-def test_export_refuses_a_folder_without_a_checkpoint(
-    script: object, tmp_path: Path, command: Command
-) -> None:
-    done = command(script.main, tmp_path)  # type: ignore[attr-defined]
-    refused(done, "config.json: not found; train first")
+def test_data_gen_does_not_write_into_other_captures(captures: Path, refuses: Refuses) -> None:
+    words = ["--out", captures, "--frames", 1]
+    refuses("data_gen.__main__", words, "--out", "already holds captures", folder=captures)
 
 
 # Bad captures and folders
 
 
-def test_evaluate_refuses_a_folder_without_a_manifest(tmp_path: Path, command: Command) -> None:
-    done = command(evaluate.main, "--captures", tmp_path, "--out", tmp_path / "out")
-    refused(done, "manifest.jsonl: not found")
-
-
-@pytest.mark.parametrize("line", ["5", "null", "[[1]]", '"text"', "{}", "{", ""])
-def test_evaluate_refuses_a_manifest_that_lists_no_frame_pair(
-    line: str, tmp_path: Path, command: Command
-) -> None:
-    (tmp_path / MANIFEST).write_text(line + "\n")
-    done = command(
-        evaluate.main, "--captures", tmp_path, "--out", tmp_path / "out", "--methods", "naive"
-    )
-    refused(done, MANIFEST)
-
-
 def changed(captures: Path, folder: Path, **changes: object) -> Path:
     """A copy of the captures whose first entry has other fields."""
+    folder.mkdir()
     for file in captures.iterdir():
         (folder / file.name).write_bytes(file.read_bytes())
     entries = [{**entry, **changes} for entry in read_manifest(captures)]
@@ -439,36 +204,28 @@ LAYOUT = {"rows": 8, "cols": 8, "width": 512, "height": 384}
 @pytest.mark.parametrize(
     ("changes", "part"),
     [
-        ({"original": "none.png"}, "none.png: no such image file"),
         ({"original": "00000_embedded.png"}, "differs from the manifest's sha256"),
-        ({"corners": [[0, 0], [1, 1]]}, "corners: need four"),
-        ({"corners": "here"}, "corners: need four"),
-        ({"bits": [2] * 59}, "bits: need a list of 0, 1 or null"),
         ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
-        ({"kappa": 0}, "kappa must be a whole number from 1 to 64"),
         ({"layout": {"rows": 8}}, "layout: need the keys"),
         ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "line 1, layout.ratex"),
     ],
 )
 def test_evaluate_refuses_captures_with_a_wrong_field(
-    changes: dict[str, object], part: str, captures: Path, tmp_path: Path, command: Command
+    changes: dict[str, object], part: str, captures: Path, tmp_path: Path, refuses: Refuses
 ) -> None:
-    folder = changed(captures, tmp_path, **changes)
-    done = command(
-        evaluate.main, "--captures", folder, "--out", tmp_path / "out", "--methods", "naive"
-    )
-    refused_late(done, part)
+    folder = changed(captures, tmp_path / "in", **changes)
+    words = ["--captures", folder, "--out", tmp_path / "out", "--methods", "naive"]
+    refuses("evaluate", words, part, began=True, folder=folder)
 
 
-def test_evaluate_refuses_a_folder_with_another_run(tmp_path: Path, command: Command) -> None:
-    small = ("--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--methods", "naive", "--jobs", 1)
-    small += ("--no-html",)
-    assert command(evaluate.main, "--out", tmp_path, *small, "--frames", 1).status == 0
-    before = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
-    done = command(evaluate.main, "--out", tmp_path, *small, "--frames", 2)
-    refused(done, "--out", "holds a run with other settings")
-    after = {file: file.read_bytes() for file in tmp_path.rglob("*") if file.is_file()}
-    assert before == after
+def test_evaluate_refuses_a_folder_with_another_run(
+    tmp_path: Path, command: Command, refuses: Refuses
+) -> None:
+    small = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--methods", "naive", "--jobs", 1]
+    small += ["--no-html", "--out", tmp_path]
+    assert command(evaluate.main, *small, "--frames", 1).status == 0
+    said = "--out", "holds a run with other settings"
+    refuses("evaluate", [*small, "--frames", 2], *said, folder=tmp_path)
 
 
 def test_a_refused_run_does_not_occupy_its_folder(
@@ -479,12 +236,6 @@ def test_a_refused_run_does_not_occupy_its_folder(
     flags = ("--methods", "naive", "--no-html")
     done = command(evaluate.main, "--captures", captures, "--out", tmp_path / "out", *flags)
     assert done.status == 0, done.stderr
-
-
-def test_an_out_that_is_a_file_is_refused(tmp_path: Path, command: Command) -> None:
-    (tmp_path / "file").write_text("mine")
-    refused_late(command(data_gen_cli.main, "--out", tmp_path / "file", "--frames", 1), "file")
-    assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_a_gray_png_is_read_as_rgb(images: Path, tmp_path: Path, command: Command) -> None:

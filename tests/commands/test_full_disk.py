@@ -7,12 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Refuses
 
-import data_gen.__main__ as data_gen_cli
-import data_gen.video as film_cli
-import export.locate.__main__ as locate_cli
-import export.send.__main__ as send_cli
 import export.to_onnx as to_onnx_cli
 from link.errors import InputError
 from link.images import write_bytes, write_image
@@ -38,59 +34,47 @@ def no_space() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-FILM = ("--message", "hi", "--seconds", 0.2, "--size", 320, 240)
+SEND = "PICTURE --message hi --preset paper --rows 5 --cols 6 --ratex 2 --width 120 --height 80"
+FILM = "--message hi --seconds 0.2 --size 320 240"
 
 
 @pytest.mark.parametrize(
-    ("main", "words", "named"),
+    ("module", "words", "named"),
     [
-        (send_cli.main, ("PICTURE", "--message", "hi", "--out", "OUT/x.html"), "x.html"),
-        (send_cli.main, ("PICTURE", "--message", "hi", "--out", "OUT/x.mkv"), "x.mkv"),
-        (send_cli.main, ("PICTURE", "--message", "hi", "--out", "OUT/x.avi"), "x.avi"),
-        (send_cli.main, ("PICTURE", "--message", "hi", "--out", "OUT/x"), "x/state_00000.png"),
-        (film_cli.main, (*FILM, "--out", "OUT/film.mkv"), "film.mkv"),
-        (film_cli.main, (*FILM, "--out", "OUT/film.mp4", "--codec.kbits", 9000), "film.mp4"),
-        (film_cli.main, (*FILM, "--out", "OUT/film"), "film/000000.png"),
-        (data_gen_cli.main, ("--frames", 2, "--out", "OUT/gen"), "gen/00000_original.png"),
-        (locate_cli.main, ("PICTURE", "--show", "OUT/seen"), "seen/picture.png"),
+        ("export.send.__main__", f"{SEND} --out OUT/x.html", "x.html"),
+        ("export.send.__main__", f"{SEND} --out OUT/x.mkv", "x.mkv"),
+        ("export.send.__main__", f"{SEND} --out OUT/x.avi", "x.avi"),
+        ("export.send.__main__", f"{SEND} --out OUT/x", "x/state_00000.png"),
+        ("data_gen.video", f"{FILM} --out OUT/film.mkv", "film.mkv"),
+        ("data_gen.video", f"{FILM} --out OUT/film.mp4 --codec.kbits 9000", "film.mp4"),
+        ("data_gen.video", f"{FILM} --out OUT/film", "film/000000.png"),
+        ("data_gen.__main__", "--frames 2 --out OUT/gen", "gen/00000_original.png"),
+        ("export.locate.__main__", "PICTURE --show OUT/seen", "seen/picture.png"),
     ],
-    ids=["player", "mkv", "avi", "states", "film.mkv", "film.mp4", "film", "captures", "outlines"],
 )
 def test_a_full_disk_is_named_and_nothing_half_is_left(
-    main: object,
-    words: tuple[object, ...],
-    named: str,
-    picture: Path,
-    tmp_path: Path,
-    no_space: None,
-    command: Command,
+    module: str, words: str, named: str, picture: Path, no_space: None, refuses: Refuses
 ) -> None:
-    out = tmp_path / "out"
+    out = picture.parent / "out"
     out.mkdir()
-    places = {"PICTURE": str(picture)}
-    said = [places.get(str(word), str(word).replace("OUT", str(out))) for word in words]
-    done = command(main, *said)
-    assert done.status == 2
-    last = done.stderr.splitlines()[-1]
-    assert last == f"error: {out / named}: cannot be written (File too large)"
-    assert [path for path in out.rglob("*") if path.is_file()] == []
+    given = words.replace("PICTURE", str(picture)).replace("OUT", str(out))
+    said = refuses(module, given, began=True, folder=out)
+    assert said == f"error: {out / named}: cannot be written (File too large)"
 
 
 def test_a_model_that_cannot_be_written_leaves_nothing(
-    tmp_path: Path, command: Command, no_space: None, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, refuses: Refuses, no_space: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(to_onnx_cli, "to_onnx", lambda *_: bytes(2 * LIMIT_BYTES))
-    done = command(to_onnx_cli.main, PRETRAINED, "--out", tmp_path / "decoder.onnx")
-    assert done.status == 2
-    assert "cannot be written (File too large)" in done.stderr and done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
+    words = [PRETRAINED, "--out", tmp_path / "decoder.onnx"]
+    refuses("export.to_onnx", words, "cannot be written (File too large)", folder=tmp_path)
 
 
 def test_an_out_that_is_a_folder_is_refused_before_the_export(
-    tmp_path: Path, command: Command
+    tmp_path: Path, refuses: Refuses
 ) -> None:
-    done = command(to_onnx_cli.main, PRETRAINED, "--out", tmp_path)
-    assert done.stderr == f"error: --out: {tmp_path} is a folder or a device; name a file\n"
+    said = f"--out: {tmp_path} is a folder or a device; name a file"
+    refuses("export.to_onnx", [PRETRAINED, "--out", tmp_path], said, folder=tmp_path)
 
 
 def test_no_space_left_is_what_the_message_says(

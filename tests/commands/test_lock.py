@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import Command, slow
+from conftest import Command
 
 import evaluate
 import train
@@ -290,63 +290,7 @@ def test_train_refuses_the_shipped_decoder_of_other_settings(command: Command) -
     assert {file: file.stat().st_mtime_ns for file in PRETRAINED.iterdir()} == before
 
 
-# What a killed process leaves behind
-
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from importlib import import_module
-from link.cli import run_cli
-main, stop, *sys.argv = sys.argv[1:]
-real = Path.replace
-def replace(self, target):
-    if Path(target).name == stop:  # just before that file gets its name
-        os.kill(os.getpid(), signal.SIGKILL)
-    return real(self, target)
-Path.replace = replace
-run_cli(import_module(main).main)
-"""
-GENERATE = ("--frames", "2", "--width", "256", "--height", "192", "--rows", "4", "--cols", "4")
-FILM = ("--message", "a", "--seconds", "0.1", "--size", "160", "120")
-
-
-@pytest.mark.parametrize(
-    ("name", "stop", "words", "out"),
-    [
-        slow("data_gen.__main__", "00001_original.png", GENERATE, "out"),
-        slow("data_gen.__main__", "manifest.jsonl", GENERATE, "out"),
-        slow("data_gen.video", "000002.png", FILM, "out"),
-        slow("data_gen.video", "truth.jsonl", FILM, "out"),
-        slow("data_gen.video", "film.jsonl", FILM, "film.mkv"),
-        ("export.send.__main__", "x.html", ("PICTURE", "--message", "a"), "x.html"),
-        slow("export.send.__main__", "x.mkv", ("PICTURE", "--message", "a"), "x.mkv"),
-        slow("export.send.__main__", "sent.json", ("PICTURE", "--message", "a"), "x"),
-        slow("export.send.__main__", "x", ("PICTURE", "--message", "a"), "x"),
-    ],
-)
-def test_what_a_killed_command_left_is_gone_after_the_next(
-    tmp_path: Path, name: str, stop: str, words: tuple[str, ...], out: str
-) -> None:
-    picture = str(ROOT / "docs" / "overview.jpg")
-    given = [picture if word == "PICTURE" else word for word in words]
-    line = [sys.executable, "-c", KILLED, name]
-    (tmp_path / "in").mkdir()
-
-    def run(stop: str) -> int:
-        done = subprocess.run(
-            [*line, stop, name, *given, "--out", str(tmp_path / "in" / out)],
-            cwd=ROOT, capture_output=True, check=False,
-        )  # fmt: skip
-        return done.returncode
-
-    assert run(stop) == -signal.SIGKILL
-    left = {file for file in (tmp_path / "in").rglob("*") if file.is_file()}
-    assert any(file.name.endswith("lock") for file in left)
-    assert not any(file.name == stop and ".tmp" not in str(file) for file in left)
-    assert run("") == 0
-    names = {file.relative_to(tmp_path / "in") for file in (tmp_path / "in").rglob("*")}
-    assert not [file for file in names if any(part.startswith(".") for part in file.parts)]
-    assert names  # nothing but what a whole run leaves
+# Processes whose parent ends
 
 
 ORPHAN = """

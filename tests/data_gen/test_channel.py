@@ -23,7 +23,6 @@ from data_gen.film.stream import VideoSettings
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.parameters import Pair
 from link.embed import embed
-from link.errors import InputError
 from link.frames import Captured, Displayed
 from link.layout import make_layout
 
@@ -90,14 +89,6 @@ def test_a_gray_picture_is_filmed_as_its_rgb_twin() -> None:
     both = [film(PAIRS["canon-lg"], shown, 10.0) for shown in (gray, rgb)]
     assert np.array_equal(both[0].embedded, both[1].embedded)
     assert np.array_equal(both[0].original, both[1].original)
-
-
-@pytest.mark.parametrize("view", [75.5, -89.0, 180.0, float("nan")])
-def test_a_view_out_of_range_is_refused(view: float) -> None:
-    with pytest.raises(
-        InputError, match=f"view_deg: need an angle within ±75 degrees, got {view:g}"
-    ):
-        film(get_pair("canon-lg"), SCENE, view)
 
 
 @pytest.mark.parametrize(("width", "height"), [(384, 512), (517, 389), (800, 200)])

@@ -173,28 +173,6 @@ def test_the_same_film_gives_the_same_bits() -> None:
     assert [frame.rgb.tobytes() for frame in one] == [frame.rgb.tobytes() for frame in other]
 
 
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"name": "vp9"}, "codec.name: need none, h264, hevc, got 'vp9'"),
-        ({"kbits": 0.0}, "codec.kbits: need 50 to 500000 kbit/s, got 0"),
-        ({"kbits": float("nan")}, "codec.kbits"),
-        ({"gop_s": 0.0}, "codec.gop_s: need 0.03 to 60 seconds"),
-        ({"b_frames": 5}, "codec.b_frames: need 0 to 4 frames"),
-        ({"preset": "hasty"}, "codec.preset: need one of ultrafast, "),
-        ({"profile": "extended"}, "codec.profile: need high, main, baseline for h264"),
-        ({"name": "hevc", "profile": "high"}, "codec.profile: need main for hevc"),
-        ({"name": "none", "profile": "high"}, "codec.profile: need a codec's name"),
-        ({"profile": "baseline", "b_frames": 1}, "codec.b_frames: need 0 in profile baseline"),
-    ],
-)
-def test_wrong_settings_of_a_codec_are_refused(wrong: dict[str, object], says: str) -> None:
-    settings = replace(FINE, **wrong)  # type: ignore[arg-type]
-    with pytest.raises(InputError) as error:
-        list(through_codec(drifting(), settings, FPS))
-    assert str(error.value).startswith(says)
-
-
 def test_what_a_codec_cannot_hold_is_refused(tmp_path: Path) -> None:
     odd = [replace(frame, rgb=frame.rgb[:95]) for frame in drifting()]
     with pytest.raises(InputError, match="need an even width and height, got 160x95"):
@@ -276,27 +254,3 @@ def test_the_command_writes_a_film_with_times(tmp_path: Path, command: Command) 
     ]
     for image, frame in zip(images, read_video(tmp_path / "a.mp4"), strict=True):
         assert np.array_equal(image, frame)
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--out", "x.webm"), "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov"),
-        (("--out", "x.avi", "--codec.name", "h264"), "--out: need a folder, or a file of"),
-        (("--out", "x.mp4", "--codec.kbits", "1"), "--codec.kbits: need 50 to 500000 kbit/s"),
-        (("--out", "x.mp4", "--codec.profile", "best"), "--codec.profile: need high, main"),
-        (("--out", "x.mp4", "--size", "161", "96"), "h264: need an even width and height, got 161"),
-    ],
-)
-def test_the_command_refuses_a_codec_that_cannot_be(
-    flags: tuple[str, ...],
-    says: str,
-    command: Command,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = command(main, "--message", "hi", "--seconds", "0.1", *flags)
-    assert done.status == 2
-    assert done.stderr.splitlines()[-1].startswith(f"error: {says}"), done.stderr
-    assert not list(tmp_path.iterdir())

@@ -14,7 +14,6 @@ from data_gen.episodes import EpisodePlan, EpisodeSet, simulate_episodes
 from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
-from link.errors import InputError
 from link.frames import Captured
 from link.layout import Layout, make_layout
 
@@ -131,21 +130,6 @@ def test_captures_say_where_they_come_from(captured: Captured) -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("source", "cell", "message"),
-    [
-        (Source(SMALL), Cell("canon-dell", 0.0, 5), "canon-lg.*sony-samsung"),
-        (Source(SMALL), Cell("canon-lg", 0.0, 0), "kappa"),
-        (Source(SMALL), Cell("canon-lg", 89.0, 5), "view_deg"),
-        (Source(SMALL, split="dev"), FRONTAL, "train, test"),
-        (Source(SMALL, pictures=Path("nowhere")), FRONTAL, "nowhere: no such folder"),
-    ],
-)
-def test_wrong_cells_and_sources_are_refused(source: Source, cell: Cell, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        filmed(source, cell, 0)
-
-
 # The channel of a source
 
 
@@ -205,21 +189,6 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
     assert same(first, again)
     for frames in ((first.original, other.original), (first.embedded, other.embedded)):
         assert frames[0].tobytes() != frames[1].tobytes()
-
-
-@pytest.mark.parametrize(
-    ("source", "message"),
-    [
-        (Source(SMALL, without=("fog",)), "unknown effect 'fog'.*drift.*moire"),
-        (Source(SMALL, parameters=(("fog", 1),)), "unknown parameter 'fog'.*drift.*gamma"),
-        (Source(SMALL, parameters=(("drift", 9.0),)), "drift must lie in"),
-        (Source(SMALL, ratex_kappa=99), "need 1 to 64 whole gray levels, got 99"),
-    ],
-)
-def test_a_wrong_channel_is_refused_in_one_clear_line(source: Source, message: str) -> None:
-    with pytest.raises(InputError, match=message) as error:
-        filmed(source, FRONTAL, 0)
-    assert "\n" not in str(error.value)
 
 
 # Pictures of a source

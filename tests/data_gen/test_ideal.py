@@ -190,16 +190,15 @@ def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("methods", [("oorc", "ideal"), ("ideal", "ideal_change")])
-def test_the_comparison_knows_it_as_a_method(
-    methods: tuple[str, ...], tmp_path: Path, command: Command
-) -> None:
+def test_the_comparison_knows_it_as_a_method(tmp_path: Path, command: Command) -> None:
+    methods = ("oorc", "ideal", "ideal_change")
     flags = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
     result = command(evaluate.main, *flags, "--methods", *methods, "--out", tmp_path)
     assert result.status == 0, result.stderr
     tables = (tmp_path / "tables.md").read_text()
     assert all(f"| {method} |" in tables for method in methods)
     assert "ideal" not in evaluate.EvaluateConfig().methods
+    assert "ideal" in METHODS  # which are named where one is unknown
 
 
 @pytest.mark.slow
@@ -214,10 +213,3 @@ def test_captures_without_a_simulation_leave_it_out(
     assert result.status == 0, result.stderr
     assert "ideal: left out of 1 of 1, needs the simulation's true channel" in result.stdout
     assert "ideal" not in (tmp_path / "out" / "tables.md").read_text()
-
-
-def test_an_unknown_method_lists_it(tmp_path: Path, command: Command) -> None:
-    result = command(evaluate.main, "--methods", "idol", "--out", tmp_path)
-    assert result.status == 2
-    assert f"unknown method 'idol'; choose one of: {', '.join(METHODS)}" in result.stderr
-    assert "ideal" in METHODS

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from data_gen.effects import with_parameter
 from data_gen.pairs import PAIRS
 from data_gen.parameters import IDENTITY, LINEAR, RGB, Limits, Matrix, Nuisance, Pair
 from link.errors import InputError
@@ -121,63 +120,8 @@ def test_a_colour_of_other_than_three_numbers_is_refused(field: str, length: int
     assert refused(ranged, (2.0,) * length)
 
 
-@pytest.mark.parametrize(
-    "rows",
-    [
-        (),
-        ((1.0, 0.0, 0.0),),
-        IDENTITY[:2],
-        (*IDENTITY, (0.0, 0.0, 1.0)),
-        ((1.0, 0.0), (0.0, 1.0), (0.0, 1.0)),
-        ((1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),),
-        (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-    ],
-    ids=["empty", "1x3", "2x3", "4x3", "3x2", "1x9", "9"],
-)
-@pytest.mark.parametrize("field", ["crosstalk", "color_matrix"])
-def test_a_matrix_of_other_than_three_rows_of_three_is_refused(field: str, rows: Any) -> None:
-    with pytest.raises(InputError, match=field):
-        with_parameter(PAIR, field, rows)
-
-
-@pytest.mark.parametrize("row", range(3))
-@pytest.mark.parametrize("total", [0.9, 0.997, 1.003])
-@pytest.mark.parametrize("field", ["crosstalk", "color_matrix"])
-def test_rows_that_do_not_sum_to_one_are_refused(field: str, row: int, total: float) -> None:
-    rows = [(1 - 0.2, 0.1, 0.1)] * 3
-    rows[row] = (total - 0.2, 0.1, 0.1)
-    with pytest.raises(InputError, match=f"rows of {field} must sum to 1"):
-        with_parameter(PAIR, field, tuple(rows))
-
-
-@pytest.mark.parametrize(
-    "curve",
-    [
-        (),
-        ((0.0, 0.0),),
-        ((0.0, 0.1), (1.0, 1.0)),
-        ((0.0, 0.0), (1.0, 0.9)),
-        ((0.1, 0.0), (1.0, 1.0)),
-        ((0.0, 0.0), (0.5, 0.6), (0.7, 0.5), (1.0, 1.0)),
-        ((0.0, 0.0), (0.5, 0.4), (0.5, 0.5), (1.0, 1.0)),
-        ((0.0, 0.0), (0.5, math.nan), (1.0, 1.0)),
-        ((0.0, 0.0), (2.0, 0.5), (1.0, 1.0)),
-    ],
-)
-def test_a_tone_curve_that_does_not_rise_from_black_to_white_is_refused(curve: Any) -> None:
-    with pytest.raises(InputError, match=f"{PAIR.camera.name}: tone_curve must"):
-        replace(PAIR.camera, tone_curve=curve)
-
-
 def test_the_straight_tone_curve_is_allowed() -> None:
     assert replace(PAIR.camera, tone_curve=LINEAR).tone_curve == LINEAR
-
-
-def test_unknown_panels_and_encodings_list_the_valid_ones() -> None:
-    with pytest.raises(InputError, match=rf"panel of {PAIR.display.name} 'CRT'.*TN, VA, IPS"):
-        replace(PAIR.display, panel="CRT")
-    with pytest.raises(InputError, match=rf"encoding of {PAIR.camera.name} 'raw'.*srgb, linear"):
-        replace(PAIR.camera, encoding="raw")
 
 
 # Nuisances by view

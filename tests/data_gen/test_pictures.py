@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from data_gen.pictures.drawings import draw_picture
 from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.errors import InputError
 
@@ -106,20 +105,6 @@ def test_photographs_are_not_stretched() -> None:
     inside = wheel.rgb.max(axis=2) > 40
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     assert abs(np.ptp(rows) - np.ptp(columns)) <= 3
-
-
-def test_unknown_names_list_the_valid_ones() -> None:
-    with pytest.raises(InputError, match=r"'valid'.*train, test"):
-        load_pictures("valid", *SIZE)
-    with pytest.raises(InputError, match=r"'chart'.*slide, map, poster"):
-        draw_picture("chart", 0, *SIZE)
-
-
-def test_too_small_a_size_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="10x240"):
-        load_pictures("test", 10, 240)
-    with pytest.raises(InputError, match="320x0"):
-        load_folder(tmp_path, 320, 0)
 
 
 def test_folder_sorts_crops_and_passes_over_other_files(tmp_path: Path) -> None:

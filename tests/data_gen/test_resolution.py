@@ -12,7 +12,6 @@ from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
 from data_gen.channel.stills import capture, draw_shots, reduction_homography
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
-from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 
@@ -77,8 +76,3 @@ def test_noise_and_motion_shrink_with_the_image(layout: Layout) -> None:
         for a, b in shots
     ]
     np.testing.assert_allclose(moves[1], 0.5 * moves[0], rtol=0, atol=1e-3)
-
-
-def test_more_pixels_than_the_usual_capture_are_refused() -> None:
-    with pytest.raises(InputError, match=r"setup: resolution must lie in \[0.2, 1\]"):
-        _ = FramePair(source(1.5), CELL, 0).captured

@@ -28,7 +28,6 @@ from data_gen.film.rooms import ROOMS
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene, photograph
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import Picture
-from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.layout import make_layout
 
@@ -221,26 +220,3 @@ def test_a_passer_by_covers_what_he_covers() -> None:
     for x, y in ((-200, 0), (400, 0), (0, 500)):
         passer.lay_over(image, x, y)
     assert np.array_equal(image, before)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"size": (20, 400)}, "size: need at least 64x64"),
-        ({"coverage": 0.01}, "coverage: need a share from 0.05 to 0.9, got 0.01"),
-        ({"coverage": float("nan")}, "coverage"),
-        ({"turn": 1000.0}, "turn"),
-        ({"room": "cellar"}, "unknown room 'cellar'; choose one of: dark, office, bright"),
-        ({"free": 0.4}, "free: need a share"),
-    ],
-)
-def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        SceneSettings(**wrong).check()  # type: ignore[arg-type]
-
-
-def test_a_channel_without_perspective_is_refused() -> None:
-    with pytest.raises(InputError, match="a scene needs perspective"):
-        draw_scene(LAYOUT, only("canon-lg"), 0.0, np.random.default_rng(0), SMALL)
-    with pytest.raises(InputError, match="view_deg"):
-        drawn(0, 80.0)

@@ -24,7 +24,6 @@ from data_gen.film.stream import VideoFrame, VideoSettings, film
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.video import main
-from link.errors import InputError
 from link.geometry import frame_corners, transform
 from link.images import read_image
 from link.images.video import read_video
@@ -313,32 +312,6 @@ def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
     assert max(asked) >= 39
 
 
-@pytest.mark.parametrize(
-    ("wrong", "says"),
-    [
-        ({"fps": 0.0}, "fps: need 0.1 to 1000"),
-        ({"state_hz": float("nan")}, "state_hz"),
-        ({"clock_error": 0.5}, "clock_error"),
-        ({"hand": float("nan")}, "hand: need 0 to 100"),
-        ({"start_s": float("nan")}, "start_s"),
-        ({"jumps_hz": -1.0}, "jumps_hz: need 0 to 1000 a second"),
-        ({"scan_s": float("nan")}, "scan_s: need 0 to 1 seconds"),
-        ({"drop": 1.0}, "drop: need a probability"),
-        ({"duplicate": -0.1}, "duplicate"),
-        ({"passer_s": (2.0, 1.0)}, "passer_s: the end must come after the start"),
-        ({"away_s": (1.0, 1.0)}, "away_s"),
-    ],
-)
-def test_wrong_settings_are_refused(wrong: dict[str, object], says: str) -> None:
-    with pytest.raises(InputError, match=says):
-        VideoSettings(**wrong).check()  # type: ignore[arg-type]
-
-
-def test_no_state_is_refused() -> None:
-    with pytest.raises(InputError, match="states: a display needs at least one state"):
-        stream(STEADY, ())
-
-
 SHORT = ("--message", "hi", "--seconds", "0.2", "--size", "160", "96", "--width", "128")
 SHORT += ("--height", "96", "--rows", "4", "--cols", "6", "--ratex", "2", "--drop", "0.3")
 
@@ -371,28 +344,3 @@ def test_a_video_file_holds_the_same_frames(tmp_path: Path, command: Command) ->
         for path in (tmp_path / "a" / "truth.jsonl", tmp_path / "a.jsonl")
     ]
     assert truths[0] == truths[1]
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--out", "x.txt"), "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov that"),
-        (("--out", "x", "--seconds", "0"), "--seconds: need more than 0"),
-        (("--out", "x", "--pair", "canon"), "unknown pair"),
-        (("--out", "x", "--coverage", "2"), "--coverage: need a share"),
-        (("--out", "x", "--fps", "0"), "--fps: need 0.1 to 1000 a second, got 0"),
-        (("--out", "x", "--without", "perspective"), "a scene needs perspective"),
-    ],
-)
-def test_the_command_says_what_is_wrong(
-    flags: tuple[str, ...],
-    says: str,
-    command: Command,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    done = command(main, "--message", "hi", *flags)
-    assert done.status == 2
-    assert says in done.stderr
-    assert not list(tmp_path.iterdir())

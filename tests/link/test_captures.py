@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, refusal
 from PIL import Image, ImageOps
 from tolerances import IDENTITY_LEVELS
 
@@ -130,46 +130,10 @@ def test_frames_need_no_sha256(folder: Path) -> None:
     np.testing.assert_array_equal(loaded.embedded, UNKNOWN.original)
 
 
-@pytest.mark.parametrize("kind", ["original", "embedded"])
-def test_a_frame_that_was_changed_is_refused(folder: Path, kind: str) -> None:
-    write_image(folder / f"00000_{kind}.png", UNKNOWN.embedded // 2)
-    with pytest.raises(InputError, match=rf"00000_{kind}\.png.*sha256"):
-        load(folder)
-
-
-def test_a_wrong_sha256_is_refused(folder: Path) -> None:
-    rewrite(folder, sha256="0" * 64)
-    with pytest.raises(InputError, match=r"00000_original\.png.*sha256"):
-        load(folder)
-
-
 def test_empty_lines_of_a_manifest_are_passed_over(folder: Path) -> None:
     file = folder / MANIFEST
     file.write_text("\n" + file.read_text().replace("\n", "\n  \n"))
     assert len(load(folder)) == 2
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        b"",
-        b"\n \n",
-        b"\xff\xfe\x00\x01",
-        b"original,embedded\n",
-        b'{"original": "a.png"',
-        b"{}\n",
-        b"5\n",
-        b"null\n",
-        b'"text"\n',
-        b"[]\n",
-        b'[{"original": 1}]\n',
-        b'["original", "embedded", "layout", "corners"]\n',
-    ],
-)
-def test_a_manifest_that_is_none_is_named(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / MANIFEST).write_bytes(content)
-    with pytest.raises(InputError, match=rf"{tmp_path.name}/manifest\.jsonl"):
-        read_manifest(tmp_path)
 
 
 def test_a_folder_without_a_manifest_is_named(tmp_path: Path) -> None:
@@ -178,21 +142,8 @@ def test_a_folder_without_a_manifest_is_named(tmp_path: Path) -> None:
             read_manifest(folder)
 
 
-def test_the_line_that_is_no_json_is_numbered(folder: Path) -> None:
-    file = folder / MANIFEST
-    file.write_text(file.read_text() + "{not json\n")
-    with pytest.raises(InputError, match=r"manifest\.jsonl, line 3: not JSON"):
-        read_manifest(folder)
-
-
-@pytest.mark.parametrize("key", ["original", "embedded", "layout", "corners"])
-def test_the_key_that_an_entry_lacks_is_named(folder: Path, key: str) -> None:
-    rewrite(folder, **{key: ...})
-    with pytest.raises(InputError, match=rf"manifest\.jsonl, line 1: lacks {key}"):
-        read_manifest(folder)
-
-
-BAD_FIELDS: list[tuple[dict[str, Any], str]] = [
+SHA256 = "differs from the manifest's sha256"
+FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"layout": None}, "layout"),
     ({"layout": {"rows": 8}}, "layout"),
     ({"layout": {**LAYOUT.to_dict(), "rows": "4"}}, "layout: rows"),
@@ -217,40 +168,83 @@ BAD_FIELDS: list[tuple[dict[str, Any], str]] = [
     ({"ratex_kappa": 0}, "ratex_kappa"),
     ({"ratex_kappa": 65}, "ratex_kappa"),
     ({"ratex_kappa": "10"}, "ratex_kappa"),
+    *(
+        ({key: ...}, f"line 1: lacks {key}")
+        for key in ("original", "embedded", "layout", "corners")
+    ),
+    *(
+        ({key: name}, f"line 1, {key}: need the name of a file, got")
+        for key in ("original", "embedded")
+        for name in ("", None, 5, ["00000_original.png"], "a\0b")
+    ),
 ]
+"""Changes of a manifest's first entry, each with what is said of it."""
+DOCUMENTS = [
+    (b"", ""),
+    (b"\n \n", ""),
+    (b"\xff\xfe\x00\x01", ""),
+    (b"original,embedded\n", ""),
+    (b'{"original": "a.png"', ""),
+    (b"{}\n", ""),
+    (b"5\n", ""),
+    (b"null\n", ""),
+    (b'"text"\n', ""),
+    (b"[]\n", ""),
+    (b"[[1]]\n", ""),
+    (b'[{"original": 1}]\n', ""),
+    (b'["original", "embedded", "layout", "corners"]\n', ""),
+    (b"\n\n{not json\n", "line 3: not JSON"),
+    (b'\n{"view_deg": NaN}', "line 2, view_deg: need a finite number"),
+    (b'\n{"meta": [{"a": -Infinity}]}', "line 2, meta[0].a: need a finite number"),
+    (b'\n{"view_deg": 1e999}', "line 2, view_deg: need a finite number"),
+    (
+        b'\n{"view_deg": %d}' % 10**400,
+        "line 2, view_deg: need a finite number of at most 64 digits",
+    ),
+    (b'\n{"seed": %s}' % (b"9" * 5000), "line 2, seed: need a finite number of at most 64 digits"),
+    (b'\n{"deep": ' + b"[" * 100_000, "lie more than 32 deep"),
+    (b'\n{"deep": ' + b'{"a": ' * 50 + b"1" + b"}" * 51, "lie more than 32 deep"),
+    (b'\n{"picture": "\\ud800"}', "picture: holds half of a character"),
+]
+"""Manifests, each with what is said of it besides its name."""
 
 
-@pytest.mark.parametrize(("changes", "field"), BAD_FIELDS)
-def test_a_field_of_the_wrong_kind_is_named_with_its_manifest(
-    folder: Path, changes: dict[str, Any], field: str
+@pytest.mark.parametrize(("changes", "says"), FIELDS, ids=repr)
+def test_a_wrong_field_is_named_with_its_manifest(
+    folder: Path, changes: dict[str, Any], says: str
 ) -> None:
     rewrite(folder, **changes)
-    with pytest.raises(InputError, match=rf"manifest\.jsonl.*{field}"):
-        load(folder)
+    said = refusal(lambda: load(folder))
+    assert MANIFEST in said and says in said
 
 
-@pytest.mark.parametrize("corners", [[[0, 0], [1, 1]], [[0, 0], [99, 0], [99, 40], [0, 40]]])
-def test_corners_that_do_not_fit_the_frame_are_refused_in_the_end(
-    folder: Path, corners: list[list[int]]
+@pytest.mark.parametrize(("content", "says"), DOCUMENTS, ids=lambda value: str(value)[:20])
+def test_a_manifest_that_is_none_is_named(tmp_path: Path, content: bytes, says: str) -> None:
+    (tmp_path / MANIFEST).write_bytes(content)
+    said = refusal(lambda: read_manifest(tmp_path))
+    assert f"{tmp_path.name}/{MANIFEST}" in said and says in said
+    assert len(said) < 400
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"sha256": "0" * 64}, f"00000_original.png or 00000_embedded.png: {SHA256}"),
+        ({"original": "00001_original.png"}, f"00000_embedded.png: {SHA256}"),
+        ({"embedded": "00001_original.png"}, f"00001_original.png: {SHA256}"),
+        ({"corners": [[0, 0], [1, 1]]}, "corners"),
+        ({"corners": [[0, 0], [99, 0], [99, 40], [0, 40]]}, "corners"),
+        *(
+            ({"original": name}, f"{name}: no such image file")
+            for name in ("nowhere.png", "a/b.png", "n" * 300)
+        ),
+    ],
+)
+def test_frames_that_cannot_be_read_are_named(
+    folder: Path, changes: dict[str, Any], says: str
 ) -> None:
-    rewrite(folder, corners=corners)
-    with pytest.raises(InputError, match="corners"):
-        load(folder)[0].rectified()
-
-
-@pytest.mark.parametrize("name", ["nowhere.png", "a/b.png", "n" * 300])
-def test_a_frame_that_is_missing_is_named(folder: Path, name: str) -> None:
-    rewrite(folder, original=name)
-    with pytest.raises(InputError, match=rf"{name}: no such image file"):
-        load(folder)
-
-
-@pytest.mark.parametrize("name", ["", None, 5, ["00000_original.png"], "a\0b"])
-@pytest.mark.parametrize("key", ["original", "embedded"])
-def test_a_frame_that_has_no_name_is_told(folder: Path, key: str, name: Any) -> None:
-    rewrite(folder, **{key: name})
-    with pytest.raises(InputError, match=rf"line 1, {key}: need the name of a file, got"):
-        load(folder)
+    rewrite(folder, **changes)
+    assert says in refusal(lambda: load(folder)[0].rectified())
 
 
 @pytest.mark.parametrize("key", ["original", "embedded"])
@@ -269,11 +263,10 @@ def test_a_frame_outside_the_folder_is_refused(folder: Path, kind: str, key: str
         "linked folder": "linked/other.png",
     }[kind]
     entry = read_manifest(folder)[0] | {key: name}
-    with pytest.raises(InputError, match="leads out of"):
-        load_capture(folder, entry)
+    assert "leads out of" in refusal(lambda: load_capture(folder, entry))
     rewrite(folder, **{key: name})
-    with pytest.raises(InputError, match=rf"line 1, {key}: .* leads out of"):
-        read_manifest(folder)
+    said = refusal(lambda: read_manifest(folder))
+    assert f"line 1, {key}: " in said and " leads out of" in said
 
 
 def test_a_folder_and_its_frames_may_be_reached_by_links_that_stay_inside(folder: Path) -> None:
@@ -290,29 +283,6 @@ def test_lines_of_a_manifest_end_at_line_feeds_alone(folder: Path) -> None:
     (folder / MANIFEST).write_text(json.dumps(entry, ensure_ascii=False) + "\r\n", newline="")
     (loaded,) = load(folder)
     assert loaded.meta["picture"] == "a\u2028b\x85c"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('{"view_deg": NaN}', r"view_deg: need a finite number .* got NaN"),
-        ('{"meta": [{"a": -Infinity}]}', r"meta\[0\]\.a: need a finite number"),
-        ('{"view_deg": 1e999}', "view_deg: need a finite number"),
-        (f'{{"view_deg": {10**400}}}', "view_deg: need a finite number of at most 64 digits"),
-        (f'{{"seed": {"9" * 5000}}}', "seed: need a finite number of at most 64 digits"),
-        ('{"deep": ' + "[" * 100_000, "lie more than 32 deep"),
-        ('{"deep": ' + '{"a": ' * 50 + "1" + "}" * 51, "lie more than 32 deep"),
-        ('{"picture": "\\ud800"}', "picture: holds half of a character"),
-    ],
-    ids=["nan", "infinity", "overflow", "401 digits", "5000 digits", "deep", "objects", "half"],
-)
-def test_json_beyond_bounds_is_refused_with_line_and_key(
-    tmp_path: Path, text: str, message: str
-) -> None:
-    (tmp_path / MANIFEST).write_text(f"\n{text}\n")
-    with pytest.raises(InputError, match=rf"manifest\.jsonl, line 2.*{message}") as error:
-        read_manifest(tmp_path)
-    assert len(str(error.value)) < 400
 
 
 def test_brackets_in_texts_do_not_count_as_depth(folder: Path) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from conftest import ROOT, Command, slow
 from numpy.typing import NDArray
-from streams import Stream, states_of
+from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 from export.receive.reader import PAIRS_A_FRAME
@@ -139,6 +139,8 @@ def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: s
 
 
 KEY = bytes(range(32))
+SMALL = Stream(phase=0, size=(320, 240))
+"""The stream of films in files."""
 
 
 def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
@@ -146,17 +148,14 @@ def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
     states = []
     for message, loops in shown:
         states += loops * states_of(message, LAYOUT, np.random.default_rng(5))
-    seconds = len(states) / Stream().state_hz
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))
-    for _, image, _ in Stream(phase=0).frames(states, seconds, np.random.default_rng(2)):
-        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    writer.release()
-    return path
+    seconds = len(states) / SMALL.state_hz
+    film = SMALL.frames(states, seconds, np.random.default_rng(2))
+    return write_film(path, (image for _, image, _ in film))
 
 
 @pytest.mark.slow
 def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Command) -> None:
-    film = film_of(tmp_path / "film.avi", [(b"before", 6), (b"behind", 2), (b"later on", 3)])
+    film = film_of(tmp_path / "film.avi", [(b"before", 4), (b"behind", 2), (b"later on", 2)])
     done = command(receive_cli.main, film, "--keep-on", "--out", tmp_path / "text")
     assert done.status == 0, done.stderr
     said = [line for line in events_of(done.stdout) if line["event"] == "message"]
@@ -172,7 +171,7 @@ def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Comm
 def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, command: Command) -> None:
     (tmp_path / "key").write_bytes(KEY)
     new, old = sign(b"new", KEY, 1001), sign(b"old", KEY, 1000)
-    shown = [(b"forged: obey", 5), (new, 3), (old, 3)]
+    shown = [(b"forged: obey", 3), (new, 2), (old, 2)]
     film = film_of(tmp_path / "film.avi", shown)
     words = (film, "--keep-on", "--out", tmp_path / "text", "--key", tmp_path / "key")
     done = command(receive_cli.main, *words)
@@ -190,40 +189,6 @@ def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, comman
     done = command(receive_cli.main, *words, "--max-age", 3600)
     assert done.status == 2
     assert "every message was refused (3)" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (("--key", "gone"), "--key: gone: no such file"),
-        (("--key", "short"), "--key: short: need 16 to 4096 random bytes"),
-        (("--max-age", 5), "--max-age: only a message with a key has an age"),
-        (("--max-age", 2_000_000), "--max-age: only a message with a key has an age"),
-        (("other.png", "--keep-on"), "--keep-on: two images are one frame pair"),
-        (("other.png", "--fps", 60), "--fps: two images are one frame pair"),
-        (
-            ("--key", "key", "--max-age", "nan"),
-            "--max-age: need -4294967295 to 4294967295, got nan",
-        ),
-        (("--key", "key", "--max-age", "-1"), "--max-age: need more than 0"),
-        (("--out", ""), "--out: empty; give a name"),
-        (("--out", "."), "--out: . is a folder or a device; name a file"),
-        (("--threads", 0), "--threads: need at least 1"),
-    ],
-)
-def test_wrong_flags_give_one_line(
-    words: tuple[object, ...],
-    says: str,
-    tmp_path: Path,
-    command: Command,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    (tmp_path / "key").write_bytes(KEY)
-    (tmp_path / "short").write_bytes(KEY[:9])
-    monkeypatch.chdir(tmp_path)
-    done = command(receive_cli.main, "film", *words)
-    assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
-    assert says in done.stderr
 
 
 @pytest.mark.parametrize("name", ["²", "٣", "9" * 23, "film"])
@@ -323,11 +288,8 @@ def test_command_reads_two_images_in_either_order(
 
 @pytest.mark.slow
 def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
-    path = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (640, 480))
-    for _, image, _ in Stream().frames(states, 3, np.random.default_rng(2)):
-        writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    writer.release()
+    film = SMALL.frames(states, 3, np.random.default_rng(2))
+    path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
     done = receive(path)
     assert done.returncode == 0, done.stderr
     assert events(done)[-1]["message"] == TEXT.decode()
@@ -358,22 +320,8 @@ def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_th
     assert received[9].time == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (lambda folder: None, "no such folder, video file or camera number"),
-        (lambda folder: folder.mkdir(), "no image in this folder"),
-        (lambda folder: folder.write_bytes(b"not a video"), "not a readable video"),
-        (
-            lambda folder: write_image(folder / "a.png", np.full((200, 300, 3), 90, np.uint8)),
-            "no display that is looked for",
-        ),
-    ],
-)
-def test_command_says_why_there_is_no_message(tmp_path: Path, make: object, says: str) -> None:
-    assert callable(make)
-    make(tmp_path / "input")
-    done = receive(tmp_path / "input")
-    assert done.returncode == 2
-    assert says in done.stderr
-    assert "Traceback" not in done.stderr
+def test_command_says_why_there_is_no_message(tmp_path: Path, command: Command) -> None:
+    write_image(tmp_path / "a.png", np.full((200, 300, 3), 90, np.uint8))
+    done = command(receive_cli.main, tmp_path)
+    assert (done.status, len(done.stderr.splitlines())) == (2, 1)
+    assert "no display that is looked for" in done.stderr

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from conftest import Command
 from numpy.typing import NDArray
 from pilot_films import BlockMeans, filmed, texture
-from streams import Stream, states_of
+from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
@@ -235,11 +234,7 @@ def test_two_images_of_pilots_give_one_line(
 
 @pytest.mark.slow
 def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
-    film = tmp_path / "film.avi"
-    writer = cv2.VideoWriter(str(film), cv2.VideoWriter.fourcc(*"FFV1"), 30, (640, 480))
-    for image in robust_film():
-        writer.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
-    writer.release()
+    film = write_film(tmp_path / "film.avi", robust_film(), codec="FFV1")
     graph = PRETRAINED_PILOTS / "24x32.onnx"
     done = command(receive_cli.main, film, "--model", graph)
     assert done.status == 0, done.stderr

@@ -1,0 +1,272 @@
+"""Every command refuses what it cannot use in one line that says what is wrong, and writes nothing.
+
+Numbers of flags are in test_flags.py, and damaged files of stored runs in test_damage.py.
+"""
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT, Refuses, slow
+
+from data_gen.pairs import PAIRS
+from link.captures import MANIFEST
+from link.code import framing
+from link.frames import Captured
+from link.images import write_image
+from link.images.video import write_video
+from link.layout import make_layout
+from reports.engine.methods import METHODS
+
+LAYOUT = make_layout(5, 6, 120, 80, 2)
+MOST_BYTES = framing.capacity(framing.MAX_FRAMES, LAYOUT.n_bits)
+"""Length of the longest message that `LAYOUT` carries."""
+MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
+PAPER = "--preset paper --rows 5 --cols 6 --width 120 --height 80 --ratex 2"
+COMMANDS = {
+    "data_gen": ("data_gen.__main__", "--out out"),
+    "video": ("data_gen.video", "--message hi --out out"),
+    "mp4": ("data_gen.video", "--message hi --seconds 0.1 --out x.mp4"),
+    "evaluate": ("evaluate", "--pairs canon-lg --frames 1 --jobs 1 --out out"),
+    "captures": ("evaluate", "--methods naive --out {claimed} --captures"),
+    "train": ("train", "--episodes 6 --rounds 1 --steps 1 --jobs 1 --out out"),
+    "to_onnx": ("export.to_onnx", ""),
+    "parity": ("export.parity", ""),
+    "runtime": ("export.runtime", f"{MODEL}"),
+    "corners": ("export.runtime", f"{MODEL} o.png e.png --corners"),
+    "send": ("export.send.__main__", f"picture.png --message hi --out x.html {PAPER}"),
+    "send layout": ("export.send.__main__", "picture.png --message hi --out x.html"),
+    "send nothing": ("export.send.__main__", ""),
+    "send what": ("export.send.__main__", f"--out x.html {PAPER}"),
+    "receive": ("export.receive.__main__", ""),
+    "receive film": ("export.receive.__main__", "film"),
+}
+"""Module and first words of each command; a row of the tables gives what it needs besides.
+
+Where a row gives a flag of these words again, that of the row counts. ``{claimed}`` stands for a
+folder that evaluate.py claims before it looks at what it is given, and that it may leave.
+"""
+REFUSED = [
+    ("data_gen", "--pair canon-dell", ("'canon-dell'", *PAIRS)),
+    ("data_gen", "--kappa 0", "--kappa: need 1 to 64"),
+    ("data_gen", "--kappa 65", "--kappa: need 1 to 64"),
+    ("data_gen", "--frames 0", "--frames: need at least 1"),
+    ("data_gen", "--view 89", "--view: need an angle within ±75 degrees"),
+    ("data_gen", "--view -89", "--view: need an angle within ±75 degrees"),
+    ("data_gen", "--ratex 4", "--ratex: choose"),
+    ("data_gen", "--rows 0", "--rows: need at least 1, got 0"),
+    ("data_gen", "--without rain", "effect 'rain'; choose one of: perspective"),
+    ("data_gen", "--set jpeg_quality=200", "jpeg_quality must lie in [0, 100]"),
+    ("data_gen", "--set blur_px=true", "blur_px: need a number, such as"),
+    ("data_gen", "--set bayer=2", "bayer: need true or false, such as"),
+    ("data_gen", "--set gamma=[true,2,2]", "gamma must be 3 numbers"),
+    ("data_gen", "--width 20", "need a frame of at least"),
+    ("data_gen", "--split dev", "train, test"),
+    ("data_gen", "--pictures nowhere", "nowhere: no such folder"),
+    ("data_gen", "--seed -1", "--seed"),
+    ("data_gen", "--out text.png --frames 1", "text.png"),
+    ("video", "--out x.txt", "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov that"),
+    ("video", "--seconds 0", "--seconds: need more than 0"),
+    ("video", "--pair canon", "unknown pair"),
+    ("video", "--coverage 2", "--coverage: need a share"),
+    ("video", "--fps 0", "--fps: need 0.1 to 1000 a second, got 0"),
+    ("video", "--without perspective", "a scene needs perspective"),
+    ("mp4", "--out x.webm", "--out: need a folder, or a file of .mkv, .avi, .mp4, .mov"),
+    ("mp4", "--out x.avi --codec.name h264", "--out: need a folder, or a file of"),
+    ("mp4", "--codec.kbits 1", "--codec.kbits: need 50 to 500000 kbit/s"),
+    ("mp4", "--codec.profile best", "--codec.profile: need high, main"),
+    ("evaluate", "--pairs canon-dell", tuple(PAIRS)),
+    (
+        "evaluate",
+        "--methods oorc magic",
+        "naive, two_step, oorc, hidden_ratex, blind, phi, learned",
+    ),
+    ("evaluate", "--methods idol", f"method 'idol'; choose one of: {', '.join(METHODS)}"),
+    ("evaluate", "--kappas 5 0", "--kappas: need 1 to 64"),
+    ("evaluate", "--frames 0", "--frames: need at least 1"),
+    ("evaluate", "--jobs 0", "--jobs: need at least 1"),
+    ("evaluate", "--views 0 89", "--view"),
+    ("evaluate", "--views 45 45", "--views: name at least one, and none twice"),
+    ("evaluate", "--ratex 4", "--ratex"),
+    ("evaluate", "--protocol papr", "protocol 'papr'; choose one of: fair, paper"),
+    ("evaluate", "--without rain", "effect 'rain'; choose one of: perspective"),
+    ("evaluate", "--set drift", "--set: need name=value"),
+    ("evaluate", "--set wind=1", "unknown parameter 'wind'"),
+    ("evaluate", "--set drift=2", "drift must lie in [0, 0.5]"),
+    ("evaluate", "--pictures nowhere", "nowhere: no such folder"),
+    ("evaluate", "--seed -1", "--seed"),
+    ("captures", "nowhere", "manifest.jsonl"),
+    ("captures", "none", f"{MANIFEST}: not found"),
+    ("train", "--pair canon-dell", ("'canon-dell'", *PAIRS)),
+    ("train", "--frames 0", "--frames"),
+    ("train", "--episodes 0", "--episodes"),
+    ("train", "--kappas 0 65", "--kappa"),
+    ("train", "--max-view 400", "--max-view"),
+    ("train", "--seed -1", "--seed"),
+    ("to_onnx", "none", "config.json: not found; train first"),
+    ("parity", "none", "config.json: not found; train first"),
+    ("runtime", "gone.png e.png", "gone.png: no such image file"),
+    ("runtime", "o.png gone.png", "gone.png: no such image file"),
+    ("runtime", "text.png e.png", "text.png: not a readable image"),
+    ("runtime", "o.png empty.txt", "empty.txt: not a readable image"),
+    ("runtime", "one.png one.png", "one.png: image is 1x1"),
+    ("runtime", "o.png narrow.png", "original is 768x576 and embedded is 668x576"),
+    ("runtime", "o.png e.png", "no ratex patches"),
+    ("corners", "10,10 900,10 700,500 10,500", "(900, 10) lies outside the 768x576 image"),
+    ("corners", "10,10 700,10 700,500 10,5e9", "lies outside the 768x576 image"),
+    ("corners", "10,10 700,10 700,500 10", "--corners: need four points x,y"),
+    ("corners", "10,10 700,10 700,500 10,a", "--corners: need four points x,y"),
+    ("corners", "10,10 700,10 700,500 10,20,30", "--corners: need four points x,y"),
+    ("corners", "10,10 700,10 700,500 10,nan", "four finite points"),
+    ("corners", "10,10 10,500 700,500 700,10", "not a convex quadrilateral"),
+    ("send what", "gone.png --message hi", "gone.png: no such image, folder"),
+    ("send what", "text.png --message hi", "text.png: not a readable image"),
+    ("send what", "text.mp4 --message hi", "text.mp4: not a readable video"),
+    ("send what", "cut.avi --message hi", "cut.avi: the video breaks off after"),
+    ("send what", "cut.avi --message hi --out x", "cut.avi: the video breaks off after"),
+    ("send what", "none --message hi", "none: no image in this folder"),
+    ("send what", "picture.png", "either --message TEXT or --file FILE"),
+    ("send what", "picture.png --file empty.txt", "empty; give at least one byte"),
+    ("send what", "picture.png --file gone.txt", "--file: gone.txt: no such file"),
+    ("send what", "picture.png --file /dev/zero", "--file: /dev/zero: no such"),
+    ("send what", "picture.png --file clip.avi", f"carries {MOST_BYTES}; shorten"),
+    ("send what", "picture.png --message=", "--message: empty"),
+    ("send nothing", "picture.png --message hi", "arguments are required: --out; see --help"),
+    ("send", "--file empty.txt", "either --message TEXT or --file FILE"),
+    ("send", "--key gone", "--key: gone: no such file; check the path"),
+    ("send", "--key empty.txt", "--key: empty.txt: need 16 to 4096 random bytes"),
+    ("send", "--key picture.png", "--key: picture.png: larger than 4096 bytes"),
+    ("send", "--key key --counter -1", "--counter: need 0 to 4294967295, got -1"),
+    ("send", "--counter 1", "--counter: only a message with a key has one"),
+    ("send", "--kappa 0", "--kappa: need 1 to 64"),
+    ("send", "--kappa 65", "--kappa: need 1 to 64"),
+    ("send", "--kappa much", "--kappa: need a whole number, got 'much'"),
+    ("send", "--out x.mp4", "x.mp4 must end in .html, .avi or .mkv"),
+    ("send", "--out clip.avi", "--out: clip.avi is already there"),
+    ("send", "--out many", "--out: many is already there"),
+    ("send", "--out /", "--out: / has no name"),
+    ("send", "--out text.png/x", "text.png: cannot be made a folder"),
+    ("send", "--scale 65", "--scale: need 0 to 64, got 65"),
+    ("send", "--hold 0", "--hold: need at least 1, got 0"),
+    ("send", "--refresh nan", "--refresh: need -1000000 to 1000000, got nan"),
+    ("send", "--refresh 1e5 --hold 4", "need up to 1000 states a second, got 25000"),
+    ("send", "--state-hz 12 --hold 4", "60 Hz with --hold 4 is 15"),
+    ("send", "--state-hz 13", "60 Hz with --hold 5 is 12"),
+    ("send", "--state-hz 0", "need up to 1000 states a second, got 0"),
+    ("send", "--redundancy 0", "--redundancy: a frame of 28 message blocks has a code of fixed"),
+    ("send", "--preset loud", "--preset: invalid choice: 'loud' (choose from"),
+    ("send", "--rows 2", "layout: 10 message blocks a frame"),
+    ("send", "--pyramid-level 9", "--pyramid-level: 9 does not fit"),
+    ("send", "--ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),
+    ("send", "--out x.mkv --width 121", "even widths and heights only, got 121x80"),
+    ("send", "--color red", "unrecognized arguments: --color red; see --help"),
+    ("send", "--colour red", "--colour: invalid choice: 'red'"),
+    ("send", "--colour chroma", "layout: ratex patches are gray, bits"),
+    ("send", "--visibility 1 --kappa 1", "--visibility and --kappa: give one"),
+    ("send", "--visibility 0.5", "--visibility: a kappa of 1 is at "),
+    ("send", "--visibility 0", "--visibility: need a number above 0, got 0"),
+    ("send", "--visibility -1", "--visibility: need a number above 0, got -1"),
+    ("send", "--diagonal 0", "--diagonal: need 0.1 to 10000, got 0"),
+    ("send", "--luminance 0.5", "--luminance: need 1 to 100000, got 0.5"),
+    ("send", "--distance -1", "--distance: need 0.01 to 10000, got -1"),
+    ("send layout", "--layout bad.json", "bad.json: no layout there"),
+    ("send layout", "--layout layout.json --rows 5", "--rows and --layout: give one"),
+    ("send layout", "--redundancy 0 --preset robust", "--redundancy: need 1.2 to 16, got 0"),
+    ("receive", "gone", "no such folder, video file or camera number"),
+    ("receive", "none", "no image in this folder"),
+    ("receive", "text.mp4", "not a readable video"),
+    ("receive film", "--key gone", "--key: gone: no such file"),
+    ("receive film", "--key short", "--key: short: need 16 to 4096 random bytes"),
+    ("receive film", "--max-age 5", "--max-age: only a message with a key has an age"),
+    ("receive film", "--max-age 2000000", "--max-age: only a message with a key has an age"),
+    ("receive film", "other.png --keep-on", "--keep-on: two images are one frame pair"),
+    ("receive film", "other.png --fps 60", "--fps: two images are one frame pair"),
+    (
+        "receive film",
+        "--key key --max-age nan",
+        "--max-age: need -4294967295 to 4294967295, got nan",
+    ),
+    ("receive film", "--key key --max-age -1", "--max-age: need more than 0"),
+    ("receive film", "--out=", "--out: empty; give a name"),
+    ("receive film", "--out .", "--out: . is a folder or a device; name a file"),
+    ("receive film", "--threads 0", "--threads: need at least 1"),
+]
+BEGAN = [
+    ("data_gen", "--pyramid-level 9", "--pyramid-level: 9 does not fit"),
+    ("mp4", "--size 161 96", "h264: need an even width and height, got 161"),
+    slow("evaluate", "--run nowhere --out {claimed}", "nowhere/config.json: not found"),
+]
+"""What is found wrong when the work has begun, and progress has been shown."""
+
+
+@pytest.fixture(scope="module")
+def inputs(captured: Captured, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of good and bad files: one of each kind that a command takes."""
+    folder = tmp_path_factory.mktemp("inputs")
+    rng = np.random.default_rng(0)
+    pictures = rng.integers(0, 256, (2, 80, 120, 3), dtype=np.uint8)
+    write_image(folder / "picture.png", pictures[0])
+    write_image(folder / "many" / "00.png", pictures[1])
+    write_image(folder / "o.png", captured.original)
+    write_image(folder / "e.png", captured.embedded)
+    write_image(folder / "one.png", np.zeros((1, 1, 3), np.uint8))
+    write_image(folder / "narrow.png", captured.embedded[:, :-100])
+    (folder / "none").mkdir()
+    (folder / "none" / "notes.txt").write_text("no image")
+    (folder / "text.png").write_text("no image")
+    (folder / "text.mp4").write_text("no video")
+    (folder / "empty.txt").write_bytes(b"")
+    (folder / "bad.json").write_text("{")
+    (folder / "key").write_bytes(bytes(range(32)))
+    (folder / "short").write_bytes(bytes(9))
+    (folder / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
+    video = folder / "clip.avi"
+    write_video(video, (np.full((80, 120, 3), number, np.uint8) for number in range(60)), 30)
+    (folder / "cut.avi").write_bytes(video.read_bytes()[: video.stat().st_size // 3])
+    return folder
+
+
+Refuse = Callable[..., None]
+
+
+@pytest.fixture
+def refuse(
+    inputs: Path, tmp_path: Path, refuses: Refuses, monkeypatch: pytest.MonkeyPatch
+) -> Refuse:
+    """Run a command of `COMMANDS` beside the inputs, with some more words."""
+    monkeypatch.chdir(inputs)
+
+    def run(name: str, words: str, *says: str, began: bool = False) -> None:
+        module, first = COMMANDS[name]
+        refuses(module, f"{first} {words}".format(claimed=tmp_path / "out"), *says, began=began)
+
+    return run
+
+
+@pytest.mark.parametrize(("name", "words", "says"), REFUSED)
+def test_a_command_refuses_what_it_cannot_use_in_one_line(
+    name: str, words: str, says: str | tuple[str, ...], refuse: Refuse
+) -> None:
+    refuse(name, words, *((says,) if isinstance(says, str) else says))
+
+
+@pytest.mark.parametrize(("name", "words", "says"), BEGAN)
+def test_a_command_that_has_begun_ends_in_one_line(
+    name: str, words: str, says: str, refuse: Refuse
+) -> None:
+    refuse(name, words, says, began=True)
+
+
+def test_every_command_prints_its_refusals_in_one_line() -> None:
+    """What starts a command as a user does is the last line of its file."""
+    found = subprocess.run(
+        ["git", "grep", "-lE", r"^def main\(\)", "--", "*.py", ":!tests", ":!*_worker.py"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    files = [ROOT / file for file in found.stdout.split()]
+    assert len(files) > 20
+    end = 'if __name__ == "__main__":\n    run_cli(main)\n'
+    assert [file for file in files if not file.read_text().endswith(end)] == []
