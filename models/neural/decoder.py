@@ -15,8 +15,9 @@ from models.classical.oorc import inverse_response
 from models.neural.config import CHANNELS, DecoderConfig
 from models.neural.phi import PhiPolynomial, legendre_from_powers, legendre_maps, power_maps
 from models.neural.reduce import Reduce
-from models.neural.refine import MOMENTS, Refiner
+from models.neural.refine import MOMENTS
 from models.neural.refine_pilots import TEXTURES, PilotRefiner
+from models.neural.refine_ratex import RatexRefiner
 from models.neural.register import channel_mean, derivatives, register
 from models.neural.solver import fit_head
 
@@ -34,7 +35,7 @@ class PhiDecoder(nn.Module):
     With the default configuration and untrained it is the twin of `models.classical.oorc`, the
     method ``phi``: ridge 1, prior 0, C = 1. Training, the method ``learned``, changes what frame
     pairs share: the ridge (which scales each feature) and the prior of the head, C, the spreads of
-    the `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself
+    the refiner, and the temperature that turns scores into log-likelihood ratios. The head itself
     is always fitted to the ratex patches, or else the pilots, of the frame pair at hand.
 
     Args:
@@ -76,9 +77,9 @@ class PhiDecoder(nn.Module):
         self.log_ridge = nn.Parameter(torch.zeros(n_weights))
         self.prior = nn.Parameter(torch.zeros(n_weights))
         self.log_C = nn.Parameter(torch.zeros(()))
-        self.refiner: Refiner | PilotRefiner | None = None
+        self.refiner: RatexRefiner | PilotRefiner | None = None
         if config.refine and layout.ratex:
-            self.refiner = Refiner(layout, config.refine, config.rows, config.space)
+            self.refiner = RatexRefiner(layout, config.refine, config.rows, config.space)
         elif config.refine:
             pixels = layout.width * layout.height / layout.message_mask.size / config.coarsen**2
             self.refiner = PilotRefiner(layout, pixels, config.refine, config.rows, config.space)
