@@ -25,6 +25,7 @@ from data_gen.channel.display import Light
 from data_gen.frame_pair import FramePair
 from link.frames import SoftBits
 from link.layout import Layout, block_index
+from link.types import Homography
 
 DRAWS = 32
 """Number of draws of the noise for each bit."""
@@ -112,13 +113,13 @@ def observe_ideally(pair: FramePair, draws: int = DRAWS, change: bool = False) -
 
 
 def captured_blocks(
-    layout: Layout, H_captured_from_display: NDArray[np.float64], shape: tuple[int, ...]
+    layout: Layout, H_captured_from_display: Homography, shape: tuple[int, ...]
 ) -> NDArray[np.int16]:
     """Return which block each captured pixel shows.
 
     Args:
         layout: layout of the displayed picture.
-        H_captured_from_display: (3, 3) homography of the capture.
+        H_captured_from_display: homography of the capture.
         shape: shape of the captured image; its first two entries are height and width.
 
     Returns:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.images import as_rgb
+from link.types import Corners, Image
 
 Colour = tuple[int, int, int]
 """Red, green and blue of [0, 255]."""
@@ -19,8 +20,8 @@ CORNER_NAMES = ("TL", "TR", "BR", "BL")
 
 
 def outline_display(
-    image: NDArray[np.uint8],
-    corners: NDArray[np.float64] | None,
+    image: Image,
+    corners: Corners | None,
     colour: Colour = RED,
     *,
     names: bool = True,
@@ -28,7 +29,7 @@ def outline_display(
     """Draw the outline of a display on a copy of an image.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8 RGB.
+        image: an `Image`.
         corners: (4, 2) pixels in corner order, or None where no display was found.
         colour: colour of the outline.
         names: whether the corners' names are written beside them.

@@ -26,6 +26,7 @@ from link.images import add_pixel_limit, as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
 from link.ratex import visibility
+from link.types import Corners, Image
 from models import find_graph
 
 ORT_ERRORS: tuple[type[Exception], ...] = (
@@ -160,17 +161,17 @@ class Decoder:
 
     def decode(
         self,
-        original: NDArray[np.uint8],
-        embedded: NDArray[np.uint8],
+        original: Image,
+        embedded: Image,
         corners: ArrayLike | None = None,
         corners_embedded: ArrayLike | None = None,
     ) -> SoftBits:
         """Decode one frame pair.
 
         Args:
-            original: (H, W) or (H, W, 3) uint8, encoded RGB. Without ``corners`` the frame is
+            original: an `Image`. Without ``corners`` the frame is
                 already rectified: the displayed picture fills it, at any size.
-            embedded: uint8 of the shape of ``original``, encoded RGB.
+            embedded: an `Image` of the shape of ``original``.
             corners: (4, 2) pixels of the displayed picture in the captured original: top-left,
                 top-right, bottom-right, bottom-left (see `link.geometry`).
             corners_embedded: (4, 2) pixels of the displayed picture in the captured embedded
@@ -187,7 +188,7 @@ class Decoder:
         return SoftBits(scores[0].astype(np.float64), head[0].astype(np.float64))
 
     def run(
-        self, original: NDArray[np.uint8], embedded: NDArray[np.uint8]
+        self, original: NDArray[np.uint8], embedded: Image
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Run the graph on a batch of rectified frame pairs.
 
@@ -230,16 +231,16 @@ class Decoder:
 
     def rectify(
         self,
-        original: NDArray[np.uint8],
-        embedded: NDArray[np.uint8],
+        original: Image,
+        embedded: Image,
         corners: ArrayLike | None = None,
         corners_embedded: ArrayLike | None = None,
     ) -> Rectified:
         """Resample frames to the displayed picture, or check that they are rectified already.
 
         Args:
-            original: (H, W) or (H, W, 3) uint8, encoded RGB.
-            embedded: uint8 of the shape of ``original``, encoded RGB.
+            original: an `Image`.
+            embedded: an `Image` of the shape of ``original``.
             corners: (4, 2) pixels of the displayed picture in the original frame; None where the
                 picture fills the frames.
             corners_embedded: (4, 2) pixels in the embedded frame; ``corners`` where absent.
@@ -350,7 +351,7 @@ def _reason(error: Exception) -> str:
     return lines[0][:160] if lines else type(error).__name__
 
 
-def parse_corners(points: list[str] | None, flag: str) -> NDArray[np.float64] | None:
+def parse_corners(points: list[str] | None, flag: str) -> Corners | None:
     """Read four points from the command line.
 
     Args:

@@ -17,6 +17,7 @@ from link.errors import InputError, ParameterError
 from link.frames import Displayed
 from link.layout import COLOURS, MODULATIONS, Layout, block_index
 from link.ratex import draw_patches
+from link.types import Image
 
 MAX_KAPPA = 64
 """Largest number of gray levels that may be added."""
@@ -159,7 +160,7 @@ def split_change(
 
 
 def embed(
-    picture: NDArray[np.uint8],
+    picture: Image,
     bits: ArrayLike,
     layout: Layout,
     kappa: int,
@@ -169,7 +170,7 @@ def embed(
     """Hide one frame's bits in a picture.
 
     Args:
-        picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
+        picture: an `Image`, of the layout's size.
         bits: (n_bits,) 0 or 1, row-major over the message cells.
         layout: the grid and its ratex patches, which replace the picture there.
         kappa: gray levels by which blocks change, times the layout's direction in each channel.
@@ -214,7 +215,7 @@ def embed(
 
 
 def display_video(
-    picture: NDArray[np.uint8],
+    picture: Image,
     messages: ArrayLike,
     layout: Layout,
     kappa: int,
@@ -223,7 +224,7 @@ def display_video(
     """Make the paper's display video: each message as an original and then an embedded frame.
 
     Args:
-        picture: (height, width) or (height, width, 3) uint8 encoded, of the layout's size.
+        picture: an `Image`, of the layout's size.
         messages: (M, n_bits) 0 or 1; the paper has M = 5, hence 10 frames (§ Results).
         layout: the grid and its ratex patches.
         kappa: gray levels added where the bit is 1.

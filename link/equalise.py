@@ -8,6 +8,8 @@ the histogram of all colour channels together, serves every channel.
 import numpy as np
 from numpy.typing import NDArray
 
+from link.types import Image
+
 
 def uniform_mapping(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Find the mapping that makes the histogram of a frame near uniform.
@@ -22,11 +24,11 @@ def uniform_mapping(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
     return np.asarray(255.0 * (np.cumsum(histogram) - 0.5 * histogram) / histogram.sum())
 
 
-def equalise(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def equalise(picture: Image) -> NDArray[np.uint8]:
     """Give a picture a near-uniform histogram before it is displayed.
 
     Args:
-        picture: (H, W) or (H, W, 3) uint8, encoded.
+        picture: an `Image`.
 
     Returns:
         uint8 of the same shape, encoded.

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from link.errors import InputError
 from link.geometry import check_corners, homography_from_corners, rectify
 from link.layout import Layout
+from link.types import Corners, Image
 
 
-def check_same_size(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> None:
+def check_same_size(original: Image, embedded: Image) -> None:
     """Raise an `InputError` unless both frames have one shape."""
     if original.shape[:2] != embedded.shape[:2]:
         sizes = [f"{frame.shape[1]}x{frame.shape[0]}" for frame in (original, embedded)]
@@ -27,10 +28,10 @@ def check_same_size(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) ->
 class Displayed:
     """One frame pair as the display shows it."""
 
-    original: NDArray[np.uint8]
-    """Frame without the message, (height, width) or (height, width, 3) uint8, encoded."""
-    embedded: NDArray[np.uint8]
-    """Frame that carries the message, uint8 of the shape of ``original``, encoded."""
+    original: Image
+    """Frame without the message, an `Image`."""
+    embedded: Image
+    """Frame that carries the message, of the shape of ``original``."""
     bits: NDArray[np.intp]
     """(n_bits,) 0 or 1, row-major over the message cells."""
     layout: Layout
@@ -45,16 +46,16 @@ class Displayed:
 class Captured:
     """One frame pair as the camera saw it, with the display's corners."""
 
-    original: NDArray[np.uint8]
-    """Image of the original frame, (H, W) or (H, W, 3) uint8, encoded RGB."""
-    embedded: NDArray[np.uint8]
-    """Image of the embedded frame, uint8 of the shape of ``original``, encoded RGB."""
+    original: Image
+    """The captured original frame, an `Image`."""
+    embedded: Image
+    """The captured embedded frame, of the shape of ``original``."""
     layout: Layout
     """Grid of blocks and ratex patches that the display shows."""
-    corners: NDArray[np.float64]
-    """(4, 2) pixels in the original frame; convention of `link.geometry`."""
-    corners_embedded: NDArray[np.float64]
-    """(4, 2) pixels in the embedded frame."""
+    corners: Corners
+    """Pixels in the original frame."""
+    corners_embedded: Corners
+    """Pixels in the embedded frame."""
     bits: NDArray[np.intp] | None = None
     """(n_bits,) the bits that were sent, -1 where unknown; None where nothing is known."""
     kappa: int | None = None
@@ -86,10 +87,10 @@ class Captured:
 class Rectified:
     """One captured frame pair resampled to the display's frame; what decoders take."""
 
-    original: NDArray[np.uint8]
-    """(height, width) or (height, width, 3) uint8, encoded, as captured (no photometric change)."""
-    embedded: NDArray[np.uint8]
-    """Embedded frame, uint8 of the shape of ``original``, encoded, as captured."""
+    original: Image
+    """An `Image`, as captured (no photometric change)."""
+    embedded: Image
+    """Embedded frame, of the shape of ``original``, as captured."""
     layout: Layout
     """Grid of blocks and ratex patches that the frames show."""
     kappa: int | None = None

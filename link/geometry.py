@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError
+from link.types import Corners, Homography, Image
 
 MIN_AREA_PX = 256.0
 """Smallest area, in square pixels of the image, that a display may cover."""
 
 
-def frame_corners(width: int, height: int) -> NDArray[np.float64]:
+def frame_corners(width: int, height: int) -> Corners:
     """List the outer corners of a displayed frame, in corner order.
 
     Args:
@@ -33,7 +34,7 @@ def frame_corners(width: int, height: int) -> NDArray[np.float64]:
     return np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
 
 
-def as_corners(corners: ArrayLike) -> NDArray[np.float64]:
+def as_corners(corners: ArrayLike) -> Corners:
     """Turn four points of any numeric type into an array.
 
     Args:
@@ -159,22 +160,20 @@ def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def rectify(
-    image: NDArray[np.uint8], H_captured_from_display: NDArray[np.float64], width: int, height: int
-) -> NDArray[np.uint8]:
+def rectify(image: Image, H_captured_from_display: Homography, width: int, height: int) -> Image:
     """Resample a captured image to the display's frame.
 
     Bilinear; a capture finer than twice the display grid is first averaged down (INTER_AREA) by a
     whole factor, so that every captured pixel counts and nothing aliases.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded.
-        H_captured_from_display: (3, 3) homography, such as `homography_from_corners` finds.
+        image: an `Image`.
+        H_captured_from_display: homography, such as `homography_from_corners` finds.
         width: width of the display frame, pixels.
         height: height of the display frame, pixels.
 
     Returns:
-        (height, width) or (height, width, 3) uint8, encoded.
+        an `Image`.
 
     >>> photo = np.zeros((24, 48), np.uint8)
     >>> photo[5:15, 10:30] = 200  # a display that shows an even gray

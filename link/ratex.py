@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.layout import Layout
+from link.types import Image
 
 T = TypeVar("T", bound=Any)
 
@@ -109,11 +110,11 @@ def shown_levels(layout: Layout, kappa: int, *, embedded: bool) -> NDArray[np.in
     return np.asarray(levels + np.maximum(change if embedded else -change, 0), np.intp)
 
 
-def draw_patches(frame: NDArray[np.uint8], layout: Layout, kappa: int, *, embedded: bool) -> None:
+def draw_patches(frame: Image, layout: Layout, kappa: int, *, embedded: bool) -> None:
     """Draw the patches into a displayed frame in place.
 
     Args:
-        frame: (height, width) or (height, width, 3) uint8 of the layout's size.
+        frame: an `Image` of the layout's size.
         layout: says where the patches lie.
         kappa: gray levels by which tiles change between the frames.
         embedded: which frame of the pair this is.
@@ -205,11 +206,11 @@ class PatchMatch:
     """(patches,) correlation of ``captured`` and ``shown``, in [-1, 1]; 0 where a patch is even."""
 
 
-def match_patches(frame: NDArray[np.uint8], layout: Layout) -> PatchMatch:
+def match_patches(frame: Image, layout: Layout) -> PatchMatch:
     """Compare the ratex patches of a rectified frame with the patches that were displayed.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded, of any size.
+        frame: an `Image`, of any size.
         layout: layout with at least one patch.
     """
     height, width = frame.shape[:2]
@@ -226,11 +227,11 @@ def match_patches(frame: NDArray[np.uint8], layout: Layout) -> PatchMatch:
     return PatchMatch(captured, shown, pixels.label.reshape(shape)[:, :, 0], correlation)
 
 
-def visibility(frame: NDArray[np.uint8], layout: Layout) -> float:
+def visibility(frame: Image, layout: Layout) -> float:
     """Tell how well a rectified frame shows the ratex patches where the layout has them.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded, of any size.
+        frame: an `Image`, of any size.
         layout: layout with at least one patch.
 
     Returns:

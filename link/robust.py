@@ -8,9 +8,8 @@ that it solves in each round may be linear (`ridge_solution`) or any other.
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from link.types import Array
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of Gaussian numbers, in medians of their absolute values."""

@@ -30,6 +30,7 @@ from data_gen.parameters import Pair
 from link.geometry import frame_corners, transform
 from link.images import as_rgb
 from link.layout import Layout
+from link.types import Homography, Image
 
 BLUR_REACH = 4.0
 """Number of standard deviations of the lens blur within which the display still adds light."""
@@ -51,11 +52,11 @@ class Surroundings:
             canvas = cv2.GaussianBlur(canvas, (0, 0), pair.camera.blur_px)
         return cls(collect(canvas, pair.camera, pair.crosstalk), margin)
 
-    def seen(self, motion: NDArray[np.float64] | None, size: tuple[int, int]) -> Light:
+    def seen(self, motion: Homography | None, size: tuple[int, int]) -> Light:
         """Return a fresh image, (H, W, 3) float32, of a camera that may have moved.
 
         Args:
-            motion: (3, 3) homography from the resting camera's pixels to this image's; None for a
+            motion: homography from the resting camera's pixels to this image's; None for a
                 camera at rest.
             size: width and height of the image in pixels.
         """
@@ -126,11 +127,11 @@ class Viewpoint:
     """The room around the display; None for an even dark of `optics.SURROUNDINGS`, which shares
     every gain of the display's light."""
 
-    def emitted(self, frame: NDArray[np.uint8]) -> Light:
+    def emitted(self, frame: Image) -> Light:
         """Return the light that leaves the display for the camera, room light included.
 
         Args:
-            frame: (height, width) or (height, width, 3) uint8, encoded, of the layout's size.
+            frame: an `Image`, of the layout's size.
 
         Returns:
             (height, width, 3) float32, linear; frontal white at the centre is 1.
@@ -163,14 +164,14 @@ class Shot:
 
     viewpoint: Viewpoint
     """The camera and the display."""
-    H_captured_from_display: NDArray[np.float64]
-    """Homography (3, 3) from display pixels to pixels of the stored image."""
+    H_captured_from_display: Homography
+    """Homography from display pixels to pixels of the stored image."""
     exposure: float = 1.0
     """Exposure relative to that of `Viewpoint.lens`."""
     phase: float = 0.0
     """Phase of the backlight, in periods, when the first row opens."""
-    motion: NDArray[np.float64] | None = None
-    """Homography (3, 3) from the resting camera's pixels to this image's, by which the
+    motion: Homography | None = None
+    """Homography from the resting camera's pixels to this image's, by which the
     surroundings move; None for no motion."""
     foreground: tuple[Foreground, float, float] | None = None
     """Collected light of who stands before the display, and the x and y of its top-left corner;
@@ -207,11 +208,11 @@ class Shot:
             display.append(moire_gain(pair, view.layout, H, size, (left, top), width))
         return Gains(tuple(display), (view.lens, np.asarray(self.exposure, np.float32)))
 
-    def expose(self, frame: NDArray[np.uint8]) -> Light:
+    def expose(self, frame: Image) -> Light:
         """Return what the sensor collects of a displayed frame, before noise.
 
         Args:
-            frame: (height, width) or (height, width, 3) uint8, encoded, of the layout's size.
+            frame: an `Image`, of the layout's size.
 
         Returns:
             (H, W, 3) float32 in [0, 1], linear; 1 is saturation.

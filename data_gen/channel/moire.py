@@ -9,11 +9,11 @@ reduction to the captured size (at the alias).
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.channel.display import Light
 from data_gen.parameters import Pair
 from link.layout import Layout
+from link.types import Homography
 
 SPACING = (2, 1, 2)
 """Number of native pixels between samples of R, G and B along a row."""
@@ -30,7 +30,7 @@ INVISIBLE = 1e-3
 def moire_gain(
     pair: Pair,
     layout: Layout,
-    H_captured_from_display: NDArray[np.float64],
+    H_captured_from_display: Homography,
     size: tuple[int, int],
     origin: tuple[int, int] = (0, 0),
     capture_width: int | None = None,
@@ -40,7 +40,7 @@ def moire_gain(
     Args:
         pair: panel, sensor, and crosstalk, by which a channel sees all three stripes.
         layout: layout of the picture, which fills the panel's rows.
-        H_captured_from_display: (3, 3) homography.
+        H_captured_from_display: homography.
         size: (width, height) of the capture, or of a part of it, pixels.
         origin: (x, y) of that part in the capture.
         capture_width: width of the whole capture, where ``size`` is that of a part.

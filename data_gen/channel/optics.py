@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from data_gen.channel.display import Light
 from link.errors import ParameterError
+from link.types import Homography
 
 CAPTURE_WIDTH, CAPTURE_HEIGHT = 768, 576
 """Width and height of the simulated capture in pixels, to which the sensor's image is reduced."""
@@ -179,7 +180,7 @@ def scene_camera(
 
 def residual_motion(
     jitter_px: float, breathing: float, size: tuple[int, int], rng: np.random.Generator
-) -> NDArray[np.float64]:
+) -> Homography:
     """Draw the motion that registration leaves between two frames.
 
     It consists of a shift, a rotation and a change of distance that move the corner of the image by
@@ -192,7 +193,7 @@ def residual_motion(
         rng: source of the draw.
 
     Returns:
-        (3, 3) homography from captured pixels to captured pixels.
+        homography from captured pixels to captured pixels.
     """
     dx, dy, turn, zoom = jitter_px * rng.standard_normal(4)
     width, height = size
@@ -204,7 +205,7 @@ def residual_motion(
 
 def image_of(
     light: Light,
-    H_captured_from_display: NDArray[np.float64],
+    H_captured_from_display: Homography,
     blur_px: float,
     size: tuple[int, int],
     surroundings: float = SURROUNDINGS,
@@ -216,7 +217,7 @@ def image_of(
 
     Args:
         light: (H, W, 3) or (H, W) float32, linear, display pixels.
-        H_captured_from_display: (3, 3) homography.
+        H_captured_from_display: homography.
         blur_px: Gaussian sigma of lens and anti-alias filter, captured pixels.
         size: (width, height) of the capture.
         surroundings: linear light beside the display.

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from link.types import Homography
+
 
 @dataclass(frozen=True, eq=False)
 class VideoFrame:
@@ -20,8 +22,8 @@ class VideoFrame:
     and a little more or less where the sensor jitters."""
     display_s: float
     """Time of the loop, in seconds by the display's clock, at which the first row opens."""
-    H_captured_from_display: NDArray[np.float64]
-    """Homography (3, 3) from display pixels to pixels of the frame."""
+    H_captured_from_display: Homography
+    """Homography from display pixels to pixels of the frame."""
     states: dict[int, float]
     """Share of each state in the light of the display's part of the image; they sum to 1. State k
     is number k modulo the loop's length; in a frame without display, what it would have shown."""

@@ -31,6 +31,7 @@ from link.errors import InputError, ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
 from link.images import pixel_limit
 from link.layout import Layout
+from link.types import Homography, Image
 
 COVERAGE = (0.05, 0.9)
 """Smallest and largest share of the image that the picture covers."""
@@ -120,8 +121,8 @@ class Scene:
     """Light of a white sheet in the room relative to the display's frontal white."""
     size: tuple[int, int]
     """Width and height of the image, pixels."""
-    H_captured_from_display: NDArray[np.float64]
-    """Homography (3, 3) from display pixels to pixels of the image."""
+    H_captured_from_display: Homography
+    """Homography from display pixels to pixels of the image."""
     canvas: Light
     """Light of all but the picture, in whose place the casing or the surround goes on:
     (height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1."""
@@ -340,20 +341,20 @@ def _paint(
 
 
 def photograph(
-    frame: NDArray[np.uint8],
+    frame: Image,
     scene: Scene,
     rng: np.random.Generator,
-    H_captured_from_display: NDArray[np.float64] | None = None,
+    H_captured_from_display: Homography | None = None,
 ) -> NDArray[np.uint8]:
     """Take one still of a displayed frame in a scene.
 
     The mirrored lamp, the exposure's drift, the backlight's phase and the noise are drawn.
 
     Args:
-        frame: (height, width) or (height, width, 3) uint8, encoded, of the scene's layout.
+        frame: an `Image`, of the scene's layout.
         scene: room, display and camera.
         rng: source of every random draw.
-        H_captured_from_display: (3, 3) homography of a camera that has moved a little since; None
+        H_captured_from_display: homography of a camera that has moved a little since; None
             for the scene's.
 
     Returns:

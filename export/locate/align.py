@@ -12,6 +12,7 @@ from link.geometry import frame_corners, in_image, transform
 from link.layout import Layout
 from link.ratex import TILES, tile_levels
 from link.robust import MAD_TO_SIGMA, reweighted, ridge_solution
+from link.types import Corners
 
 PHASES = ((6, 6, False), (6, 2, True))
 """Phases of the alignment: samples along each axis of a tile, largest number of steps, and whether
@@ -32,11 +33,11 @@ coefficients miss."""
 
 def align_corners(
     pyramid: Pyramid,
-    corners: NDArray[np.float64],
+    corners: Corners,
     layout: Layout,
     spread: float = CORNER_SPREAD,
     used: NDArray[np.bool_] | None = None,
-) -> NDArray[np.float64]:
+) -> Corners:
     """Move corners, to sub-pixels, so that the image shows the patches as they are drawn.
 
     Gauss-Newton on the corners, residuals weighted robustly, with a ridge on the corners' motion.
@@ -46,13 +47,13 @@ def align_corners(
 
     Args:
         pyramid: `export.locate.patches.image_pyramid` of the image's gray levels.
-        corners: (4, 2) pixels of the image, within half a tile.
+        corners: pixels of the image, within half a tile.
         layout: layout with patches.
         spread: expected error of the corners, as a share of the display's side.
         used: (patches,) which patches are looked at, where they are in view; None for all.
 
     Returns:
-        (4, 2) pixels of the image.
+        pixels of the image.
     """
     used = np.ones(len(layout.ratex), bool) if used is None else used
     for fine, steps, free in PHASES:

@@ -23,6 +23,7 @@ from export.locate.quads import (
 )
 from link.code.steps import Steps, run_to_end
 from link.images import as_gray, as_rgb
+from link.types import Corners, Image
 
 WORK_PX = 640
 """Longer side, in pixels, of the small copy on which quadrilaterals are sought."""
@@ -48,19 +49,19 @@ BIAS = -22.02
 class Located:
     """A display found in an image."""
 
-    corners: NDArray[np.float64]
-    """(4, 2) px, convention of `link.geometry`: top-left of the displayed picture first where ratex
+    corners: Corners
+    """In pixels: top-left of the displayed picture first where ratex
     patches told the orientation, else the corner order nearest to upright in the image."""
     score: float
     """How sure the display is, in [0, 1]. Where ratex patches were sought it is
     `link.ratex.visibility`, else a logistic score of `export.locate.edges.side_features`."""
 
 
-def display_candidates(image: NDArray[np.uint8], limit: int = CANDIDATES) -> list[Located]:
+def display_candidates(image: Image, limit: int = CANDIDATES) -> list[Located]:
     """List quadrilaterals that may bound a lit display, the likeliest first.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
         limit: largest number returned.
 
     Returns:
@@ -69,11 +70,11 @@ def display_candidates(image: NDArray[np.uint8], limit: int = CANDIDATES) -> lis
     return run_to_end(candidate_steps(image, limit))
 
 
-def candidate_steps(image: NDArray[np.uint8], limit: int = CANDIDATES) -> Steps[list[Located]]:
+def candidate_steps(image: Image, limit: int = CANDIDATES) -> Steps[list[Located]]:
     """List quadrilaterals that may bound a lit display, step by step.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
         limit: largest number returned.
 
     Returns:
@@ -94,12 +95,12 @@ def candidate_steps(image: NDArray[np.uint8], limit: int = CANDIDATES) -> Steps[
 
 
 def gather_quadrilaterals(
-    image: NDArray[np.uint8],
+    image: Image,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Collect all quadrilaterals that lines, outlines and edges make, and what speaks for each.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
 
     Returns:
         (N, 4, 2) px of a small copy of the image, (N, features) as
@@ -129,11 +130,11 @@ def gathering_steps(
     return quads, features, scale
 
 
-def small_copy(image: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
+def small_copy(image: Image) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
     """Shrink an image until its longer side has `WORK_PX` pixels; a smaller one keeps its size.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
 
     Returns:
         the copy, (h, w, 3) uint8, and (2,) pixels of the image in one of the copy.

@@ -4,6 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.types import Homography
+
 
 def four_point_homography(
     source: NDArray[np.float64], target: NDArray[np.float64]
@@ -16,7 +18,7 @@ def four_point_homography(
 
 
 def points_by_corners(
-    H: NDArray[np.float64],
+    H: Homography,
     source: NDArray[np.float64],
     target: NDArray[np.float64],
     points: NDArray[np.float64],
@@ -24,7 +26,7 @@ def points_by_corners(
     """Map points by a homography, and say how its target corners move them.
 
     Args:
-        H: (3, 3) homography of ``source`` to ``target``.
+        H: homography of ``source`` to ``target``.
         source: (4, 2) corners.
         target: (4, 2) corners.
         points: (N, 2) in the frame of ``source``.

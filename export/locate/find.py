@@ -36,6 +36,7 @@ from export.locate.spots import (
 from link.code.steps import Steps, run_to_end
 from link.images import as_gray
 from link.layout import Layout
+from link.types import Image
 
 SMALL_ERROR_PX = 2.0
 """Error of a candidate's side, in pixels of the small copy; farther off, another edge may be
@@ -68,11 +69,11 @@ score 0.011 at most; nine in ten simulated displays score more. Measured by
 `reports.lab.locate_weights` at the tag results-2026-11."""
 
 
-def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | None:
+def locate(image: Image, layout: Layout | None = None) -> Located | None:
     """Find the lit display in an image.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
         layout: layout of what is displayed; its ratex patches tell the orientation.
 
     Returns:
@@ -91,12 +92,12 @@ def locate(image: NDArray[np.uint8], layout: Layout | None = None) -> Located | 
 
 
 def search_steps(
-    image: NDArray[np.uint8], layout: Layout | None = None, partly: bool = True
+    image: Image, layout: Layout | None = None, partly: bool = True
 ) -> Steps[Located | None]:
     """Find the lit display in an image step by step.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB; it must stay as it is until the end.
+        image: an `Image`; it must stay as it is until the end.
         layout: layout of what is displayed; its ratex patches tell the orientation.
         partly: whether a display that is partly in view, or whose patches are partly covered, is
             sought, too.
@@ -172,12 +173,12 @@ def _best_on_patches(
 
 
 def _best_partial(
-    image: NDArray[np.uint8], pyramid: Pyramid, layout: Layout, bent: NDArray[np.float64]
+    image: Image, pyramid: Pyramid, layout: Layout, bent: NDArray[np.float64]
 ) -> Steps[Located | None]:
     """Where the patches of a display that is partly in view are seen best, or None.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
         pyramid: `export.locate.patches.image_pyramid` of its gray levels.
         layout: layout with patches.
         bent: (N, M, 4, 2) pixels, M guesses of the perspective of each of N quadrilaterals.

@@ -15,6 +15,7 @@ from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
 from link.ratex import TILES, patch_centres, tile_levels
 from link.robust import reweighted, ridge_solution
+from link.types import Corners
 
 TILE_PX = 4
 """Pixels along each axis of a tile where patches are sought."""
@@ -57,11 +58,11 @@ def at_level(corners: NDArray[np.float64], level: int) -> NDArray[np.float64]:
     return np.asarray((corners + 0.5) / 2**level - 0.5)
 
 
-def level_for(corners: NDArray[np.float64], width: float, height: float, levels: int) -> int:
+def level_for(corners: Corners, width: float, height: float, levels: int) -> int:
     """Choose the level of a pyramid on which a display is looked at.
 
     Args:
-        corners: (4, 2) pixels of the image.
+        corners: pixels of the image.
         width: samples across the display.
         height: samples down the display.
         levels: number of levels in the pyramid.
@@ -82,12 +83,12 @@ def _templates(layout: Layout) -> list[NDArray[np.uint8]]:
 
 
 def patches_in_view(
-    corners: NDArray[np.float64], layout: Layout, image_shape: tuple[int, ...]
+    corners: Corners, layout: Layout, image_shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
     """Tell which patches lie wholly in the image.
 
     Args:
-        corners: (4, 2) pixels of the image.
+        corners: pixels of the image.
         layout: layout with patches.
         image_shape: (H, W, ...) of the image.
 
@@ -123,7 +124,7 @@ def seen_visibility(match: NDArray[np.float64], in_view: NDArray[np.bool_]) -> f
 
 
 def search_patches(
-    pyramid: Pyramid, corners: NDArray[np.float64], layout: Layout, reach: float = SEARCH
+    pyramid: Pyramid, corners: Corners, layout: Layout, reach: float = SEARCH
 ) -> tuple[float, NDArray[np.float64]]:
     """Look for each patch around the place where the corners put it.
 
@@ -177,9 +178,7 @@ def search_patches(
     return float(found[seen, 2].mean()), found
 
 
-def corners_from_patches(
-    corners: NDArray[np.float64], found: NDArray[np.float64], layout: Layout
-) -> NDArray[np.float64]:
+def corners_from_patches(corners: Corners, found: NDArray[np.float64], layout: Layout) -> Corners:
     """Move corners so that the patches lie where they were found.
 
     Least squares on the corners' motion in the display's frame, with a ridge: patches of low
@@ -187,12 +186,12 @@ def corners_from_patches(
     in a wrong place disagrees with the others and counts little, too.
 
     Args:
-        corners: (4, 2) pixels of the image.
+        corners: pixels of the image.
         found: (patches, 3) places and correlations, as `search_patches` returns them.
         layout: layout with patches.
 
     Returns:
-        (4, 2) pixels of the image.
+        pixels of the image.
     """
     nominal = patch_centres(layout)
     square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

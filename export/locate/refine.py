@@ -19,6 +19,7 @@ from link.geometry import as_corners, homography_from_corners, rectify
 from link.images import as_gray
 from link.layout import Layout
 from link.ratex import CLEAR_MATCH, match_patches
+from link.types import Corners, Image
 
 EDGE_REACH = 0.015
 """Distance that a side may move onto an edge, as a share of the display's side."""
@@ -44,21 +45,19 @@ def needed_visibility(layout: Layout) -> float:
     return MIN_VISIBILITY.get(len(layout.ratex), USUAL_VISIBILITY)
 
 
-def refine_corners(
-    image: NDArray[np.uint8], corners: ArrayLike, layout: Layout | None = None
-) -> NDArray[np.float64]:
+def refine_corners(image: Image, corners: ArrayLike, layout: Layout | None = None) -> Corners:
     """Find sub-pixel corners from corners a few per cent off.
 
     They lie on the ratex patches where ``layout`` has some and these are seen, else on the
     display's edges.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
         corners: (4, 2) px, in the corner order of the result.
         layout: layout of what is displayed.
 
     Returns:
-        (4, 2); ``corners`` where the image shows neither edges nor patches there.
+        in pixels; ``corners`` where the image shows neither edges nor patches there.
     """
     given = as_corners(corners)
     gray = as_gray(image)
@@ -71,16 +70,16 @@ def refine_corners(
 
 
 def corners_on_patches(
-    image: NDArray[np.uint8], pyramid: Pyramid, corners: NDArray[np.float64], layout: Layout
+    image: Image, pyramid: Pyramid, corners: Corners, layout: Layout
 ) -> tuple[NDArray[np.float64], float]:
     """Move corners so that the image shows the ratex patches where the layout has them.
 
     Patches may be out of view, or covered, as `export.locate.patches.seen_visibility` allows.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, encoded RGB.
+        image: an `Image`.
         pyramid: `export.locate.patches.image_pyramid` of its gray levels.
-        corners: (4, 2) px within about 9 % of the side, in the corner order to be tried.
+        corners: pixels within about 9 % of the side, in the corner order to be tried.
         layout: layout with patches.
 
     Returns:
@@ -119,7 +118,7 @@ def _judged(
 
 def corners_on_edges(
     gray: NDArray[np.uint8], corners: NDArray[np.float64], reach: float
-) -> NDArray[np.float64]:
+) -> Corners:
     """Move corners so that the sides lie on edges of the image, first coarsely and then finely.
 
     Args:
@@ -128,7 +127,7 @@ def corners_on_edges(
         reach: pixels that a side may move at either end.
 
     Returns:
-        (4, 2); a side without an edge in reach stays.
+        in pixels; a side without an edge in reach stays.
     """
     smooth = cv2.GaussianBlur(gray, (0, 0), 1.0).astype(np.float32)
     for pixels in (reach, min(reach, 4.0)):

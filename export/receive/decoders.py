@@ -5,13 +5,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
 from link.errors import InputError
 from link.frames import SoftBits
 from link.layout import Layout
+from link.types import Image
 from models import shipped_graphs
 
 
@@ -25,8 +23,8 @@ class PairDecoder(Protocol):
         """Get ready: frames of this layout will soon come."""
         ...
 
-    def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8], /) -> SoftBits:
-        """Score the message bits of two rectified frames, (H, W) or (H, W, 3) uint8 encoded RGB."""
+    def decode(self, original: Image, embedded: Image, /) -> SoftBits:
+        """Score the message bits of two rectified frames, an `Image` each."""
         ...
 
 
@@ -70,8 +68,8 @@ class ShippedDecoder:
             raise InputError(f"{self._path}: is for another layout than its name says; export it")
         return decoder
 
-    def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8], /) -> SoftBits:
-        """Score the message bits of two rectified frames, (H, W) or (H, W, 3) uint8 encoded RGB.
+    def decode(self, original: Image, embedded: Image, /) -> SoftBits:
+        """Score the message bits of two rectified frames, an `Image` each.
 
         Raises:
             InputError: the file is no decoder for the layout, or the decoder refuses the frames.

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from link.layout import Layout, block_index
 from link.ratex import CLEAR_MATCH, TILES, match_patches, tile_labels, tile_levels
+from link.types import Image
 
 LEAST_CLEAR = 2
 """Smallest number of patches that must be seen for others to be filled."""
-
-Image = NDArray[np.uint8]
 
 
 def hidden_blocks(
@@ -30,8 +29,8 @@ def hidden_blocks(
     """Tell which blocks of a frame pair are not seen.
 
     Args:
-        original: (height, width) or (height, width, 3) uint8, encoded, rectified.
-        embedded: uint8 of the shape of ``original``, of the other state.
+        original: an `Image`, rectified.
+        embedded: an `Image` of the shape of ``original``, of the other state.
         purity: (n, n) largest shares of an exposure in the two states, in [0, 1], over the display;
             0 where no frame holds anything.
         layout: layout with patches or pilots, or without either.
@@ -56,7 +55,7 @@ def fill_hidden(images: Sequence[Image], hidden: NDArray[np.bool_], layout: Layo
     """Fill the hidden blocks of rectified images that show one picture.
 
     Args:
-        images: (height, width) or (height, width, 3) uint8, encoded, rectified.
+        images: rectified frames, an `Image` each.
         hidden: (rows, cols) blocks that are not seen.
         layout: layout with patches or pilots, or without either.
 
@@ -92,7 +91,7 @@ def _copy_nearest(
     is taken.
 
     Args:
-        images: (height, width) or (height, width, 3) uint8, rectified.
+        images: rectified frames, an `Image` each.
         kind: (rows, cols) blocks that may stand for each other.
         hidden: (rows, cols) blocks that are not seen.
         layout: layout of the images.

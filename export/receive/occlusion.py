@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from link.images import as_gray
 from link.layout import Layout
+from link.types import Image
 
 BLOCK_PX, ROWS_PX = 6, 96
 """Pixels of a block, along each axis, in the thumbnails that are compared: the first number, or
@@ -36,11 +37,11 @@ class Occlusion:
         self._side = max(1, min(BLOCK_PX, ROWS_PX // layout.rows))
         self._history: deque[NDArray[np.float32]] = deque(maxlen=HISTORY)
 
-    def covered(self, original: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    def covered(self, original: Image) -> NDArray[np.bool_]:
         """Tell which message blocks are covered in the next original frame.
 
         Args:
-            original: (height, width) or (height, width, 3) uint8, encoded, rectified.
+            original: an `Image`, rectified.
 
         Returns:
             (n_bits,) bool.

@@ -30,6 +30,7 @@ from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.patches import Tracked
 from link.code.collect import Message, make_collector
 from link.frames import SoftBits
+from link.types import Homography
 
 BUFFER = 256
 """Largest number of rectified frames that are kept until their frame pairs can be decoded. Most are
@@ -231,11 +232,11 @@ class DisplayReader:
         self.timing.add("collect", start)
         return message
 
-    def shift(self) -> NDArray[np.float64] | None:
+    def shift(self) -> Homography | None:
         """Say where the display lies in its rectified image, as its decoded blocks tell.
 
         Returns:
-            (3, 3) ``H_old_from_new`` in layout pixels, once; None where nothing new is known.
+            ``H_old_from_new`` in layout pixels, once; None where nothing new is known.
         """
         return self._corners.shift()
 

@@ -24,6 +24,7 @@ from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured
 from link.layout import Layout
+from link.types import Corners, Image
 
 STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over the patches, at which
@@ -194,16 +195,16 @@ class Receiver:
         self,
         first: NDArray[np.generic],
         second: NDArray[np.generic],
-        corners_first: NDArray[np.float64],
-        corners_second: NDArray[np.float64],
+        corners_first: Corners,
+        corners_second: Corners,
     ) -> DecodedPair:
         """Decode two images of one frame pair, in either order.
 
         Args:
             first: (H, W) or (H, W, 3) uint8 or uint16, encoded RGB, of either state.
             second: frame of the other state, of the same shape and type.
-            corners_first: (4, 2) pixels of the display in the first image, in corner order.
-            corners_second: (4, 2) pixels of the display in the second image, in corner order.
+            corners_first: pixels of the display in the first image.
+            corners_second: pixels of the display in the second image.
 
         Raises:
             InputError: images of unlike size, corners that do not fit, or patches that do not
@@ -248,14 +249,14 @@ def make_trackers(layouts: Sequence[Layout], fps: float) -> list[DisplayTracker]
     return [*trackers, PilotTracker(with_pilots, fps)] if with_pilots else trackers
 
 
-def as_uint8(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+def as_uint8(image: NDArray[np.generic]) -> Image:
     """Turn a camera's image into what the receiver takes.
 
     Args:
         image: (H, W), (H, W, 1) or (H, W, 3) uint8 or uint16, encoded.
 
     Returns:
-        (H, W) or (H, W, 3) uint8, encoded.
+        an `Image`.
 
     Raises:
         InputError: any other shape or type.

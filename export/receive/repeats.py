@@ -13,6 +13,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from link.types import Image
+
 CELL_PX, CELLS = 8, 24
 """Pixels along each side of the cells that are compared, and number of them along each axis."""
 QUANTILES = (0.3, 0.5, 0.9, 1.0)
@@ -45,11 +47,11 @@ class Repeats:
         self._before: NDArray[np.int16] | None = None
         self._changes: deque[NDArray[np.float64]] = deque(maxlen=HISTORY)
 
-    def is_repeat(self, image: NDArray[np.uint8]) -> bool:
+    def is_repeat(self, image: Image) -> bool:
         """Tell whether a frame shows again what the frame before showed.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded; the next frame of the film.
+            image: an `Image`; the next frame of the film.
         """
         cells, before = sample_cells(image), self._before
         self._before = cells
@@ -68,11 +70,11 @@ class Repeats:
         return False
 
 
-def sample_cells(image: NDArray[np.uint8]) -> NDArray[np.int16]:
+def sample_cells(image: Image) -> NDArray[np.int16]:
     """Take small squares of pixels, spread evenly over an image.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8.
+        image: an `Image`.
 
     Returns:
         (rows, CELL_PX, columns, CELL_PX) int16 levels, of green where there are colours.

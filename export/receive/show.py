@@ -9,18 +9,19 @@ from export.receive.reader import DecodedPair
 from export.receive.tracking.patches import Tracked
 from link.images import as_rgb
 from link.layout import Layout
+from link.types import Image
 
 AMPLIFIED = 12
 """Gain of the shown difference between the frames of a pair."""
 
 
 def draw_decoded_pair(
-    image: NDArray[np.uint8], tracked: Tracked, pair: DecodedPair, layout: Layout
+    image: Image, tracked: Tracked, pair: DecodedPair, layout: Layout
 ) -> NDArray[np.uint8]:
     """Draw four panels: camera frame, rectified original, difference, and decided blocks.
 
     Args:
-        image: (H, W) or (H, W, 3) uint8, the camera frame after which the pair was decoded.
+        image: an `Image`, the camera frame after which the pair was decoded.
         tracked: the display in it.
         pair: what was decoded.
         layout: layout of the display.

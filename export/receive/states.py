@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from export.receive.timing.clock import DisplayClock
 from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
+from link.types import Corners, Image
 
 PURE = 0.97
 """Smallest share of an exposure in one state at which a pixel counts as pure."""
@@ -26,20 +27,18 @@ class RectifiedFrame:
 
     time: float
     """Seconds of the camera's clock."""
-    rectified: NDArray[np.uint8]
-    """(height, width) or (height, width, 3) uint8, encoded."""
+    rectified: Image
+    """An `Image`."""
     in_view: NDArray[np.bool_] | None = None
     """(MESH, MESH) whether each point of the display lies within the camera frame; None where the
     whole display does."""
 
 
-def points_in_view(
-    corners: NDArray[np.float64], shape: tuple[int, ...]
-) -> NDArray[np.bool_] | None:
+def points_in_view(corners: Corners, shape: tuple[int, ...]) -> NDArray[np.bool_] | None:
     """Tell which points of the display lie within a camera frame.
 
     Args:
-        corners: (4, 2) pixels of the camera frame, in corner order.
+        corners: pixels of the camera frame.
         shape: shape of the camera frame, height and width first.
 
     Returns:
@@ -56,8 +55,8 @@ def points_in_view(
 class DisplayState:
     """What one state of the display, an original or an embedded frame, looked like."""
 
-    image: NDArray[np.uint8]
-    """(height, width) or (height, width, 3) uint8, encoded, rectified."""
+    image: Image
+    """An `Image`, rectified."""
     purity: NDArray[np.float64]
     """(MESH, MESH) largest share of an exposure that fell into this state, in [0, 1]."""
     frames: int

@@ -8,15 +8,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from export.send.player import write_player
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
 from link.images import MAX_NAME_BYTES, make_folder, temporary_name, write_bytes, write_image
 from link.images.video import write_video
 from link.loop import Loop
+from link.types import Image
 
 KINDS = ("", ".html", ".avi", ".mkv")
 """Endings of an output's name: none for a folder of images, then the player, then two videos."""
@@ -71,12 +69,12 @@ def unfinished(out: Path) -> Iterator[Path]:
             shutil.rmtree(temporary)
 
 
-def write_states(folder: Path, states: Iterable[NDArray[np.uint8]]) -> None:
+def write_states(folder: Path, states: Iterable[Image]) -> None:
     """Write state_00000.png, state_00001.png, ... in the order in which a display shows them.
 
     Args:
         folder: made if it is not there.
-        states: (H, W) or (H, W, 3) uint8, encoded RGB.
+        states: an `Image` each.
     """
     for number, state in enumerate(states):
         write_image(folder / f"state_{number:05d}.png", state)

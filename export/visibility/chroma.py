@@ -17,10 +17,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Numbers = NDArray[np.float64]
-"""Array of real numbers."""
+from link.types import Array
+
 XYZ_FROM_RGB = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750],
      [0.0193339, 0.1191920, 0.9503041]]
@@ -61,7 +61,7 @@ class Opponent:
     beta: float
     """Exponent of the decay over temporal frequencies."""
 
-    def sensitivity(self, frequency_hz: ArrayLike, luminance: float) -> Numbers:
+    def sensitivity(self, frequency_hz: ArrayLike, luminance: float) -> Array:
         """Work out the sensitivity to a grating of `DISC_AREA` at the line of sight.
 
         Args:
@@ -90,7 +90,7 @@ YELLOW_VIOLET = Opponent(
 """Constants of the yellow-violet channel."""
 
 
-def opponent_change(light: Numbers) -> Numbers:
+def opponent_change(light: Array) -> Array:
     """Take the changes of colour out of a changing light, in proportion to its mean luminance.
 
     What changes in proportion to the mean light, as gray does, is no change of colour.
@@ -116,7 +116,7 @@ def opponent_change(light: Numbers) -> Numbers:
 @lru_cache(maxsize=1024)
 def _disc_sensitivities(
     hz: tuple[float, ...], luminance: float, width: float, height: float
-) -> Numbers:
+) -> Array:
     growth = (np.sqrt(width * height / np.pi)) ** (1 / DISC_EXPONENT)
     channels = [c.sensitivity(hz, luminance) * growth for c in (RED_GREEN, YELLOW_VIOLET)]
     both = np.stack(channels)
@@ -125,12 +125,12 @@ def _disc_sensitivities(
 
 
 def colour_over_threshold(
-    amplitudes: Numbers,
+    amplitudes: Array,
     frequency_hz: ArrayLike,
     luminance_cd_m2: float,
     width_deg: float,
     height_deg: float,
-) -> Numbers:
+) -> Array:
     """Work out how far each frequency of a flicker of colour lies above what is just seen.
 
     Args:

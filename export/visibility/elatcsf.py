@@ -21,12 +21,11 @@ over the visual field, in square degrees, is 6.52801. All constants are those of
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from link.errors import ParameterError
+from link.types import Array
 
-Numbers = NDArray[np.float64]
-"""Array of real numbers."""
 POOLING_EXPONENT = 3.80022
 """Exponent by which the response is summed over the visual field (the paper's beta)."""
 THRESHOLD_ENERGY = 6.52801
@@ -41,7 +40,7 @@ _NODE, _WEIGHT = (part / 2 for part in np.polynomial.legendre.leggauss(NODES))
 
 def spot_sensitivity(
     eccentricity_deg: ArrayLike, luminance_cd_m2: float, frequency_hz: ArrayLike
-) -> Numbers:
+) -> Array:
     """Work out the sensitivity to flicker of a small spot, which only `flicker_sensitivity` uses.
 
     Args:
@@ -71,7 +70,7 @@ def spot_sensitivity(
     return np.asarray(10 ** (-0.0330933 * eccentricity) * in_light * in_time)
 
 
-def _corner_integral(width: float, height: float, luminance: float, hz: Numbers) -> Numbers:
+def _corner_integral(width: float, height: float, luminance: float, hz: Array) -> Array:
     """Integrate S^3.80022 over a rectangle with one corner at the line of sight, by frequency.
 
     The rectangle is cut along its diagonal. In each triangle x = u and y = u v: the integrand,
@@ -94,7 +93,7 @@ def _corner_integral(width: float, height: float, luminance: float, hz: Numbers)
 @lru_cache(maxsize=4096)
 def _pooled(
     width: float, height: float, luminance: float, hz: tuple[float, ...], eccentricity: float
-) -> Numbers:
+) -> Array:
     right, left = eccentricity + width / 2, eccentricity - width / 2
     frequencies = np.array(hz, np.float64)
     sides = [
@@ -112,7 +111,7 @@ def flicker_sensitivity(
     width_deg: float,
     height_deg: float,
     eccentricity_deg: float = 0.0,
-) -> Numbers:
+) -> Array:
     """Work out the sensitivity to flicker of a rectangle: one over the contrast that is just seen.
 
     Args:

@@ -30,7 +30,7 @@ seen more often than not.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from export.visibility.chroma import colour_over_threshold, opponent_change
 from export.visibility.elatcsf import flicker_sensitivity
@@ -39,9 +39,8 @@ from export.visibility.viewing import Viewing, Where
 from link.embed import MAX_KAPPA
 from link.errors import InputError, ParameterError, choose
 from link.layout import LUMINANCE_FROM_RGB
+from link.types import Array
 
-Numbers = NDArray[np.float64]
-"""Array of real numbers."""
 WINDOW_S = 0.5
 """Length of the windows in which flicker is judged, in seconds."""
 HIGHEST_HZ = 120.0
@@ -56,13 +55,13 @@ QUANTILE = 0.95
 class Visibility:
     """Contrast over threshold, by windows; 1 is just seen."""
 
-    luminance: Numbers
+    luminance: Array
     """(windows,) the part of luminance, by elaTCSF."""
-    colour: Numbers
+    colour: Array
     """(windows,) the part of colour at constant luminance, by castleCSF; 0 for gray."""
 
     @property
-    def windows(self) -> Numbers:
+    def windows(self) -> Array:
         """Array (windows,) of both parts together, added in quadrature."""
         return np.asarray(np.hypot(self.luminance, self.colour))
 
@@ -79,7 +78,7 @@ class Visibility:
 
 def flicker_spectrum(
     values: ArrayLike, sample_hz: float, highest_hz: float = HIGHEST_HZ
-) -> tuple[Numbers, Numbers]:
+) -> tuple[Array, Array]:
     """Take held values apart into sines, up to a frequency.
 
     Args:
@@ -159,7 +158,7 @@ def contrast_over_threshold(
 
 def random_message(
     viewing: Viewing, line_code: str, rng: np.random.Generator, seconds: float
-) -> Numbers:
+) -> Array:
     """Draw what a block shows of a random message.
 
     Args:

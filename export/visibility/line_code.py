@@ -30,10 +30,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError, at_least
+from link.types import Array
 
-Numbers = NDArray[np.float64]
-"""Array of real numbers."""
-Levels = Callable[[NDArray[np.intp], int], Numbers]
+Levels = Callable[[NDArray[np.intp], int], Array]
 """Turns bits, and the number of refreshes of a state, into amplitudes in units of kappa."""
 
 
@@ -46,7 +45,7 @@ class LineCode:
     levels: Levels
     """Makes the amplitudes of all refreshes."""
 
-    def amplitudes(self, bits: ArrayLike, refreshes: int = 1) -> Numbers:
+    def amplitudes(self, bits: ArrayLike, refreshes: int = 1) -> Array:
         """Make what a block shows for a row of bits.
 
         Args:
@@ -88,18 +87,18 @@ class LineCode:
         return float(np.mean(distances))
 
 
-def _on_off(bits: NDArray[np.intp], refreshes: int) -> Numbers:
+def _on_off(bits: NDArray[np.intp], refreshes: int) -> Array:
     states = np.zeros((len(bits), 2))
     states[:, 1] = bits
     return np.repeat(states.ravel(), refreshes)
 
 
-def _hold(toggles: int, bits: NDArray[np.intp], refreshes: int) -> Numbers:
+def _hold(toggles: int, bits: NDArray[np.intp], refreshes: int) -> Array:
     signs = np.repeat(bits - 0.5, toggles)
     return np.repeat(np.stack([-signs, signs], axis=1).ravel(), refreshes)
 
 
-def _soft(toggles: int, bits: NDArray[np.intp], refreshes: int) -> Numbers:
+def _soft(toggles: int, bits: NDArray[np.intp], refreshes: int) -> Array:
     """Hold, times an envelope that follows a raised cosine between the middles of two bits."""
     length = 2 * toggles * refreshes
     signs = bits - 0.5
@@ -111,7 +110,7 @@ def _soft(toggles: int, bits: NDArray[np.intp], refreshes: int) -> Numbers:
     return np.asarray(envelope * carrier)
 
 
-def _balanced(bits: NDArray[np.intp], refreshes: int) -> Numbers:
+def _balanced(bits: NDArray[np.intp], refreshes: int) -> Array:
     signs = (bits - 0.5)[:, None] * np.array([-1.0, 1.0, 1.0, -1.0])
     return np.repeat(signs.ravel(), refreshes)
 

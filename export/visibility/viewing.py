@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from link.errors import ParameterError
 from link.presets import USUAL_DISTANCE_M
+from link.types import Array
 
-Numbers = NDArray[np.float64]
-"""Array of real numbers."""
 PICTURE_LEVELS = (32.0, 128.0, 230.0)
 """Gray levels of a picture that stand for dark, middle and bright."""
 COLOUR_LEVELS = ((200.0, 120.0, 80.0), (80.0, 120.0, 200.0), (60.0, 140.0, 60.0))
@@ -120,7 +119,7 @@ class Viewing:
         )
         return width_deg, height_deg
 
-    def gray_levels(self, amplitudes: ArrayLike) -> Numbers:
+    def gray_levels(self, amplitudes: ArrayLike) -> Array:
         """Add a message to the picture.
 
         Args:
@@ -138,7 +137,7 @@ class Viewing:
             levels = np.floor(levels + 0.5 + 1e-9)  # halves go up on both sides: the swing stays
         return np.asarray(np.clip(levels, 0, 255))
 
-    def light(self, levels: ArrayLike) -> Numbers:
+    def light(self, levels: ArrayLike) -> Array:
         """Turn gray levels into the light of the display and of the room.
 
         Args:

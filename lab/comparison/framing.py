@@ -20,13 +20,12 @@ from lab.study import Picture, Results, Study, StudyFlags, Workshop
 from link.code.framing import SIGNATURE, decode, encode, frames_needed
 from link.errors import ParameterError, at_least, each_once
 from link.layout import make_layout
+from link.types import Array
 from reports.engine.checked import Count, Share
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels
 from reports.render.tables import Table, share_interval
 from reports.score.intervals import wilson
 
-Array = NDArray[np.float64]
-"""Scores of bits."""
 LOOPS = (1, 2, 3)
 """Numbers of loops of the message that the receiver adds up."""
 BATCH = 1000

@@ -26,6 +26,7 @@ from link.code.fine import (
 from link.code.message import MAX_SCORE, Message
 from link.code.steps import Steps
 from link.code.words import NUMBERS
+from link.types import Floats
 
 UNSURE = 1e-4
 """Largest posterior probability of all other numbers together at which a frame's number counts."""
@@ -49,9 +50,6 @@ which it has to grow until decoding is tried again."""
 LATE, LATE_TRY = 1.25, 1.12
 """Information over that of the message from which on decoding is tried less often, and the factor
 by which it then has to grow. Scores that are surer than they should be bring receivers there."""
-
-Floats = NDArray[np.float32]
-"""Scores."""
 
 
 def information_of(llr: Floats) -> float:

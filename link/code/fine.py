@@ -29,6 +29,7 @@ from link.code.rateless import (
 from link.code.steps import Steps, run_to_end
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError
+from link.types import Floats
 
 MAX_MESSAGE = 2**20
 """Largest number of bytes in a message."""
@@ -51,9 +52,6 @@ HEADER_SHARE = 1 / 12
 """Share of a frame's bits that words may take, if more than one word of the terms is shown."""
 CRC_BYTES, MARK_BYTES = 4, 3
 """Number of bytes of the CRC-32 in the information, and of the message's mark in the terms."""
-
-Floats = NDArray[np.float32]
-"""Scores."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from link.code.ldpc import scrambled
 from link.code.steps import Steps, run_to_end
+from link.types import Floats
 
 MIN_INFORMATION, MAX_INFORMATION = 256, 16384
 """Smallest number of information bits in a block, and the largest that a message is cut into."""
@@ -46,8 +47,6 @@ MAX_PRODUCT = np.float32(1 - 2**-23)
 
 Bits = NDArray[np.uint8]
 """Bits 0 and 1."""
-Floats = NDArray[np.float32]
-"""Scores or messages."""
 Group = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Checks of one degree: the (n,) numbers of their coded bits, and their (degree, n) members."""
 

@@ -13,6 +13,7 @@ from link.errors import InputError, ParameterError
 from link.images.size import ends_early, image_size, is_animated, is_overfull
 from link.layout import COLOURS
 from link.outside import is_file, is_no_file, read_bounded
+from link.types import Image
 
 MIN_SIDE_PX = 16
 """Smallest width and height, in pixels, of an image that is read."""
@@ -59,13 +60,13 @@ def as_gray(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     )
 
 
-def intensity(frame: NDArray[np.uint8], colour: str = "gray") -> NDArray[np.float32]:
+def intensity(frame: Image, colour: str = "gray") -> NDArray[np.float32]:
     """Take the intensity of an RGB frame that bits change most, or a gray frame as it is.
 
     Negative weights are made up for by an offset, so that black stays above 0.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded.
+        frame: an `Image`.
         colour: colour direction of the layout's bits, a key of `INTENSITIES`; "gray" gives luma.
 
     Returns:
@@ -183,11 +184,11 @@ def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return frame if frame.ndim == 3 else np.repeat(frame[:, :, None], 3, axis=2)
 
 
-def as_batch(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def as_batch(frame: Image) -> NDArray[np.uint8]:
     """Arrange a frame as the decoder's graph takes it.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded.
+        frame: an `Image`.
 
     Returns:
         (1, 3, H, W) uint8, contiguous.

@@ -4,13 +4,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from link.types import Image
 
-def psnr(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
+
+def psnr(original: NDArray[np.uint8], embedded: Image) -> float:
     """Peak signal-to-noise ratio over all pixels and channels.
 
     Args:
         original: uint8 of any shape, encoded.
-        embedded: uint8 of the same shape.
+        embedded: an `Image` of the same shape.
 
     Returns:
         decibels; infinite where the frames are equal.
@@ -22,12 +24,12 @@ def psnr(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
     return float("inf") if error == 0 else float(10 * np.log10(255.0**2 / error))
 
 
-def ssim(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> float:
+def ssim(original: Image, embedded: Image) -> float:
     """Structural similarity, the mean over pixels and channels (Wang et al. 2004: sigma 1.5 px).
 
     Args:
-        original: (H, W) or (H, W, 3) uint8, encoded, more than 10 px on each side.
-        embedded: uint8 of the same shape.
+        original: an `Image`, more than 10 px on each side.
+        embedded: an `Image` of the same shape.
 
     Returns:
         at most 1, which equal frames have.

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from link.frames import Rectified, SoftBits
-from models.classical.tones import Array, Tones, cut_into_tones
+from link.types import Array
+from models.classical.tones import Tones, cut_into_tones
 
 SHARE = 0.1
 """Share of a block at which two errors of a tone are equal. In smaller tones the noise of their

@@ -6,7 +6,6 @@ ratex pixels or pilots and scores the message pixels of the same frame pair.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +16,13 @@ from link.frames import Rectified, SoftBits
 from link.images import intensity
 from link.layout import block_index, block_mean
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
+from link.types import Real
 
-Array = NDArray[np.floating[Any]]
-Features = Callable[[Array, Array], Array]
+Features = Callable[[Real, Real], Real]
 """Function of (...) intensities i_o and i_e in [0, 1] that returns (..., D) features."""
 
 
-def tile_mean(samples: Array) -> Array:
+def tile_mean(samples: Real) -> Real:
     """Average over the samples of each ratex tile: (N, ...) becomes (tiles, ...)."""
     return np.asarray(samples.reshape(-1, SAMPLES * SAMPLES, *samples.shape[1:]).mean(axis=1))
 
@@ -39,7 +38,7 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
     return training_pixels(pair.layout, pair.ratex_toggle or 0)
 
 
-def training_samples(pair: Rectified, maps: Array, train_on: str) -> tuple[Array, NDArray[np.intp]]:
+def training_samples(pair: Rectified, maps: Real, train_on: str) -> tuple[Real, NDArray[np.intp]]:
     """Take the samples with known labels from feature maps: ratex tiles, or else pilots.
 
     Args:
@@ -82,7 +81,7 @@ class LinearHead:
     """Score of a sample whose features are all 0."""
 
 
-def fit_svm(features: Array, labels: NDArray[np.intp], C: float) -> LinearHead:
+def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> LinearHead:
     """Fit a linear SVM to features that are first scaled to a root mean square of 1.
 
     It minimises 1/2 |w|^2 + 1/2 b^2 + C sum max(0, 1 - y (w.u + b))^2.
@@ -98,7 +97,7 @@ def fit_svm(features: Array, labels: NDArray[np.intp], C: float) -> LinearHead:
     return LinearHead(svm.coef_[0] / scale, float(svm.intercept_[0]))
 
 
-def pixel_vote(scores: Array, rows: int, cols: int) -> Array:
+def pixel_vote(scores: Real, rows: int, cols: int) -> Real:
     """Let the pixels of each block vote on its bit.
 
     Args:
@@ -117,7 +116,7 @@ POOLINGS = {"mean": block_mean, "vote": pixel_vote}
 
 
 def decode_with_threshold(
-    pair: Rectified, difference: Array, threshold: float, pooling: str
+    pair: Rectified, difference: Real, threshold: float, pooling: str
 ) -> SoftBits:
     """Score every message block by its difference above a threshold that was fixed beforehand.
 

@@ -4,14 +4,11 @@ from dataclasses import dataclass
 
 from link.frames import Rectified, SoftBits
 from link.images import intensity
-from models.classical.common import (
-    Array,
-    decode_with_svm,
-    decode_with_threshold,
-)
+from link.types import Real
+from models.classical.common import decode_with_svm, decode_with_threshold
 
 
-def difference(i_o: Array, i_e: Array) -> Array:
+def difference(i_o: Real, i_e: Real) -> Real:
     """Compute the one feature u = [i_e - i_o], with the shape (..., 1)."""
     return (i_e - i_o)[..., None]
 

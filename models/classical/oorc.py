@@ -14,10 +14,11 @@ from numpy.polynomial import Legendre, Polynomial
 from numpy.typing import NDArray
 
 from link.frames import Rectified, SoftBits
-from models.classical.common import Array, decode_with_svm
+from link.types import Real
+from models.classical.common import decode_with_svm
 
 
-def legendre(i: Array, degree: int) -> Array:
+def legendre(i: Real, degree: int) -> Real:
     """Evaluate the Legendre polynomials P_1 ... P_degree at 2 i - 1.
 
     `models.neural.phi.legendre_maps` does it in torch and says why there are two functions.
@@ -36,7 +37,7 @@ def legendre(i: Array, degree: int) -> Array:
     return np.stack(terms[1 : degree + 1], axis=-1)
 
 
-def explicit_map(i_o: Array, i_e: Array, degree: int = 4) -> Array:
+def explicit_map(i_o: Real, i_e: Real, degree: int = 4) -> Real:
     """Compute the features Phi of pixels, in the Legendre basis.
 
     Args:
@@ -53,7 +54,7 @@ def explicit_map(i_o: Array, i_e: Array, degree: int = 4) -> Array:
     return np.asarray(legendre(i_o, degree) - legendre(i_e, degree))
 
 
-def kernel(a: Array, b: Array, degree: int = 4) -> Array:
+def kernel(a: Real, b: Real, degree: int = 4) -> Real:
     """Compute the equivalent kernel K = Phi(a) . Phi(b), from the Legendre Gram matrix.
 
     With S(x, y) = sum_k P_k(x) P_k(y), K expands into S(o, o') - S(o, e') - S(e, o') + S(e, e').
@@ -132,7 +133,7 @@ class OORC:
             UnsuitedError: the layout has neither ratex patches nor pilots.
         """
 
-        def phi(i_o: Array, i_e: Array) -> Array:
+        def phi(i_o: Real, i_e: Real) -> Real:
             return explicit_map(i_o, i_e, self.degree)
 
         return decode_with_svm(pair, phi, self.C, self.pooling, self.train_on)

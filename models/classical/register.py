@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from link.images import intensity
 from link.robust import MAD_TO_SIGMA, reweighted, ridge_solution
+from link.types import Homography, Image
 
 REACH_PX = 8
 """Largest shift on each axis, in pixels, that `whole_pixel_shift` considers."""
@@ -47,14 +48,14 @@ def high_pass(image: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(image - smooth, np.float32)
 
 
-def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> tuple[int, int]:
+def whole_pixel_shift(original: Image, embedded: Image) -> tuple[int, int]:
     """Find how far the embedded frame lies from the original, in whole pixels.
 
     The shift of largest normalised correlation of the frames' edges.
 
     Args:
-        original: (H, W) or (H, W, 3) uint8, encoded.
-        embedded: uint8 of the same height and width, encoded.
+        original: an `Image`.
+        embedded: an `Image` of the same height and width.
 
     Returns:
         (dy, dx), each within `REACH_PX`, such that embedded[y + dy, x + dx] shows what
@@ -78,13 +79,13 @@ def whole_pixel_shift(original: NDArray[np.uint8], embedded: NDArray[np.uint8]) 
 
 def _step(
     fixed: NDArray[np.float32], moved: NDArray[np.float32], inside: NDArray[np.bool_]
-) -> NDArray[np.float64]:
+) -> Homography:
     """Take one robust Gauss-Newton step (Lucas & Kanade 1981).
 
     The change is taken as motion times gradient, plus a change of contrast that is no motion.
 
     Returns:
-        (3, 3) homography on coordinates in [-1, 1], from the original to where ``moved`` shows it.
+        homography on coordinates in [-1, 1], from the original to where ``moved`` shows it.
     """
     height, width = fixed.shape
     mean = (fixed + moved) / 2
@@ -134,13 +135,13 @@ def _warp(
 
 
 def align_frames(
-    original: NDArray[np.uint8], embedded: NDArray[np.uint8], colour: str = "gray"
+    original: Image, embedded: Image, colour: str = "gray"
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """Move the embedded frame onto the original, by a homography found on a pyramid of their luma.
 
     Args:
-        original: (H, W) or (H, W, 3) uint8, encoded.
-        embedded: uint8 of the same height and width, encoded.
+        original: an `Image`.
+        embedded: an `Image` of the same height and width.
         colour: key of `link.images.INTENSITIES`, the intensity that is moved.
 
     Returns:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from link.frames import Rectified
 from link.images import intensity
 from link.layout import block_index
+from link.types import Array
 from models.classical.register import align_frames
-
-Array = NDArray[np.float64]
 
 TONES = 12
 """Number of tones into which a frame is cut, with equally many pixels in each; fewer would do to
@@ -53,7 +52,7 @@ def cut_into_tones(pair: Rectified) -> Tones:
     """Register the frames and average over the tones of each message block.
 
     Args:
-        pair: rectified frames, (height, width) or (height, width, 3) uint8, encoded.
+        pair: rectified frames.
     """
     layout = pair.layout
     i_o = intensity(pair.original, layout.colour)

@@ -12,12 +12,8 @@ from link.errors import UnsuitedError
 from link.frames import Rectified, SoftBits
 from link.images import intensity
 from link.ratex import TrainingPixels
-from models.classical.common import (
-    Array,
-    decode_with_svm,
-    decode_with_threshold,
-    require_ratex,
-)
+from link.types import Real
+from models.classical.common import decode_with_svm, decode_with_threshold, require_ratex
 
 
 def fit_inverse_response(pair: Rectified, pixels: TrainingPixels, degree: int) -> Legendre:
@@ -80,7 +76,7 @@ class TwoStep:
             change = g(intensity(pair.embedded)) - g(intensity(pair.original))
             return decode_with_threshold(pair, change, threshold, self.pooling)
 
-        def calibrated_difference(i_o: Array, i_e: Array) -> Array:
+        def calibrated_difference(i_o: Real, i_e: Real) -> Real:
             return np.asarray(g(i_e) - g(i_o))[..., None]
 
         return decode_with_svm(pair, calibrated_difference, self.C, self.pooling, self.train_on)

@@ -9,15 +9,14 @@ from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, silu
 
 from link.errors import InputError, ParameterError
 from link.frames import Rectified, SoftBits
 from link.images import as_batch, intensity
+from link.types import Image
 from models import PRETRAINED_CNN
 from models.neural.checkpoint import load_weights, read_config
 
@@ -189,13 +188,13 @@ def load_cnn(folder: Path) -> BlockNet:
     return module.eval()
 
 
-def as_shown_in_training(frame: NDArray[np.uint8], colour: str) -> Tensor:
+def as_shown_in_training(frame: Image, colour: str) -> Tensor:
     """Arrange a frame as the network was trained on: bits make all three channels brighter.
 
     Where bits have another colour, the intensity that they change stands in all three channels.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded.
+        frame: an `Image`.
         colour: colour direction of the layout's bits, a key of `link.layout.COLOURS`.
 
     Returns:

@@ -15,8 +15,9 @@ from models.classical.oorc import inverse_response
 from models.neural.config import CHANNELS, DecoderConfig
 from models.neural.phi import PhiPolynomial, legendre_from_powers, legendre_maps, power_maps
 from models.neural.reduce import Reduce
-from models.neural.refine import MOMENTS, Refiner
+from models.neural.refine import MOMENTS, table
 from models.neural.refine_pilots import TEXTURES, PilotRefiner
+from models.neural.refine_ratex import RatexRefiner
 from models.neural.register import channel_mean, derivatives, register
 from models.neural.solver import fit_head
 
@@ -34,7 +35,7 @@ class PhiDecoder(nn.Module):
     With the default configuration and untrained it is the twin of `models.classical.oorc`, the
     method ``phi``: ridge 1, prior 0, C = 1. Training, the method ``learned``, changes what frame
     pairs share: the ridge (which scales each feature) and the prior of the head, C, the spreads of
-    the `Refiner`, and the temperature that turns scores into log-likelihood ratios. The head itself
+    the refiner, and the temperature that turns scores into log-likelihood ratios. The head itself
     is always fitted to the ratex patches, or else the pilots, of the frame pair at hand.
 
     Args:
@@ -53,19 +54,6 @@ class PhiDecoder(nn.Module):
     (torch.Size([1, 14]), torch.Size([1, 5]))
     """
 
-    labels: Tensor
-    tile: Tensor
-    step: Tensor
-    rows: Tensor
-    cols: Tensor
-    tile_rows: Tensor
-    tile_cols: Tensor
-    tile_index: Tensor
-    pilot_index: Tensor
-    message_index: Tensor
-    factors: Tensor
-    constants: Tensor
-
     def __init__(self, layout: Layout, config: DecoderConfig) -> None:
         super().__init__()
         if not layout.ratex and not layout.pilots:
@@ -76,9 +64,9 @@ class PhiDecoder(nn.Module):
         self.log_ridge = nn.Parameter(torch.zeros(n_weights))
         self.prior = nn.Parameter(torch.zeros(n_weights))
         self.log_C = nn.Parameter(torch.zeros(()))
-        self.refiner: Refiner | PilotRefiner | None = None
+        self.refiner: RatexRefiner | PilotRefiner | None = None
         if config.refine and layout.ratex:
-            self.refiner = Refiner(layout, config.refine, config.rows, config.space)
+            self.refiner = RatexRefiner(layout, config.refine, config.rows, config.space)
         elif config.refine:
             pixels = layout.width * layout.height / layout.message_mask.size / config.coarsen**2
             self.refiner = PilotRefiner(layout, pixels, config.refine, config.rows, config.space)
@@ -91,33 +79,35 @@ class PhiDecoder(nn.Module):
             self.guide = Reduce(CHANNELS["gray"][config.channels], config.coarsen)
         # of higher powers than these, float32 keeps too few digits
         self.by_powers = self.refiner is not None and config.degree <= MOMENTS
+        self._tabulate_samples()
+        self._tabulate_polynomials(config.degree if self.by_powers else MOMENTS)
+
+    def _tabulate_samples(self) -> None:
+        """Tabulate where training samples and message blocks lie, and the labels of the former."""
+        layout = self.layout
+        grid = sample_grid(layout)
+        # whole numbers in float64, which onnxruntime divides and rounds down quickest
+        self.tile = table(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))
+        self.step = table(np.stack([grid.step_y, grid.step_x]).astype(np.float64))
+        rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
+        cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
+        self.tile_rows, self.tile_cols = table(rows), table(cols)
+        self.tile_index = table(len(cols) * row + col)
+        self.rows, self.cols = table(np.arange(layout.rows)), table(np.arange(layout.cols))
+        self.pilot_index = table(layout.pilot_blocks)
+        self.message_index = table(layout.message_mask.reshape(-1).nonzero()[0])
+        known = tile_labels(layout).reshape(-1) if layout.ratex else layout.pilot_bits
+        repeats = SAMPLES * SAMPLES if layout.ratex and self.config.train_on == "pixel" else 1
+        self.labels = table(np.repeat(2.0 * known - 1, repeats))
+
+    def _tabulate_polynomials(self, degree: int) -> None:
+        """Tabulate how ``degree`` changes of powers, then `MOMENTS` powers, become polynomials."""
         factors, constants = legendre_from_powers(MOMENTS)
-        degree = config.degree if self.by_powers else MOMENTS
         both = np.zeros((degree + MOMENTS, degree + MOMENTS))
         both[:degree, :degree] = factors[:degree, :degree]  # of the changes, then of the moments
         both[degree:, degree:] = factors
-        grid = sample_grid(layout)
-        rows, row = np.unique(grid.tile_y[:: SAMPLES * SAMPLES], return_inverse=True)
-        cols, col = np.unique(grid.tile_x[:: SAMPLES * SAMPLES], return_inverse=True)
-        known = tile_labels(layout).reshape(-1) if layout.ratex else layout.pilot_bits
-        signs = torch.from_numpy(2.0 * known - 1)
-        repeats = SAMPLES * SAMPLES if layout.ratex and config.train_on == "pixel" else 1
-        for name, value in (
-            ("labels", signs.repeat_interleave(repeats)),
-            # whole numbers in float64, which onnxruntime divides and rounds down quickest
-            ("tile", torch.from_numpy(np.stack([grid.tile_y, grid.tile_x]).astype(np.float64))),
-            ("step", torch.from_numpy(np.stack([grid.step_y, grid.step_x]).astype(np.float64))),
-            ("rows", torch.arange(layout.rows)),
-            ("cols", torch.arange(layout.cols)),
-            ("tile_rows", torch.from_numpy(rows)),
-            ("tile_cols", torch.from_numpy(cols)),
-            ("tile_index", torch.from_numpy(len(cols) * row + col)),
-            ("pilot_index", torch.from_numpy(layout.pilot_blocks)),
-            ("factors", torch.from_numpy(both)),
-            ("constants", torch.from_numpy(np.append(np.zeros(degree), constants)[:, None])),
-            ("message_index", torch.from_numpy(layout.message_mask.reshape(-1).nonzero()[0])),
-        ):
-            self.register_buffer(name, value, persistent=False)
+        self.factors = table(both)
+        self.constants = table(np.append(np.zeros(degree), constants)[:, None])
 
     def forward(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
         """Decode a batch of rectified frame pairs.
@@ -185,32 +175,34 @@ class PhiDecoder(nn.Module):
                 With refinement, powers of 2 i - 1 stand in the places of Legendre polynomials.
             weights: (B, 1, h, w) float32 weight of each pixel in its block's mean.
         """
-        i_o, i_e = self.reduce(original), self.reduce(embedded)
+        i_o, i_e = self.reduce(original), self.reduce(embedded)  # (B, C, h, w) each
         on_pilots = isinstance(self.refiner, PilotRefiner)
         if self.config.register or self.config.texture or on_pilots:
             dx, dy, xx, yy = derivatives(i_o)
         if self.config.register:
             guide = (self.guide(original), self.guide(embedded)) if self.guide else None
             i_e = register(i_o, i_e, xx, yy, guide)
-        if self.by_powers:
-            p_o, p_e = power_maps(i_o, MOMENTS), power_maps(i_e, self.config.degree)
-            maps = [o - e for o, e in zip(p_o, p_e, strict=False)] + p_o
-        else:
-            maps = self.phi(i_o, i_e)
-            if self.refiner is not None:
-                maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
+        parts = [channel_mean(each) for each in self._tones(i_o, i_e)]  # (B, 1, h, w) each
+        weights = torch.ones_like(parts[0])
         if self.config.texture or on_pilots:
             dx, dy = channel_mean(dx), channel_mean(dy)
             steepness = dx * dx + dy * dy
         if self.config.texture:
             limit = (self.config.coarsen * self.config.texture) ** 2
             weights = limit / (limit + steepness)
-        else:
-            weights = torch.ones_like(maps[0][:, :1])
-        parts = [channel_mean(each) for each in maps]
         if on_pilots:
             parts += [dx, dy, channel_mean(xx + yy), steepness]
         return torch.cat(parts, dim=1), weights
+
+    def _tones(self, i_o: Tensor, i_e: Tensor) -> list[Tensor]:
+        """Compute the features that intensities alone make, each (B, C, h, w) as these are."""
+        if self.by_powers:
+            p_o, p_e = power_maps(i_o, MOMENTS), power_maps(i_e, self.config.degree)
+            return [o - e for o, e in zip(p_o, p_e, strict=False)] + p_o
+        maps: list[Tensor] = self.phi(i_o, i_e)
+        if self.refiner is not None:
+            maps += legendre_maps(i_o, MOMENTS)[self.config.drift_degree :]
+        return maps
 
     def average(self, maps: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
         """Average the features of pixels over training samples and message blocks.
@@ -244,27 +236,33 @@ class PhiDecoder(nn.Module):
             scores: (B, n_bits) float32, positive for bit 1, by what each capture says.
             head: (B, n_features + 1) float32, weights of the features, then the bias.
         """
+        head = self._fit_head(known)
         n = self.phi.n_features
-        u = known[..., :n]
-        scale = (u**2).mean(1).sqrt().clamp_min(1e-6)
-        ones = torch.ones_like(u[:, :, :1])
-        X = torch.cat([u / scale.unsqueeze(1), ones], dim=-1)  # (B, N, n_features + 1)
-        ridge, prior = self.log_ridge.double().exp(), self.prior.double()
-        w = fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior)
-        head = torch.cat([w[:, :-1] / scale, w[:, -1:]], dim=-1)
         scores = (blocks[..., :n] @ head[:, :-1].unsqueeze(-1)).squeeze(-1) + head[:, -1:]
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
         elif isinstance(self.refiner, PilotRefiner):
             scores = self.refiner(self.statistics(known), self.statistics(blocks), together)
         else:
-            tiles = known
-            if self.config.train_on == "pixel":
-                B, _, F = tiles.shape
-                tiles = tiles.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # (B, tiles, F)
-            given = (self.statistics(tiles), self.statistics(blocks), scores)
-            scores = self.refiner(*given, together)
+            tiles = self.statistics(self._tile_means(known))
+            scores = self.refiner(tiles, self.statistics(blocks), scores, together)
         return scores.float(), head.float()
+
+    def _fit_head(self, known: Tensor) -> Tensor:
+        """Fit the (B, n_features + 1) heads to features that are scaled to a mean square of 1."""
+        u = known[..., : self.phi.n_features]
+        scale = (u**2).mean(1).sqrt().clamp_min(1e-6)  # (B, n_features)
+        X = torch.cat([u / scale.unsqueeze(1), torch.ones_like(u[:, :, :1])], dim=-1)
+        ridge, prior = self.log_ridge.double().exp(), self.prior.double()
+        w = fit_head(X, self.labels, self.log_C.double().exp(), ridge, prior)
+        return torch.cat([w[:, :-1] / scale, w[:, -1:]], dim=-1)
+
+    def _tile_means(self, known: Tensor) -> Tensor:
+        """Average the features of training samples over each ratex tile: (B, tiles, F)."""
+        if self.config.train_on != "pixel":
+            return known
+        B, _, F = known.shape
+        return known.reshape(B, -1, SAMPLES * SAMPLES, F).mean(2)  # from (B, tiles 36, F)
 
     def statistics(self, features: Tensor) -> Tensor:
         """Pick the features that the refiner takes from all of `summarise`'s.

@@ -12,10 +12,11 @@ has in its own estimate is known too, and is taken out.
 """
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, conv_transpose2d, pad
+
+from models.neural.refine import table
 
 WINDOW = 16
 """Number of blocks along each side of a window; windows overlap by half of it."""
@@ -51,17 +52,12 @@ class Ripple(nn.Module):
     True
     """
 
-    waves: Tensor
-    freedoms: Tensor
-    squares: Tensor
-
     def __init__(self, rows: int, cols: int) -> None:
         super().__init__()
         self.rows, self.cols = rows, cols
         waves, freedoms = _windowed_waves()
-        squares = _taper()[None, None] ** 2
-        for name, value in (("waves", waves), ("freedoms", freedoms), ("squares", squares)):
-            self.register_buffer(name, torch.from_numpy(value).float(), persistent=False)
+        self.waves, self.freedoms = table(waves), table(freedoms)
+        self.squares = table((_taper()[None, None] ** 2).astype(np.float32))
 
     @staticmethod
     def fits(rows: int, cols: int) -> bool:
@@ -107,7 +103,7 @@ def _taper() -> NDArray[np.float64]:
     return np.outer(side, side)
 
 
-def _windowed_waves() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _windowed_waves() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Make the orthonormal waves of a window, times its taper.
 
     Returns:
@@ -127,4 +123,4 @@ def _windowed_waves() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             sine = np.sin(angle) if freedom == 2 else np.zeros_like(angle)
             waves += [scale * np.cos(angle) * taper, scale * sine * taper]
             freedoms.append([freedom])
-    return np.stack(waves)[:, None], np.array(freedoms, np.float64)
+    return np.stack(waves)[:, None].astype(np.float32), np.array(freedoms, np.float32)

@@ -15,8 +15,8 @@ from data_gen.frame_pair import FramePair
 from link.geometry import frame_corners, rectify, transform
 from link.images import intensity
 from link.layout import Layout, block_mean
+from link.types import Array
 
-Array = NDArray[np.float64]
 DARK, BRIGHT = 40.0, 225.0
 """Captured gray levels below and above which a block is called dark or bright."""
 FAINT = 0.5

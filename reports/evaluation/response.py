@@ -5,20 +5,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.frame_pair import FramePair
 from link.equalise import uniform_mapping
 from link.geometry import rectify
 from link.images import intensity
 from link.ratex import training_pixels
+from link.types import Real
 from models.classical.common import tile_mean
 from models.classical.oorc import inverse_response
 from models.classical.two_step import fit_inverse_response
 from reports.engine.methods import Method
 from reports.run import Response
 
-Array = NDArray[np.floating[Any]]
 LEVELS = tuple(range(0, 256, 15))
 """Displayed gray levels of the uniform frames that are filmed."""
 SPREAD = (10, 90)
@@ -74,7 +73,7 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
         if left.size:
             error[method.label] = round(float(np.sqrt(np.mean(left**2))), 3)
 
-    def rounded(curve: Sequence[float] | Array) -> list[float]:
+    def rounded(curve: Sequence[float] | Real) -> list[float]:
         return [round(float(level), 2) for level in curve]
 
     return Response(
@@ -91,7 +90,7 @@ def measure_response(filmed: FramePair, methods: Sequence[Method]) -> Response:
     )
 
 
-def found_inverse(method: Method, filmed: FramePair) -> Callable[[Array], Any]:
+def found_inverse(method: Method, filmed: FramePair) -> Callable[[Real], Any]:
     """Captured intensity in [0, 1] to displayed gray level, as a method finds it in a frame pair.
 
     Args:
@@ -115,9 +114,7 @@ def found_inverse(method: Method, filmed: FramePair) -> Callable[[Array], Any]:
             return inverse_response(head[:PHI_WEIGHTS])
 
 
-def scaled_to_tiles(
-    g: Callable[[Array], Any], tiles: Array, shown: Array
-) -> Callable[[Array], Any]:
+def scaled_to_tiles(g: Callable[[Real], Any], tiles: Real, shown: Real) -> Callable[[Real], Any]:
     """``g`` with the scale and offset that fit it to the ratex tiles."""
     slope, offset = np.polyfit(g(tiles), shown, 1)
     return lambda i: slope * g(i) + offset

@@ -18,12 +18,12 @@ from link.captures import load_capture, read_manifest
 from link.frames import Captured, SoftBits
 from link.images import as_rgb, write_image
 from link.layout import Layout, block_mean
+from link.types import Image
 from reports.engine.records import FRAME
 from reports.evaluation.reasons import explain, take_apart
 from reports.render.figures import GAIN, bits_panel
 from reports.run import Story
 
-Image = NDArray[np.uint8]
 STRIP_WIDTH_PX = 384
 """Width of each picture of a story, pixels."""
 FOLDER = "stories"

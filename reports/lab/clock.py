@@ -22,7 +22,7 @@ from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from export.receive.timing.clock import Array, DisplayClock, embedded_share
+from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ClockFit, ToggleWindow
 from export.receive.timing.synchronise import needed_evidence
 from export.receive.timing.toggles import PatchToggles, Toggles, make_toggles
@@ -34,6 +34,7 @@ from link.errors import ParameterError, at_least
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
+from link.types import Array
 from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson

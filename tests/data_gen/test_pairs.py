@@ -5,12 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED, PAIRS, get_pair
 from link.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 def test_there_are_nine_pairs_named_camera_display() -> None:

@@ -33,12 +33,12 @@ from link.layout import (
     block_mean,
     make_layout,
 )
+from link.types import Image
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
-Picture = NDArray[np.uint8]
 
 
-def noise(layout: Layout, *channels: int, seed: int = 0) -> Picture:
+def noise(layout: Layout, *channels: int, seed: int = 0) -> Image:
     rng = np.random.default_rng(seed)
     return rng.integers(0, 256, (layout.height, layout.width, *channels), np.uint8)
 
@@ -171,7 +171,7 @@ def blocks_of(layout: Layout, bits: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(grid.reshape(layout.rows, layout.cols)[rows[:, None], cols])
 
 
-def planes(frame: Picture) -> NDArray[np.intp]:
+def planes(frame: Image) -> NDArray[np.intp]:
     """(channels, height, width) levels of a gray or colour frame."""
     return np.atleast_3d(frame).transpose(2, 0, 1).astype(np.intp)
 

@@ -24,7 +24,7 @@ from models.neural.checkpoint import load_checkpoint
 from models.neural.config import FULL, DecoderConfig
 from models.neural.decoder import PhiDecoder
 from models.neural.refine import MOMENTS
-from models.neural.refine_pilots import STATISTICS, PilotRefiner
+from models.neural.refine_pilots import STATISTICS, Model, PilotRefiner
 
 GRIDS = [(8, 8), (24, 32)]
 both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
@@ -107,7 +107,8 @@ def test_the_solve_is_weighted_ridge_regression(modulation: str) -> None:
     """Against rows written out twice, once for each bit."""
     layout = layout_of((8, 8), modulation)
     refiner = PilotRefiner(layout, 768.0, rounds=1, rows=True, space=True).double()
-    S, N, _ = (v.detach() for v in refiner.design(torch.cat(statistics_of(layout), dim=1)))
+    model = refiner.design(torch.cat(statistics_of(layout), dim=1))
+    S, N = model.S.detach(), model.N.detach()
     rng = np.random.default_rng(2)
     weight = torch.from_numpy(rng.uniform(0, 2, (2, 2, N.shape[2])))
     amplitude, flicker = (torch.from_numpy(rng.uniform(0.5, 2, (2, 1, 1))) for _ in range(2))
@@ -115,7 +116,8 @@ def test_the_solve_is_weighted_ridge_regression(modulation: str) -> None:
     k, n, n_bands = S.shape[1], N.shape[1], len(refiner.frequency)
     low, high = layout.change_of_bits
     for beside in (spilled, None):
-        covariance, solution = refiner.solve(S, N, beside, weight, amplitude, flicker)
+        fit = refiner.solve(Model(S, N, model.variance, beside), weight, amplitude, flicker)
+        covariance, solution = fit.covariance, fit.mean
         for i in range(2):
             F, y = N[i, :-1], N[i, -1].numpy()
             still = F if beside is None else torch.cat([F, beside[i]])

@@ -8,12 +8,8 @@ from tolerances import FLOAT64
 from torch import Tensor
 
 from link.layout import make_layout
-from models.neural.refine import (
-    MOMENTS,
-    Refiner,
-    cavity_llr,
-    with_surprises,
-)
+from models.neural.refine import MOMENTS, Fit, Hypotheses, cavity_llr, with_surprises
+from models.neural.refine_ratex import RatexRefiner
 
 LAYOUT = make_layout(4, 5, 160, 96, 2)
 
@@ -43,9 +39,9 @@ def test_cavity_is_the_fit_without_the_block() -> None:
     both = torch.cat([one, zero])
     variance = torch.einsum("nk,kl,nl->n", both, covariance, both)
     shared = torch.einsum("nk,kl,nl->n", one, covariance, zero)
-    twice = torch.cat([y, y]), torch.cat([var, var])
-    given = (torch.cat([shared, shared]), twice[0] - both @ w, twice[1], variance)
-    llr = cavity_llr(*given, torch.cat([p1, p0]), lambda v: v.roll(N))
+    hypotheses = Hypotheses(torch.cat([y, y]) - both @ w, variance, torch.cat([shared, shared]))
+    fit = Fit(covariance, w, torch.cat([p1, p0]))
+    llr = cavity_llr(fit, hypotheses, torch.cat([var, var]), lambda v: v.roll(N))
     torch.testing.assert_close(llr[:N], -llr[N:])
     for n in range(N):
         covariance, w = posterior(torch.tensor([k for k in range(N) if k != n]))
@@ -83,7 +79,7 @@ def scene(
     noise: float, kappa: float, seed: int, curve: Curve = lambda i: i, drift: float = 0.0
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Tiles, blocks and bits of a display whose capture is ``curve`` of what it shows."""
-    refiner = Refiner(LAYOUT, 1, True, True)
+    refiner = RatexRefiner(LAYOUT, 1, True, True)
     rng = np.random.default_rng(seed)
     shown = torch.from_numpy(rng.uniform(0.1, 0.9, LAYOUT.n_bits))
     bits = torch.from_numpy(rng.integers(0, 2, LAYOUT.n_bits)).double()
@@ -100,15 +96,15 @@ def scene(
 def test_blocks_of_the_model_are_decided_right(gamma: float, drift: float) -> None:
     tiles, blocks, bits = scene(0.1, 3, 1, lambda i: 0.1 + 0.8 * i**gamma, drift)
     start = torch.zeros_like(bits)[None]  # knows nothing: the tiles must do
-    llr = Refiner(LAYOUT, 4, True, True)(tiles, blocks, start)[0]
+    llr = RatexRefiner(LAYOUT, 4, True, True)(tiles, blocks, start)[0]
     assert torch.equal(llr > 0, bits > 0.5)
 
 
 def test_calibration_finds_the_slope_of_the_response() -> None:
     tiles, _, _ = scene(0.0, 3, 2, lambda i: 0.1 + 0.8 * i**0.7)
-    refiner = Refiner(LAYOUT, 1, True, True)
+    refiner = RatexRefiner(LAYOUT, 1, True, True)
     curves, tilt = refiner.calibrate(tiles)
-    h, square = (refiner.grid @ curves)[0].unbind(-1)
+    h, square = (refiner.legendre @ curves)[0].unbind(-1)
     shown = torch.linspace(0.15, 0.85, 8).double()
     index = (64 * (0.1 + 0.8 * shown**0.7)).round().long()
     slope = 0.56 * shown**-0.3
@@ -119,7 +115,7 @@ def test_calibration_finds_the_slope_of_the_response() -> None:
 
 def test_the_signal_follows_a_response_that_changes_over_the_display() -> None:
     layout = make_layout()
-    refiner = Refiner(layout, 1, False, True)
+    refiner = RatexRefiner(layout, 1, False, True)
     gain = 1 / (1.2 + 0.2 * refiner.places[:, 0] - 0.1 * refiner.places[:, 1])  # g(i) = i / gain
     T = len(refiner.levels)
     shown = torch.cat([refiner.levels, torch.full((layout.n_bits,), 0.5).double()])
@@ -134,7 +130,7 @@ def test_noisier_frames_get_weaker_scores() -> None:
     strength = []
     for noise in (1.0, 2.5, 6.0):
         tiles, blocks, bits = scene(noise, 3, 3)
-        llr = Refiner(LAYOUT, 4, True, True)(tiles, blocks, 2 * bits[None] - 1)[0]
+        llr = RatexRefiner(LAYOUT, 4, True, True)(tiles, blocks, 2 * bits[None] - 1)[0]
         strength.append(llr.abs().median().item())
     assert strength[0] > 1.2 * strength[1] > 1.44 * strength[2]
 
@@ -142,7 +138,7 @@ def test_noisier_frames_get_weaker_scores() -> None:
 @pytest.mark.parametrize("switches", [(True, True), (False, False)])
 def test_refinement_has_the_right_gradient(switches: tuple[bool, bool]) -> None:
     tiles, blocks, _ = scene(0.5, 3, 4)
-    refiner = Refiner(LAYOUT, 2, *switches).double()
+    refiner = RatexRefiner(LAYOUT, 2, *switches).double()
     with torch.no_grad():
         refiner.block_noise[0] = -0.7  # as the scene has it
     scores = (0.3 * randn(1, LAYOUT.n_bits, seed=5)).requires_grad_()

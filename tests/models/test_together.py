@@ -16,8 +16,9 @@ from models.neural.checkpoint import load_checkpoint
 from models.neural.config import DecoderConfig
 from models.neural.decoder import PhiDecoder
 from models.neural.methods import Learned, decode_together, decode_with
-from models.neural.refine import MOMENTS, Refiner
+from models.neural.refine import MOMENTS
 from models.neural.refine_pilots import STATISTICS, PilotRefiner
+from models.neural.refine_ratex import RatexRefiner
 
 RATEX = make_layout(6, 8, 256, 192, 2)
 PILOTS = make_layout(6, 8, 256, 192, modulation="antipodal", pilots="auto")
@@ -86,7 +87,7 @@ def test_without_refinement_scores_are_added() -> None:
 
 def test_patches_are_refined_from_the_sum_of_all_first_scores() -> None:
     rng = np.random.default_rng(0)
-    refiner = Refiner(RATEX, 1, True, True)
+    refiner = RatexRefiner(RATEX, 1, True, True)
     tiles, blocks = (
         torch.from_numpy(rng.uniform(-0.3, 0.3, (3, count, 1 + MOMENTS)))
         for count in (len(refiner.levels), RATEX.n_bits)

@@ -36,8 +36,7 @@ from export.locate.refine import corners_on_edges, corners_on_patches
 from export.web.tables import layout_table
 from link.images import as_gray, as_rgb
 from link.layout import Layout
-
-Gray = NDArray[np.uint8]
+from link.types import Gray
 
 
 def film_gray(image: NDArray[np.floating] | NDArray[np.uint8]) -> Gray:

@@ -15,9 +15,7 @@ from export.web.tables import layout_table
 from link.geometry import homography_from_corners
 from link.layout import Layout, make_layout
 from link.ratex import draw_patches
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from link.types import Array, Image
 
 PATCHES = make_layout(8, 8, 256, 192)
 PILOTS = make_layout(12, 16, 256, 192, modulation="antipodal", pilots="auto")

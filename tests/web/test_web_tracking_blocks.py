@@ -4,7 +4,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from web_fixtures import run_node_tests, write_fixture
 
 from export.receive.hidden import fill_hidden, hidden_blocks
@@ -13,9 +12,7 @@ from export.receive.repeats import Repeats
 from export.web.tables import layout_table
 from link.layout import Layout, make_layout
 from link.ratex import draw_patches
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from link.types import Array, Image
 
 PATCHES = make_layout(9, 11, 250, 190)
 """Blocks and tiles of unequal sizes."""

@@ -32,9 +32,7 @@ from export.locate.pilots.motion import (
 from export.locate.pilots.waves import waves
 from link.geometry import resized_homography
 from link.layout import Layout
-
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
+from link.types import Array, Map
 
 LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 """Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are

@@ -18,8 +18,7 @@ from link.geometry import (
     transform,
 )
 from link.layout import Layout
-
-Array = NDArray[np.float64]
+from link.types import Array
 
 STEPS_BLOCKS = (2.0, 1.0, 0.5, 0.25)
 """Lengths of the moves that are tried, in blocks, one after the other."""

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
-
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
+from link.types import Array, Corners, Homography, Map
 
 MAP_PX = 4.0
 """Smallest side of a block, in pixels, in the maps that are compared."""
@@ -56,12 +54,12 @@ def map_size(layout: Layout) -> tuple[int, int]:
     return layout.width // factor, layout.height // factor
 
 
-def moved_corners(corners: Array, H_old_from_new: Array, layout: Layout) -> Array:
+def moved_corners(corners: Corners, H_old_from_new: Homography, layout: Layout) -> Array:
     """Corners, in the image, of a display that lies elsewhere in its own rectified image.
 
     Args:
-        corners: (4, 2) pixels of the image, by which the display was rectified.
-        H_old_from_new: (3, 3), in layout pixels.
+        corners: pixels of the image, by which the display was rectified.
+        H_old_from_new: in layout pixels.
         layout: layout of the display.
     """
     H_captured_from_old = homography_from_corners(corners, layout.width, layout.height)

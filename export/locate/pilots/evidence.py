@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from export.locate.pilots.waves import MOST_SPAN, span_of, waves
 from link.images import as_gray
 from link.layout import Layout
-
-Array = NDArray[np.float64]
+from link.types import Array, Image
 
 LEAST_DEVIATION = 0.3
 """Gray levels added to a block's standard deviation over time before values are divided by it."""
@@ -73,11 +72,11 @@ def standing_out(gray: NDArray[np.generic], layout: Layout) -> NDArray[np.float3
     return np.asarray(blocks - cv2.blur(blocks, (3, 3)), np.float32)
 
 
-def pilot_values(view: NDArray[np.uint8], layout: Layout) -> NDArray[np.float32]:
+def pilot_values(view: Image, layout: Layout) -> NDArray[np.float32]:
     """Measure by how much each pilot is brighter than its neighbourhood of 3 x 3 blocks.
 
     Args:
-        view: (H, W) or (H, W, 3) uint8, encoded, the rectified display.
+        view: an `Image`, the rectified display.
         layout: layout with pilots.
 
     Returns:

@@ -13,9 +13,8 @@ from export.locate.pilots.stabilise import Tracks
 from export.locate.pilots.waves import waves
 from link.geometry import homography_from_corners, rectify, resized_homography, transform
 from link.layout import Layout
+from link.types import Array, Corners, Gray, Homography
 
-Array = NDArray[np.float64]
-Gray = NDArray[np.uint8]
 FAR_OUTSIDE = 0.5
 """Share of the image's size by which a corner may lie outside of it."""
 LEAST_AREA = 0.005
@@ -33,31 +32,31 @@ class FilmFrame:
 
     gray: Gray
     """(H, W) uint8."""
-    H_image_from_reference: Array
-    """(3, 3) homography: where most points of the reference lie in it."""
+    H_image_from_reference: Homography
+    """Homography: where most points of the reference lie in it."""
     at: float
     """Its position since the reference (`export.locate.pilots.waves.position`)."""
     tracks: Tracks | None = None
     """Points of the reference that were found again in it; None to go by the room alone, because
     pictures may move."""
 
-    def corners(self, corners: Array) -> Array:
+    def corners(self, corners: Corners) -> Corners:
         """Find where a display lies.
 
         Args:
-            corners: (4, 2) pixels of the reference frame.
+            corners: pixels of the reference frame.
 
         Returns:
-            (4, 2) pixels of this frame.
+            pixels of this frame.
         """
         own = None if self.tracks is None else self.tracks.motion_within(corners)
         return transform(self.H_image_from_reference if own is None else own, corners)
 
-    def view(self, corners: Array, layout: Layout) -> Gray | None:
+    def view(self, corners: Corners, layout: Layout) -> Gray | None:
         """Rectify a display to the layout's size.
 
         Args:
-            corners: (4, 2) pixels of the reference frame.
+            corners: pixels of the reference frame.
             layout: layout of the display.
 
         Returns:
@@ -70,11 +69,11 @@ class FilmFrame:
         H = homography_from_corners(quad, layout.width, layout.height)
         return rectify(self.gray, H, layout.width, layout.height)
 
-    def block_view(self, corners: Array, maps: BlockMaps) -> Gray | None:
+    def block_view(self, corners: Corners, maps: BlockMaps) -> Gray | None:
         """Rectify a display with what lies around it to the size of maps of its blocks.
 
         Args:
-            corners: (4, 2) pixels of the reference frame.
+            corners: pixels of the reference frame.
             maps: maps of the display's layout.
 
         Returns:

@@ -9,9 +9,8 @@ and y.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from link.types import Array
 
 POWERS = 5
 """Number of powers of a place, from 0 on, that the products of two motions need."""

@@ -7,16 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.evidence import pilot_evidence, pilot_values, standing_out
-from export.locate.pilots.film import Array, FilmFrame, positions
+from export.locate.pilots.film import FilmFrame, positions
 from link.layout import Layout
+from link.types import Corners
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
     """Where a display may be."""
 
-    corners: Array
-    """(4, 2) pixels of the reference frame; the displayed picture's top left comes first."""
+    corners: Corners
+    """Pixels of the reference frame; the displayed picture's top left comes first."""
     layout: Layout
     """What it may show."""
     frequency: float
@@ -24,7 +25,7 @@ class Proposal:
 
 
 def surest_proposal(
-    corners: Array,
+    corners: Corners,
     views: Sequence[NDArray[np.generic]],
     at: Sequence[float],
     layouts: Sequence[Layout],
@@ -32,7 +33,7 @@ def surest_proposal(
     """Choose the layout, upright or upside down, whose pilots toggle most surely.
 
     Args:
-        corners: (4, 2) pixels of the reference frame.
+        corners: pixels of the reference frame.
         views: what they bound in each frame, rectified to any size.
         at: positions of the frames.
         layouts: those that may be shown.

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from export.locate.candidates import display_candidates
 from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, moved_corners
 from export.locate.pilots.evidence import expected_changes, pilot_evidence, pilot_values
-from export.locate.pilots.film import Array, FilmFrame, amplitudes, positions
+from export.locate.pilots.film import FilmFrame, amplitudes, positions
 from export.locate.pilots.proposals import Proposal, proposal_evidence, surest_proposal
 from export.locate.pilots.settle import HINT, Settled, settle
 from export.locate.pilots.stabilise import Stabiliser
@@ -34,6 +34,7 @@ from link.errors import InputError
 from link.geometry import in_image, transform
 from link.images import as_gray
 from link.layout import Layout
+from link.types import Array, Corners, Image
 
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
@@ -70,8 +71,8 @@ class PilotDisplay:
 
     layout: Layout
     """Layout that it shows, one of those that were looked for."""
-    corners: Array
-    """(4, 2) pixels of the newest frame, from the top left of the displayed picture on."""
+    corners: Corners
+    """Pixels of the newest frame, from the top left of the displayed picture on."""
     evidence: float
     """Natural logarithm of the odds against chance, after paying for everything that was tried."""
 
@@ -113,11 +114,11 @@ class PilotSearch:
         self._promising: Proposal | None = None
         self._work: Search | None = None
 
-    def push(self, image: NDArray[np.uint8], time: float) -> PilotDisplay | None:
+    def push(self, image: Image, time: float) -> PilotDisplay | None:
         """Take the next frame.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            image: an `Image`.
             time: time of the frame, seconds; rising from frame to frame.
 
         Returns:

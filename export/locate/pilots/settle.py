@@ -7,16 +7,11 @@ import numpy as np
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
 from export.locate.pilots.climb import climb_to_pilots
-from export.locate.pilots.corners import (
-    COARSE_SIZE,
-    MANY,
-    coarse_shift,
-    map_size,
-    moved_corners,
-)
+from export.locate.pilots.corners import COARSE_SIZE, MANY, coarse_shift, map_size, moved_corners
 from export.locate.pilots.evidence import expected_changes
-from export.locate.pilots.film import Array, FilmFrame, amplitudes, positions, rectified_views
+from export.locate.pilots.film import FilmFrame, amplitudes, positions, rectified_views
 from export.locate.pilots.proposals import Proposal, proposal_evidence
+from link.types import Array
 
 SURE, SURE_SHARE = 16.0, 0.5
 """Smallest evidence, after paying for everything that was tried, at which a display is found: the

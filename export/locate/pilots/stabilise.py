@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.geometry import resized_homography
-
-Array = NDArray[np.float64]
-Gray = NDArray[np.uint8]
+from link.types import Array, Gray, Homography
 
 WIDTH = 640
 """Largest width, in pixels, of the copies on which motion is followed."""
@@ -47,14 +45,14 @@ class Tracks:
     same_px: float
     """`SAME_PX` in pixels of the frames."""
 
-    def motion_within(self, quad: Array) -> Array | None:
+    def motion_within(self, quad: Array) -> Homography | None:
         """Find how what lies within a convex quadrilateral has moved.
 
         Args:
             quad: (4, 2) pixels of the reference, clockwise.
 
         Returns:
-            (3, 3) homography from the reference to the later frame; None where too few points lie
+            homography from the reference to the later frame; None where too few points lie
             within, or too close together, or do not agree.
         """
         inside = _outside(quad, self.before[:, 0, 0], self.before[:, 0, 1]) <= 0

@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from export.locate.pilots.waves import span_of, waves
 from export.locate.quads import upright
 from link.geometry import homography_from_corners, rectify
-
-Array = NDArray[np.float64]
-Map = NDArray[np.float32]
+from link.types import Array, Corners, Map
 
 SLOWEST = 3
 """Number of periods in a window below which no display is looked for: motion and exposure drift
@@ -79,11 +77,11 @@ class ToggleMap:
         """Average all frames so far, (h, w) uint8, rounded down."""
         return np.asarray(np.mean(self._stills, axis=0, dtype=np.float32), np.uint8)
 
-    def outline(self, frequency: float) -> Array | None:
+    def outline(self, frequency: float) -> Corners | None:
         """Outline what toggles at a frequency, in periods for each nominal frame.
 
         Returns:
-            (4, 2) pixels of the map, in corner order nearest to upright; None where nothing toggles
+            pixels of the map, turned the way that is nearest to upright; None where nothing toggles
             there, or the frames do not cover enough time.
         """
         span, fastest = span_of(self._at)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from link.types import Array
 
 FINE_STEP = 1 / 4
 """Step to which positions are rounded, in nominal frames, so that evenly spaced frames come out as

@@ -13,9 +13,8 @@ toggles: the states' numbers are then off by one from time to time, and `link.co
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from link.types import Array
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.timing.clock import Array, DisplayClock, embedded_share
+from export.receive.timing.clock import DisplayClock, embedded_share
+from link.types import Array
 
 ComplexArray = NDArray[np.complex128]
 

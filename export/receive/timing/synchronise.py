@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from export.receive.timing.clock import Array, DisplayClock
+from export.receive.timing.clock import DisplayClock
 from export.receive.timing.fit import ClockFit, ToggleWindow
 from export.receive.timing.toggles import Toggles
+from link.types import Array
 
 MIN_WINDOW_S, WINDOW_S = 0.5, 4.0
 """Seconds of toggles that the first fit needs, and that a later fit looks back."""

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from export.locate.pilots.evidence import pilot_signs, pilot_values
 from link.layout import Layout
 from link.ratex import CLEAR_MATCH, match_patches, patch_centres
-
-Array = NDArray[np.float64]
+from link.types import Array, Image
 
 PARTS = (4, 4)
 """Number of parts of the display, from top to bottom and from left to right, over each of which the
@@ -23,14 +22,14 @@ LEAST_VARIANCE = 0.1
 frames of a short window do not make single pilots weigh all."""
 
 
-def patch_toggles(frame: NDArray[np.uint8], layout: Layout) -> NDArray[np.float64]:
+def patch_toggles(frame: Image, layout: Layout) -> NDArray[np.float64]:
     """Measure how much brighter tiles of label 1 are than their twins of label 0, in each patch.
 
     No change of exposure can mimic this, because both tiles of a pair of twins show the same
     intensity.
 
     Args:
-        frame: (H, W) or (H, W, 3) uint8, encoded, rectified.
+        frame: an `Image`, rectified.
         layout: layout with at least one patch.
 
     Returns:

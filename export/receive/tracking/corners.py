@@ -20,10 +20,7 @@ from export.locate.pilots.motion import (
 )
 from link.images import as_gray
 from link.layout import Layout
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
-Map = NDArray[np.float32]
+from link.types import Array, Image, Map
 
 FIRST_BLOCKS = 0.4
 """Standard deviation of the corners before anything is decoded, in blocks."""
@@ -68,8 +65,8 @@ class CornerShift:
         """Take a frame pair and its scores.
 
         Args:
-            original: (height, width) or (height, width, 3) uint8, encoded, rectified.
-            embedded: uint8 of the shape of ``original``.
+            original: an `Image`, rectified.
+            embedded: an `Image` of the shape of ``original``.
             scores: (n_bits,) log-likelihood ratios.
             total: (8,) value of `total` when the frames were rectified. What they show to be amiss
                 may have been put right since.

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.refine import OUTSIDE
@@ -17,6 +16,7 @@ from link.geometry import (
 )
 from link.images import as_gray
 from link.layout import Layout
+from link.types import Array, Corners, Image
 
 FEATURES = 160
 """Number of points that are followed, half of them on ratex patches where there are any. At half
@@ -29,9 +29,6 @@ WORN_SHARE = 0.2
 """Share of a room's points below which another frame becomes the reference."""
 EDGE_PX = 9
 """Distance, in pixels of the layout, of a followed point from where the image ends."""
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 
 class Follower:
@@ -52,12 +49,12 @@ class Follower:
         self._reference: Image | None = None
         self._points = np.zeros((0, 1, 2), np.float32)
 
-    def rectified(self, image: Image, corners: Array) -> Image | None:
+    def rectified(self, image: Image, corners: Corners) -> Image | None:
         """Rectify the display in an image, or return None where the corners are not sound.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded RGB.
-            corners: (4, 2) pixels of the image, in corner order.
+            image: an `Image`.
+            corners: pixels of the image.
         """
         try:
             check_corners(corners, image.shape, OUTSIDE)
@@ -88,7 +85,7 @@ class Follower:
         """Find the display in the next frame.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            image: an `Image`.
 
         Returns:
             (4, 2) pixels of the image, and whether the picture has changed so much that the

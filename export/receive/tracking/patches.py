@@ -23,6 +23,7 @@ from link.geometry import frame_corners
 from link.images import as_gray
 from link.layout import Layout
 from link.ratex import match_patches
+from link.types import Corners, Homography, Image
 
 MIN_VISIBILITY = 0.7
 """Smallest `export.locate.patches.seen_visibility` of a followed display."""
@@ -43,10 +44,10 @@ pixels at which the image counts as changed: the smallest display that is found 
 class Tracked:
     """The display in one camera frame."""
 
-    corners: NDArray[np.float64]
-    """(4, 2) pixels of the camera frame, in corner order."""
-    rectified: NDArray[np.uint8]
-    """(height, width) or (height, width, 3) uint8, encoded, of the layout's size."""
+    corners: Corners
+    """Pixels of the camera frame."""
+    rectified: Image
+    """An `Image`, of the layout's size."""
     anew: bool = False
     """Whether pilots have just given the display away, so that nothing is known of its corners from
     the frames before."""
@@ -60,11 +61,11 @@ class DisplayTracker(Protocol):
         """Layout of the display that was found last."""
         ...
 
-    def follow(self, image: NDArray[np.uint8], time: float) -> Tracked | None:
+    def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            image: an `Image`.
             time: time of the frame, seconds; rising from frame to frame.
 
         Returns:
@@ -72,11 +73,11 @@ class DisplayTracker(Protocol):
         """
         ...
 
-    def correct(self, H_old_from_new: NDArray[np.float64]) -> None:
+    def correct(self, H_old_from_new: Homography) -> None:
         """Move the display within its rectified image, from the next frame on.
 
         Args:
-            H_old_from_new: (3, 3) in layout pixels; says where points of the display lie in the
+            H_old_from_new: in layout pixels; says where points of the display lie in the
                 image rectified so far.
         """
         ...
@@ -106,18 +107,18 @@ class Tracker:
         self._vain = 0
         self._thumbnail: NDArray[np.float32] | None = None
 
-    def correct(self, H_old_from_new: NDArray[np.float64]) -> None:
+    def correct(self, H_old_from_new: Homography) -> None:
         """Do nothing: the patches are seen in each frame, and say where the display lies.
 
         Args:
-            H_old_from_new: (3, 3) in layout pixels; of no effect.
+            H_old_from_new: in layout pixels; of no effect.
         """
 
-    def follow(self, image: NDArray[np.uint8], time: float) -> Tracked | None:
+    def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            image: an `Image`.
             time: time of the frame, seconds, which has no effect: each frame tells by itself where
                 the patches lie.
 

@@ -14,9 +14,7 @@ from export.locate.pilots.waves import position
 from export.receive.tracking.follow import Follower, RoomFollower
 from export.receive.tracking.patches import Tracked
 from link.layout import Layout
-
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+from link.types import Array, Homography, Image
 
 WATCHED = 48
 """Number of frames over which the pilots of a followed display are watched."""
@@ -58,11 +56,11 @@ class PilotTracker:
         """Layout of the display that was found last."""
         return self._follower.layout
 
-    def correct(self, H_old_from_new: Array) -> None:
+    def correct(self, H_old_from_new: Homography) -> None:
         """Move the display within its rectified image, from the next frame on.
 
         Args:
-            H_old_from_new: (3, 3) in layout pixels; says where points of the display lie in the
+            H_old_from_new: in layout pixels; says where points of the display lie in the
                 image rectified so far.
         """
         H = self._H_followed_from_shown @ H_old_from_new
@@ -72,7 +70,7 @@ class PilotTracker:
         """Find the display in the next frame.
 
         Args:
-            image: (H, W) or (H, W, 3) uint8, encoded RGB.
+            image: an `Image`.
             time: time of the frame, seconds; rising from frame to frame.
 
         Returns:

@@ -14,8 +14,8 @@ from export.locate.pilots.evidence import pilot_signs
 from export.receive.tracking.corners import CornerShift
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
+from link.types import Array
 
-Array = NDArray[np.float64]
 CLOSE_PX = 0.2
 SURE = 6.0
 """Score of a block that is decoded without doubt, in log-likelihood units."""

@@ -19,8 +19,8 @@ from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 from link.errors import InputError
 from link.layout import make_layout
 from link.presets import PRESETS
+from link.types import Image
 
-Image = NDArray[np.uint8]
 FPS = 60.0
 """Frames a second of the films."""
 CLOSE_PX = 4.0
