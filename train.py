@@ -122,7 +122,6 @@ def check_training(config: TrainConfig) -> None:
     at_least(len(LAYOUTS[config.layouts]), episodes=config.episodes)
     at_least(1, rounds=config.rounds, steps=config.steps, batch=config.batch)
     at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, seed=config.seed)
     if not 0 < config.lr < 10:
         raise ParameterError("lr", f"need more than 0 and less than 10, got {config.lr:g}")
     if config.device == "cuda" and not torch.cuda.is_available():

@@ -41,6 +41,9 @@ LOSSLESS_SUFFIXES = (".mkv", ".avi")
 """Endings of the video files that hold every level as it is, where no codec is named."""
 FILMED_PRESET = "paper"
 """Name of the preset that is filmed where no other is asked for: the quickest to simulate."""
+FILMED = VideoSettings(scene=replace(VideoSettings().scene, coverage=0.35), seconds=10.0)
+"""Stream where flags are absent. The display covers a third of the image, as where somebody wants
+its message; so large, the receiver reads every preset at 0°, even below a mostly black picture."""
 MAX_SHOWN_BYTES = 2**30
 """Largest memory, in bytes, for all states that the display shows."""
 
@@ -65,9 +68,7 @@ class FilmConfig(CellFlags):
     """Pictures that the display shows in turn, a frame pair each; 1 for a static picture."""
     first: int = 0
     """Number of the first picture that the display shows."""
-    stream: OmitArgPrefixes[VideoSettings] = field(
-        default_factory=lambda: VideoSettings(seconds=10.0)
-    )
+    stream: OmitArgPrefixes[VideoSettings] = FILMED
     """Rates, camera, room, and what disturbs the stream; None is drawn at random."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec of a compressed file, h264 if none is named; a folder gets what it leaves."""
@@ -93,7 +94,7 @@ class FilmConfig(CellFlags):
             pilots="auto" if layout.pilots else "0",
             colour=layout.colour,
             kappa=preset.kappa,
-            stream=VideoSettings(seconds=10.0, fps=2 * state_hz, state_hz=state_hz),
+            stream=replace(FILMED, fps=2 * state_hz, state_hz=state_hz),
         )
 
     def file_codec(self) -> CodecSettings:
@@ -124,7 +125,6 @@ def main() -> None:
     """Film, and write frames and truth."""
     usual = FilmConfig.of_preset(read_flags(lambda: tyro.cli(FilmConfig)).preset)
     config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
-    at_least(0, first=config.first)
     at_least(1, shown=config.shown)
     settings, cell, source = config.stream, config.cell(), config.source(config.split)
     seconds = settings.seconds or 0.0

@@ -57,7 +57,6 @@ def main() -> None:
     """Print a table of median times and ratios, and one JSON line."""
     config = read_flags(lambda: tyro.cli(BenchConfig))
     at_least(1, rounds=config.rounds, threads=config.threads)
-    at_least(0, warmup=config.warmup, seed=config.seed)
     cv2.setNumThreads(config.threads)
     decoder = Decoder(find_graph(config.model), config.threads)
     rng = np.random.default_rng(config.seed)

@@ -18,11 +18,11 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from export.onnx_file import check_onnx_file
 from export.watchdog import Watchdog
-from link.cli import read_flags, run_cli
+from link.cli import add_pixel_limit, read_flags, run_cli
 from link.errors import InputError, ParameterError
 from link.frames import Captured, Rectified, SoftBits, check_same_size
 from link.geometry import as_corners
-from link.images import add_pixel_limit, as_batch, read_image
+from link.images import as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
 from link.ratex import visibility

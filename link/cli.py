@@ -5,7 +5,7 @@ import io
 import os
 import re
 import sys
-from argparse import Namespace
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from itertools import pairwise
@@ -15,6 +15,7 @@ import cv2
 
 from link.code.authenticate import MAX_STAMP
 from link.errors import InputError, ParameterError
+from link.images import MAX_MEGAPIXELS
 
 T = TypeVar("T")
 MAX_NUMBER = 10**6
@@ -29,8 +30,6 @@ MAX_OF_FLAG = {
 }
 """Largest numbers by the flag's name. Every library that the project draws from takes seeds of 32
 bits."""
-MAX_COMPLAINT = 300
-"""Number of characters after which a parser's complaint, which may repeat a long value, is cut."""
 PLAIN_WORDS = (
     (r"^(argument|Error parsing) (?=-)", ""),
     (r"^Error parsing (\w+): (\w+):", r"--\1.\2:"),
@@ -83,6 +82,16 @@ def run_cli(main: Callable[[], None]) -> None:
             raise
         print_error("too little memory; use smaller sizes or fewer frames")
         sys.exit(2)
+
+
+def add_pixel_limit(parser: ArgumentParser) -> None:
+    """Give a command the flag --max-megapixels, the argument of `link.images.pixel_limit`."""
+    parser.add_argument(
+        "--max-megapixels",
+        type=float,
+        metavar="N",
+        help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
+    )
 
 
 def read_flags(read: Callable[[], T]) -> T:
@@ -141,10 +150,9 @@ def _complaint(printed: str) -> str:
     and the flag that tyro suggests for one that is unknown.
     """
     said = printed.partition(": error: ")[2] or RULE.split(printed)[1]
-    said = " ".join(said.split()).rstrip(".")
+    said = " ".join(said.split()).rstrip(".")[:300]  # it may repeat a long value
     for pattern, words in PLAIN_WORDS:
         said = re.sub(pattern, words, said)
-    said = said if len(said) <= MAX_COMPLAINT else f"{said:.{MAX_COMPLAINT}}..."
     meant = re.search(r"Perhaps you meant:\s+(--\S+)", printed)
     return f"{said}; perhaps you meant {meant[1]}" if meant else said
 

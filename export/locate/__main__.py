@@ -11,9 +11,9 @@ from typing import Any
 
 from export.locate.find import locate
 from export.overlay import outline_display
-from link.cli import print_error, read_flags, run_cli
+from link.cli import add_pixel_limit, print_error, read_flags, run_cli
 from link.errors import InputError
-from link.images import add_pixel_limit, pixel_limit, read_image, write_image
+from link.images import pixel_limit, read_image, write_image
 from link.layout import Layout, read_layout
 from models import find_graph
 

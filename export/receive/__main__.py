@@ -23,10 +23,10 @@ from export.receive.receiver import Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.tracking.patches import Tracked
-from link.cli import read_flags, run_cli
+from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
-from link.images import add_pixel_limit, make_folder, read_image, write_image
+from link.images import make_folder, read_image, write_image
 from link.layout import Layout
 from link.presets import PRESETS
 from models import find_graph

@@ -16,9 +16,8 @@ from export.markdown import markdown_table
 from export.receive.decoders import open_decoders
 from export.receive.receiver import Receiver
 from export.receive.sources import FPS_HELP, open_source
-from link.cli import read_flags, run_cli
+from link.cli import add_pixel_limit, read_flags, run_cli
 from link.errors import InputError, at_least
-from link.images import add_pixel_limit
 from models import find_graph
 
 H_CAPTURED_FROM_DISPLAY = np.array([[2.0, 0.1, 100], [0.05, 1.8, 60], [1e-4, 1e-4, 1]])

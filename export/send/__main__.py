@@ -14,13 +14,12 @@ from typing import Any
 from export.send.hiding import Hiding, Onlooker
 from export.send.pictures import open_pictures, stand_still
 from export.send.write import output_kind, write_loop
-from link.cli import read_flags, run_cli
+from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
-from link.images import add_pixel_limit
 from link.layout import COLOURS, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded

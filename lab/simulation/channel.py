@@ -10,7 +10,6 @@ from lab.simulation.sensitivity import effect_conditions, sensitivity_tables
 from lab.study import Picture, Results, Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.errors import at_least
 from link.layout import make_layout
-from models import PRETRAINED
 from reports.engine.methods import Method, methods_for
 from reports.engine.protocols import apply_protocol
 
@@ -33,7 +32,7 @@ def measure_effects(flags: ChannelFlags, workshop: Workshop) -> Tables:
     methods = apply_protocol(
         "paper", [Method(n) for n in ("naive", "two_step", "oorc", "hidden_ratex")]
     )
-    methods += methods_for(["learned"], PRETRAINED)
+    methods += methods_for(["learned"])
     source = Source(make_layout(), "test", flags.seed)
     records = workshop.predict(effect_conditions(source, flags.frames), methods)
     return Tables({"effects": sensitivity_tables(records)})

@@ -32,7 +32,6 @@ from link.embed import with_head_room
 from link.errors import ParameterError, at_least, each_once
 from link.images.quality import psnr
 from link.presets import Preset
-from models import shipped_checkpoint
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition
 
@@ -83,7 +82,7 @@ def measure_frontier(flags: FrontierFlags, workshop: Workshop) -> FrontierResult
     for setting in SETTINGS:
         parts = []
         for names, frames in readers[: 2 if flags.observed else 1]:
-            methods = methods_for(names, shipped_checkpoint(setting.layout))
+            methods = methods_for(names)
             few = condition_of(setting, frames, flags.seed)
             parts.append(workshop.predict([few], methods))
         found.append(

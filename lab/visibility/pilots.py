@@ -21,7 +21,6 @@ from lab.visibility.frontier_results import Positive, ReadRow
 from link.embed import check_kappa
 from link.errors import at_least, choose, each_once
 from link.layout import Layout, count_pilots, make_layout
-from models import shipped_checkpoint
 from reports.engine.checked import Count, Number
 from reports.engine.methods import methods_for
 from reports.engine.predict import Condition
@@ -101,7 +100,7 @@ def measure_pilots(flags: PilotsFlags, workshop: Workshop) -> PilotsContent:
         for pilots in counts:
             layout = make_layout(rows, cols, modulation="antipodal", pilots=pilots)
             source = Source(layout, "test", flags.seed)
-            methods = methods_for(METHODS_READ, shipped_checkpoint(layout))
+            methods = methods_for(METHODS_READ)
             for kappa in flags.kappas:
                 cells = tuple(Cell(pair, flags.view, kappa) for pair in flags.pairs)
                 name = f"{rows} × {cols}, {pilots} pilots, κ {kappa}"

@@ -2,7 +2,6 @@
 
 import math
 import os
-from argparse import ArgumentParser
 from pathlib import Path
 
 import cv2
@@ -83,16 +82,6 @@ def intensity(frame: Image, colour: str = "gray") -> NDArray[np.float32]:
         return scaled
     weights = np.array(INTENSITIES[colour], np.float32)
     return np.asarray(scaled @ weights - np.minimum(weights, 0).sum(), np.float32)
-
-
-def add_pixel_limit(parser: ArgumentParser) -> None:
-    """Give a command the flag --max-megapixels, the argument of `pixel_limit`."""
-    parser.add_argument(
-        "--max-megapixels",
-        type=float,
-        metavar="N",
-        help=f"largest image that is read, in million pixels; {MAX_MEGAPIXELS:g} where absent",
-    )
 
 
 def pixel_limit(max_megapixels: float | None = None) -> int:

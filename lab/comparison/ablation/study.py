@@ -20,7 +20,6 @@ from lab.comparison.ablation.switches import FLOORS, ROWS, WHOLE_DECODERS, row_m
 from lab.study import Picture, Results, Study, StudyFlags, Workshop
 from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
-from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from reports.engine.conditions import SETTINGS, named_condition
 from reports.render.reliability import reliability_figure, reliability_tables
@@ -70,9 +69,9 @@ def check_ablation(flags: AblationFlags) -> None:
             choose(choices, name, f"name in --{flag}")
         each_once(**{flag: names})
     at_least(1, frames=flags.frames)
-    if flags.learned:
+    if flags.learned and flags.run is not None:
         try:
-            load_checkpoint(flags.run or PRETRAINED)
+            load_checkpoint(flags.run)
         except InputError as error:
             raise InputError(f"--run: {error}; or leave it out: --no-learned") from None
 
@@ -86,7 +85,7 @@ def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
     rows = [row for row in ROWS if row in ("oorc", "full", *flags.rows)]
     rows += ["learned"] if flags.learned else []
     rows += FLOORS if flags.ideal else []
-    methods = [row_method(row, flags.run or PRETRAINED) for row in rows]
+    methods = [row_method(row, flags.run) for row in rows]
     records = workshop.predict(conditions, methods)
     entries, behind = compare_rows(records, flags.seed)
     curves = reliability_curves(records, [row for row in rows if row in WHOLE_DECODERS])

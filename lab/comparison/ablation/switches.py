@@ -40,7 +40,7 @@ FLOORS = tuple(name for name, card in METHODS.items() if card.needs_truth)
 """Observers that know the simulated channel, and that no decoder can beat."""
 
 
-def row_method(row: str, checkpoint: Path) -> Method:
+def row_method(row: str, checkpoint: Path | None) -> Method:
     """Return the method that decodes a row.
 
     >>> dict(row_method("full-rows", Path("none")).options)["config"].rows
@@ -48,7 +48,8 @@ def row_method(row: str, checkpoint: Path) -> Method:
 
     Args:
         row: a name of `ROWS`, or of a method that is shown beside them, such as "learned".
-        checkpoint: folder of the trained decoder, for the row "learned".
+        checkpoint: folder of the trained decoder, for the row "learned"; None for the one that
+            ships.
 
     Raises:
         InputError: the row is unknown.

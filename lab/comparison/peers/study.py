@@ -102,9 +102,7 @@ def make_systems(flags: PeersFlags) -> list[System]:
         StillSystem(peer) for name in flags.systems for peer in make_peers(name, flags.bits)
     ]
     ours: list[System] = [
-        PairSystem(method, kappa)
-        for method in methods_for(flags.ours, PRETRAINED)
-        for kappa in flags.kappas
+        PairSystem(method, kappa) for method in methods_for(flags.ours) for kappa in flags.kappas
     ]
     if not stills and not ours:
         raise InputError("--systems, --ours: name at least one")
