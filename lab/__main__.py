@@ -14,12 +14,19 @@ from link.errors import choose
 STUDIES = {
     "ablation": ("lab.comparison.ablation.study", "which switch of the decoder pays, and where"),
     "channel": ("lab.simulation.channel", "what each effect of the simulated channel costs"),
+    "clock": ("lab.films.clock", "how often a clock is found, and where there is none"),
+    "codecs": ("lab.films.codecs", "what codecs and phones cost the receiver"),
+    "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
     "flicker": ("lab.visibility.flicker", "what it looks like: a page that flickers"),
     "framing": ("lab.comparison.framing", "how often a message is lost, by share of wrong bits"),
     "frontier": ("lab.visibility.frontier", "how many bits are read, beside what is seen"),
+    "locate": ("lab.films.locate", "how well displays are found in photographs"),
+    "page": ("lab.films.page", "the receiver in the browser beside Python's"),
     "peers": ("lab.comparison.peers.study", "how other systems do on the same captures"),
+    "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "pilots": ("lab.visibility.pilots", "how many pilots a fit needs"),
     "prediction": ("lab.simulation.prediction", "what the simulation predicts of the paper"),
+    "rates": ("lab.films.rates", "how fast presets deliver a message"),
     "repeats": ("lab.comparison.repeats", "what several captures of a static frame pair bring"),
     "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
 }
@@ -50,7 +57,7 @@ def list_studies() -> str:
     """Names of all studies with their questions, a line each.
 
     >>> print(list_studies().splitlines()[0])
-    pilots           how many pilots a fit needs
+    ablation         which switch of the decoder pays, and where
     """
     return "\n".join(f"{name:16} {question}" for name, (_, question) in STUDIES.items())
 

@@ -8,10 +8,9 @@ in the repository, or depend on the machine.
 
 import os
 import shlex
-import shutil
 import subprocess
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import tyro
@@ -41,50 +40,33 @@ UNTRAINED = Method("phi", (("config", FULL),), "learned, untrained")
 """The learned decoder with the constants from which its training starts."""
 
 
-@dataclass(frozen=True)
-class Step:
-    """A command whose results are kept."""
-
-    command: str
-    """Module and flags, as they follow ``python -m``; empty for `measure_table`."""
-    copies: dict[str, str] = field(default_factory=dict)
-    """Place in docs/ for each result: a file, or a folder whose JSON files are copied."""
-
-
 THREE = "--pairs canon-lg nikon-imac sony-samsung"
 """Flags of the deliveries that are measured with three camera-display pairs."""
 RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
 """Flags of the rates that are measured with three camera-display pairs."""
 STEPS = {
-    "table": Step(""),
-    "channel": Step("lab channel --keep"),
-    "visibility": Step("lab visibility --keep"),
-    "prediction": Step("lab prediction --keep"),
-    "ablation": Step("lab ablation --keep"),
-    "ideal": Step(
+    "table": "",
+    "channel": "lab channel --keep",
+    "visibility": "lab visibility --keep",
+    "prediction": "lab prediction --keep",
+    "ablation": "lab ablation --keep",
+    "ideal": (
         "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
         "--frames 8 --label ideal --keep"
     ),
-    "paper": Step(
-        "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"
-    ),
-    "repeats": Step("lab repeats --frames 6 --keep"),
-    "peers": Step("lab peers --keep"),
-    "frontier": Step("lab frontier --keep"),
-    "pilots": Step("lab pilots --keep"),
-    "framing": Step("lab framing --wrong --keep"),
-    "codecs": Step(
-        "reports.films.codecs --variants lossless h264-8000 h264-4000 --runs 3 --out runs/codecs"
-    ),
-    "delivery": Step(
-        "reports.films.delivery --runs 6 --out runs/delivery", {"runs/delivery": "delivery"}
-    ),
+    "paper": ("lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"),
+    "repeats": "lab repeats --frames 6 --keep",
+    "peers": "lab peers --keep",
+    "frontier": "lab frontier --keep",
+    "pilots": "lab pilots --keep",
+    "framing": "lab framing --wrong --keep",
+    "codecs": "lab codecs --variants lossless h264-8000 h264-4000 --runs 3 --keep",
+    "delivery": "lab delivery --runs 6 --keep",
 }
-"""Steps by name, in the order in which they are run."""
+"""Commands by the name of their step, as they follow ``python -m``, in the order in which they are
+run; empty for `measure_table`."""
 STEPS |= {
-    f"codecs_{block}": Step(
-        f"reports.films.codecs {flags} --runs 1 --block {block} --out runs/codecs"
-    )
+    f"codecs_{block}": f"lab codecs {flags} --runs 1 --block {block} --keep"
     for block, flags in {
         "phones": "--kappas 3 --views 45",
         "phones_robust": "--preset robust --kappas 3 --views 45 --n-bytes 1000",
@@ -94,10 +76,7 @@ STEPS |= {
     }.items()
 }
 STEPS |= {
-    f"delivery_{name}": Step(
-        f"reports.films.delivery --runs 4 {THREE} {flags} --out runs/delivery",
-        {"runs/delivery": "delivery"},
-    )
+    f"delivery_{name}": f"lab delivery --runs 4 {THREE} {flags} --keep"
     for name, flags in {
         "10": "--state-hz 10",
         "30": "--state-hz 30 --fps 60",
@@ -108,7 +87,7 @@ STEPS |= {
     }.items()
 }
 STEPS |= {
-    f"rates_{name}": Step(f"reports.films.rates {flags} --out runs/rates")
+    f"rates_{name}": f"lab rates {flags} --keep"
     for name, flags in {
         "fast": "--settings fast --views 0 --runs 6",
         "slanted": "--settings slanted --views 45 --runs 6",
@@ -154,7 +133,7 @@ def main() -> None:
         if name == "table":
             measure_table(config)
         else:
-            run_step(name, STEPS[name])
+            run_step(name)
     for name in STUDIES:
         study = find_study(name)
         if stored_results(study, study.folder(DOCS)):
@@ -165,21 +144,15 @@ def main() -> None:
     print(f"written: {', '.join(pages)}")
 
 
-def run_step(name: str, step: Step) -> None:
-    """Run a step's command and copy what it made.
+def run_step(name: str) -> None:
+    """Run a step's command.
 
     Raises:
         InputError: the command failed.
     """
-    done = subprocess.run([sys.executable, "-m", *shlex.split(step.command)], check=False)
+    done = subprocess.run([sys.executable, "-m", *shlex.split(STEPS[name])], check=False)
     if done.returncode != 0:
-        raise InputError(f"step {name}: python -m {step.command} failed, as said above")
-    for source, target in step.copies.items():
-        files = sorted(Path(source).glob("*.json")) if Path(source).is_dir() else [Path(source)]
-        for file in files:
-            place = DOCS / target / file.name if Path(source).is_dir() else DOCS / target
-            place.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(file, place)
+        raise InputError(f"step {name}: python -m {STEPS[name]} failed, as said above")
 
 
 def measure_table(config: ReadmeConfig) -> None:

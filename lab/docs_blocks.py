@@ -12,7 +12,6 @@ from lab.comparison.peers.page import OURS, best_readings
 from lab.comparison.peers.study import STUDY as PEERS
 from lab.comparison.repeats import STUDY as REPEATS
 from lab.study import Results, Study, stored_results
-from reports.films.delivery import delivery_block
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
 from reports.score.intervals import wilson
@@ -153,6 +152,5 @@ BLOCKS = {
     "table": Block(README, main_table),
     "measured": Block(RESULTS, measured_table),
     "harder": Block(RESULTS, harder_table),
-    "receiver": Block(Path("docs/receiver.md"), lambda docs: delivery_block(docs / "delivery")),
 }
 """Blocks by the name in their markers; those of single studies are written with their results."""

@@ -248,7 +248,7 @@ def browser() -> "Iterator[Browser]":
     One for each module, not for the session: Playwright keeps an event loop in this thread while it
     runs, and Dask's tests should not meet it.
     """
-    from reports.films.browser import BROWSER_FLAGS, BROWSERS, find_browser
+    from lab.films.browser import BROWSER_FLAGS, BROWSERS, find_browser
 
     executable = find_browser()
     if executable is None:

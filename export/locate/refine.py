@@ -37,7 +37,7 @@ display that is partly in view: what lies beyond the patches is known less well.
 USUAL_VISIBILITY = 0.8
 """Smallest `link.ratex.visibility` of a display that shows three patches or more. It lies between
 what aligned displays have and what wrong turns reach by chance, most of all with few patches:
-reports.lab.locate prints both."""
+lab.films.locate prints both."""
 
 
 def needed_visibility(layout: Layout) -> float:

@@ -30,7 +30,6 @@ from reports.engine.backends import Backend
 from reports.engine.digest import ROOT
 from reports.engine.predict import predict_all
 from reports.engine.stored import resume
-from reports.films import delivery
 
 HOLD = """
 import os, subprocess, sys, time
@@ -177,7 +176,6 @@ SMALL = ["--pairs", "canon-lg", "--frames", "1", "--jobs", "1"]
 COMMANDS: list[tuple[Callable[[], None], list[str]]] = [
     (evaluate.main, [*SMALL, "--views", "0", "--kappas", "5", "--methods", "naive"]),
     (train.main, ["--episodes", "1", "--jobs", "1"]),
-    (delivery.main, ["--runs", "1", "--jobs", "1"]),
     (lab.main, ["repeats", "--frames", "1"]),
 ]
 

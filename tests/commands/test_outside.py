@@ -13,6 +13,8 @@ from export.locate.find import locate
 from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
+from lab.films.locate import read_corners
+from lab.recorded import read_sent
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
 from link.images import read_image, size, write_bytes, write_image
@@ -22,8 +24,6 @@ from link.outside import inside, parse_json, read_bounded, read_json
 from models.neural.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from reports.engine.digest import ROOT
 from reports.engine.records import to_records
-from reports.lab.locate import read_corners
-from reports.lab.recorded import read_sent
 from reports.run import RunFolder, Story
 
 META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}

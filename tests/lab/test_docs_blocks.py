@@ -37,7 +37,7 @@ def asked(command: str) -> str:
 
 def test_every_stored_result_is_of_a_step_that_is_listed() -> None:
     """What the README quotes was made by a command that ``lab.docs --steps all`` runs."""
-    listed = {asked(step.command) for step in STEPS.values()}
+    listed = {asked(command) for command in STEPS.values()}
     files = (ROOT / DOCS).rglob("*.json")
     for file in files:
         stored = json.loads(file.read_text())["meta"]["command"]

@@ -22,12 +22,7 @@ from web_films import gray, limited, y4m_bytes
 from web_fixtures import built_site
 
 from export.web.site import MAX_GZIP_BYTES, measure_site
-from link.code.authenticate import sign
-from link.code.framing import encode
-from link.images import image_files, read_image, write_image
-from link.loop import Loop
-from link.presets import PRESETS
-from reports.films.browser import (
+from lab.films.browser import (
     ALLOWED,
     BROWSER_FLAGS,
     CAMERA,
@@ -36,6 +31,11 @@ from reports.films.browser import (
     serve_folder,
     text_of,
 )
+from link.code.authenticate import sign
+from link.code.framing import encode
+from link.images import image_files, read_image, write_image
+from link.loop import Loop
+from link.presets import PRESETS
 
 pytestmark = pytest.mark.slow
 

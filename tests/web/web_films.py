@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import cv2
 import numpy as np
 
-from reports.films.y4m import Y4mFile
+from lab.films.y4m import Y4mFile
 
 
 def limited(luma):

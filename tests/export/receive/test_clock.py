@@ -20,9 +20,9 @@ from export.receive.timing.synchronise import (
     needed_evidence,
 )
 from export.receive.timing.toggles import PatchToggles, patch_toggles
+from lab.films.clock import Chunk, StillSettings, false_strengths
 from link.embed import embed
 from link.layout import make_layout
-from reports.lab.clock import ClockConfig, false_strengths
 
 PATCHES = PatchToggles(make_layout())
 PLACES = PATCHES.places
@@ -200,8 +200,8 @@ def test_a_wave_that_one_place_alone_shows_is_no_clock() -> None:
 
 @pytest.mark.parametrize("kind", ["noise", "codec", "slow", "shuffled"])
 def test_no_clock_is_found_where_there_is_none(kind: str) -> None:
-    """Five windows of each kind; `python -m reports.lab.clock` looks at thousands."""
-    shares = false_strengths((kind, 0, 5), ClockConfig(), {})
+    """Five windows of each kind; `python -m lab clock` looks at thousands."""
+    shares = false_strengths(Chunk(kind, 0, 5, StillSettings(30.0, 1, 5.0, 0)))
     assert max(shares) < 0.8
 
 

@@ -1,4 +1,4 @@
-"""Measure how well displays are found: python -m reports.lab.locate [--photos DIR] [--frames 200].
+"""How well displays are found in photographs.
 
 It searches simulated photographs of held-out pictures in drawn rooms, with ratex patches and
 without; held-out photographs that show no display; and, where a folder is given, real photographs
@@ -6,9 +6,9 @@ whose corners are known.
 """
 
 import io
-import os
 import time
 import zipfile
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -16,26 +16,21 @@ from typing import Any
 
 import cv2
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import PAIRS, get_pair
 from data_gen.pictures.library import Picture, load_pictures
 from export.locate.find import locate
-from export.locate.patches import image_pyramid
-from export.locate.refine import corners_on_patches
-from link.cli import read_flags, run_cli
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import InputError, at_least
 from link.geometry import as_corners
-from link.images import IMAGE_SUFFIXES, as_gray, read_image
+from link.images import IMAGE_SUFFIXES, read_image
 from link.layout import Layout, make_layout
 from link.outside import read_bounded
-from reports.engine.backends import Backend, one_thread
-from reports.engine.checked import write_json
-from reports.engine.provenance import provenance
-from reports.engine.stored import all_results
+from reports.engine.backends import one_thread
+from reports.engine.checked import Share
 from reports.render.tables import Table, TableCell, percent, share_interval
 from reports.score.intervals import wilson
 
@@ -50,12 +45,10 @@ SHOWN_KAPPA = 3
 """Gray levels added to a block that carries a 1, in simulated photographs."""
 MAX_CORNERS_BYTES = 4096
 """Largest size, in bytes, of a file of true corners; eight numbers and a header take 192."""
-PATCH_COUNTS = (1, 2, 3, 5)
-"""Numbers of ratex patches for which the visibility of right and wrong turns is measured."""
 
 
 @dataclass(frozen=True)
-class LocateConfig:
+class LocateFlags(StudyFlags):
     """What is photographed."""
 
     photos: Path | None = None
@@ -64,12 +57,6 @@ class LocateConfig:
     """Number of simulated photographs with patches; there are as many without."""
     size: tuple[int, int] = (1280, 720)
     """Width and height of the simulated photographs, pixels."""
-    seed: int = 0
-    """Seed of the simulated photographs."""
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
-    out: Path = Path("runs/locate")
-    """Folder for locate.json."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +120,8 @@ def bare_photographs(size: tuple[int, int]) -> list[Picture]:
     return [picture for picture in pictures if picture.name.startswith("photo/")]
 
 
-def search_scene(search: Search) -> Sighting:
-    """Draw a scene, photograph it and look for the display."""
+def search_scene(search: Search) -> dict[str, Any]:
+    """Draw a scene, photograph it and look for the display; return the fields of a `Sighting`."""
     layout = search.layout
     pictures = split_pictures("test", layout.width, layout.height)
     rng = np.random.default_rng([search.seed, search.index, len(search.kind)])
@@ -160,15 +147,16 @@ def search_scene(search: Search) -> Sighting:
         ]
         errors = [float(e) for e in min(off, key=np.max)]
     sighted = found is not None
-    return Sighting(search.kind, scene.room, view, scene.coverage, sighted, errors, seconds)
+    found_here = Sighting(search.kind, scene.room, view, scene.coverage, sighted, errors, seconds)
+    return asdict(found_here)
 
 
-def search_empty(search: EmptySearch) -> Sighting:
-    """Look for a display in a photograph that shows none."""
+def search_empty(search: EmptySearch) -> dict[str, Any]:
+    """Look for a display where there is none; return the fields of a `Sighting`."""
     picture = bare_photographs(search.size)[search.number]
     found, seconds = timed_search(picture.rgb, search.layout)
     kind = "empty, patches sought" if search.layout.ratex else "empty"
-    return Sighting(kind, "", 0.0, 0.0, found is not None, [], seconds)
+    return asdict(Sighting(kind, "", 0.0, 0.0, found is not None, [], seconds))
 
 
 def timed_search(
@@ -183,61 +171,6 @@ def timed_search(
     start = time.perf_counter()
     found = locate(image, layout)
     return (None if found is None else found.corners), time.perf_counter() - start
-
-
-@dataclass(frozen=True)
-class TurnSearch:
-    """A simulated photograph in which right and wrong turns of the corners are compared."""
-
-    index: int
-    """Number of the photograph."""
-    patches: int
-    """Number of ratex patches of the display."""
-    seed: int
-    """Seed of the scene."""
-
-
-def turn_visibilities(search: TurnSearch) -> list[float]:
-    """Align corners that begin 4 % off, in the right turn and in the three wrong ones.
-
-    Returns:
-        visibility of the patches in each turn, the right one first.
-    """
-    one_thread()
-    rng = np.random.default_rng([search.seed, search.index, search.patches])
-    layout = make_layout(ratex=search.patches)
-    pictures = split_pictures("train", layout.width, layout.height)
-    pair = get_pair(str(rng.choice(list(PAIRS))))
-    scene = draw_scene(layout, pair, float(rng.choice(VIEWS)), rng, SceneSettings())
-    picture = pictures[int(rng.integers(len(pictures)))].rgb
-    shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, SHOWN_KAPPA)
-    image = photograph(shown.embedded, scene, rng)
-    pyramid = image_pyramid(as_gray(image))
-    side = np.sqrt(cv2.contourArea(scene.corners.astype(np.float32)))
-    start = scene.corners + rng.uniform(-0.04, 0.04, (4, 2)) * side
-    turned = [np.roll(start, turn, axis=0) for turn in range(4)]
-    return [corners_on_patches(image, pyramid, corners, layout)[1] for corners in turned]
-
-
-def visibility_levels(config: LocateConfig) -> list[dict[str, Any]]:
-    """Compare what right and wrong turns reach, which tells what `export.locate` may accept."""
-    rows = []
-    for patches in PATCH_COUNTS:
-        searches = [
-            TurnSearch(index, patches, config.seed) for index in range(-(-config.frames // 5))
-        ]
-        title = f"turns, {patches} patches"
-        seen = np.array(all_results(turn_visibilities, searches, Backend(config.jobs), title))
-        right, wrong = np.quantile(seen[:, 0], (0, 0.05, 0.5)), np.quantile(seen[:, 1:], (0.95, 1))
-        rows.append(
-            {
-                "patches": patches,
-                "photographs": len(seen),
-                "right_least_q05_median": right.tolist(),
-                "wrong_q95_most": wrong.tolist(),
-            }
-        )
-    return rows
 
 
 def overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -268,7 +201,31 @@ def read_corners(file: Path) -> NDArray[np.float64]:
         raise InputError(f"{file}: no four corners ({error})") from None
 
 
-def measure_photos(folder: Path) -> list[dict[str, Any]]:
+@dataclass(frozen=True)
+class PhotoFound:
+    """What the search found in a real photograph."""
+
+    image: str
+    """Name of the file."""
+    iou: Share
+    """Intersection over union of the display found and the true one, in [0, 1]."""
+    errors_px: list[float]
+    """Distances of the four corners from the true ones, pixels; empty where nothing was found."""
+
+
+@dataclass(frozen=True)
+class LocateContent:
+    """What was found."""
+
+    sightings: list[Sighting]
+    """One entry for each simulated photograph of a display."""
+    empty: list[Sighting]
+    """One entry for each photograph that shows no display, by what was sought."""
+    photos: list[PhotoFound]
+    """One entry for each real photograph; empty where no folder was named."""
+
+
+def measure_photos(folder: Path) -> list[PhotoFound]:
     """Measure overlap and corner errors on real photographs, which are searched without a layout.
 
     Raises:
@@ -284,7 +241,7 @@ def measure_photos(folder: Path) -> list[dict[str, Any]]:
         found = locate(read_image(path))
         iou = 0.0 if found is None else overlap(found.corners, truth)
         off = [] if found is None else np.linalg.norm(found.corners - truth, axis=1).tolist()
-        rows.append({"image": path.name, "iou": iou, "errors_px": off})
+        rows.append(PhotoFound(path.name, iou, off))
     if not rows:
         raise InputError(f"--photos: no NAME.jpeg with NAME.npy in {folder}")
     return rows
@@ -362,66 +319,64 @@ def sighting_table(rows: list[dict[str, Any]]) -> Table:
     return Table(["photographs", *heads, "95 % below", "ms"], entries)
 
 
-def main() -> None:
-    """Photograph, look, print and write locate.json."""
-    config = read_flags(lambda: tyro.cli(LocateConfig))
-    at_least(1, frames=config.frames, jobs=config.jobs)
-    at_least(0, seed=config.seed)
-    SceneSettings(size=config.size).check()
-    real = [] if config.photos is None else measure_photos(config.photos)
+def check_locate(flags: LocateFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, frames=flags.frames)
+    SceneSettings(size=flags.size).check()
+
+
+def measure_locate(flags: LocateFlags, workshop: Workshop) -> LocateContent:
+    """Photograph, and look."""
+    photos = [] if flags.photos is None else measure_photos(flags.photos)
     kinds = {"patches": make_layout(), "edges": make_layout(ratex=0)}
-    searches = [
-        Search(kind, index, layout, config.size, config.seed)
+    searches = {
+        f"{kind} {index}": Search(kind, index, layout, flags.size, flags.seed)
         for kind, layout in kinds.items()
-        for index in range(config.frames)
-    ]
-    sightings = all_results(search_scene, searches, Backend(config.jobs), "displays")
-    bare = [
-        EmptySearch(number, layout, config.size)
-        for layout in kinds.values()
-        for number in range(len(bare_photographs(config.size)))
-    ]
-    empty = all_results(search_empty, bare, Backend(config.jobs), "no display")
-    levels = visibility_levels(config)
+        for index in range(flags.frames)
+    }
+    bare = {
+        f"{kind} {number}": EmptySearch(number, layout, flags.size)
+        for kind, layout in kinds.items()
+        for number in range(len(bare_photographs(flags.size)))
+    }
+    seen = workshop.each(search_scene, searches)
+    empty = workshop.each(search_empty, bare)
+    return LocateContent(
+        [Sighting(**fields) for fields in seen.values()],
+        [Sighting(**fields) for fields in empty.values()],
+        photos,
+    )
+
+
+def locate_blocks(results: Mapping[str, Results[LocateContent]]) -> dict[str, str]:
+    """Tabulate what was found, by kind, coverage, view and room."""
+    flags, content = results["locate"].meta["flags"], results["locate"].content
+    width, height = flags["size"]
+    kinds = dict.fromkeys(s.kind for s in content.sightings)
     rows = [
-        summarise_sightings(f"{kind}: {name}", some, max(config.size) / 1280)
+        summarise_sightings(f"{kind}: {name}", some, max(width, height) / 1280)
         for kind in kinds
-        for name, some in group_sightings([s for s in sightings if s.kind == kind]).items()
+        for name, some in group_sightings([s for s in content.sightings if s.kind == kind]).items()
     ]
-    reported = []
-    for kind in dict.fromkeys(s.kind for s in empty):
-        found = [s.found for s in empty if s.kind == kind]
-        reported.append({"group": kind, "photographs": len(found), "found": sum(found)})
-    width, height = config.size
-    title = f"Simulated, {width}x{height}, held-out pictures."
-    print(title, sighting_table(rows).markdown(), sep="\n\n", end="\n\n")
-    for row in reported:
-        print(f"{row['group']}: a display is reported in {row['found']} of {row['photographs']}")
-    for level in levels:
-        right = ", ".join(f"{value:.2f}" for value in level["right_least_q05_median"])
-        wrong = ", ".join(f"{value:.2f}" for value in level["wrong_q95_most"])
-        print(
-            f"visibility of {level['patches']} patches in {level['photographs']} training scenes: "
-            f"right (least, 5 %, median) {right}; wrong turns (95 %, most) {wrong}"
-        )
-    if real:
-        overlaps = [row["iou"] for row in real]
-        print(
-            f"real photographs: {len(real)}, IoU mean {np.mean(overlaps):.3f}, "
+    parts = [f"Simulated, {width}x{height}, held-out pictures.", sighting_table(rows).markdown()]
+    for kind in dict.fromkeys(s.kind for s in content.empty):
+        found = [s.found for s in content.empty if s.kind == kind]
+        parts.append(f"{kind}: a display is reported in {sum(found)} of {len(found)}")
+    if content.photos:
+        overlaps = [photo.iou for photo in content.photos]
+        parts.append(
+            f"real photographs: {len(overlaps)}, IoU mean {np.mean(overlaps):.3f}, "
             f"least {min(overlaps):.3f}"
         )
-    content = {
-        "meta": provenance(config.seed, simulated=True),
-        "rows": rows,
-        "empty": reported,
-        "visibility": levels,
-        "photos": real,
-        "outcomes": [asdict(sighting) for sighting in (*sightings, *empty)],
-    }
-    path = config.out / "locate.json"
-    write_json(path, content)
-    print(path)
+    return {"locate": "\n\n".join(parts)}
 
 
-if __name__ == "__main__":
-    run_cli(main)
+STUDY = Study(
+    name="locate",
+    flags=LocateFlags,
+    content=LocateContent,
+    measure=measure_locate,
+    blocks=locate_blocks,
+    check=check_locate,
+)
+"""The study that `python -m lab locate` runs."""

@@ -1,20 +1,17 @@
-"""Measure how often displays are found by their pilots: python -m reports.lab.pilot_search.
+"""How often displays are found by their pilots.
 
 Nothing visible marks a display with pilots. Here `export.locate.pilots.search.PilotSearch` looks
 for it in simulated hand-held films of rooms: of displays that show a preset, of displays that stand
 still, that show a film, and that toggle blocks of another layout. In the last three it must find
 nothing.
 A share of the frames may be dropped at random, as slow receivers and busy phones drop them.
-
-Outcomes are stored as films end, and a restarted command goes on where it stopped.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from scipy.stats import binom
 
@@ -23,16 +20,13 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from export.locate.pilots.search import PilotSearch
-from link.cli import read_flags, run_cli
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose
 from link.geometry import frame_corners, transform
-from link.images import make_folder
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
-from reports.engine.backends import Backend, one_thread
-from reports.engine.digest import code_digest, package_versions, short_digest
-from reports.engine.stored import resume
+from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson
 
@@ -54,32 +48,22 @@ SEEN = {
     "other": "a display that toggles the paper's layout",
 }
 """What the films show, and how the table calls it."""
-DECIDING = ("data_gen.film.stream", "data_gen.frame_pair", "export.locate.pilots.search")
-"""Modules that decide, with all that they import, what is found in a film."""
-STORED_VERSION = 2
-"""Raise it when `search_film` changes what it does, so that older outcomes are not read again."""
 
 
 @dataclass(frozen=True)
-class PilotSearchConfig:
+class PilotSearchFlags(StudyFlags):
     """How often displays are found by their pilots, and how often where there are none."""
 
     presets: tuple[str, ...] = tuple(CAMERA_FPS)
     """Presets that displays show."""
     seen: tuple[str, ...] = tuple(SEEN)
-    """What the films show, keys of SEEN in reports/lab/pilot_search.py."""
+    """What the films show, keys of SEEN in lab/films/pilot_search.py."""
     films: int = 40
     """Number of films of each preset and of each thing they show."""
     seconds: float = 2.0
     """Length of each film, seconds."""
     drop: float = 0.0
     """Share of the frames that are dropped at random, from 0 to below 1."""
-    seed: int = 0
-    """Seed of all draws."""
-    jobs: int = 2
-    """Number of processes."""
-    out: Path = Path("runs/pilot_search")
-    """Folder of the stored outcomes."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +107,14 @@ class SearchOutcome:
     """Whether the layout found is the one shown."""
 
 
+@dataclass(frozen=True)
+class SearchContent:
+    """What was found."""
+
+    outcomes: list[SearchOutcome]
+    """One entry for each film."""
+
+
 def searched_layouts() -> list[Layout]:
     """List the layouts that the receiver looks for: those of all presets with pilots."""
     return [preset.layout for preset in PRESETS.values() if preset.layout.pilots]
@@ -157,9 +149,14 @@ def displayed_states(
     return [state for pair in pairs for state in (pair.original, pair.embedded)], layout
 
 
+def search_outcome(take: SearchTake) -> dict[str, Any]:
+    """Film a room and look for a display; return the fields of a `SearchOutcome`."""
+    one_thread()
+    return asdict(search_film(take))
+
+
 def search_film(take: SearchTake) -> SearchOutcome:
     """Film a room and look for a display until one is found."""
-    one_thread()
     preset, seen, number = take.preset, take.seen, take.number
     rng = np.random.default_rng(
         [take.seed, list(PRESETS).index(preset), list(SEEN).index(seen), number]
@@ -191,29 +188,6 @@ def search_film(take: SearchTake) -> SearchOutcome:
             right = seen == "display" and found.layout == layout
             return SearchOutcome(preset, seen, number, view, coverage, frame.time_s, error, right)
     return SearchOutcome(preset, seen, number, view, coverage, None, None, False)
-
-
-def search_outcome(take: SearchTake) -> dict[str, object]:
-    """Search one film, and return the fields of a `SearchOutcome`, as JSON holds them."""
-    return asdict(search_film(take))
-
-
-def search_films(config: PilotSearchConfig) -> list[SearchOutcome]:
-    """Search all films, or take what was found in them from where it is stored."""
-    takes = {
-        f"{preset} {seen} {number}": SearchTake(
-            preset, seen, number, config.seconds, config.drop, config.seed
-        )
-        for number in range(config.films)
-        for preset in config.presets
-        for seen in config.seen
-    }
-    drawn = repr((STORED_VERSION, config.seconds, config.drop, config.seed))
-    mark = short_digest(drawn, code_digest(*DECIDING), *package_versions())
-    make_folder(config.out)
-    file = config.out / f"outcomes_{mark}.jsonl"
-    stored = resume(search_outcome, takes, file, Backend(config.jobs), "films")
-    return [SearchOutcome(**fields) for fields in stored.values()]
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
@@ -261,25 +235,50 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
     return Table([*heads, "corners off, px"], rows, text, left=3)
 
 
-def main() -> None:
-    """Print the table, and where displays were not found."""
-    config = read_flags(lambda: tyro.cli(PilotSearchConfig, description=__doc__))
-    at_least(1, films=config.films, jobs=config.jobs)
-    for preset in config.presets:
+def check_search(flags: PilotSearchFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, films=flags.films)
+    for preset in flags.presets:
         choose(CAMERA_FPS, preset, "name in --presets")
-    for seen in config.seen:
+    for seen in flags.seen:
         choose(SEEN, seen, "name in --seen")
-    if not 0.5 <= config.seconds <= 60:
-        raise ParameterError("seconds", f"need 0.5 to 60, got {config.seconds:g}")
-    if not 0 <= config.drop < 1:
-        raise ParameterError("drop", f"need 0 or more and less than 1, got {config.drop:g}")
-    outcomes = search_films(config)
-    print(search_table(outcomes).markdown())
-    for o in outcomes:
-        if o.seen == "display" and not o.right:
-            film_of = f"{o.preset}, film {o.number}"
-            print(f"not found: {film_of}, {o.view_deg:.0f} degrees, coverage {o.coverage:.2f}")
+    if not 0.5 <= flags.seconds <= 60:
+        raise ParameterError("seconds", f"need 0.5 to 60, got {flags.seconds:g}")
+    if not 0 <= flags.drop < 1:
+        raise ParameterError("drop", f"need 0 or more and less than 1, got {flags.drop:g}")
 
 
-if __name__ == "__main__":
-    run_cli(main)
+def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent:
+    """Search all films."""
+    takes = {
+        f"{preset} {seen} {number}": SearchTake(
+            preset, seen, number, flags.seconds, flags.drop, flags.seed
+        )
+        for number in range(flags.films)
+        for preset in flags.presets
+        for seen in flags.seen
+    }
+    found = workshop.each(search_outcome, takes)
+    return SearchContent([SearchOutcome(**fields) for fields in found.values()])
+
+
+def search_blocks(results: Mapping[str, Results[SearchContent]]) -> dict[str, str]:
+    """Show the table, and where displays were not found."""
+    outcomes = results["pilot_search"].content.outcomes
+    missed = [
+        f"Not found: {o.preset}, film {o.number}, {o.view_deg:.0f}°, coverage {o.coverage:.2f}."
+        for o in outcomes
+        if o.seen == "display" and not o.right
+    ]
+    return {"pilot_search": "\n\n".join([search_table(outcomes).markdown(), *missed])}
+
+
+STUDY = Study(
+    name="pilot_search",
+    flags=PilotSearchFlags,
+    content=SearchContent,
+    measure=measure_search,
+    blocks=search_blocks,
+    check=check_search,
+)
+"""The study that `python -m lab pilot_search` runs."""

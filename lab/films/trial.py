@@ -5,18 +5,19 @@ the hand. `FilmReading` gives the frames to a receiver, and compares what is rea
 sent.
 """
 
-import os
 import zlib
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
+from data_gen.channel.optics import check_view
 from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneSettings
@@ -26,23 +27,28 @@ from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import PAIRS
 from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
-from link.code.framing import encode
-from link.embed import embed
-from link.errors import choose
+from export.to_onnx import to_onnx
+from link.code.framing import encode, frames_needed
+from link.embed import check_kappa, embed
+from link.errors import ParameterError, at_least, choose, each_once
 from link.frames import Displayed
+from link.images import write_bytes
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
+from models import shipped_checkpoint, shipped_graphs
+from models.neural.checkpoint import load_checkpoint
 from reports.score.reliability import Bin, confidence_bins, merge_bins
+
+GRIDS = (8, 16)
+"""Numbers of blocks along each side that a message may be filmed with."""
+MAX_LOOPS = 100.0
+"""Largest number of loops of the message after which a run may be given up."""
 
 
 @dataclass(frozen=True)
-class DeliveryConfig:
-    """A message from at most three loops of a hand-held video (simulated)."""
+class FilmSettings:
+    """What is shown, and how it is filmed: a message in a hand-held video (simulated)."""
 
-    pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs."""
-    views: tuple[float, ...] = (0.0, 45.0)
-    """Angles between the camera and the normal of the display, degrees."""
     kappa: int = 3
     """Gray levels added to a block that carries a 1."""
     preset: str = "paper"
@@ -61,8 +67,6 @@ class DeliveryConfig:
     pan_px: float = 0.0
     """Number of pixels by which the picture that carries the message moves to the right from one
     frame pair to the next, as in a video; 0 for a picture that stands still."""
-    runs: int = 6
-    """Number of runs for each pair and view."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -81,12 +85,6 @@ class DeliveryConfig:
     """What a phone does to the frames before it stores them."""
     codec: CodecSettings = field(default_factory=CodecSettings)
     """Codec through which the frames pass."""
-    seed: int = 0
-    """Seed of all draws."""
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
-    out: Path = Path("runs/delivery")
-    """Folder of the results; runs are stored in a folder of their own in it."""
 
     @property
     def layout(self) -> Layout:
@@ -94,13 +92,12 @@ class DeliveryConfig:
         preset = choose(PRESETS, self.preset, "preset")
         return preset.layout if self.grid is None else make_layout(self.grid, self.grid)
 
-    @property
-    def name(self) -> str:
-        """Name of the setting, for files."""
+    def name(self, seed: int) -> str:
+        """Name of the setting and of the seed of its draws, for files."""
         rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
         grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
         grid += "" if self.redundancy is None else f"_redundancy{self.redundancy:g}"
-        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{self.seed}"
+        name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{seed}"
         return "_".join([name, self.camera] if self.camera else [name])
 
     @property
@@ -134,16 +131,23 @@ class DeliveryConfig:
 class Take:
     """One film of a message that is to be received."""
 
-    config: DeliveryConfig
-    """Setting of display, camera and message."""
+    settings: FilmSettings
+    """What is shown, and how it is filmed."""
     pair: str
     """Camera-display pair."""
     view: float
     """Angle between the camera and the normal of the display, degrees."""
     run: int
     """Number of the run among those of the pair and view."""
+    seed: int
+    """Seed of all draws."""
     model: Path
     """Exported decoder of the receiver."""
+
+    @property
+    def name(self) -> str:
+        """Name of the film among those of one setting."""
+        return f"{self.pair} {self.view:g} {self.run}"
 
 
 @dataclass(frozen=True)
@@ -180,6 +184,11 @@ class Delivery:
     """Number of frames that the receiver took in a second of computing."""
     bins: list[Bin] = field(default_factory=list)
     """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
+
+    @classmethod
+    def from_stored(cls, fields: dict[str, Any]) -> "Delivery":
+        """Make an object again of the fields that JSON holds."""
+        return cls(**{**fields, "bins": [Bin(**each) for each in fields["bins"]]})
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,13 +247,13 @@ class ShownLoop:
 
 def film_message(take: Take) -> MessageFilm:
     """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
-    config = take.config
+    config = take.settings
     layout = config.layout
     grid = layout.rows if config.preset == "paper" else config.preset
     setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
-    rng = np.random.default_rng([config.seed, zlib.crc32(key.encode())])
-    source = Source(layout, "test", config.seed)
+    rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
+    source = Source(layout, "test", take.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
@@ -268,7 +277,7 @@ class FilmReading:
 
     def __init__(self, filmed: MessageFilm, decoder: Decoder) -> None:
         self._filmed = filmed
-        self._receiver = Receiver(decoder, filmed.take.config.fps)
+        self._receiver = Receiver(decoder, filmed.take.settings.fps)
         self._received: bytes | None = None
         self._wrong = self._decided = self._frames = 0
         self._bins: list[Bin] = []
@@ -312,7 +321,7 @@ class FilmReading:
             picture=self._filmed.picture,
             delivered=self._received == self._filmed.message,
             wrong=self.ended and self._received != self._filmed.message,
-            loops=self._time * take.config.state_hz / 2 / len(bits),
+            loops=self._time * take.settings.state_hz / 2 / len(bits),
             seconds=self._time,
             frames=self._frames,
             frames_with_display=self._receiver.found,
@@ -338,3 +347,50 @@ def nearest_frame(scores: NDArray[np.float64], bits: NDArray[np.integer]) -> NDA
         (n_bits,) bits of that frame pair.
     """
     return np.asarray(bits[((scores > 0) != bits).sum(axis=1).argmin()])
+
+
+def receiver_model(layout: Layout, folder: Path) -> Path:
+    """Find the shipped graph for a layout.
+
+    Args:
+        layout: layout that the receiver looks for.
+        folder: takes a graph that is exported where none ships.
+    """
+    shipped = shipped_graphs().get(layout)
+    if shipped is not None:
+        return shipped
+    path = folder / f"{layout.rows}x{layout.cols}.onnx"
+    checkpoint = shipped_checkpoint(layout)
+    write_bytes(path, to_onnx(load_checkpoint(checkpoint, layout=layout), checkpoint.name))
+    return path
+
+
+def check_settings(settings: FilmSettings) -> None:
+    """Raise an `InputError` that names the first setting with a wrong value, before any work."""
+    at_least(1, n_bytes=settings.n_bytes)
+    check_kappa(settings.kappa)
+    choose(PRESETS, settings.preset, "preset")
+    if settings.grid is not None and (settings.preset != "paper" or settings.grid not in GRIDS):
+        raise ParameterError("grid", f"need 8 or 16, and the preset paper, got {settings.grid}")
+    frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")
+    if not 0 < settings.loops <= MAX_LOOPS:
+        raise ParameterError(
+            "loops", f"need more than 0 and at most {MAX_LOOPS:g}, got {settings.loops:g}"
+        )
+    least, most = settings.coverage
+    for share in settings.coverage:
+        scene = SceneSettings(settings.size, share)
+        settings.video(scene).check()
+        replace(scene, outside=settings.outside).check()
+    settings.codec.check()
+    if not least <= most:
+        raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
+
+
+def check_filmed(pairs: Sequence[str], views: Sequence[float]) -> None:
+    """Raise an `InputError` for camera-display pairs and views that cannot be filmed."""
+    each_once(pairs=pairs, views=views)
+    for pair in pairs:
+        choose(PAIRS, pair, "name in --pairs")
+    for view in views:
+        check_view(view, "views")

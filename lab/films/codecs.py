@@ -1,52 +1,46 @@
-"""What codecs and phones cost the receiver: python -m reports.films.codecs.
+"""What codecs and phones cost the receiver.
 
 A simulated hand-held camera films a message once for each pair, view, kappa and run. The film then
 passes lossless, through every codec and through every effect of a phone, and a receiver reads each
 of these variants from the frames and times alone. So the variants of a row of the table saw the
 same scenes, hands and noise. Filming ends when every receiver has its message, or after three loops
 of it. Frames go through all variants as they are filmed, and none is kept.
-
-Films are stored as they end, and a restarted command goes on where it stopped. The table is written
-into a block of docs/films.md.
 """
 
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import tyro
 
-from data_gen.channel.optics import check_view
 from data_gen.film.codec import CodecChannel, CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneProcessor, PhoneSettings
 from data_gen.pairs import PAIRS
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
-from link.cli import read_flags, run_cli
+from lab.films.trial import (
+    FilmReading,
+    FilmSettings,
+    MessageFilm,
+    Take,
+    check_filmed,
+    check_settings,
+    film_message,
+    receiver_model,
+)
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import check_kappa
 from link.errors import at_least, choose, each_once
-from link.files.lock import locked
 from link.layout import Layout
 from link.presets import PRESETS
-from reports.engine.backends import Backend, one_thread
-from reports.engine.checked import write_json
-from reports.engine.digest import short_digest
-from reports.engine.provenance import provenance
-from reports.engine.stored import resume
-from reports.films.delivery import check_delivery, deciding_parts, receiver_model
-from reports.films.messages import DeliveryConfig, FilmReading, MessageFilm, Take, film_message
-from reports.render.tables import Table, percent, share_interval, write_blocks
+from reports.engine.backends import one_thread
+from reports.engine.checked import Count, Share
+from reports.render.tables import Table, percent, share_interval
 from reports.score.intervals import pooled_interval, wilson
 from reports.score.reliability import Bin, calibration_error, merge_bins
-
-STORED_VERSION = 2
-"""Raise it when `read_variants` changes what it does, so that older films are not read again."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +98,7 @@ BLOCKS = {
 
 
 @dataclass(frozen=True)
-class CodecsConfig:
+class CodecsFlags(StudyFlags):
     """A message from three loops of a hand-held video, through codecs and phones (simulated)."""
 
     pairs: tuple[str, ...] = tuple(PAIRS)
@@ -114,39 +108,72 @@ class CodecsConfig:
     kappas: tuple[int, ...] = (3, 5)
     """Gray levels added to a block that carries a 1."""
     variants: tuple[str, ...] = tuple(VARIANTS)
-    """Names of what happens to a film, keys of VARIANTS in reports/films/codecs.py."""
-    preset: str = DeliveryConfig.preset
+    """Names of what happens to a film, keys of VARIANTS in lab/films/codecs.py."""
+    preset: str = FilmSettings.preset
     """Preset whose grid, modulation and pilots or patches the display shows."""
-    state_hz: float = DeliveryConfig.state_hz
+    state_hz: float = FilmSettings.state_hz
     """Number of states that the display shows a second; two of them are a frame pair."""
-    fps: float = DeliveryConfig.fps
+    fps: float = FilmSettings.fps
     """Number of frames that the camera takes a second."""
     runs: int = 11
     """Number of films for each pair, view and kappa."""
     n_bytes: int = 100
     """Length of the message, bytes."""
-    seed: int = 0
-    """Seed of all draws."""
-    jobs: int = os.cpu_count() or 1
-    """Number of processes."""
-    out: Path = Path("runs/codecs")
-    """Folder of the results, which are named after the block, and of the stored films."""
-    page: Path = Path("docs/films.md")
-    """Page of which a block is written."""
     block: str = "codecs"
-    """Name of that block, a key of BLOCKS in reports/films/codecs.py."""
+    """Name of the results, and of their block in docs/films.md: a key of BLOCKS in
+    lab/films/codecs.py."""
 
-    def delivery(self, kappa: int) -> DeliveryConfig:
+    def film(self, kappa: int) -> FilmSettings:
         """Return the setting of the films of one kappa."""
-        return DeliveryConfig(
+        return FilmSettings(
             kappa=kappa,
             preset=self.preset,
             state_hz=self.state_hz,
             fps=self.fps,
             n_bytes=self.n_bytes,
-            seed=self.seed,
-            out=self.out,
         )
+
+
+@dataclass(frozen=True)
+class VariantRow:
+    """What became of the films of one variant, kappa and view."""
+
+    variant: str
+    """Key of `VARIANTS`."""
+    kappa: Count
+    """Gray levels added to a block that carries a 1."""
+    view_deg: float
+    """Angle between the camera and the normal of the display, degrees."""
+    runs: Count
+    """Number of films."""
+    delivered: Count
+    """Number of films from which the message came."""
+    ci_low: Share
+    """Lower end of Wilson's 95 % interval of the share that was delivered."""
+    ci_high: Share
+    """Upper end of this interval."""
+    wrong_messages: Count
+    """Number of films from which a message came that was not sent."""
+    bits: Count
+    """Number of bits that were decided."""
+    wrong_bits: Share | None
+    """Share of these bits that are wrong; None without a bit."""
+    wrong_bits_low: float
+    """Lower end of the 95 % interval of this share, which knows that errors cluster by film."""
+    wrong_bits_high: float
+    """Upper end of this interval."""
+    calibration_error: float | None
+    """Expected calibration error of the bits that were not erased; None without a bit."""
+    kbits: float | None
+    """Mean rate of the compressed frames, in thousands of bits a second; None without a codec."""
+
+
+@dataclass(frozen=True)
+class CodecsContent:
+    """What was measured."""
+
+    rows: list[VariantRow]
+    """One row for each variant, kappa and view."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +199,7 @@ class Lane:
     def __init__(
         self, variant: Variant, filmed: MessageFilm, decoder: Decoder, layout: Layout
     ) -> None:
-        fps, rng = filmed.take.config.fps, np.random.default_rng(filmed.take.run)
+        fps, rng = filmed.take.settings.fps, np.random.default_rng(filmed.take.run)
         self.reading = FilmReading(filmed, decoder)
         """What the receiver has read so far."""
         self._phone = PhoneProcessor(variant.phone, (layout.width, layout.height), rng)
@@ -209,7 +236,7 @@ def read_variants(item: VariantsTake) -> dict[str, dict[str, Any]]:
     """
     one_thread()
     filmed = film_message(item.take)
-    layout = item.take.config.layout
+    layout = item.take.settings.layout
     decoder = Decoder(item.take.model, 1, OWN_TIME_LIMIT_S)
     lanes = {name: Lane(VARIANTS[name], filmed, decoder, layout) for name in item.variants}
     for frame in filmed.frames:
@@ -226,20 +253,15 @@ def read_variants(item: VariantsTake) -> dict[str, dict[str, Any]]:
     }
 
 
-def variant_rows(
-    films: Mapping[str, Mapping[str, Any]], config: CodecsConfig
-) -> list[dict[str, Any]]:
+def variant_rows(films: Mapping[str, Mapping[str, Any]], flags: CodecsFlags) -> list[VariantRow]:
     """Pool the films of each variant, kappa and view.
 
     Args:
         films: results of `read_variants` by name; the name begins with the film's kappa.
-        config: what was filmed.
+        flags: what was filmed.
 
     Returns:
-        for each variant, kappa and view: numbers of ``runs`` and of messages ``delivered``, with
-        Wilson's 95 % interval of their share; ``wrong_messages``; number of ``bits`` that were
-        decided, the share of them that is ``wrong_bits``, with its interval; the
-        ``calibration_error`` of those that were not erased; and the mean ``kbits``.
+        a row for each variant, kappa and view.
     """
     flat = [
         {"variant": variant, "kappa": int(name.split()[0]), **result}
@@ -248,7 +270,7 @@ def variant_rows(
     ]
     table = pd.DataFrame(flat)
     rows = []
-    for variant, kappa, view in product(config.variants, config.kappas, config.views):
+    for variant, kappa, view in product(flags.variants, flags.kappas, flags.views):
         chosen = (table["variant"] == variant) & (table["kappa"] == kappa)
         group = table[chosen & (table["view_deg"] == view)]
         delivered, bits = int(group["delivered"].sum()), int(group["bits"].sum())
@@ -257,122 +279,98 @@ def variant_rows(
         bins = merge_bins([Bin(**found) for found in run] for run in group["bins"])
         rates = group["kbits"].dropna()
         rows.append(
-            {
-                "variant": variant,
-                "kappa": kappa,
-                "view_deg": view,
-                "runs": len(group),
-                "delivered": delivered,
-                "ci_low": low,
-                "ci_high": high,
-                "wrong_messages": int(group["wrong"].sum()),
-                "bits": bits,
-                "wrong_bits": int(group["bits_wrong"].sum()) / bits if bits else None,
-                "wrong_bits_low": wrong_low,
-                "wrong_bits_high": wrong_high,
-                "calibration_error": calibration_error(bins) if bins else None,
-                "kbits": float(rates.mean()) if len(rates) else None,
-            }
+            VariantRow(
+                variant=variant,
+                kappa=kappa,
+                view_deg=view,
+                runs=len(group),
+                delivered=delivered,
+                ci_low=low,
+                ci_high=high,
+                wrong_messages=int(group["wrong"].sum()),
+                bits=bits,
+                wrong_bits=int(group["bits_wrong"].sum()) / bits if bits else None,
+                wrong_bits_low=wrong_low,
+                wrong_bits_high=wrong_high,
+                calibration_error=calibration_error(bins) if bins else None,
+                kbits=float(rates.mean()) if len(rates) else None,
+            )
         )
     return rows
 
 
-def codecs_table(rows: list[dict[str, Any]], config: CodecsConfig) -> Table:
-    """Tabulate the rows of `variant_rows`."""
+def codecs_table(results: Results[CodecsContent]) -> Table:
+    """Tabulate variants by kappa and view."""
+    setup = results.meta["flags"]
     heads = (
         "film", "κ", "view", "delivered in 3 loops", "95 % interval", "bits wrong %",
         "95 % interval", "calibration error %", "wrong messages", "Mbit/s",
     )  # fmt: skip
     cells = [
         [
-            VARIANTS[row["variant"]].title,
-            str(row["kappa"]),
-            f"{row['view_deg']:g}°",
-            f"{row['delivered']} of {row['runs']}",
-            f"{share_interval(row['ci_low'], row['ci_high'], 0)} %",
-            percent(row["wrong_bits"]),
-            share_interval(row["wrong_bits_low"], row["wrong_bits_high"]) if row["bits"] else "–",
-            percent(row["calibration_error"]) if row["bits"] else "–",
-            str(row["wrong_messages"]),
-            "–" if row["kbits"] is None else f"{row['kbits'] / 1000:.1f}",
+            VARIANTS[row.variant].title,
+            str(row.kappa),
+            f"{row.view_deg:g}°",
+            f"{row.delivered} of {row.runs}",
+            f"{share_interval(row.ci_low, row.ci_high, 0)} %",
+            percent(row.wrong_bits),
+            share_interval(row.wrong_bits_low, row.wrong_bits_high) if row.bits else "–",
+            percent(row.calibration_error) if row.bits else "–",
+            str(row.wrong_messages),
+            "–" if row.kbits is None else f"{row.kbits / 1000:.1f}",
         ]
-        for row in rows
+        for row in results.content.rows
     ]
-    layout = PRESETS[config.preset].layout
+    layout = PRESETS[setup["preset"]].layout
     title = (
-        f"Simulated hand-held video at 1280 × 720, {config.fps:g} frames/s, of "
-        f"{config.state_hz:g} states/s on {layout.rows} × {layout.cols} blocks; a "
-        f"{config.n_bytes}-byte message, {len(config.pairs)} camera–display pairs, seed "
-        f"{config.seed}. Rows of one κ and view read the same films."
+        f"Simulated hand-held video at 1280 × 720, {setup['fps']:g} frames/s, of "
+        f"{setup['state_hz']:g} states/s on {layout.rows} × {layout.cols} blocks; a "
+        f"{setup['n_bytes']}-byte message, {len(setup['pairs'])} camera–display pairs, seed "
+        f"{setup['seed']}. Rows of one κ and view read the same films."
     )
     return Table(heads, cells, title, left=3)
 
 
-def check_codecs(config: CodecsConfig) -> None:
-    """Raise an `InputError` that names the first flag with a wrong value, before any work."""
-    at_least(1, runs=config.runs, jobs=config.jobs)
-    at_least(0, seed=config.seed)
-    choose(BLOCKS, config.block, "block")
-    each_once(
-        pairs=config.pairs, views=config.views, kappas=config.kappas, variants=config.variants
-    )
-    for pair in config.pairs:
-        choose(PAIRS, pair, "name in --pairs")
-    for view in config.views:
-        check_view(view, "views")
-    for name in config.variants:
+def check_codecs(flags: CodecsFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, runs=flags.runs)
+    choose(BLOCKS, flags.block, "block")
+    each_once(kappas=flags.kappas, variants=flags.variants)
+    check_filmed(flags.pairs, flags.views)
+    for name in flags.variants:
         choose(VARIANTS, name, "name in --variants").codec.check()
-    for kappa in config.kappas:
+    for kappa in flags.kappas:
         check_kappa(kappa, "kappas")
-        check_delivery(config.delivery(kappa))
+        check_settings(flags.film(kappa))
 
 
-def stored_films(config: CodecsConfig, model: Path) -> Path:
-    """File of the films, named after all that decides them apart from their names."""
-    variants = [(name, VARIANTS[name]) for name in config.variants]
-    parts = [
-        repr((STORED_VERSION, variants)),
-        *deciding_parts(config.delivery(DeliveryConfig.kappa), model),
-        version("av") if any(variant.codec.on for _, variant in variants) else "",
-    ]
-    mark = short_digest(*parts)
-    return config.out / f"films_{mark}.jsonl"
-
-
-def main() -> None:
-    """Film, receive, store, print, write codecs.json and the page's block."""
-    config = read_flags(lambda: tyro.cli(CodecsConfig))
-    check_codecs(config)
-    with locked(config.out):
-        _run(config)
-
-
-def _run(config: CodecsConfig) -> None:
-    """Film, receive, store, print, write, while no other process writes the folder."""
-    model = receiver_model(config.delivery(config.kappas[0]))
+def measure_codecs(flags: CodecsFlags, workshop: Workshop) -> CodecsContent:
+    """Film, and read every variant."""
+    model = receiver_model(flags.film(flags.kappas[0]).layout, workshop.out)
     items = {
         f"{kappa} {pair} {view:g} {run}": VariantsTake(
-            Take(config.delivery(kappa), pair, view, run, model), config.variants
+            Take(flags.film(kappa), pair, view, run, flags.seed, model), flags.variants
         )
         for run, kappa, view, pair in product(
-            range(config.runs), config.kappas, config.views, config.pairs
+            range(flags.runs), flags.kappas, flags.views, flags.pairs
         )
     }
-    films = resume(read_variants, items, stored_films(config, model), Backend(config.jobs), "films")
-    rows = variant_rows(films, config)
-    setup = {key: value for key, value in asdict(config).items() if key not in ("out", "jobs")}
-    content = {
-        "meta": provenance(config.seed, simulated=True),
-        "config": setup | {"page": str(config.page)},
-        "rows": rows,
-    }
-    file = config.out / f"{config.block}.json"
-    write_json(file, content)
-    table = codecs_table(rows, config).markdown()
-    print(table)
-    write_blocks(config.page, {config.block: table})
-    print(f"written: {file}, {config.page}")
+    return CodecsContent(variant_rows(workshop.each(read_variants, items, [model]), flags))
 
 
-if __name__ == "__main__":
-    run_cli(main)
+def codecs_blocks(results: Mapping[str, Results[CodecsContent]]) -> dict[str, str]:
+    """Show the table of each block."""
+    return {block: codecs_table(stored).markdown() for block, stored in results.items()}
+
+
+STUDY = Study(
+    name="codecs",
+    flags=CodecsFlags,
+    content=CodecsContent,
+    measure=measure_codecs,
+    blocks=codecs_blocks,
+    page=Path("docs/films.md"),
+    check=check_codecs,
+    label=lambda flags: flags.block,
+)
+"""The study that `python -m lab codecs` runs."""

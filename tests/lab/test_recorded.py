@@ -12,13 +12,13 @@ from data_gen.channel.stills import capture
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import load_pictures
 from export.send import __main__ as send
+from lab import recorded
 from link.captures import read_manifest
 from link.code.framing import encode
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.images import read_image, write_image
 from link.layout import Layout, make_layout
-from reports.lab import recorded
 
 MESSAGE = "hidden"
 

@@ -7,16 +7,19 @@ import numpy as np
 import pytest
 from conftest import Command
 
-from link.errors import InputError
-from link.images import write_image
-from reports.lab.locate import (
+from lab import __main__ as lab
+from lab.films.locate import (
+    STUDY,
+    PhotoFound,
     Sighting,
     group_sightings,
-    main,
     measure_photos,
     overlap,
     summarise_sightings,
 )
+from lab.study import read_results
+from link.errors import InputError
+from link.images import write_image
 
 SQUARE = np.array([[10.0, 10.0], [110.0, 10.0], [110.0, 110.0], [10.0, 110.0]])
 
@@ -59,25 +62,25 @@ def test_photos(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="npy"):
         measure_photos(tmp_path)
     np.save(tmp_path / "a.npy", SQUARE.astype(np.int32))
-    assert measure_photos(tmp_path) == [{"image": "a.png", "iou": 0.0, "errors_px": []}]
+    assert measure_photos(tmp_path) == [PhotoFound("a.png", 0.0, [])]
     image = np.full((120, 160, 3), 20, np.uint8)
     image[10:111, 10:111] = np.random.default_rng(0).integers(150, 220, (101, 101, 3))
     write_image(tmp_path / "a.png", image)
     (row,) = measure_photos(tmp_path)
-    assert row["iou"] > 0.97
-    assert max(row["errors_px"]) < 1.5
+    assert row.iou > 0.97
+    assert max(row.errors_px) < 1.5
 
 
 @pytest.mark.slow
 def test_command(tmp_path: Path, command: Command) -> None:
-    done = command(main, "--frames", 1, "--size", 480, 270, "--jobs", 1, "--out", tmp_path / "out")
+    flags = ("locate", "--size", 480, 270, "--jobs", 1, "--out", tmp_path / "out")
+    done = command(lab.main, *flags, "--frames", 1)
     assert done.status == 0, done.stderr
-    written = json.loads((tmp_path / "out" / "locate.json").read_text())
-    assert {row["group"] for row in written["rows"]} >= {"patches: all", "edges: all"}
-    assert written["meta"]["simulated"] is True
-    assert written["photos"] == []
-    assert sum(row["photographs"] for row in written["empty"]) > 10
+    written = read_results(STUDY, tmp_path / "out" / "locate.json")
+    assert [sighting.kind for sighting in written.content.sightings] == ["patches", "edges"]
+    assert written.meta["simulated"] is True
+    assert written.content.photos == []
+    assert len(written.content.empty) > 10
     assert "patches: all | 1 |" in done.stdout
-    assert [row["patches"] for row in written["visibility"]] == [1, 2, 3, 5]
-    assert command(main, "--frames", 0).status == 2
-    assert command(main, "--photos", tmp_path / "missing").status == 2
+    assert command(lab.main, *flags, "--frames", 0).status == 2
+    assert command(lab.main, *flags, "--photos", tmp_path / "missing").status == 2

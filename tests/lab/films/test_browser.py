@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from reports.films.browser import serve_folder
+from lab.films.browser import serve_folder
 
 CLOSE_AT_ONCE = struct.pack("ii", 1, 0)
 """Value of SO_LINGER at which a connection is reset instead of being ended in order."""

@@ -1,4 +1,4 @@
-"""Make a set of captures of photographs: python -m reports.lab.recorded PHOTOS --sent DIR.
+"""Make a set of captures of photographs: python -m lab.recorded PHOTOS --sent DIR.
 
 The display showed, one after another, the states that `python -m export.send --out DIR` wrote. What
 was sent in each frame pair is read from these states, and where the display is from the

@@ -9,20 +9,23 @@ import numpy as np
 import pytest
 from conftest import Command
 
-from link.code.framing import encode
-from link.errors import InputError
-from reports.films import browser, page
-from reports.films.browser import open_chromium
-from reports.films.page import (
+from lab import __main__ as lab
+from lab.films import browser, page
+from lab.films.browser import open_chromium
+from lab.films.page import (
     FilmRead,
-    PageConfig,
+    PageFlags,
     PageTake,
     Read,
     page_table,
     read_films,
     stages_table,
 )
-from reports.films.y4m import Y4mFile, read_y4m
+from lab.films.y4m import Y4mFile, read_y4m
+from lab.study import Workshop
+from link.code.framing import encode
+from link.errors import InputError
+from reports.engine.backends import Backend
 
 
 def read(data: bytes | None, time: float, **stages: float) -> Read:
@@ -113,16 +116,20 @@ def test_films_that_were_read_are_not_read_again(way, tmp_path, monkeypatch) -> 
         return films()[take.number].stored()
 
     monkeypatch.setattr(page, "read_film", reading)
-    monkeypatch.setattr(page, "code_digest", lambda *modules: "")  # it takes a second
-    config = PageConfig(by=way, films=1, settings=("paper",), out=tmp_path)
-    assert read_films(config) == films()[:1]
-    assert read_films(replace(config, films=2)) == films()[:2]
+    flags = PageFlags(by=way, films=1, settings=("paper",))
+
+    def read(films: int) -> list[FilmRead]:
+        workshop = Workshop(tmp_path, Backend())
+        return read_films(replace(flags, films=films), workshop, tmp_path / "site")
+
+    assert read(1) == films()[:1]
+    assert read(2) == films()[:2]
     assert asked == [(way, "paper", 0), (way, "paper", 1)]
     (tmp_path / "site" / "page.js").write_text("changed")
-    assert read_films(config) == films()[:1]
+    assert read(1) == films()[:1]
     assert len(asked) == (3 if way == "chromium" else 2)
     (tmp_path / "site" / "worker.js").write_text("changed")
-    read_films(config)
+    read(1)
     assert len(asked) == (4 if way == "chromium" else 3)
 
 
@@ -130,7 +137,7 @@ def test_both_ways_read_the_same_films_of_one_length(monkeypatch) -> None:
     monkeypatch.setattr(page, "film_message", lambda take: take)
     takes = [PageTake(way, "hidden", 3, 0, Path(), None).film() for way in page.WAYS]
     assert takes[0] == takes[1]
-    config = takes[0].config
+    config = takes[0].settings
     pairs = len(encode(bytes(100), config.layout.n_bits, config.redundancy))
     assert config.loops * 2 * pairs / 15 == pytest.approx(page.FILM_S)
 
@@ -169,6 +176,6 @@ def test_what_is_missing_for_the_camera_is_said_in_one_line(monkeypatch) -> None
     ],
 )
 def test_a_wrong_flag_is_refused(flags: list[str], says: str, command: Command) -> None:
-    done = command(page.main, *flags)
+    done = command(lab.main, "page", *flags)
     assert (done.status, done.stderr.count("\n")) == (2, 1), done.stderr
     assert done.stderr.startswith(f"error: {says}")

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from link.layout import make_layout
-from link.presets import PRESETS
-from reports.lab.pilot_search import (
+from lab.films.pilot_search import (
     PAN_PX,
     PATTERNS,
     SCENE,
@@ -14,6 +12,8 @@ from reports.lab.pilot_search import (
     search_table,
     searched_layouts,
 )
+from link.layout import make_layout
+from link.presets import PRESETS
 
 HIDDEN = PRESETS["hidden"].layout
 

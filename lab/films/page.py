@@ -1,4 +1,4 @@
-"""The receiver in the browser beside Python's, on the same films: python -m reports.films.page.
+"""The receiver in the browser beside Python's, on the same films.
 
 Displays are filmed by a simulated hand-held camera of 30 frames a second. Both receivers look for
 all presets. Python's receiver reads the gray frames of each film. The page's receiver reads the
@@ -16,15 +16,14 @@ So does the file that the page reads in Node.js. Before Chromium's camera, the p
 when the camera has been opened and the page has said that it is ready, whichever comes later; how
 long that takes from the page's opening is told beside them.
 
-Films are read one after the other, so that times can be compared. They are stored as they end, and
-a restarted command goes on where it stopped. Needs Node.js and npm; ``chromium`` needs Playwright
-and Chromium, too.
+Films are read one after the other whatever ``--jobs`` says, so that times can be compared. Needs
+Node.js and npm; ``chromium`` needs Playwright and Chromium, too.
 """
 
 import base64
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from itertools import product
@@ -34,33 +33,28 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import tyro
 
 from data_gen.pairs import PAIRS
 from export.receive.decoders import ShippedDecoder
 from export.receive.receiver import Receiver
 from export.web.site import build_site, run_node
-from link.cli import read_flags, run_cli
+from lab.films.browser import camera_flags, open_chromium, serve_folder, text_of
+from lab.films.trial import FilmSettings, MessageFilm, Take, film_message
+from lab.films.y4m import Y4mFile, read_y4m
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.code.framing import frames_needed
 from link.errors import at_least, choose, each_once
-from link.files.lock import locked
 from link.images import as_gray, make_folder, temporary_name
 from models import shipped_graphs
 from reports.engine.backends import Backend, one_thread
-from reports.engine.checked import write_json
-from reports.engine.digest import code_digest, file_digest, package_versions, short_digest
-from reports.engine.provenance import provenance
-from reports.engine.stored import resume
-from reports.films.browser import camera_flags, open_chromium, serve_folder, text_of
-from reports.films.messages import DeliveryConfig, MessageFilm, Take, film_message
-from reports.films.y4m import Y4mFile, read_y4m
-from reports.render.tables import Table, share_interval, write_blocks
+from reports.engine.digest import code_digest, package_versions, short_digest
+from reports.render.tables import Table, share_interval
 from reports.score.intervals import wilson
 
 SETTINGS = {
-    "paper": DeliveryConfig(n_bytes=100),
-    "robust": DeliveryConfig(preset="robust", n_bytes=100),
-    "hidden": DeliveryConfig(preset="hidden", kappa=1, n_bytes=100),
+    "paper": FilmSettings(n_bytes=100),
+    "robust": FilmSettings(preset="robust", n_bytes=100),
+    "hidden": FilmSettings(preset="hidden", kappa=1, n_bytes=100),
 }
 """Settings of display, camera and message, by name of the preset; all show 15 states a second."""
 WAYS = {"node": "page", "chromium": "camera"}
@@ -74,12 +68,8 @@ FILM_S = 6.0
 """Length of a film, seconds."""
 CAMERA_S = 90.0
 """Time, in seconds, that the page has before the camera until a film is given up."""
-STORED_VERSION = 2
-"""Raise it when `read_film` changes what it does, so that older films are not read again."""
 FILMED_BY = ("data_gen.film.stream", "data_gen.frame_pair")
 """Modules that decide, with all that they import, what a film shows."""
-READING = "export.receive.receiver"
-"""Module that decides, with all that it imports, what Python reads in a film."""
 FILMED = (
     "Simulated hand-held films at 1280 × 720, 30 frames/s, of 15 states/s, with messages of 100 "
     f"bytes, at 0° and 45°, each {FILM_S:g} s long."
@@ -131,23 +121,17 @@ is shown, in milliseconds since the page was opened."""
 
 
 @dataclass(frozen=True)
-class PageConfig:
+class PageFlags(StudyFlags):
     """The page's receiver beside Python's, on the same films (simulated)."""
 
     by: str = "node"
     """Way in which the page reads: "node" from files, "chromium" before a simulated camera."""
     settings: tuple[str, ...] = tuple(SETTINGS)
-    """Names of settings, keys of SETTINGS in reports/films/page.py."""
+    """Names of settings, keys of SETTINGS in lab/films/page.py."""
     films: int = 20
     """Number of films of each setting."""
-    seed: int = 0
-    """Seed of all draws."""
     kept: Path | None = None
     """Folder in which films are kept, 0.3 GB each, so that another run need not simulate them."""
-    out: Path = Path("runs/page")
-    """Folder of the results, of the site, and of the stored films."""
-    page: Path = Path("docs/phone.md")
-    """Page of which a block is written: "page" for films by "node", "camera" by "chromium"."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +205,14 @@ class FilmRead:
 
 
 @dataclass(frozen=True)
+class PageContent:
+    """What was measured."""
+
+    films: list[dict[str, Any]]
+    """Every film, as `FilmRead.stored` has it."""
+
+
+@dataclass(frozen=True)
 class PageTake:
     """One film that is to be read in one way."""
 
@@ -239,13 +231,15 @@ class PageTake:
 
     def film(self) -> MessageFilm:
         """Draw the film; no frame is filmed yet."""
-        config = replace(SETTINGS[self.setting], seed=self.seed)
-        pairs = frames_needed(config.n_bytes, config.layout.n_bits, "n_bytes", config.redundancy)
-        config = replace(config, loops=FILM_S * config.state_hz / (2 * pairs))
+        settings = SETTINGS[self.setting]
+        frames = frames_needed(
+            settings.n_bytes, settings.layout.n_bits, "n_bytes", settings.redundancy
+        )
+        settings = replace(settings, loops=FILM_S * settings.state_hz / (2 * frames))
         views, pairs_filmed = len(VIEWS), list(PAIRS)
         view = VIEWS[self.number % views]
         pair = pairs_filmed[self.number // views % len(pairs_filmed)]
-        return film_message(Take(config, pair, view, self.number, Path()))
+        return film_message(Take(settings, pair, view, self.number, self.seed, Path()))
 
 
 def write_gray_film(filmed: MessageFilm, path: Path) -> None:
@@ -253,7 +247,7 @@ def write_gray_film(filmed: MessageFilm, path: Path) -> None:
     hidden = temporary_name(path)
     try:
         with hidden.open("wb") as stream:
-            file = Y4mFile(stream, filmed.take.config.fps, "420jpeg")
+            file = Y4mFile(stream, filmed.take.settings.fps, "420jpeg")
             for frame in filmed.frames:
                 file.write(as_gray(frame.rgb))
         hidden.replace(path)
@@ -284,7 +278,7 @@ def film_file(take: PageTake, filmed: MessageFilm) -> Iterator[Path]:
 def read_in_python(filmed: MessageFilm, path: Path) -> Read:
     """Read a film's file by Python's receiver."""
     decoders = [ShippedDecoder(graph, layout, 1) for layout, graph in shipped_graphs().items()]
-    fps = filmed.take.config.fps
+    fps = filmed.take.settings.fps
     receiver = Receiver(decoders, fps)
     message: bytes | None = None
     seconds, time = 0.0, 0.0
@@ -350,27 +344,19 @@ def read_film(take: PageTake) -> dict[str, Any]:
     return FilmRead(take.setting, of.pair, of.view, filmed.message, python, page).stored()
 
 
-def stored_reads(config: PageConfig) -> Path:
-    """File of the films, named after all that decides them; the site must be built."""
-    site = config.out / "site"
-    films = [film_mark(setting, config.seed) for setting in SETTINGS]
+def read_films(flags: PageFlags, workshop: Workshop, site: Path) -> list[FilmRead]:
+    """Read all films, one after the other; the site must be built."""
+    takes = {
+        f"{flags.by} {name} {number}": PageTake(
+            flags.by, name, number, flags.seed, site, flags.kept
+        )
+        for name, number in product(flags.settings, range(flags.films))
+    }
     parts = ["worker.js", "decoding.js", "presets.json"]
-    parts += ["page.js"] if config.by == "chromium" else []
+    parts += ["page.js"] if flags.by == "chromium" else []
     files = [site / name for name in parts]
     files += [*sorted(site.rglob("*.onnx")), *sorted(site.glob("*.wasm"))]
-    mark = short_digest(str(STORED_VERSION), *films, code_digest(READING), file_digest(files))
-    return config.out / f"{config.by}_{mark}.jsonl"
-
-
-def read_films(config: PageConfig) -> list[FilmRead]:
-    """Read all films, or take them from where they are stored; the site must be built."""
-    takes = {
-        f"{name} {number}": PageTake(
-            config.by, name, number, config.seed, config.out / "site", config.kept
-        )
-        for name, number in product(config.settings, range(config.films))
-    }
-    stored = resume(read_film, takes, stored_reads(config), Backend(), f"films by {config.by}")
+    stored = replace(workshop, backend=Backend()).each(read_film, takes, files)
     return [FilmRead.from_stored(fields) for fields in stored.values()]
 
 
@@ -429,31 +415,41 @@ def stages_table(films: Sequence[FilmRead]) -> Table:
     return Table(heads, rows, "Median over the films of the time that a stage took.", left=2)
 
 
-def main() -> None:
-    """Film, read, store, print, and write the results and a block of the page."""
-    config = read_flags(lambda: tyro.cli(PageConfig))
-    at_least(1, films=config.films)
-    at_least(0, seed=config.seed)
-    each_once(settings=config.settings)
-    choose(WAYS, config.by, "way in --by")
-    for name in config.settings:
+def check_page(flags: PageFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, films=flags.films)
+    each_once(settings=flags.settings)
+    choose(WAYS, flags.by, "way in --by")
+    for name in flags.settings:
         choose(SETTINGS, name, "name in --settings")
-    with locked(config.out):
-        build_site(config.out / "site")
-        films = read_films(config)
-    text = page_table(films, config.by).markdown()
-    if config.by == "node":
-        text += f"\n\n{stages_table(films).markdown()}"
-    content = {
-        "meta": provenance(config.seed, simulated=True),
-        "films": [film.stored() for film in films],
-    }
-    file = config.out / f"{WAYS[config.by]}.json"
-    write_json(file, content)
-    print(text)
-    write_blocks(config.page, {WAYS[config.by]: text})
-    print(f"written: {file}, {config.page}")
 
 
-if __name__ == "__main__":
-    run_cli(main)
+def measure_page(flags: PageFlags, workshop: Workshop) -> PageContent:
+    """Build the site, film, and read every film by both receivers."""
+    site = workshop.out / "site"
+    build_site(site)
+    return PageContent([film.stored() for film in read_films(flags, workshop, site)])
+
+
+def page_blocks(results: Mapping[str, Results[PageContent]]) -> dict[str, str]:
+    """Show how films were read, by each way of the page that was measured."""
+    blocks = {}
+    for by, block in WAYS.items():
+        if block in results:
+            films = [FilmRead.from_stored(fields) for fields in results[block].content.films]
+            tables = [page_table(films, by), *([stages_table(films)] if by == "node" else [])]
+            blocks[block] = "\n\n".join(table.markdown() for table in tables)
+    return blocks
+
+
+STUDY = Study(
+    name="page",
+    flags=PageFlags,
+    content=PageContent,
+    measure=measure_page,
+    blocks=page_blocks,
+    page=Path("docs/phone.md"),
+    check=check_page,
+    label=lambda flags: WAYS[flags.by],
+)
+"""The study that `python -m lab page` runs."""

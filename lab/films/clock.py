@@ -1,4 +1,4 @@
-"""Measure how often a clock is found where there is none: python -m reports.lab.clock.
+"""How often a clock is found where there is none, and from which strength on it is found.
 
 The receiver believes a clock whose evidence exceeds a bound, set by
 `export.receive.timing.synchronise.needed_evidence`. Here it looks for a clock in windows of toggles
@@ -7,15 +7,12 @@ and simulated films of displays, with patches and with pilots, that stand still.
 clocks in noise, to say from which strength on they are found.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Iterator
 from dataclasses import astuple, dataclass, replace
-from functools import partial
+from functools import cache
 
 import numpy as np
-import tyro
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.frame import VideoFrame
@@ -28,7 +25,7 @@ from export.receive.timing.synchronise import needed_evidence
 from export.receive.timing.toggles import PatchToggles, Toggles, make_toggles
 from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import Tracker
-from link.cli import read_flags, run_cli
+from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.embed import embed
 from link.errors import ParameterError, at_least
 from link.geometry import frame_corners, transform
@@ -47,15 +44,14 @@ SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0)
 """Lengths of windows, seconds; the receiver's grow from the first to the last."""
 SLOW = 0.65
 """Correlation from frame to frame of noise from a video codec."""
+CHUNK = 100
+"""Number of windows in which one task looks for a clock."""
 STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)
 """Toggles between the states, in standard deviations of the noise of a usual place."""
-OLD_R2 = 0.5
-"""Share of the unweighted variance that a clock must explain by the simpler rule with which
-evidence is compared."""
 
 
 @dataclass(frozen=True)
-class ClockConfig:
+class ClockFlags(StudyFlags):
     """False locks in windows without a clock, and locks in windows with one (simulated)."""
 
     windows: int = 4000
@@ -68,10 +64,6 @@ class ClockConfig:
     """Number of films of each display that stands still; windows of them are drawn many times."""
     film_seconds: float = 12.0
     """Length of each of these films, seconds."""
-    seed: int = 0
-    """Seed of all draws."""
-    jobs: int = 2
-    """Number of processes."""
 
 
 @dataclass(frozen=True)
@@ -152,34 +144,63 @@ class StillFilm:
         return Window(self.times[chosen], toggles, seconds, self.toggles.places)
 
 
-def film_still_display(item: tuple[str, int], config: ClockConfig) -> StillFilm:
+@dataclass(frozen=True)
+class StillSettings:
+    """How displays that stand still are filmed."""
+
+    fps: float
+    """Number of frames that the camera takes a second."""
+    films: int
+    """Number of films of each display."""
+    seconds: float
+    """Length of each film, seconds."""
+    seed: int
+    """Seed of all draws."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some windows of one kind."""
+
+    kind: str
+    """Key of `KINDS`."""
+    number: int
+    """Number of the chunk among those of its kind."""
+    windows: int
+    """Number of windows."""
+    still: StillSettings
+    """Films of which windows of displays that stand still are drawn."""
+
+
+@cache
+def film_still_display(kind: str, number: int, settings: StillSettings) -> StillFilm:
     """Film a display that stands still, and follow it.
 
     Even films are lossless and odd ones pass through H.264; the hand moves once and then six times
     as much as usual.
 
     Args:
-        item: key of `STILL`, and number of the film.
-        config: seed, frames a second and length.
+        kind: key of `STILL`.
+        number: number of the film.
+        settings: seed, frames a second and length.
     """
-    kind, number = item
     layout = STILL[kind]
-    source = Source(layout, "test", config.seed)
+    source = Source(layout, "test", settings.seed)
     pictures = shuffled_pictures(source)
     picture = pictures[number % len(pictures)].rgb
-    settings = VideoSettings(
+    video = VideoSettings(
         scene=SceneSettings(coverage=0.35, pictures=pictures, free=0.03),
-        fps=config.fps,
-        seconds=config.film_seconds,
+        fps=settings.fps,
+        seconds=settings.seconds,
         hand=6.0 if number // 2 % 2 else 1.0,
     )
     shown = embed(picture, np.zeros(layout.n_bits, np.intp), layout, 3).original
-    rng = np.random.default_rng([config.seed, number])
-    frames = film([shown], layout, source.pair("canon-lg"), 45.0, settings, rng)
+    rng = np.random.default_rng([settings.seed, number])
+    frames = film([shown], layout, source.pair("canon-lg"), 45.0, video, rng)
     codec = CodecSettings("h264" if number % 2 else "none")
     toggles = make_toggles(layout)
     times, values = [], []
-    for time, rectified in _followed(through_codec(frames, codec, config.fps), layout):
+    for time, rectified in _followed(through_codec(frames, codec, settings.fps), layout):
         times.append(time)
         values.append(toggles.measure(rectified))
     return StillFilm(np.array(times), np.array(values), toggles)
@@ -212,16 +233,14 @@ def _followed(
             yield frame.time_s, rectified
 
 
-def draw_windows(
-    kind: str, films: Mapping[str, Sequence[StillFilm]], rng: np.random.Generator, fps: float
-) -> Window:
+def draw_window(kind: str, still: StillSettings, rng: np.random.Generator) -> Window:
     """Draw a window without a clock of a kind that `KINDS` names."""
     if kind in STILL:
-        return films[kind][int(rng.integers(len(films[kind])))].window(rng)
+        return film_still_display(kind, int(rng.integers(still.films)), still).window(rng)
     if kind == "shuffled":
-        return shuffled_clock(rng, fps)
+        return shuffled_clock(rng, still.fps)
     slow = {"noise": (0.0,) * 5, "codec": (SLOW, SLOW, 0.0, 0.0, 0.3), "slow": (0.95,) * 5}
-    return noisy_clock(rng, fps, 0.0, slow[kind])
+    return noisy_clock(rng, still.fps, 0.0, slow[kind])
 
 
 KINDS = {
@@ -235,68 +254,61 @@ KINDS = {
 """Kinds of windows without a clock, and how the table calls them."""
 
 
-def false_strengths(
-    chunk: tuple[str, int, int], config: ClockConfig, films: Mapping[str, Sequence[StillFilm]]
-) -> list[float]:
-    """Evidence, as a share of what is needed, in windows without a clock.
-
-    Args:
-        chunk: kind of the windows, number of the chunk, and number of windows in it.
-        config: seed and frames a second.
-        films: films of displays that stand still, by the keys of `STILL`.
-    """
+def false_strengths(chunk: Chunk) -> list[float]:
+    """Find the evidence, as a share of what is needed, in windows without a clock."""
     one_thread()
-    kind, number, windows = chunk
-    rng = np.random.default_rng([config.seed, list(KINDS).index(kind), number])
-    drawn = (draw_windows(kind, films, rng, config.fps) for _ in range(windows))
-    return [window.search(config.fps)[1] for window in drawn]
+    rng = np.random.default_rng([chunk.still.seed, list(KINDS).index(chunk.kind), chunk.number])
+    drawn = (draw_window(chunk.kind, chunk.still, rng) for _ in range(chunk.windows))
+    return [window.search(chunk.still.fps)[1] for window in drawn]
 
 
-def found_clocks(strength: float, config: ClockConfig) -> list[tuple[float, bool, bool]]:
-    """Look for clocks in noise: the window's seconds, found by evidence, and found by `OLD_R2`."""
+def found_clocks(noise: "Noise") -> list[tuple[float, bool]]:
+    """Look for clocks in noise: the window's seconds, and whether the clock was found."""
     one_thread()
-    rng = np.random.default_rng([config.seed, 99, round(100 * strength)])
+    rng = np.random.default_rng([noise.seed, 99, round(100 * noise.strength)])
     results = []
-    for _ in range(config.found):
-        window = noisy_clock(rng, config.fps, strength, (SLOW, SLOW, 0.0, 0.0, 0.3))
-        fit, share = window.search(config.fps)
-        clock = np.array([astuple(fit.clock)])
-        wave = embedded_share(clock, window.times - window.times.mean(), PLACES)[0].T
-        wave = wave - wave.mean(axis=0)
-        toggles = window.toggles - window.toggles.mean(axis=0)
-        power = (wave**2).sum() * (toggles**2).sum()
-        old = max(float((wave * toggles).sum()), 0) ** 2 / max(float(power), 1e-12)
-        results.append((window.seconds, share >= 1, old >= OLD_R2))
+    for _ in range(noise.windows):
+        window = noisy_clock(rng, noise.fps, noise.strength, (SLOW, SLOW, 0.0, 0.0, 0.3))
+        results.append((window.seconds, window.search(noise.fps)[1] >= 1))
     return results
 
 
-def _chunks(windows: int) -> Iterator[tuple[str, int, int]]:
-    for kind in KINDS:
-        for number, start in enumerate(range(0, windows, 100)):
-            yield kind, number, min(100, windows - start)
+@dataclass(frozen=True)
+class Noise:
+    """Windows with a clock in noise."""
+
+    strength: float
+    """Toggles between the states, in standard deviations of the noise of a usual place."""
+    windows: int
+    """Number of windows."""
+    fps: float
+    """Number of frames that the camera takes a second."""
+    seed: int
+    """Seed of all draws."""
 
 
-def main() -> None:
-    """Print both tables."""
-    config = read_flags(lambda: tyro.cli(ClockConfig, description=__doc__))
-    at_least(1, windows=config.windows, found=config.found, jobs=config.jobs, films=config.films)
-    if not config.film_seconds > max(SECONDS):
+def check_clock(flags: ClockFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, windows=flags.windows, found=flags.found, films=flags.films)
+    if not flags.film_seconds > max(SECONDS):
         raise ParameterError("film_seconds", f"need more than {max(SECONDS):g}")
-    with ProcessPoolExecutor(config.jobs) as pool:
-        film_it = partial(film_still_display, config=config)
-        films = {
-            kind: list(pool.map(film_it, [(kind, number) for number in range(config.films)]))
-            for kind in STILL
-        }
-        chunks = list(_chunks(config.windows))
-        look = partial(false_strengths, config=config, films=films)
-        strengths: dict[str, list[float]] = {kind: [] for kind in KINDS}
-        searched = tqdm(pool.map(look, chunks), "windows, by the hundred", len(chunks))
-        for (kind, _, _), shares in zip(chunks, searched, strict=True):
-            strengths[kind] += shares
-        found = list(pool.map(partial(found_clocks, config=config), STRENGTHS))
-    print(false_lock_table(strengths).markdown(), end="\n\n")
-    print(detection_table(found).markdown())
+
+
+def measure_clock(flags: ClockFlags, workshop: Workshop) -> Tables:
+    """Look for clocks in all windows."""
+    still = StillSettings(flags.fps, flags.films, flags.film_seconds, flags.seed)
+    chunks = {
+        f"{kind} {number}": Chunk(kind, number, min(CHUNK, flags.windows - start), still)
+        for kind in KINDS
+        for number, start in enumerate(range(0, flags.windows, CHUNK))
+    }
+    found = workshop.each(false_strengths, chunks)
+    strengths: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    for name, chunk in chunks.items():
+        strengths[chunk.kind] += found[name]
+    noises = {f"{s:g}": Noise(s, flags.found, flags.fps, flags.seed) for s in STRENGTHS}
+    clocks = list(workshop.each(found_clocks, noises).values())
+    return Tables({"clock": [false_lock_table(strengths), detection_table(clocks)]})
 
 
 def false_lock_table(strengths: dict[str, list[float]]) -> Table:
@@ -321,19 +333,25 @@ def false_lock_table(strengths: dict[str, list[float]]) -> Table:
     return Table(heads, rows)
 
 
-def detection_table(found: list[list[tuple[float, bool, bool]]]) -> Table:
+def detection_table(found: list[list[tuple[float, bool]]]) -> Table:
     """Show which share of clocks were found, by strength and length of the window."""
     rows = []
     for strength, results in zip(STRENGTHS, found, strict=True):
         row = [f"{strength:g}"]
         for seconds in SECONDS:
-            drawn = [r[1:] for r in results if r[0] == seconds]
-            now, before = np.mean(drawn, axis=0) if drawn else (None, None)
-            row.append("–" if now is None else f"{now:.0%} ({before:.0%})")
+            drawn = [is_found for length, is_found in results if length == seconds]
+            row.append(f"{np.mean(drawn):.0%}" if drawn else "–")
         rows.append(row)
     heads = ["toggle over noise", *[f"{seconds:g} s" for seconds in SECONDS]]
-    return Table(heads, rows, "Share of clocks found, and in brackets by the bound before:")
+    return Table(heads, rows, "Share of clocks found:")
 
 
-if __name__ == "__main__":
-    run_cli(main)
+STUDY = Study(
+    name="clock",
+    flags=ClockFlags,
+    content=Tables,
+    measure=measure_clock,
+    blocks=blocks_of_tables,
+    check=check_clock,
+)
+"""The study that `python -m lab clock` runs."""

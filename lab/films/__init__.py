@@ -1,0 +1,1 @@
+"""Studies of films: what receivers make of simulated hand-held video."""

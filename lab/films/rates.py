@@ -1,0 +1,187 @@
+"""How fast presets deliver a message from simulated hand-held video.
+
+Goodput is the message's bits over the time from the first camera frame to the delivery: finding the
+display and its clock are included. The table shows every series whose results the folder holds, so
+settings and views can be filmed one after the other.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pandas as pd
+
+from data_gen.film.codec import CodecSettings
+from data_gen.pairs import PAIRS
+from export.send.hiding import Hiding, Onlooker
+from lab.films.delivery import deliveries, summarise_deliveries
+from lab.films.trial import Delivery, FilmSettings, check_filmed, check_settings
+from lab.study import Results, Study, StudyFlags, Workshop
+from link.errors import at_least, choose, each_once
+from link.presets import PRESETS
+from reports.render.tables import Table, percent, share_interval
+from reports.score.intervals import wilson
+
+FAST = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=20_000)
+"""The setting "fast", a camera of 60 frames a second before the preset `fast`."""
+SLANTED = replace(FAST, preset="hidden")
+"""The setting "slanted", the same on the larger blocks of the preset `hidden`."""
+HIDDEN = FilmSettings(preset="hidden", kappa=1, state_hz=60, fps=120, n_bytes=20_000)
+"""The setting "hidden", below the threshold of sight at the preset's distance."""
+SETTINGS = {
+    "paper": FilmSettings(n_bytes=100),
+    "robust": FilmSettings(preset="robust", n_bytes=2_000),
+    "slow camera": FilmSettings(preset="hidden", kappa=1, n_bytes=20_000),
+    "faint": FilmSettings(preset="hidden", kappa=1, state_hz=30, fps=60, n_bytes=20_000),
+    "hidden": HIDDEN,
+    "hidden, 240 fps": replace(HIDDEN, fps=240),
+    "slanted": SLANTED,
+    "slanted, H.264": replace(SLANTED, codec=CodecSettings("h264", 20_000)),
+    "slanted, 1080p": replace(SLANTED, size=(1920, 1080)),
+    "fast": FAST,
+    "fast, H.264": replace(FAST, codec=CodecSettings("h264", 20_000)),
+    "fast, 1080p": replace(FAST, size=(1920, 1080)),
+}
+"""Settings of display, camera and message, by name. "slanted" is "fast" on the grid of "hidden",
+whose larger blocks are for slanted and distant displays. H.264 has 20 Mbit/s."""
+
+
+@dataclass(frozen=True)
+class RatesFlags(StudyFlags):
+    """How fast presets deliver a message (simulated)."""
+
+    settings: tuple[str, ...] = tuple(SETTINGS)
+    """Names of settings, keys of SETTINGS in lab/films/rates.py."""
+    pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs."""
+    views: tuple[float, ...] = (0.0, 45.0)
+    """Angles between the camera and the normal of the display, degrees."""
+    runs: int = 1
+    """Number of runs for each setting, pair and view."""
+    n_bytes: int | None = None
+    """Length of the message, bytes, instead of the settings' own."""
+
+    def film(self, name: str) -> FilmSettings:
+        """Return a setting, with the message's length that was asked for."""
+        setting = choose(SETTINGS, name, "name in --settings")
+        return setting if self.n_bytes is None else replace(setting, n_bytes=self.n_bytes)
+
+
+@dataclass(frozen=True)
+class FilmSeries:
+    """Films of one setting from one angle."""
+
+    setting: str
+    """Name of the setting."""
+    n_bytes: int
+    """Length of the message, bytes."""
+    view: float
+    """Angle between the camera and the normal of the display, degrees."""
+    bound_seconds: float
+    """Median of `lab.films.delivery.bound_seconds`."""
+    runs: list[Delivery]
+    """Every run."""
+
+
+@dataclass(frozen=True)
+class RatesContent:
+    """What was measured."""
+
+    series: list[FilmSeries]
+    """One entry for each setting and view."""
+
+
+def contrast_of(preset: str, state_hz: float, kappa: int) -> float:
+    """Contrast over threshold of one block, as `export.send` prints it for a preset."""
+    chosen = PRESETS[preset]
+    return Hiding(chosen.layout, state_hz, Onlooker(distance=chosen.distance_m)).seen(kappa)
+
+
+def rates_blocks(results: Mapping[str, Results[RatesContent]]) -> dict[str, str]:
+    """Tabulate all series, in the order of `SETTINGS`, of the messages' lengths and the views."""
+    heads = (
+        "setting", "grid", "κ", "states/s", "camera fps", "bytes", "view", "delivered",
+        "95 % interval", "wrong messages", "goodput, kbit/s, median", "least", "seconds, median",
+        "bound, s", "bits wrong %", "contrast over threshold",
+    )  # fmt: skip
+    order = list(SETTINGS)
+    found = [series for stored in results.values() for series in stored.content.series]
+    found.sort(key=lambda each: (order.index(each.setting), each.n_bytes, each.view))
+    rows = []
+    for series in found:
+        film = SETTINGS[series.setting]
+        layout = PRESETS[film.preset].layout
+        runs = pd.DataFrame([vars(run) for run in series.runs])
+        came = runs[runs["delivered"]]
+        rate = 8e-3 * series.n_bytes / came["seconds"]
+        rows.append(
+            [
+                series.setting,
+                f"{layout.rows} × {layout.cols}",
+                str(film.kappa),
+                f"{film.state_hz:g}",
+                f"{film.fps:g}",
+                f"{series.n_bytes:,}",
+                f"{series.view:g}°",
+                f"{len(came)} of {len(runs)}",
+                f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
+                str(int(runs["wrong"].sum())),
+                _rate(rate.median()) if len(came) else "–",
+                _rate(rate.min()) if len(came) else "–",
+                f"{came['seconds'].median():.1f}" if len(came) else "–",
+                f"{series.bound_seconds:.1f}",
+                percent(runs["bits_wrong"].sum() / max(1, runs["bits"].sum())),
+                f"{contrast_of(film.preset, film.state_hz, film.kappa):.3g}",
+            ]
+        )
+    title = (
+        "Simulated hand-held video at 1280 × 720, or 1920 × 1080 where the setting says so; "
+        "picture, room, pose, clocks (±1 %) and start in the loop drawn anew in each run, which "
+        "ends after three loops (`python -m lab rates`):"
+    )
+    return {"rates": Table(heads, rows, title).markdown()}
+
+
+def _rate(kbit_s: float) -> str:
+    """Write a rate with two digits or more."""
+    return f"{kbit_s:.0f}" if kbit_s >= 10 else f"{kbit_s:.1f}"
+
+
+def check_rates(flags: RatesFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, runs=flags.runs)
+    each_once(settings=flags.settings)
+    check_filmed(flags.pairs, flags.views)
+    for name in flags.settings:
+        check_settings(flags.film(name))
+
+
+def measure_rates(flags: RatesFlags, workshop: Workshop) -> RatesContent:
+    """Film and receive every setting from every angle."""
+    found = []
+    for name in flags.settings:
+        film = flags.film(name)
+        for view in flags.views:
+            runs = deliveries(film, flags.pairs, (view,), flags.runs, flags.seed, workshop)
+            bound = summarise_deliveries(runs, film)[-1].bound_seconds
+            found.append(FilmSeries(name, film.n_bytes, view, bound, runs))
+    return RatesContent(found)
+
+
+def label_of_rates(flags: RatesFlags) -> str:
+    """Name results after their settings and views."""
+    words = [*flags.settings, *(f"{view:g}" for view in flags.views), *map(str, [flags.n_bytes])]
+    return "_".join(words).replace(",", "").replace(" ", "_").removesuffix("_None")
+
+
+STUDY = Study(
+    name="rates",
+    flags=RatesFlags,
+    content=RatesContent,
+    measure=measure_rates,
+    blocks=rates_blocks,
+    page=Path("docs/receiver.md"),
+    check=check_rates,
+    label=label_of_rates,
+)
+"""The study that `python -m lab rates` runs."""

@@ -1,1 +1,0 @@
-"""Studies of films: how well a receiver reads what a simulated hand-held camera films."""

@@ -1,1 +1,0 @@
-"""Single parts, measured alone; constants, fitted; and all that needs private data."""
