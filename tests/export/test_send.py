@@ -416,8 +416,8 @@ def test_fit_cuts_evenly_and_does_not_stretch() -> None:
 
 # Visibility
 
-SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--modulation", "antipodal",
-         "--pilots", "auto", "--hold", 1)  # fmt: skip
+SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--width", 256, "--height", 192,
+         "--modulation", "antipodal", "--pilots", "auto", "--hold", 1)  # fmt: skip
 
 
 def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) -> None:
@@ -425,7 +425,7 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
     assert json.loads((tmp_path / "a" / "sent.json").read_text()) | {"out": said["out"]} == said
     seen = []
     for level in PICTURE_LEVELS:
-        viewing = Viewing(12, 16, 2, aspect=512 / 384, picture_level=level)
+        viewing = Viewing(12, 16, 2, aspect=256 / 192, picture_level=level)
         shown = random_message(viewing, "toggle", np.random.default_rng(SEED), SECONDS)
         seen.append(
             [contrast_over_threshold(shown, viewing, where).high for where in ("block", "screen")]
