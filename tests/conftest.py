@@ -59,9 +59,9 @@ def slow(*values: object) -> Any:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest, so that no worker is left with it at the end.
 
-    These are the commands of the README, and what waits for the trained decoder.
+    These are the commands of the README, exports, and what waits for the trained decoder.
     """
-    long = ("commands_of_the_readme", "test_train", "trained")
+    long = ("commands_of_the_readme", "exported_graph", "test_train", "trained")
     items.sort(key=lambda item: not any(name in item.nodeid for name in long))
 
 

@@ -65,7 +65,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.dictionaries(st.sampled_from([*KNOWN, "pair", "view_deg", "x"]), VALUES, max_size=3))
 def test_manifests_of_any_values_are_refused_or_read(
     tmp_path_factory: pytest.TempPathFactory, changes: dict[str, object]
@@ -83,7 +83,7 @@ def test_manifests_of_any_values_are_refused_or_read(
         assert str(error)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(
     VALUES
     | st.dictionaries(st.sampled_from(["rows", "cols", "width", "height", "ratex"]), VALUES).map(

@@ -7,23 +7,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import Command
+from conftest import Command, Refuses, files_in, refusal
 
-import evaluate
 import train
-from data_gen import __main__ as data_gen
-from data_gen import video
 from export import to_onnx
-from export.send import __main__ as send
-from lab import __main__ as lab
 from link.errors import InputError
 from link.files.lock import LOCK, locked
 from link.layout import make_layout
+from models import PRETRAINED
 from models.neural.config import FULL
 from models.neural.decoder import PhiDecoder
 from reports.engine.backends import Backend
@@ -62,9 +58,7 @@ def holder(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str
 
 
 def refused(folder: Path, file: str = "") -> str:
-    with pytest.raises(InputError) as error, locked(folder, file):
-        pass
-    return str(error.value)
+    return refusal(locked(folder, file).__enter__)
 
 
 def test_a_second_process_is_refused_with_the_id_of_the_first(tmp_path: Path) -> None:
@@ -172,68 +166,52 @@ def test_no_two_processes_are_ever_inside(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-SMALL = ["--pairs", "canon-lg", "--frames", "1", "--jobs", "1"]
-COMMANDS: list[tuple[Callable[[], None], list[str]]] = [
-    (evaluate.main, [*SMALL, "--views", "0", "--kappas", "5", "--methods", "naive"]),
-    (train.main, ["--episodes", "1", "--jobs", "1"]),
-    (lab.main, ["repeats", "--frames", "1"]),
-]
+def test_parts_of_runs_refuse_a_folder_that_is_being_written(tmp_path: Path) -> None:
+    with holder(tmp_path):
+        before = files_in(tmp_path)
+        assert "is writing it" in refusal(lambda: predict_all([], [], tmp_path, Backend()))
+        results = tmp_path / "results.jsonl"
+        assert "is writing it" in refusal(lambda: resume(abs, {}, results, Backend(), "title"))
+        assert files_in(tmp_path) == before
 
 
-def test_commands_refuse_a_folder_that_is_being_written(tmp_path: Path, command: Command) -> None:
-    with holder(tmp_path) as (process, _):
-        before = sorted(tmp_path.rglob("*"))
-        for main, flags in COMMANDS:
-            done = command(main, *flags, "--out", tmp_path)
-            assert (done.status, done.stdout) == (2, ""), main
-            assert f"{tmp_path}: process {process.pid} is writing it" in done.stderr
-            assert done.stderr.count("\n") == 1
-        with pytest.raises(InputError, match="is writing it"):
-            predict_all([], [], tmp_path, Backend())
-        with pytest.raises(InputError, match="is writing it"):
-            resume(abs, {}, tmp_path / "results.jsonl", Backend(), "title")
-        assert sorted(tmp_path.rglob("*")) == before
-
-
-FILM_OF_ONE_FRAME = ["--message", "a", "--seconds", "0.02", "--size", "160", "120", "--out"]
-SENT = [str(ROOT / "docs" / "overview.jpg"), "--message", "a", "--out"]
+SEND = f"{ROOT / 'docs' / 'overview.jpg'} --message a"
+FILM_OF_ONE_FRAME = "--message a --seconds 0.02 --size 160 120"
+EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods naive"
 
 
 @pytest.mark.parametrize(
-    ("main", "flags", "out", "lock"),
+    ("module", "words", "out", "lock"),
     [
-        (data_gen.main, ["--frames", "1", "--out"], "captures", ""),
-        (video.main, FILM_OF_ONE_FRAME, "film", ""),
-        (video.main, FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
-        (send.main, SENT, "sent.html", "sent.html"),
-        (send.main, SENT, "sent.mkv", "sent.mkv"),
-        (send.main, SENT, "sent", "sent"),
+        ("evaluate", EVALUATE, "run", ""),
+        ("train", "--episodes 1 --jobs 1", "run", ""),
+        ("lab.__main__", "repeats --frames 1", "run", ""),
+        ("data_gen.__main__", "--frames 1", "captures", ""),
+        ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
+        ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
+        ("export.send.__main__", SEND, "sent.html", "sent.html"),
+        ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
+        ("export.send.__main__", SEND, "sent", "sent"),
     ],
 )
 def test_commands_refuse_an_output_that_is_being_written(
-    tmp_path: Path,
-    command: Command,
-    main: Callable[[], None],
-    flags: list[str],
-    out: str,
-    lock: str,
+    tmp_path: Path, refuses: Refuses, module: str, words: str, out: str, lock: str
 ) -> None:
     folder = tmp_path if lock else tmp_path / out
     folder.mkdir(exist_ok=True)
     with holder(folder, lock) as (process, _):
-        before = sorted(tmp_path.rglob("*"))
-        done = command(main, *flags, tmp_path / out)
-        assert (done.status, done.stdout) == (2, "")
-        assert f"{folder / lock}: process {process.pid} is writing it" in done.stderr
-        assert done.stderr.count("\n") == 1 and done.stderr.startswith("error: ")
-        assert sorted(tmp_path.rglob("*")) == before
+        says = f"{folder / lock}: process {process.pid} is writing it"
+        refuses(module, f"{words} --out {tmp_path / out}", says, folder=tmp_path)
 
 
 # Whose folder it is
 
 
+OTHER_RUN = "--out: {} holds a run with other settings; choose another folder"
+
+
 def test_train_refuses_the_folder_of_another_run_before_any_work(
-    tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, command: Command, refuses: Refuses, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     simulated: list[Path] = []
 
@@ -252,40 +230,23 @@ def test_train_refuses_the_folder_of_another_run_before_any_work(
     assert (settings["episodes"], settings["pair"]) == (2, "canon-lg")
     assert command(train.main, *flags, "--jobs", 1).status == 130  # decides nothing
     assert len(simulated) == 2
-    before = {file: file.read_bytes() for file in tmp_path.iterdir()}
     for other in (["--seed", 1], ["--frames", 3], ["--pair", "all"], ["--lr", 0.02]):
-        done = command(train.main, *flags, *other)
-        assert done.status == 2, other
-        assert done.stderr == (
-            f"error: --out: {tmp_path} holds a run with other settings; choose another folder\n"
-        )
-    done = command(evaluate.main, "--out", tmp_path)
-    assert (done.status, done.stdout) == (2, "")
-    assert "holds a run with other settings" in done.stderr
+        refuses("train", [*flags, *other], OTHER_RUN.format(tmp_path), folder=tmp_path)
+    refuses("evaluate", ["--out", tmp_path], OTHER_RUN.format(tmp_path), folder=tmp_path)
     assert len(simulated) == 2
-    assert {file: file.read_bytes() for file in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("content", ["", "{}", "[]", "null", '{"train": 5}', '{"seed": 0}', "["])
 def test_train_refuses_a_folder_that_is_not_of_a_training(
-    tmp_path: Path, command: Command, content: str
+    tmp_path: Path, refuses: Refuses, content: str
 ) -> None:
     (tmp_path / "config.json").write_text(content)
     (tmp_path / "predictions.jsonl").touch()
-    done = command(train.main, "--out", tmp_path)
-    assert done.status == 2
-    assert done.stderr.startswith(f"error: --out: {tmp_path} holds a run with other settings")
-    assert (tmp_path / "config.json").read_text() == content
+    refuses("train", ["--out", tmp_path], OTHER_RUN.format(tmp_path), folder=tmp_path)
 
 
-def test_train_refuses_the_shipped_decoder_of_other_settings(command: Command) -> None:
-    from models import PRETRAINED
-
-    before = {file: file.stat().st_mtime_ns for file in PRETRAINED.iterdir()}
-    done = command(train.main, "--out", PRETRAINED)
-    assert done.status == 2
-    assert "holds a run with other settings" in done.stderr
-    assert {file: file.stat().st_mtime_ns for file in PRETRAINED.iterdir()} == before
+def test_train_refuses_the_shipped_decoder_of_other_settings(refuses: Refuses) -> None:
+    refuses("train", ["--out", PRETRAINED], OTHER_RUN.format(PRETRAINED), folder=PRETRAINED)
 
 
 # Processes whose parent ends

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import ROOT, slow
+from conftest import ROOT, refusal, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -26,7 +27,7 @@ from export.watchdog import Watchdog
 from link import __version__
 from link.errors import InputError
 from link.frames import Captured, Rectified
-from link.layout import Layout
+from link.layout import Layout, make_layout
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from models.neural.config import FULL
@@ -205,9 +206,8 @@ def test_the_model_passes_the_checker_and_leaves_three_axes_free(model: bytes) -
 
 # Damaged and foreign files
 
-
-def text_file(model: bytes) -> bytes:
-    return b"this is not a model\n" * 50
+BARE = json.dumps(make_layout(ratex=0).to_dict())
+"""A layout that the shipped graph does not have."""
 
 
 def foreign_model(model: bytes) -> bytes:
@@ -225,12 +225,17 @@ def foreign_model(model: bytes) -> bytes:
     return bytes(proto.SerializeToString())
 
 
-def with_metadata(model: bytes, **changes: str | None) -> bytes:
-    proto = onnx.load_from_string(model)
-    metadata = {entry.key: entry.value for entry in proto.metadata_props} | changes
-    del proto.metadata_props[:]
-    onnx.helper.set_model_props(proto, {k: v for k, v in metadata.items() if v is not None})
-    return bytes(proto.SerializeToString())
+def with_metadata(**changes: str | None) -> Callable[[bytes], bytes]:
+    """Damage a model by other metadata; None takes an entry out."""
+
+    def damage(model: bytes) -> bytes:
+        proto = onnx.load_from_string(model)
+        metadata = {entry.key: entry.value for entry in proto.metadata_props} | changes
+        del proto.metadata_props[:]
+        onnx.helper.set_model_props(proto, {k: v for k, v in metadata.items() if v is not None})
+        return bytes(proto.SerializeToString())
+
+    return damage
 
 
 def without_metadata(model: bytes) -> bytes:
@@ -239,68 +244,41 @@ def without_metadata(model: bytes) -> bytes:
     return bytes(proto.SerializeToString())
 
 
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda model: model[: len(model) // 2], "not a readable ONNX model"),
-        (lambda model: model[:-1], "not a readable ONNX model"),
-        (lambda model: b"", "not a "),
-        (text_file, "not a readable ONNX model"),
-        (foreign_model, "not a decoder of this version"),
-        (without_metadata, "not a decoder of this version"),
-        (lambda model: with_metadata(model, format="999"), "not a decoder of this version"),
-        (lambda model: with_metadata(model, layout=None), "carries no layout"),
-        (lambda model: with_metadata(model, layout="{"), "carries no layout"),
-        (lambda model: with_metadata(model, layout="[1, 2]"), "layout: need the keys"),
-        (lambda model: with_metadata(model, features=None), "features are no list of names"),
-        (lambda model: with_metadata(model, features="{"), "features: not JSON"),
-        (lambda model: with_metadata(model, features="[1]"), "features are no list of names"),
-        (lambda model: with_metadata(model, features="[]"), "gives 7 weights where its metadata"),
-        (lambda model: with_metadata(model, layout="[" * 100_000), "32 deep"),
-        (lambda model: with_metadata(model, layout="9" * 5_000), "64 digits"),
-    ],
-    ids=[
-        "half",
-        "one-byte-short",
-        "empty",
-        "text",
-        "foreign",
-        "no-metadata",
-        "other-format",
-        "no-layout",
-        "broken-layout",
-        "strange-layout",
-        "no-features",
-        "broken-features",
-        "strange-features",
-        "other-features",
-        "deep-layout",
-        "long-number",
-    ],
-)
+DAMAGED: dict[str, tuple[Callable[[bytes], bytes], str]] = {
+    "half": (lambda model: model[: len(model) // 2], "not a readable ONNX model"),
+    "one byte short": (lambda model: model[:-1], "not a readable ONNX model"),
+    "empty": (lambda model: b"", "not a "),
+    "text": (lambda model: b"this is not a model\n" * 50, "not a readable ONNX model"),
+    "foreign": (foreign_model, "not a decoder of this version"),
+    "no metadata": (without_metadata, "not a decoder of this version"),
+    "other format": (with_metadata(format="999"), "not a decoder of this version"),
+    "no layout": (with_metadata(layout=None), "carries no layout"),
+    "broken layout": (with_metadata(layout="{"), "carries no layout"),
+    "strange layout": (with_metadata(layout="[1, 2]"), "layout: need the keys"),
+    "other layout": (with_metadata(layout=BARE), "gives 59 scores where its metadata says 64"),
+    "no features": (with_metadata(features=None), "features are no list of names"),
+    "broken features": (with_metadata(features="{"), "features: not JSON"),
+    "strange features": (with_metadata(features="[1]"), "features are no list of names"),
+    "other features": (with_metadata(features="[]"), "gives 7 weights where its metadata"),
+    "deep layout": (with_metadata(layout="[" * 100_000), "32 deep"),
+    "long number": (with_metadata(layout="9" * 5_000), "64 digits"),
+    "Latin-1": (lambda model: model.replace(b"P1(i_o)", b"P\xff(i_o)"), ""),
+}
+
+
+@pytest.mark.parametrize("case", DAMAGED)
 def test_a_file_that_is_no_decoder_is_refused(
-    damage: Callable[[bytes], bytes], message: str, shipped_model: bytes, tmp_path: Path
+    case: str, shipped_model: bytes, tmp_path: Path
 ) -> None:
+    damage, message = DAMAGED[case]
     path = tmp_path / "damaged.onnx"
     path.write_bytes(damage(shipped_model))
-    with pytest.raises(InputError, match=message) as error:
-        Decoder(path)
-    assert "\n" not in str(error.value)
+    assert path.read_bytes() != shipped_model
+    assert message in refusal(lambda: Decoder(path))
 
 
 def test_a_missing_file_is_refused_with_the_way_to_get_one(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such model; export one with"):
-        Decoder(tmp_path / "none.onnx")
-
-
-def test_a_layout_that_the_graph_does_not_have_is_refused(
-    shipped_model: bytes, layout: Layout, tmp_path: Path
-) -> None:
-    path = tmp_path / "other.onnx"
-    other = json.dumps(replace(layout, ratex=()).to_dict())
-    path.write_bytes(with_metadata(shipped_model, layout=other))
-    with pytest.raises(InputError, match="gives 59 scores where its metadata says 64"):
-        Decoder(path)
+    assert "no such model; export one with" in refusal(lambda: Decoder(tmp_path / "none.onnx"))
 
 
 IDENTITIES = (
@@ -394,39 +372,44 @@ def test_a_model_that_reads_another_file_is_refused(
         decode_black(proto, tmp_path / "thief.onnx")
 
 
-@pytest.mark.parametrize(
-    ("constants", "outputs", "message"),
-    [
-        ({"s": np.float32(1)}, {"scores": described("scores", FLOAT)}, "not a decoder"),
-        ({"h": np.float32(1)}, {"head": described("head", FLOAT)}, "not a decoder"),
-        ({"h": np.zeros((0, 7), np.float32)}, {}, "no valid scores"),
-        ({"h": np.zeros((1, 6), np.float32)}, {}, "gives 6 weights where its metadata says 7"),
-        ({"h": np.full((1, 7), np.nan, np.float32)}, {}, "no valid scores"),
-        ({"s": np.full((1, 59), np.inf, np.float32)}, {}, "no valid scores"),
-        ({"s": np.zeros((1, 59))}, {"scores": described("scores", 11, 1, 59)}, "not a decoder"),
-        ({"s": np.full((1, 59), "x")}, {"scores": described("scores", 8, 1, 59)}, "not a decoder"),
-        (
-            {},
-            {"scores": onnx.helper.make_tensor_sequence_value_info("scores", FLOAT, None)},
-            r"not a decoder|not a readable",
-        ),
-    ],
-    ids=["scalar", "scalar head", "empty", "narrow", "nan", "inf", "float64", "text", "sequence"],
-)
+SCALAR, NAN, INF = np.float32(1), np.full((1, 7), np.nan), np.full((1, 59), np.inf)
+OUTPUTS: dict[str, tuple[dict[str, Any], dict[str, onnx.ValueInfoProto], str]] = {
+    "scalar": ({"s": SCALAR}, {"scores": described("scores", FLOAT)}, "not a decoder"),
+    "scalar head": ({"h": SCALAR}, {"head": described("head", FLOAT)}, "not a decoder"),
+    "empty": ({"h": np.zeros((0, 7), np.float32)}, {}, "no valid scores"),
+    "narrow": (
+        {"h": np.zeros((1, 6), np.float32)},
+        {},
+        "gives 6 weights where its metadata says 7",
+    ),
+    "nan": ({"h": NAN.astype(np.float32)}, {}, "no valid scores"),
+    "inf": ({"s": INF.astype(np.float32)}, {}, "no valid scores"),
+    "float64": ({"s": INF}, {"scores": described("scores", 11, 1, 59)}, "not a decoder"),
+    "text": (
+        {"s": np.full((1, 59), "x")},
+        {"scores": described("scores", 8, 1, 59)},
+        "not a decoder",
+    ),
+    "sequence": (
+        {},
+        {"scores": onnx.helper.make_tensor_sequence_value_info("scores", FLOAT, None)},
+        "not a ",
+    ),
+}
+"""Constants and outputs of a handmade model that no decoder has, and what is said of it."""
+
+
+@pytest.mark.parametrize("case", OUTPUTS)
 def test_outputs_of_another_kind_are_refused(
-    shipped_model: bytes,
-    constants: dict[str, NDArray],
-    outputs: dict[str, onnx.ValueInfoProto],
-    message: str,
-    tmp_path: Path,
+    case: str, shipped_model: bytes, tmp_path: Path
 ) -> None:
+    constants, outputs, message = OUTPUTS[case]
     constants = {name: np.asarray(value) for name, value in constants.items()}
     nodes = list(IDENTITIES)
-    if outputs and not constants:
+    if case == "sequence":
         nodes[0] = onnx.helper.make_node("SequenceConstruct", ["s"], ["scores"])
-    with pytest.raises(InputError, match=message) as error:
-        decode_black(handmade(shipped_model, nodes, constants, **outputs), tmp_path / "odd.onnx")
-    assert "\n" not in str(error.value)
+    proto = handmade(shipped_model, nodes, constants, **outputs)
+    assert message in refusal(lambda: decode_black(proto, tmp_path / "odd.onnx"))
 
 
 def test_a_model_that_asks_for_12_gigabytes_is_refused(
@@ -541,14 +524,6 @@ def test_flipped_bits_leave_a_working_decoder_or_an_input_error(
         assert np.isfinite(soft.scores).all()
 
 
-def test_metadata_that_is_no_text_is_refused(shipped_model: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "latin.onnx"
-    assert b"P1(i_o)" in shipped_model
-    path.write_bytes(shipped_model.replace(b"P1(i_o)", b"P\xff(i_o)"))
-    with pytest.raises(InputError):
-        Decoder(path)
-
-
 # decode
 
 
@@ -623,8 +598,7 @@ FRAME = np.zeros((384, 512, 3), np.uint8)
 def test_frames_of_wrong_type_shape_or_size_are_refused(
     original: NDArray, embedded: NDArray, message: str, shipped: Decoder
 ) -> None:
-    with pytest.raises(InputError, match=message):
-        shipped.decode(original, embedded)
+    assert message in refusal(lambda: shipped.decode(original, embedded))
 
 
 def test_the_smallest_frame_that_fits_is_decoded(
@@ -650,13 +624,11 @@ def test_the_smallest_frame_that_fits_is_decoded(
         ([[10, 10], [500], [500, 370], [10, 370]], "four"),
         ("top left", "four"),
     ],
-    ids=["nan", "inf", "left", "right", "three", "mirrored", "tiny", "ragged", "text"],
 )
 def test_corners_that_do_not_fit_are_refused(
     corners: object, message: str, shipped: Decoder
 ) -> None:
-    with pytest.raises(InputError, match=message):
-        shipped.decode(FRAME, FRAME, corners)
+    assert message in refusal(lambda: shipped.decode(FRAME, FRAME, corners))
 
 
 def test_captured_frames_of_two_sizes_are_refused(shipped: Decoder, captured: Captured) -> None:

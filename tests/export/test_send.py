@@ -6,7 +6,7 @@ import re
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -141,15 +141,24 @@ def report(done: Finished) -> Any:
     return json.loads(done.stdout)
 
 
+Send = Callable[..., Any]
+
+
+@pytest.fixture
+def send(inputs: Path, command: Command) -> Send:
+    """Write `MESSAGE` over a picture into ``out``, with more words; what the command reports."""
+
+    def run(out: Path, *words: object, over: str = "picture.png") -> Any:
+        line = (inputs / over, "--message", MESSAGE, "--out", out, *words)
+        return report(command(send_cli.main, *line))
+
+    return run
+
+
 @pytest.mark.parametrize("kind", READ)
-def test_every_output_holds_the_message(
-    kind: str, inputs: Path, tmp_path: Path, command: Command
-) -> None:
+def test_every_output_holds_the_message(kind: str, tmp_path: Path, send: Send) -> None:
     out = tmp_path / f"sent{kind}"
-    done = command(
-        send_cli.main, inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS
-    )
-    said = report(done)
+    said = send(out, *FLAGS)
     states = list(READ[kind](out))
     assert [read_bits(pair, LAYOUT) for pair in pairs_of(states)] == SENT.tolist()
     assert list(tmp_path.iterdir()) == [out]  # no temporary file
@@ -164,16 +173,11 @@ def test_every_output_holds_the_message(
     assert 0.9 < said["ssim"] < 1
 
 
-def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, command: Command) -> None:
+def test_all_outputs_show_the_same_states(inputs: Path, tmp_path: Path, send: Send) -> None:
     shown = []
     for kind, read in READ.items():
         out = tmp_path / f"sent{kind}"
-        done = command(
-            send_cli.main,
-            *(inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS),
-            *("--kappa", 8, "--pyramid-level", 2),
-        )
-        report(done)
+        send(out, *FLAGS, "--kappa", 8, "--pyramid-level", 2)
         shown.append(list(read(out)))
     for states in shown[1:]:
         np.testing.assert_array_equal(states, shown[0])
@@ -205,16 +209,15 @@ def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Co
 
 
 def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
-    inputs: Path, tmp_path: Path, command: Command
+    inputs: Path, tmp_path: Path, send: Send
 ) -> None:
-    words = (inputs / "picture.png", "--message", MESSAGE, *FLAGS, "--key", inputs / "key")
-    report(command(send_cli.main, *words, "--out", tmp_path / "sent", "--counter", 5))
+    send(tmp_path / "sent", *FLAGS, "--key", inputs / "key", "--counter", 5)
     signed = sign(MESSAGE.encode(), bytes(range(32)), 5)
     bits = framing.encode(signed, LAYOUT.n_bits)
     shown = pairs_of(folder_states(tmp_path / "sent"))
     assert [read_bits(pair, LAYOUT) for pair in shown] == bits.tolist()
     before = int(time.time())
-    report(command(send_cli.main, *words, "--out", tmp_path / "timed"))
+    send(tmp_path / "timed", *FLAGS, "--key", inputs / "key")
     shown = pairs_of(folder_states(tmp_path / "timed"))
     scores = np.array([read_bits(pair, LAYOUT) for pair in shown]) * 16.0 - 8
     received = framing.decode(scores)
@@ -225,11 +228,10 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
 
 
 def test_a_folder_shows_every_picture_and_whole_messages(
-    inputs: Path, tmp_path: Path, command: Command
+    inputs: Path, tmp_path: Path, send: Send
 ) -> None:
     out = tmp_path / "sent"
-    done = command(send_cli.main, inputs / "many", "--message", MESSAGE, "--out", out, *FLAGS)
-    said = report(done)
+    said = send(out, *FLAGS, over="many")
     assert said["pairs"] == 2 * said["frames"] == 2 * len(SENT)
     pictures = [with_head_room(read_image(f), 3) for f in sorted((inputs / "many").iterdir())]
     pairs = pairs_of(folder_states(out))
@@ -248,10 +250,9 @@ def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> N
     assert len(shown) == pytest.approx(60 / step, abs=1)
 
 
-def test_a_player_holds_each_picture_once(inputs: Path, tmp_path: Path, command: Command) -> None:
+def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
     out = tmp_path / "sent.html"
-    words = (inputs / "picture.png", "--message", MESSAGE, "--out", out, *FLAGS)
-    report(command(send_cli.main, *words, "--hold", 6, "--scale", 2))
+    send(out, *FLAGS, "--hold", 6, "--scale", 2)
     loop = read_player(out)
     assert [loop[key] for key in ("width", "height", "stateHz", "scale")] == [120, 80, 10, 2]
     assert len(loop["pictures"]) == 1
@@ -271,10 +272,9 @@ def test_a_player_holds_each_picture_once(inputs: Path, tmp_path: Path, command:
     "name", ["hidden", slow("paper"), slow("fast"), slow("robust"), slow(None)]
 )
 def test_a_preset_says_all_and_no_flag_is_needed(
-    name: str | None, inputs: Path, tmp_path: Path, command: Command
+    name: str | None, tmp_path: Path, send: Send
 ) -> None:
-    words = (inputs / "picture.png", "--message", MESSAGE, "--out", tmp_path / "sent.html")
-    said = report(command(send_cli.main, *words, *(("--preset", name) if name else ())))
+    said = send(tmp_path / "sent.html", *(("--preset", name) if name else ()))
     preset = PRESETS[name or DEFAULT_PRESET]
     assert said["preset"] == (name or DEFAULT_PRESET)
     assert said["layout"] == preset.layout.to_dict()
@@ -284,22 +284,21 @@ def test_a_preset_says_all_and_no_flag_is_needed(
     assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]
 
 
-def test_flags_change_a_preset(inputs: Path, tmp_path: Path, command: Command) -> None:
-    size = ("--width", 256, "--height", 192)
-    words = (inputs / "picture.png", "--message", MESSAGE, "--preset", "hidden", *size, "--out")
+def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None:
+    words = ("--preset", "hidden", "--width", 256, "--height", 192)
     more = ("--rows", 24, "--cols", 32, "--kappa", 2, "--hold", 2, "--distance", 0.6)
-    said = report(command(send_cli.main, *words, tmp_path / "a", *more))
+    said = send(tmp_path / "a", *words, *more)
     layout = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
     assert said["layout"] == layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (2, 30)
     seen = Hiding(layout, 30, Onlooker(distance=0.6)).seen(2)
     assert said["visibility_block"] == round(seen, 3)
     patches = ("--ratex", 2, "--modulation", "on_off", "--refresh", 50)
-    said = report(command(send_cli.main, *words, tmp_path / "b.html", *patches))
+    said = send(tmp_path / "b.html", *words, *patches)
     assert said["layout"] == make_layout(48, 64, 256, 192, ratex=2).to_dict()
     assert said["state_hz"] == 50  # one refresh a state comes closest to 60
-    given = (*words[:5], "--layout", inputs / "layout.json", "--out", tmp_path / "c.mkv")
-    said = report(command(send_cli.main, *given))
+    layout_of = ("--preset", "hidden", "--layout", inputs / "layout.json")
+    said = send(tmp_path / "c.mkv", *layout_of)
     assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
 
 
@@ -417,19 +416,16 @@ def test_fit_cuts_evenly_and_does_not_stretch() -> None:
 
 # Visibility
 
-SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--modulation", "antipodal",
-         "--pilots", "auto", "--hold", 1)  # fmt: skip
+SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--width", 256, "--height", 192,
+         "--modulation", "antipodal", "--pilots", "auto", "--hold", 1)  # fmt: skip
 
 
-def test_the_sender_says_how_visible_the_message_is(
-    inputs: Path, tmp_path: Path, command: Command
-) -> None:
-    words = (inputs / "picture.png", "--message", MESSAGE, *SHOWN, "--kappa", 2)
-    said = report(command(send_cli.main, *words, "--out", tmp_path / "a"))
+def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) -> None:
+    said = send(tmp_path / "a", *SHOWN, "--kappa", 2)
     assert json.loads((tmp_path / "a" / "sent.json").read_text()) | {"out": said["out"]} == said
     seen = []
     for level in PICTURE_LEVELS:
-        viewing = Viewing(12, 16, 2, aspect=512 / 384, picture_level=level)
+        viewing = Viewing(12, 16, 2, aspect=256 / 192, picture_level=level)
         shown = random_message(viewing, "toggle", np.random.default_rng(SEED), SECONDS)
         seen.append(
             [contrast_over_threshold(shown, viewing, where).high for where in ("block", "screen")]
@@ -454,11 +450,8 @@ def test_the_sender_says_how_visible_the_message_is(
         if "--state-hz" in flags:
             del given[given.index("--hold") : given.index("--hold") + 2]
             given += ["--hold", 2]
-        done = command(
-            send_cli.main, inputs / "picture.png", "--message", MESSAGE, *given,
-            "--out", tmp_path / f"{number}.html",
-        )  # fmt: skip
-        other[number] = [report(done)[key] for key in keys]
+        said = send(tmp_path / f"{number}.html", *given)
+        other[number] = [said[key] for key in keys]
     assert other[0] == other[1] == [block, screen]
     for number in (2, 3, 4, 5, 6):
         assert other[number][0] < block
@@ -467,18 +460,18 @@ def test_the_sender_says_how_visible_the_message_is(
 
 @pytest.mark.parametrize("colour", COLOURS)
 def test_the_largest_kappa_below_a_visibility_is_taken(
-    colour: str, inputs: Path, tmp_path: Path, command: Command
+    colour: str, tmp_path: Path, send: Send
 ) -> None:
-    words = (inputs / "picture.png", "--message", MESSAGE, *SHOWN, "--colour", colour)
+    words = (*SHOWN, "--colour", colour)
     limit = 10 if colour == "gray" else 1.5
-    said = report(command(send_cli.main, *words, "--visibility", limit, "--out", tmp_path / "a"))
+    said = send(tmp_path / "a", *words, "--visibility", limit)
     kappa = said["kappa"]
     assert 1 < kappa < 64
     layout = Layout.from_dict(said["layout"])
     hiding = Hiding(layout, 60, Onlooker())
     assert said["visibility_block"] == round(hiding.seen(kappa), 3) <= limit
     assert hiding.seen(kappa + 1) > limit
-    same = report(command(send_cli.main, *words, "--kappa", kappa, "--out", tmp_path / "b"))
+    same = send(tmp_path / "b", *words, "--kappa", kappa)
     assert {**same, "out": said["out"]} == said
 
 

@@ -118,17 +118,23 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 CHARTS = ("summary_chart", "reliability_charts", "response_charts")
 CHARTS += ("cost_chart", "sweep_charts")
+FINDINGS = ("standings", "find_glance")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def charts_of_the_same_numbers_are_drawn_once() -> Iterator[None]:
-    """A damaged run is mostly as it was, and drawing takes three quarters of a page's time."""
+def what_takes_long_is_made_once_of_the_same_numbers() -> Iterator[None]:
+    """A damaged run is mostly as it was, and charts and comparisons take most of a page's time."""
     drawn: dict[bytes, Any] = {}
 
-    def once(draw: Callable[..., Any]) -> Callable[..., Any]:
+    def shown_of(run: Run, name: str) -> object:
+        if name in CHARTS:
+            return run.sweeps
+        return run.about, run.records, run.scores, run.swept, run.sweeps
+
+    def once(name: str, draw: Callable[..., Any]) -> Callable[..., Any]:
         def remembered(*numbers: Any) -> Any:
-            used = [part.sweeps if isinstance(part, Run) else part for part in numbers]
-            key = pickle.dumps((draw.__name__, used))
+            used = [shown_of(part, name) if isinstance(part, Run) else part for part in numbers]
+            key = pickle.dumps((name, used))
             if key not in drawn:
                 drawn[key] = draw(*numbers)
             return drawn[key]
@@ -136,8 +142,8 @@ def charts_of_the_same_numbers_are_drawn_once() -> Iterator[None]:
         return remembered
 
     with pytest.MonkeyPatch.context() as patch:
-        for name in CHARTS:
-            patch.setattr(page, name, once(getattr(page, name)))
+        for name in (*CHARTS, *FINDINGS):
+            patch.setattr(page, name, once(name, getattr(page, name)))
         yield
 
 

@@ -249,10 +249,6 @@ def receive(*words: object) -> subprocess.CompletedProcess[str]:
     )
 
 
-def events(done: subprocess.CompletedProcess[str]) -> list[dict[str, object]]:
-    return [json.loads(line) for line in done.stdout.splitlines()]
-
-
 @pytest.mark.slow
 def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
     """Single images, two of each state in order: no clock fits, their order is enough."""
@@ -262,7 +258,7 @@ def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[n
         image = next(camera.frames([state], 1, rng))[1]
         write_image(tmp_path / "in" / f"{number:04d}.png", image)
     done = receive(tmp_path / "in", "--show", tmp_path / "show", "--out", tmp_path / "text")
-    lines = events(done)
+    lines = events_of(done.stdout)
     assert done.returncode == 0, done.stderr
     assert [line["text"] for line in lines if line["event"] == "message"] == [TEXT.decode()]
     assert lines[-1]["event"] == "end"
@@ -280,7 +276,7 @@ def test_command_reads_two_images_in_either_order(
     forward = receive(tmp_path / "a.png", tmp_path / "b.png")
     backward = receive(tmp_path / "b.png", tmp_path / "a.png")
     assert forward.returncode == backward.returncode == 0, forward.stderr + backward.stderr
-    assert events(forward)[-1]["bits"] == events(backward)[-1]["bits"]
+    assert events_of(forward.stdout)[-1]["bits"] == events_of(backward.stdout)[-1]["bits"]
     same = receive(tmp_path / "a.png", tmp_path / "a.png")
     assert same.returncode == 2
     assert "same state" in same.stderr
@@ -292,7 +288,7 @@ def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) 
     path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
     done = receive(path)
     assert done.returncode == 0, done.stderr
-    assert events(done)[-1]["message"] == TEXT.decode()
+    assert events_of(done.stdout)[-1]["message"] == TEXT.decode()
     whole = path.read_bytes()
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 12])
     cut = receive(tmp_path / "cut.avi")
