@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 from filelock import FileLock
@@ -16,6 +16,7 @@ from hypothesis import settings
 
 if TYPE_CHECKING:  # imported where they are used: the process that starts the workers needs none
     from playwright.sync_api import Browser, Page
+    from port import Port
 
     from export.runtime import Decoder
     from link.frames import Captured, Rectified
@@ -63,6 +64,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     long = ("commands_of_the_readme", "test_train", "trained")
     items.sort(key=lambda item: not any(name in item.nodeid for name in long))
+
+
+def lacking(what: str, reason: str) -> NoReturn:
+    """Skip a test for something that this machine lacks, or fail where it is required.
+
+    The environment variable OORC_REQUIRE names what is: node, chromium, or both.
+    """
+    if what in os.environ.get("OORC_REQUIRE", "").split():
+        pytest.fail(f"{reason}, and OORC_REQUIRE says that {what} must be there")
+    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")
@@ -238,7 +249,38 @@ def refuses(command: Command) -> Refuses:
     return run
 
 
-# A browser
+# Node.js and a browser
+
+
+@pytest.fixture(scope="session")
+def node() -> None:
+    """What needs Node.js and the page's packages; tests that do are skipped where there is none."""
+    if shutil.which("node") is None or not (ROOT / "export" / "web" / "node_modules").is_dir():
+        lacking("node", "needs Node.js, and `npm ci` in export/web")
+
+
+@pytest.fixture(scope="session")
+def node_process(node: None) -> "Iterator[Port]":
+    from port import Port
+
+    process = Port()
+    yield process
+    process.close()
+
+
+@pytest.fixture
+def port(node_process: "Port") -> "Iterator[Port]":
+    """The page's JavaScript; objects that a test makes there are forgotten after it."""
+    yield node_process
+    node_process.ask(None)
+
+
+@pytest.fixture(scope="session")
+def site(node: None, make_once: MakeOnce) -> Path:
+    """Folder of the page, built once a session."""
+    from export.web.site import build_site
+
+    return make_once("site", lambda empty: build_site(empty / "web")) / "web"
 
 
 @pytest.fixture(scope="module")
@@ -252,7 +294,7 @@ def browser() -> "Iterator[Browser]":
 
     executable = find_browser()
     if executable is None:
-        pytest.skip(f"needs a browser: found none of {', '.join(BROWSERS)}")
+        lacking("chromium", f"needs a browser: found none of {', '.join(BROWSERS)}")
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as playwright:
