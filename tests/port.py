@@ -136,6 +136,8 @@ class Remote:
 
 def encoded(value: Any) -> Any:
     """Describe to export/web/tests/port.js what JSON has no words for."""
+    if isinstance(value, SimpleNamespace):
+        return encoded(vars(value))
     if isinstance(value, dict):
         return {name: encoded(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

@@ -103,6 +103,10 @@ FOUND_PX = 0.3
 """Pixels between corners of a display that both searches find."""
 TRUE_PX = 3.0
 """Pixels between a corner that is found and the true one, whatever is in view."""
+FOUND_PATCH_PX = 0.01
+"""Pixels between places of patches that both searches find."""
+SAME_SNAP_PX = 0.01
+"""Pixels between sides that snap to the same edges."""
 SNAPPED_PX = 1.5
 """Pixels between sides that snap to edges: steps of a pixel are tried, and two may be as good."""
 SEARCH_SCORE = 0.01
