@@ -157,7 +157,7 @@ def encoded(value: Any) -> Any:
     array = np.ascontiguousarray(value, SENT_AS.get(value.dtype.name))
     name = array.dtype.name.capitalize() + "Array"
     sent = {"$array": name, "base64": base64.b64encode(array.tobytes()).decode()}
-    if array.ndim == 2 and array.dtype in (np.uint8, np.float32):
+    if value.ndim == 2 and value.dtype in (np.uint8, np.float32):
         return {"width": array.shape[1], "height": array.shape[0], "data": sent}
     return sent
 

@@ -70,9 +70,15 @@ function isClass(member) {
  * @returns {Promise<any>}
  */
 async function answer({ of, name, given, value }) {
-  if (of === null) return (kept = []);
+  if (of === null) {
+    kept = [];
+    return null;
+  }
   const target = typeof of === "string" ? await import(`../src/${of}`) : of;
-  if (value !== undefined) return void (target[name] = value);
+  if (value !== undefined) {
+    target[name] = value;
+    return null;
+  }
   const member = name === null ? target : target[name];
   if (member === undefined && !(name in target)) throw new Error(`there is no ${name}`);
   if (given !== undefined) {
