@@ -283,24 +283,32 @@ def site(node: None, make_once: MakeOnce) -> Path:
     return make_once("site", lambda empty: build_site(empty / "web")) / "web"
 
 
-@pytest.fixture(scope="module")
-def browser() -> "Iterator[Browser]":
-    """The machine's Chromium without a window; tests that need it are skipped where there is none.
-
-    One for each module, not for the session: Playwright keeps an event loop in this thread while it
-    runs, and Dask's tests should not meet it.
-    """
-    from reports.films.browser import BROWSER_FLAGS, BROWSERS, find_browser
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of the machine's Chromium; tests that need it are skipped where there is none."""
+    from reports.films.browser import BROWSERS, find_browser
 
     executable = find_browser()
     if executable is None:
         lacking("chromium", f"needs a browser: found none of {', '.join(BROWSERS)}")
+    return executable
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str) -> "Iterator[Browser]":
+    """A browser without a window.
+
+    One for each module, not for the session: Playwright keeps an event loop in this thread while it
+    runs, and Dask's tests should not meet it.
+    """
     from playwright.sync_api import sync_playwright
 
+    from reports.films.browser import BROWSER_FLAGS
+
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=executable, args=BROWSER_FLAGS)
-        yield chromium
-        chromium.close()
+        running = playwright.chromium.launch(executable_path=chromium, args=BROWSER_FLAGS)
+        yield running
+        running.close()
 
 
 OpenWindow = Callable[..., "Page"]
