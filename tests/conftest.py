@@ -257,6 +257,9 @@ def node() -> None:
     """What needs Node.js and the page's packages; tests that do are skipped where there is none."""
     if shutil.which("node") is None or not (ROOT / "export" / "web" / "node_modules").is_dir():
         lacking("node", "needs Node.js, and `npm ci` in export/web")
+    from export.web.constants import write_constants
+
+    write_constants()
 
 
 @pytest.fixture(scope="session")

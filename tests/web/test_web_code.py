@@ -153,28 +153,31 @@ def test_graphs_of_rateless_codes(port: Port, information: int) -> None:
 
 def test_coded_bits_and_their_message(port: Port) -> None:
     module, message = port("link/code/fine.js"), np.random.default_rng(2).bytes(2500)
+    run_to_end = port("link/code/steps.js").runToEnd
     terms = Terms(len(message), 9, mark_of(message))
     ported = module.Terms(terms.n_bytes, terms.frames, terms.mark)
     coded = coded_bits(message, terms, 2918)
     same(module.codedBits(message, ported, 2918), coded)
     scores = 8 * coded.reshape(-1).astype(np.float32) - 4
-    assert bytes(module.decodeCoded(scores, ported)) == message
     other_mark = module.Terms(terms.n_bytes, terms.frames, terms.mark ^ 1)
-    assert module.decodeCoded(scores, other_mark) is None
-    other = module.codedBits(b"\7" * len(message), ported, 2918)
-    assert module.decodeCoded(8 * other.astype(np.float32) - 4, ported) is None
+    other = 8 * module.codedBits(b"\7" * len(message), ported, 2918).astype(np.float32) - 4
+    assert bytes(run_to_end(module.codedDecodingSteps(scores, ported))) == message
+    assert run_to_end(module.codedDecodingSteps(scores, other_mark)) is None
+    assert run_to_end(module.codedDecodingSteps(other, ported)) is None
 
 
 def test_information_is_found_where_python_finds_it(port: Port) -> None:
     """Little, enough and much of the information was received, by every kind of channel."""
     rng, code = np.random.default_rng(3), make_rateless(512)
     ported = port("link/code/rateless.js").makeRateless(512)
+    run_to_end = port("link/code/steps.js").runToEnd
     is_found = set()
     for blocks, count, ber in ((1, 900, 0.001), (3, 900, 0.02), (2, 620, 0.02), (18, 2600, 0.1)):
         information = rng.integers(0, 2, (512, blocks), np.uint8)
         llr = noisy(code.encode(information, count), ber, rng)
         bits, done = code.decode(llr)
         assert np.array_equal(bits[:, done], information[:, done])
-        same(ported.decode(llr.reshape(-1), blocks), bits.T if done.all() else None)
+        found = run_to_end(ported.decodingSteps(llr.reshape(-1), blocks))
+        same(found, bits.T if done.all() else None)
         is_found.add(bool(done.all()))
     assert is_found == {True, False}

@@ -120,7 +120,7 @@ def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Genera
     near, close = (CORNERS + rng.uniform(-off, off, (4, 2)) for off in (12, 2))
     pyramid, ported = image_pyramid(gray), port("locate/patches.js").imagePyramid(gray)
     steps = port("locate/align.js").alignSteps(ported, close.tolist(), LAYOUT)
-    aligned = port("locate/steps.js").runToEnd(steps)
+    aligned = port("link/code/steps.js").runToEnd(steps)
     same(aligned, align_corners(pyramid, close, LAYOUT), ALIGNED_PX)
     corners, seen = corners_on_patches(gray, pyramid, near, LAYOUT)
     found = port("locate/refine.js").cornersOnPatches(gray, ported, near.tolist(), LAYOUT)

@@ -218,7 +218,7 @@ def test_corners_move_by_all_blocks(
     port: Port, layout: Layout, period: int, slope: float, noise: float
 ) -> None:
     """Corners are off by less than a block."""
-    module, run = port("locate/pilots/allBlocks.js"), port("locate/steps.js").runToEnd
+    module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd
     off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
     views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
     at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]

@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from port import Port, same
 
 from export.receive.hidden import fill_hidden, hidden_blocks

@@ -31,7 +31,7 @@ def test_a_display_with_patches_is_found_followed_lost_and_found_again(port: Por
         """How many frames the page sees the display in, once it has found it in all."""
         found = 0
         for image, there, known in zip(images, corners, seen, strict=True):
-            tracked = ported.follow(image)
+            tracked = ported.follow(image, 0)
             assert tracked is not None or found == 0
             if tracked is None:
                 continue
@@ -45,7 +45,7 @@ def test_a_display_with_patches_is_found_followed_lost_and_found_again(port: Por
 
     assert follow() >= 8
     for _ in range(3):
-        assert ported.follow(np.zeros_like(images[0])) is None
+        assert ported.follow(np.zeros_like(images[0]), 0) is None
     assert follow() >= 6
 
 
