@@ -113,6 +113,8 @@ class Remote:
         vars(self).update(_port=port, _place=place)
 
     def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):  # asked for by Python
+            raise AttributeError(name)
         member = self._port.ask(self._place, name)
         if member is FUNCTION:
             return lambda *given: self._port.ask(self._place, name, given=given)
@@ -125,10 +127,9 @@ class Remote:
         return self._port.ask(self._place, given=given)
 
     def __iter__(self) -> Iterator[Any]:
-        """What a generator yields; ``yield from`` gives what it returns."""
+        """What a generator yields."""
         while not (step := self.next()).done:
             yield step.value
-        return step.value
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Remote) and self._place == other._place

@@ -47,24 +47,17 @@ CDTF_LEVELS = 3.0
 
 SAME_STEPS = 1e-12
 """Absolute error of quantities of order 1 that both compute in float64 by the same operations."""
-CODE_SCORE = 1e-4
-"""Absolute difference between log-likelihood ratios, or shares of messages that are known, after
-float32 sums of some hundred terms, which the two take in another order."""
-AGREEMENT = 1e-5
-"""Absolute difference between shares of scores that agree with a message: float32 sums."""
-CLOCK_PERIODS = 1e-6
-"""Share of a period by which the parameters of a fitted clock may differ; their covariance may by
-this share of the period squared."""
-CLOCK_FIT = 1e-6
-"""Absolute difference between amplitudes, R2, noise and correlation of a fitted clock, and between
-the seconds of one that is followed: iterations end where the last bits decide."""
+FLOAT32_SUM = 1e-4
+"""Absolute difference between sums of some hundred terms of order 1 to 100, which the two take in
+float32 in another order: log-likelihood ratios, mean gray levels."""
+FITTED = 1e-6
+"""Absolute difference between numbers of order 1 that iterations in float64 have settled on, which
+end where the last bits decide; for the parameters of a clock, in periods."""
 CLOCK_STATE = 1e-5
 """Absolute difference between phase errors, and between what a synchroniser says of its clock; both
 follow from many fits."""
 CLOCK_EVIDENCE = 1e-3
 """Absolute difference between evidences of clocks, which are of order 100 to 1000."""
-FLOAT32_LEVELS = 1e-4
-"""Gray levels between means that the two take in float32 in another order."""
 SHRUNK_LEVELS = 1e-3
 """Gray levels between pixels of order 100 after float32 interpolation."""
 ROUNDED_LEVELS = 1
@@ -86,29 +79,21 @@ STATE_PURITY = 1e-6
 """Absolute difference between means of a state's purity over blocks: float32 in Python."""
 Y4M_SECONDS = 1e-6
 """Seconds between times of frames, which films state with six digits."""
-FLOW_PX = 0.01
-"""Pixels between points that optical flow has followed to the same place."""
+SAME_PX = 0.01
+"""Pixels between places that Python and the page find by the same steps in the same image."""
 CORNERS_PX = 0.1
 """Pixels between corners that iterations of another resolution have moved onto edges, patches or
 pilots, or between points that such a motion moves."""
 ALIGNED_PX = 0.05
 """Pixels between corners that were aligned to patches, and between points of the same patches."""
-BLOCKS_PX = 0.02
-"""Layout pixels between points that were moved by all blocks of a display."""
 MOVED_PX = 1e-3
 """Pixels between points that were moved by the same homography, of which Python has float32."""
 DECODED_PX = 2e-3
 """Layout pixels between corners that were moved to where decoded blocks lie."""
-OUTLINE_PX = 0.01
-"""Pixels between corners of the outline of what toggles."""
 FOUND_PX = 0.3
 """Pixels between corners of a display that both searches find."""
 TRUE_PX = 3.0
 """Pixels between a corner that is found and the true one, whatever is in view."""
-FOUND_PATCH_PX = 0.01
-"""Pixels between places of patches that both searches find."""
-SAME_SNAP_PX = 0.01
-"""Pixels between sides that snap to the same edges."""
 SNAPPED_PX = 1.5
 """Pixels between sides that snap to edges: steps of a pixel are tried, and two may be as good."""
 SEARCH_SCORE = 0.01
@@ -118,8 +103,6 @@ VISIBILITY = 1e-3
 SIDE_FEATURES = 0.03
 """Absolute difference between shares of a side's places: one whose step is as large as the least
 that counts may be counted or not."""
-EVIDENCE = 1e-6
-"""Absolute difference between evidences of pilots, of order 1 to 100, from the same float64."""
 PILOT_CHANGE = 2e-3
 """Gray levels between amplitudes in maps of what toggles, after float32 sums over frames."""
 TOGGLE_WORTH = 1e-2

@@ -5,15 +5,7 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 from port import same
-from tolerances import (
-    CLOCK_EVIDENCE,
-    CLOCK_FIT,
-    CLOCK_PERIODS,
-    CLOCK_STATE,
-    FLOAT32_LEVELS,
-    FLOAT64,
-    SAME_STEPS,
-)
+from tolerances import CLOCK_EVIDENCE, CLOCK_STATE, FITTED, FLOAT32_SUM, FLOAT64, SAME_STEPS
 
 from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
@@ -95,13 +87,13 @@ def test_clocks_are_fitted_to_windows(name, port):
         (ported.follow(begun), window.follow(start)),
     ):
         period = fit.clock.period
-        same(numbers_of(found.clock), astuple(fit.clock), CLOCK_PERIODS * period)
-        same(found.covariance, fit.covariance, CLOCK_PERIODS * period**2)
+        same(numbers_of(found.clock), astuple(fit.clock), FITTED * period)
+        same(found.covariance, fit.covariance, FITTED * period**2)
         same(found.evidence, fit.evidence, CLOCK_EVIDENCE)
-        same(found.amplitude, fit.amplitude, CLOCK_FIT)
-        same(found.r2, fit.r2, CLOCK_FIT)
-        same(found.noise.deviation, fit.noise.deviation, CLOCK_FIT)
-        same(found.noise.correlation, fit.noise.correlation, CLOCK_FIT)
+        same(found.amplitude, fit.amplitude, FITTED)
+        same(found.r2, fit.r2, FITTED)
+        same(found.noise.deviation, fit.noise.deviation, FITTED)
+        same(found.noise.correlation, fit.noise.correlation, FITTED)
         same(found.phaseError(1.5), fit.phase_error(1.5), CLOCK_STATE)
 
 
@@ -125,7 +117,7 @@ def test_a_synchroniser_finds_the_clock_holds_it_and_keeps_its_numbers(port):
         sync.add(time, values)
         ported.add(time, values)
         found = ported.clock and numbers_of(ported.clock)
-        same(found, sync.clock and astuple(sync.clock), CLOCK_FIT)
+        same(found, sync.clock and astuple(sync.clock), FITTED)
         state = [sync.slips, sync.r2, sync.held, min(sync.phase_error(time), 1e9)]
         error = min(ported.phaseError(time), 1e9)
         same([ported.slips, ported.r2, ported.held, error], state, CLOCK_STATE)
@@ -150,5 +142,5 @@ def test_toggles_are_those_of_python(name, port):
     same(ported.places, toggles.places, SAME_STEPS)
     measured = [toggles.measure(frame) for frame in frames]
     found = [ported.measure(frame) for frame in frames]
-    same(found, measured, FLOAT32_LEVELS)
-    same(ported.overTime(found), toggles.over_time(np.array(measured)), FLOAT32_LEVELS)
+    same(found, measured, FLOAT32_SUM)
+    same(ported.overTime(found), toggles.over_time(np.array(measured)), FLOAT32_SUM)

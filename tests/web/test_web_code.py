@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from port import Port, same
-from tolerances import CODE_SCORE
+from tolerances import FLOAT32_SUM
 
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
 from link.code.framing import code_of, decode, encode, parity_mask, signatures
@@ -114,7 +114,7 @@ def test_shapes_and_frames_of_fine_grids(port: Port, n_bits: int) -> None:
     found = ported.whitening(4095) & 1
     found[shape.head[:48]] = ported.numberWhitening
     same(found, white)
-    same(module.numberLikelihoods(scores), number_likelihoods(scores), CODE_SCORE)
+    same(module.numberLikelihoods(scores), number_likelihoods(scores), FLOAT32_SUM)
     coded = np.where(white, -scores, scores)[shape.rest]
     same(module.ReadFrame(scores, 4095).coded, coded)
 
@@ -139,7 +139,7 @@ def test_terms(port: Port, values: tuple[int, int, int]) -> None:
 
 def test_words(port: Port) -> None:
     scores = np.random.default_rng(2).normal(0, 3, 48).astype(np.float32)
-    same(port("link/code/words.js").weighWord(scores), weigh_words(scores[None])[0], CODE_SCORE)
+    same(port("link/code/words.js").weighWord(scores), weigh_words(scores[None])[0], FLOAT32_SUM)
 
 
 @pytest.mark.parametrize("information", [256, 5616, 16384])

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from port import Port, differences, same
 from tolerances import (
     FLOAT64,
-    FLOW_PX,
     GROWN_MEAN,
     RECTIFIED_MEAN,
     ROUNDED_LEVELS,
+    SAME_PX,
     SAME_STEPS,
     SHRUNK_LEVELS,
     SHRUNK_MEAN,
@@ -176,4 +176,4 @@ def test_points_are_followed(
     found = flow.follow(second, begun.tolist())
     same(found.found, status)
     kept = status[:, 0] == 1
-    same(np.array(found.moved)[kept], moved[kept], FLOW_PX)
+    same(np.array(found.moved)[kept], moved[kept], SAME_PX)

@@ -20,9 +20,8 @@ from tolerances import (
     ALIGNED_PX,
     CORNERS_PX,
     FLOAT64,
-    FOUND_PATCH_PX,
     FOUND_PX,
-    SAME_SNAP_PX,
+    SAME_PX,
     SEARCH_SCORE,
     SIDE_FEATURES,
     SNAPPED_PX,
@@ -92,7 +91,7 @@ def test_what_the_sides_show_and_snap_to(port: Port, gray: Gray, rng: np.random.
     snapped = [edges.snapToEdges(blurred, quad.tolist(), 5) for quad in quads]
     off = np.abs(snapped - snap_to_edges(smooth, quads, 5.0)).max(axis=(1, 2))
     # steps of a pixel are tried, and two of them may be as good
-    assert (off < SAME_SNAP_PX).mean() >= 0.8, off
+    assert (off < SAME_PX).mean() >= 0.8, off
     assert off.max() < SNAPPED_PX, off
 
     for quad in quads:
@@ -109,7 +108,7 @@ def test_patches_are_found(port: Port, gray: Gray, rng: np.random.Generator) -> 
         promise, places = search_patches(pyramid, corners, LAYOUT)
         found = module.searchPatches(ported, corners.tolist(), LAYOUT)
         same(found.promise, promise, SEARCH_SCORE)
-        same(found.found, places, FOUND_PATCH_PX)
+        same(found.found, places, SAME_PX)
         moved = module.cornersFromPatches(corners.tolist(), found.found, LAYOUT)
         same(moved, corners_from_patches(corners, places, LAYOUT), CORNERS_PX)
     in_view = module.patchesInView(cut.tolist(), LAYOUT, WIDTH, HEIGHT)

@@ -7,18 +7,17 @@ from numpy.typing import NDArray
 from pilot_films import FINE, MOVING_OUTLINE, block_views, moving_picture, texture
 from port import Port, differences, same
 from tolerances import (
-    BLOCKS_PX,
-    CODE_SCORE,
     CORNERS_PX,
-    EVIDENCE,
-    FLOAT32_LEVELS,
+    FITTED,
+    FLOAT32_SUM,
     FLOAT64,
     FOUND_PX,
     MOVED_PX,
-    OUTLINE_PX,
     PILOT_CHANGE,
+    SAME_PX,
     SAME_STEPS,
     STILL_MEAN,
+    SUBPIXEL_PX,
     TOGGLE_WORTH,
     VIEW_MEAN,
 )
@@ -118,7 +117,7 @@ def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float
     values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
     same(module.pilotSigns(FINE), signs)
     found = module.pilotEvidence(list(values), FINE, at.tolist())
-    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), EVIDENCE)
+    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), FITTED)
 
 
 @pytest.mark.parametrize(
@@ -127,8 +126,8 @@ def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float
 def test_values_of_pilots_in_a_frame(port: Port, layout: Layout, size: tuple[int, int]) -> None:
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
     module = port(EVIDENCE_JS)
-    same(module.standingOut(gray, layout), standing_out(gray, layout), FLOAT32_LEVELS)
-    same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_LEVELS)
+    same(module.standingOut(gray, layout), standing_out(gray, layout), FLOAT32_SUM)
+    same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_SUM)
 
 
 @pytest.mark.parametrize("slope", [(3.2, 0.0), (0.0, -1.4)])
@@ -206,7 +205,7 @@ def test_maps_without_slope(port: Port, layout: Layout) -> None:
     change = np.random.default_rng(2).normal(0, 1, size[::-1]).astype(np.float32)
     block = np.array([size[0] / layout.cols, size[1] / layout.rows])
     found = module.withoutSlope(change, block.tolist())
-    same(found, without_slope(change, block), FLOAT32_LEVELS)
+    same(found, without_slope(change, block), FLOAT32_SUM)
 
 
 @pytest.mark.parametrize(
@@ -232,7 +231,7 @@ def test_corners_move_by_all_blocks(
         assert run(ported.moveSteps()) == settled
         if settled:
             break
-    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), BLOCKS_PX)
+    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), SUBPIXEL_PX)
 
 
 def test_corners_climb_to_the_pilots(port: Port) -> None:
@@ -272,9 +271,9 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
     frequencies = (0.25, 0.0, 0.5)
     outlines = [toggle_map.outline(frequency) for frequency in frequencies]
     for number in (4, 12):
-        same(ported.logPower(number), toggle_map._logs[number], CODE_SCORE)
+        same(ported.logPower(number), toggle_map._logs[number], FLOAT32_SUM)
     for frequency, outline in zip(frequencies, outlines, strict=True):
-        same(ported.outline(frequency), outline, OUTLINE_PX)
+        same(ported.outline(frequency), outline, SAME_PX)
     right = np.array([[80.0, 50.0], [208.0, 50.0], [208.0, 146.0], [80.0, 146.0]])
     quads = [right, right + 30, right[::-1] - 9, right[[0, 2, 1, 3]]]
     worths = [toggle_map.worth(quad) for quad in quads]
