@@ -146,7 +146,7 @@ def test_without_node_one_line_says_what_to_install(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_node_complains_about_becomes_one_line(tmp_path, monkeypatch):
+def test_what_node_complains_about_becomes_one_line(node, tmp_path, monkeypatch):
     monkeypatch.setattr(site, "WEB", tmp_path)
     (tmp_path / "fail.mjs").write_text("throw new Error('no such colour');")
     with pytest.raises(InputError, match=r"node fail.mjs failed in .*: .*Error: no such colour$"):
