@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import pytest
 from filelock import FileLock
@@ -16,6 +16,7 @@ from hypothesis import settings
 
 if TYPE_CHECKING:  # imported where they are used: the process that starts the workers needs none
     from playwright.sync_api import Browser, Page
+    from port import Port
 
     from export.runtime import Decoder
     from link.frames import Captured, Rectified
@@ -63,6 +64,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     long = ("commands_of_the_readme", "exported_graph", "test_train", "trained")
     items.sort(key=lambda item: not any(name in item.nodeid for name in long))
+
+
+def lacking(what: str, reason: str) -> NoReturn:
+    """Skip a test for something that this machine lacks, or fail where it is required.
+
+    The environment variable OORC_REQUIRE names what is: node, chromium, or both.
+    """
+    if what in os.environ.get("OORC_REQUIRE", "").split():
+        pytest.fail(f"{reason}, and OORC_REQUIRE says that {what} must be there")
+    pytest.skip(reason)
 
 
 @pytest.fixture(scope="session")
@@ -238,27 +249,69 @@ def refuses(command: Command) -> Refuses:
     return run
 
 
-# A browser
+# Node.js and a browser
+
+
+@pytest.fixture(scope="session")
+def node() -> None:
+    """What needs Node.js and the page's packages; tests that do are skipped where there is none."""
+    if shutil.which("node") is None or not (ROOT / "export" / "web" / "node_modules").is_dir():
+        lacking("node", "needs Node.js, and `npm ci` in export/web")
+    from export.web.constants import write_constants
+
+    write_constants()
+
+
+@pytest.fixture(scope="session")
+def node_process(node: None) -> "Iterator[Port]":
+    from port import Port
+
+    process = Port()
+    yield process
+    process.close()
+
+
+@pytest.fixture
+def port(node_process: "Port") -> "Iterator[Port]":
+    """The page's JavaScript; objects that a test makes there are forgotten after it."""
+    yield node_process
+    node_process.ask(None)
+
+
+@pytest.fixture(scope="session")
+def site(node: None, make_once: MakeOnce) -> Path:
+    """Folder of the page, built once a session."""
+    from export.web.site import build_site
+
+    return make_once("site", lambda empty: build_site(empty / "web")) / "web"
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """Path of the machine's Chromium; tests that need it are skipped where there is none."""
+    from lab.films.browser import BROWSERS, find_browser
+
+    executable = find_browser()
+    if executable is None:
+        lacking("chromium", f"needs a browser: found none of {', '.join(BROWSERS)}")
+    return executable
 
 
 @pytest.fixture(scope="module")
-def browser() -> "Iterator[Browser]":
-    """The machine's Chromium without a window; tests that need it are skipped where there is none.
+def browser(chromium: str) -> "Iterator[Browser]":
+    """A browser without a window.
 
     One for each module, not for the session: Playwright keeps an event loop in this thread while it
     runs, and Dask's tests should not meet it.
     """
-    from lab.films.browser import BROWSER_FLAGS, BROWSERS, find_browser
-
-    executable = find_browser()
-    if executable is None:
-        pytest.skip(f"needs a browser: found none of {', '.join(BROWSERS)}")
     from playwright.sync_api import sync_playwright
 
+    from lab.films.browser import BROWSER_FLAGS
+
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=executable, args=BROWSER_FLAGS)
-        yield chromium
-        chromium.close()
+        running = playwright.chromium.launch(executable_path=chromium, args=BROWSER_FLAGS)
+        yield running
+        running.close()
 
 
 OpenWindow = Callable[..., "Page"]

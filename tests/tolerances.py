@@ -42,3 +42,82 @@ step of them is 1.7e-5."""
 CDTF_LEVELS = 3.0
 """Gray levels between a measured transfer function and the simulated one. The pose is drawn within
 1 degree, which changes the light by 2 to 4 % at 45 degrees; 2 gray levels were measured."""
+
+# Between the page's JavaScript and Python
+
+SAME_STEPS = 1e-12
+"""Absolute error of quantities of order 1 that both compute in float64 by the same operations."""
+FLOAT32_SUM = 1e-4
+"""Absolute difference between sums of some hundred terms of order 1 to 100, which the two take in
+float32 in another order: log-likelihood ratios, mean gray levels."""
+FITTED = 1e-6
+"""Absolute difference between numbers of order 1 that iterations in float64 have settled on, which
+end where the last bits decide; for the parameters of a clock, in periods."""
+CLOCK_STATE = 1e-5
+"""Absolute difference between phase errors, and between what a synchroniser says of its clock; both
+follow from many fits."""
+CLOCK_EVIDENCE = 1e-3
+"""Absolute difference between evidences of clocks, which are of order 100 to 1000."""
+SHRUNK_LEVELS = 1e-3
+"""Gray levels between pixels of order 100 after float32 interpolation."""
+ROUNDED_LEVELS = 1
+"""Gray levels by which a pixel of 8 bits may differ where interpolation falls between two."""
+SHRUNK_MEAN = 2e-3
+"""Mean difference in gray levels of images that were shrunk to 8 bits: few pixels round apart."""
+GROWN_MEAN = 0.2
+"""Mean difference in gray levels of images that grew: OpenCV interpolates bytes with whole numbers,
+which round a little differently."""
+RECTIFIED_MEAN = 0.05
+"""Mean difference in gray levels of rectified images, of which few pixels round apart."""
+STATE_MEAN = 0.01
+"""Mean difference in gray levels of states that were put together from frames."""
+STILL_MEAN = 0.3
+"""Mean difference in gray levels of frames that were warped to lie still."""
+VIEW_MEAN = 3.0
+"""Mean difference in gray levels of small views of a texture, whose deviation is 20."""
+STATE_PURITY = 1e-6
+"""Absolute difference between means of a state's purity over blocks: float32 in Python."""
+Y4M_SECONDS = 1e-6
+"""Seconds between times of frames, which films state with six digits."""
+SAME_PX = 0.01
+"""Pixels between places that Python and the page find by the same steps in the same image."""
+CORNERS_PX = 0.1
+"""Pixels between corners that iterations of another resolution have moved onto edges, patches or
+pilots, or between points that such a motion moves."""
+ALIGNED_PX = 0.05
+"""Pixels between corners that were aligned to patches, and between points of the same patches."""
+MOVED_PX = 1e-3
+"""Pixels between points that were moved by the same homography, of which Python has float32."""
+DECODED_PX = 2e-3
+"""Layout pixels between corners that were moved to where decoded blocks lie."""
+FOUND_PX = 0.3
+"""Pixels between corners of a display that both searches find."""
+TRUE_PX = 3.0
+"""Pixels between a corner that is found and the true one, whatever is in view."""
+SNAPPED_PX = 1.5
+"""Pixels between sides that snap to edges: steps of a pixel are tried, and two may be as good."""
+SEARCH_SCORE = 0.01
+"""Absolute difference between scores of a search, which are of order 1."""
+VISIBILITY = 1e-3
+"""Absolute difference between correlations of patches at corners that were found."""
+SIDE_FEATURES = 0.03
+"""Absolute difference between shares of a side's places: one whose step is as large as the least
+that counts may be counted or not."""
+PILOT_CHANGE = 2e-3
+"""Gray levels between amplitudes in maps of what toggles, after float32 sums over frames."""
+TOGGLE_WORTH = 1e-2
+"""Absolute difference between worths of outlines, which sum a float32 map over many pixels."""
+PILOTS_FOUND_PX = 1.5
+"""Pixels by which the page's corners may be farther from the truth than Python's: an eighth of the
+blocks of these films. Whether a move of the corners made the display surer is decided by noise
+where it was sure before."""
+PILOTS_CLOSE_PX = 4.0
+"""Pixels between pilots' corners and the true ones: a third of a block. Decoded blocks mend what is
+left."""
+FOLLOWED_PX = 0.7
+"""Pixels between the corners of a display that is followed by its patches and the true ones."""
+CORNERS_WORSE_PX = 0.5
+"""Mean distance in pixels, along each axis, by which the page's corners of a film may be farther
+from the truth than Python's."""
+CLOCKS_APART = 0.05
+"""Share by which rates of states may differ; the first fit looks back a second or less."""

@@ -4,13 +4,13 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from web_fixtures import run_node_tests, write_fixture
+from port import same
+from tolerances import CLOCK_EVIDENCE, CLOCK_STATE, FITTED, FLOAT32_SUM, FLOAT64, SAME_STEPS
 
 from export.receive.timing.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
 from export.receive.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
 from export.receive.timing.toggles import PatchToggles, make_toggles
-from export.web.tables import layout_table
 from link.embed import embed
 from link.layout import make_layout
 from link.presets import PRESETS
@@ -18,6 +18,11 @@ from link.presets import PRESETS
 PATCHES = PatchToggles(make_layout())
 GRID = np.stack(np.meshgrid(*2 * [np.arange(4) / 4 + 0.125]), axis=-1).reshape(-1, 2)
 """Places, x and y in [0, 1], as those of pilots."""
+
+
+def numbers_of(clock):
+    """Period, start, delays and shutter of a clock of the page, in the order of Python's."""
+    return [clock.period, clock.start, clock.delayX, clock.delayY, clock.shutter]
 
 
 def toggles_of(clock, times, places, rng, noise, correlation=0.0, amplitude=3.0):
@@ -30,47 +35,71 @@ def toggles_of(clock, times, places, rng, noise, correlation=0.0, amplitude=3.0)
     return amplitude * wave + noise * left + drift + np.arange(len(places))
 
 
-def fit_values(fit):
-    return {
-        "clock": np.array(astuple(fit.clock)),
-        "evidence": fit.evidence,
-        "amplitude": fit.amplitude,
-        "r2": fit.r2,
-        "covariance": fit.covariance,
-        "deviation": fit.noise.deviation,
-        "correlation": fit.noise.correlation,
-        "phase_error": fit.phase_error(1.5),
-    }
+def test_shares_of_exposures(port):
+    clock, module = DisplayClock(0.1, 0.02, 0.003, 0.02, 0.04), port("receive/timing/clock.js")
+    numbers, times = np.array(astuple(clock)), np.arange(9) / 7
+    ported = module.DisplayClock(*numbers)
+    for state in range(3):
+        same(ported.shares(0.08, GRID, state), clock.shares(0.08, GRID, state), SAME_STEPS)
+    embedded = embedded_share(numbers[None], times, GRID)[0]
+    same(module.embeddedShare(numbers, times, GRID), embedded, SAME_STEPS)
+    same(ported.number(0.3), clock.number(0.3), SAME_STEPS)
+    for name in ("latest", "earliest", "centre"):
+        same(getattr(ported, name), getattr(clock, name), SAME_STEPS)
+    for at in ((1.0, 30.0), (4.0, 30.0), (4.0, 240.0)):
+        needed = port("receive/timing/synchronise.js").neededEvidence(*at)
+        same(needed, needed_evidence(*at), FLOAT64)
 
 
-def window_fixture(clock, fps, seconds, places, seed, hidden=0.0, jitter=0.0, **noise):
-    rng = np.random.default_rng(seed)
+WINDOWS = {
+    "fast": (DisplayClock(1 / 15.1, 0.1, 0.004, -0.012, 1 / 60), 30.0, 1.5, PATCHES.places),
+    "slow": (DisplayClock(1 / 2.1, 0.3, 0.0, 0.015, 1 / 60), 30.0, 4.0, PATCHES.places),
+    "hidden": (DisplayClock(1 / 29.8, 0.123, 0.0, 0.01, 0.01), 60.0, 1.0, GRID),
+}
+"""A clock, frames a second, seconds, and places that toggle."""
+NOISE = {
+    "fast": {"noise": 0.4},
+    "slow": {"noise": 0.6, "correlation": 0.6, "amplitude": 1.5},
+    "hidden": {"noise": 1.0},
+}
+
+
+@pytest.mark.parametrize("name", WINDOWS)
+def test_clocks_are_fitted_to_windows(name, port):
+    clock, fps, seconds, places = WINDOWS[name]
+    rng = np.random.default_rng([*WINDOWS].index(name) + 1)
     times = np.arange(int(seconds * fps)) / fps + 7.3
-    times += rng.uniform(-jitter, jitter, len(times)) / fps
-    toggles = toggles_of(clock, times, places, rng, **noise)
-    toggles[rng.random(toggles.shape) < hidden] = np.nan
-    if hidden:
+    if name == "slow":
+        times += rng.uniform(-0.2, 0.2, len(times)) / fps
+    toggles = toggles_of(clock, times, places, rng, **NOISE[name])
+    if name == "hidden":
+        toggles[rng.random(toggles.shape) < 0.05] = np.nan
         toggles[5:, 1] = np.nan
         toggles[9, 0] += 60
     window = ToggleWindow(times, toggles, places, fps)
-    found = window.search()
+    ported = port("receive/timing/fit.js").ToggleWindow(times, list(toggles), places, fps)
+    same(ported.placesSeen, window.places_seen)
+    same(ported.deviation, window.deviation, FLOAT64)
     start = replace(clock, start=clock.start - window.middle, period=1.0004 * clock.period)
-    return {
-        "times": times,
-        "toggles": toggles,
-        "places": places,
-        "fps": fps,
-        "start": np.array(astuple(start)),
-        "deviation": window.deviation,
-        "places_seen": window.places_seen,
-        "search": fit_values(found),
-        "follow": fit_values(window.follow(start)),
-    }
+    begun = port("receive/timing/clock.js").DisplayClock(*astuple(start))
+    for found, fit in (
+        (ported.search(), window.search()),
+        (ported.follow(begun), window.follow(start)),
+    ):
+        period = fit.clock.period
+        same(numbers_of(found.clock), astuple(fit.clock), FITTED * period)
+        same(found.covariance, fit.covariance, FITTED * period**2)
+        same(found.evidence, fit.evidence, CLOCK_EVIDENCE)
+        same(found.amplitude, fit.amplitude, FITTED)
+        same(found.r2, fit.r2, FITTED)
+        same(found.noise.deviation, fit.noise.deviation, FITTED)
+        same(found.noise.correlation, fit.noise.correlation, FITTED)
+        same(found.phaseError(1.5), fit.phase_error(1.5), CLOCK_STATE)
 
 
-def run_fixture(fps, seconds, seed):
-    """A synchroniser's clock after each frame, through a weak spell, a pause, and a new start."""
-    rng = np.random.default_rng(seed)
+def test_a_synchroniser_finds_the_clock_holds_it_and_keeps_its_numbers(port):
+    """Through a weak spell, a pause, and a new start."""
+    rng, fps, seconds = np.random.default_rng(5), 30.0, 9.0
     clock = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
     times = np.arange(int(seconds * fps)) / fps
     toggles = toggles_of(clock, times, PATCHES.places, rng, 0.4)
@@ -81,108 +110,37 @@ def run_fixture(fps, seconds, seed):
     again = times > 0.7 * seconds + 1.5 * AWAY_S
     toggles[again] = toggles_of(late, times[again], PATCHES.places, rng, 0.4)
     seen = (times < 0.7 * seconds) | again
-    times, toggles = times[seen], toggles[seen]
     sync = Synchroniser(fps, PATCHES)
-    clocks, states = [], []
-    for time, values in zip(times, toggles, strict=True):
+    meter = port("receive/timing/toggles.js").PatchToggles(PATCHES.layout)
+    ported = port("receive/timing/synchronise.js").Synchroniser(fps, meter)
+    for time, values in zip(times[seen], toggles[seen], strict=True):
         sync.add(time, values)
-        clocks.append(5 * [-1.0] if sync.clock is None else list(astuple(sync.clock)))
-        error = min(sync.phase_error(time), 1e9)
-        states.append([sync.slips, sync.r2, float(sync.held), error])
-    best = sync.best
-    return {
-        "fps": fps,
-        "times": times,
-        "toggles": toggles,
-        "layout": layout_table(PATCHES.layout),
-        "clocks": np.array(clocks),
-        "states": np.array(states),
-        "best": [best.strength, best.amplitude, best.state_hz, best.deviation],
-    }
+        ported.add(time, values)
+        found = ported.clock and numbers_of(ported.clock)
+        same(found, sync.clock and astuple(sync.clock), FITTED)
+        state = [sync.slips, sync.r2, sync.held, min(sync.phase_error(time), 1e9)]
+        error = min(ported.phaseError(time), 1e9)
+        same([ported.slips, ported.r2, ported.held, error], state, CLOCK_STATE)
+    best = ported.best
+    found = [best.strength, best.amplitude, best.stateHz, best.deviation]
+    same(found, astuple(sync.best), CLOCK_STATE)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("clock")
-    clock = DisplayClock(0.1, 0.02, 0.003, 0.02, 0.04)
-    write_fixture(
-        folder,
-        "shares",
-        {
-            "clock": np.array(astuple(clock)),
-            "places": GRID,
-            "shares": np.array([clock.shares(0.08, GRID, state) for state in range(3)]),
-            "embedded": embedded_share(np.array([astuple(clock)]), np.arange(9) / 7, GRID)[0],
-            "numbers": [clock.number(0.3), clock.latest, clock.earliest, clock.centre],
-            "needed": [needed_evidence(*at) for at in ((1.0, 30.0), (4.0, 30.0), (4.0, 240.0))],
-        },
-    )
-    camera = 1 / 30
-    write_fixture(
-        folder,
-        "windows",
-        [
-            window_fixture(
-                DisplayClock(1 / 15.1, 0.1, 0.004, -0.012, camera / 2),
-                30.0,
-                1.5,
-                PATCHES.places,
-                1,
-                noise=0.4,
-            ),
-            window_fixture(
-                DisplayClock(1 / 2.1, 0.3, 0.0, 0.015, camera / 2),
-                30.0,
-                4.0,
-                PATCHES.places,
-                2,
-                noise=0.6,
-                correlation=0.6,
-                jitter=0.2,
-                amplitude=1.5,
-            ),
-            window_fixture(
-                DisplayClock(1 / 29.8, 0.123, 0.0, 0.01, 0.01),
-                60.0,
-                1.0,
-                GRID,
-                3,
-                noise=1.0,
-                hidden=0.05,
-            ),
-        ],
-    )
-    write_fixture(folder, "run", run_fixture(30.0, 9.0, 5))
-    return folder
-
-
-def test_toggles_are_those_of_python(tmp_path):
-    rng = np.random.default_rng(7)
-    known = []
-    for name in ("paper", "robust"):
-        layout = PRESETS[name].layout
-        picture = rng.integers(90, 160, (layout.height // 32, layout.width // 32), np.uint8)
-        picture = picture.repeat(32, axis=0).repeat(32, axis=1)
-        shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, 3)
-        frames = [
-            (frame + rng.normal(0, 2, frame.shape)).clip(0, 255).astype(np.uint8)
-            for frame in (shown.original, shown.embedded, shown.original)
-        ]
-        frames[2][: layout.height // 8, : layout.width // 8] = 90  # covers a patch
-        toggles = make_toggles(layout)
-        measured = [toggles.measure(frame) for frame in frames]
-        known.append(
-            {
-                "layout": layout_table(layout),
-                "frames": frames,
-                "places": toggles.places,
-                "measured": measured,
-                "toggles": toggles.over_time(np.array(measured)),
-            }
-        )
-    write_fixture(tmp_path, "toggles", known)
-    run_node_tests("toggles", tmp_path)
-
-
-def test_clocks_are_those_of_python(folder):
-    run_node_tests("clock", folder)
+@pytest.mark.parametrize("name", ["paper", "robust"])
+def test_toggles_are_those_of_python(name, port):
+    rng, layout = np.random.default_rng(7), PRESETS[name].layout
+    picture = rng.integers(90, 160, (layout.height // 32, layout.width // 32), np.uint8)
+    picture = picture.repeat(32, axis=0).repeat(32, axis=1)
+    shown = embed(picture, rng.integers(0, 2, layout.n_bits), layout, 3)
+    frames = [
+        (frame + rng.normal(0, 2, frame.shape)).clip(0, 255).astype(np.uint8)
+        for frame in (shown.original, shown.embedded, shown.original)
+    ]
+    frames[2][: layout.height // 8, : layout.width // 8] = 90  # covers a patch
+    toggles = make_toggles(layout)
+    ported = port("receive/timing/toggles.js").makeToggles(layout)
+    same(ported.places, toggles.places, SAME_STEPS)
+    measured = [toggles.measure(frame) for frame in frames]
+    found = [ported.measure(frame) for frame in frames]
+    same(found, measured, FLOAT32_SUM)
+    same(ported.overTime(found), toggles.over_time(np.array(measured)), FLOAT32_SUM)

@@ -1,11 +1,12 @@
 """The page turns scores into bits, bits into words, and codewords into messages as Python does."""
 
 import zlib
-from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, same
+from tolerances import FLOAT32_SUM
 
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
 from link.code.framing import code_of, decode, encode, parity_mask, signatures
@@ -22,167 +23,161 @@ def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> ND
     return np.asarray(scores, np.float32)
 
 
-def test_numbers_and_texts(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    numbers = np.concatenate([np.arange(50), rng.integers(0, 2**32, 50)])
-    texts = [
-        "Grüße, 你好 🙂".encode(),
-        b"\xef\xbb\xbfmark",
-        bytes(range(256)),
-        "🙂".encode()[:3] + b"A",
-        b"\xed\xa0\x80 \xc0\xaf \xf4\x90\x80\x80 \xe2\x82",
-        *(rng.bytes(60) for _ in range(5)),
-        *(
-            bytes(rng.choice([0x41, 0x80, 0xBF, 0xC3, 0xE2, 0xED, 0xF0, 0xF4], 60))
-            for _ in range(9)
-        ),
-    ]
-    fixture = {
-        "numbers": numbers.astype(float),
-        "words": [
-            {
-                "seed": seed,
-                "words": [f"{word:016x}" for word in scrambled(numbers, seed).tolist()],
-                "order": np.argsort(scrambled(np.arange(3000), seed), kind="stable"),
-            }
-            for seed in (0, 13, 1005, 2**24 - 1)
-        ],
-        "texts": [
-            {
-                "data": np.frombuffer(data, np.uint8),
-                "text": Message(data, 1, 1, 1.0).text,
-                "crc": zlib.crc32(data),
-                "mark": mark_of(data),
-            }
-            for data in texts
-        ],
-    }
-    write_fixture(tmp_path, "numbers", fixture)
-    run_node_tests("codeNumbers", tmp_path)
+@pytest.mark.parametrize("seed", [0, 13, 1005, 2**24 - 1])
+def test_numbers_are_scrambled(port: Port, seed: int) -> None:
+    drawn = np.random.default_rng(0).integers(0, 2**32, 50)
+    numbers, ported = np.concatenate([np.arange(50), drawn]), port("link/code/scrambled.js")
+    found = ported.scrambled(numbers.astype(np.uint32), seed)
+    words = [int(high) << 32 | int(low) for high, low in zip(found.high, found.low, strict=True)]
+    assert words == scrambled(numbers, seed).tolist()
+    order = np.argsort(scrambled(np.arange(3000), seed), kind="stable")
+    same(ported.shuffled(3000, seed), order)
 
 
-def test_coarse_grids(tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    codes = []
-    for information, parity in ((8, 9), (72, 81), (400, 416)):
-        code = make_code(information, parity)
-        bits = rng.integers(0, 2, information)
-        codes.append(
-            {
-                "information": information,
-                "parity": parity,
-                "bit": code.bit,
-                "starts": code.starts,
-                "bits": bits.astype(np.uint8),
-                "codeword": code.encode(bits),
-            }
-        )
-    code = code_of(9, 59)
-    words = []
+RNG = np.random.default_rng(0)
+TEXTS = [
+    b"plain",
+    "Grüße, 你好 🙂".encode(),
+    b"\xef\xbb\xbfmark",
+    bytes(range(256)),
+    "🙂".encode()[:3] + b"A",
+    b"\xff\x00a",
+    b"a\xc3",
+    b"\xf0\x9f\x98",
+    b"\xed\xa0\x80 \xc0\xaf \xf4\x90\x80\x80 \xe2\x82",
+    *(RNG.bytes(60) for _ in range(5)),
+    *(bytes(RNG.choice([0x41, 0x80, 0xBF, 0xC3, 0xE2, 0xED, 0xF0, 0xF4], 60)) for _ in range(9)),
+]
+
+
+@pytest.mark.parametrize("data", TEXTS, ids=range(len(TEXTS)))
+def test_texts_and_their_sums(port: Port, data: bytes) -> None:
+    crc32, bits = port("link/code/crc.js").crc32, port("link/code/bits.js")
+    assert crc32(data) == crc32(data[3:], crc32(data[:3])) == zlib.crc32(data)
+    assert port("link/code/fine.js").markOf(data) == mark_of(data)
+    for module in ("link/code/message.js", "page/text.js"):
+        assert port(module).textOf(data) == Message(data, 1, 1, 1.0).text
+    same(bits.unpackBits(data), np.unpackbits(np.frombuffer(data, np.uint8)))
+    assert bytes(bits.packBits(bits.unpackBits(data))) == data
+
+
+@pytest.mark.parametrize(("information", "parity"), [(8, 9), (72, 81), (400, 416)])
+def test_graphs_and_codewords(port: Port, information: int, parity: int) -> None:
+    code = make_code(information, parity)
+    ported = port("link/code/ldpc.js").makeCode(information, parity)
+    bits = np.random.default_rng(1).integers(0, 2, information).astype(np.uint8)
+    same(ported.checks.members, code.bit)
+    same(ported.checks.starts, [*code.starts, len(code.bit)])
+    same(ported.encode(bits), code.encode(bits))
+
+
+def test_codewords_are_found_where_python_finds_them(port: Port) -> None:
+    rng, code = np.random.default_rng(1), code_of(9, 59)
+    ported = port("link/code/ldpc.js").makeCode(code.information, 9 * 51 - code.information)
+    assert code.information == 8 * port("link/code/framing.js").informationBytes(9, 59)
+    found = []
     for ber in (0.001, 0.02, 0.05, 0.08, 0.3):
         bits = code.encode(rng.integers(0, 2, code.information))
         llr = noisy(bits, ber, rng).astype(float)
         llr[:4] = [np.nan, *np.copysign([np.inf, np.inf, 1e300], bits[1:4] - 0.5)]
-        words.append({"llr": llr, "codeword": code.decode(llr)})
-    assert {word["codeword"] is None for word in words} == {True, False}
-    loops = []
-    for n_bytes, n_bits in ((1, 16), (5, 59), (40, 59), (30, 251)):
-        message = rng.bytes(n_bytes)
-        bits = encode(message, n_bits)
-        read = {}
-        for ber in (0.001, 0.03, 0.3):
-            scores = noisy(bits, ber, rng).astype(float)
-            read[str(ber)] = {"scores": scores, "message": as_bytes(decode(scores))}
-        loops.append(
-            {
-                "message": as_bytes(message),
-                "n_bits": n_bits,
-                "bits": bits,
-                "signatures": signatures(len(bits)),
-                "parity": parity_mask(len(bits), n_bits),
-                "read": list(read.values()),
-            }
-        )
-    write_fixture(tmp_path, "coarse", {"codes": codes, "words": words, "loops": loops})
-    run_node_tests("codeCoarse", tmp_path)
+        found.append(code.decode(llr))
+        same(ported.decode(llr), found[-1])
+    assert {codeword is None for codeword in found} == {True, False}
 
 
-def as_bytes(data: bytes | None) -> NDArray[np.uint8] | None:
-    return None if data is None else np.frombuffer(data, np.uint8)
+@pytest.mark.parametrize(("n_bytes", "n_bits"), [(1, 16), (5, 59), (40, 59), (30, 251)])
+def test_loops_of_coarse_grids(port: Port, n_bytes: int, n_bits: int) -> None:
+    rng, ported = np.random.default_rng(1), port("link/code/framing.js")
+    message = rng.bytes(n_bytes)
+    bits = encode(message, n_bits)
+    assert ported.framesNeeded(n_bytes, n_bits) == len(bits)
+    same(ported.encode(message, n_bits), bits)
+    same(ported.signatures(len(bits)), signatures(len(bits)))
+    same(ported.parityMask(len(bits), n_bits), parity_mask(len(bits), n_bits))
+    for ber in (0.001, 0.03, 0.3):
+        scores = noisy(bits, ber, rng).astype(float)
+        found, known = ported.decode(scores, n_bits), decode(scores)
+        assert (found if found is None else bytes(found)) == known
+    assert ported.decode(np.zeros(bits.size), n_bits) is None
 
 
-def test_fine_grids(tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    grids = []
-    for n_bits in (512, 730, 2918, 11674):
-        shape = Shape.of(n_bits)
-        scores = rng.normal(0, 4, n_bits).astype(np.float32)
-        grids.append(
-            {
-                "n_bits": n_bits,
-                "shown": shape.shown,
-                "head": shape.head,
-                "rest": shape.rest,
-                "pieces": shape.pieces_shown(5),
-                "whitening": shape.whitening(4095),
-                "scores": scores,
-                "likelihoods": number_likelihoods(scores),
-            }
-        )
-    told = []
-    for n_bytes, frames, mark in ((1, 8, 0), (700, 17, 0xABCDEF), (2**20, 1440, 77), (9, 4096, 5)):
-        terms = Terms(n_bytes, frames, mark)
-        pieces = terms.pieces()
-        wrong = pieces.copy()
-        wrong[rng.integers(6)] ^= 1 << rng.integers(12)
-        told.append(
-            {
-                "terms": [n_bytes, frames, mark],
-                "pieces": pieces,
-                "wrong": wrong,
-                "blocks": terms.blocks,
-                "block_bytes": terms.block_bytes,
-                "possible": [read_terms(pieces, n_bits) is not None for n_bits in (512, 11674)],
-            }
-        )
-        assert all(read_terms(wrong, n_bits) is None for n_bits in (512, 11674))
-    word = rng.normal(0, 3, 48).astype(np.float32)
-    codes = [make_rateless(information) for information in (256, 5616, 16384)]
-    message = rng.bytes(2500)
+@pytest.mark.parametrize("n_bits", [512, 730, 2918, 11674])
+def test_shapes_and_frames_of_fine_grids(port: Port, n_bits: int) -> None:
+    scores = np.random.default_rng(2).normal(0, 4, n_bits).astype(np.float32)
+    shape, module = Shape.of(n_bits), port("link/code/fine.js")
+    ported = module.Shape.of(n_bits)
+    assert ported.shown == shape.shown
+    same(ported.head, shape.head)
+    same(ported.rest, shape.rest)
+    same(ported.piecesShown(5), shape.pieces_shown(5))
+    white = shape.whitening(4095)
+    found = ported.whitening(4095) & 1
+    found[shape.head[:48]] = ported.numberWhitening
+    same(found, white)
+    same(module.numberLikelihoods(scores), number_likelihoods(scores), FLOAT32_SUM)
+    coded = np.where(white, -scores, scores)[shape.rest]
+    same(module.ReadFrame(scores, 4095).coded, coded)
+
+
+@pytest.mark.parametrize(
+    "values", [(1, 8, 0), (700, 17, 0xABCDEF), (2**20, 1440, 77), (9, 4096, 5)], ids=str
+)
+def test_terms(port: Port, values: tuple[int, int, int]) -> None:
+    rng, module = np.random.default_rng(2), port("link/code/fine.js")
+    terms, ported = Terms(*values), module.Terms(*values)
+    pieces = terms.pieces()
+    wrong = pieces.copy()
+    wrong[rng.integers(6)] ^= 1 << rng.integers(12)
+    same(ported.pieces(), pieces)
+    assert (ported.blocks, ported.blockBytes) == (terms.blocks, terms.block_bytes)
+    for n_bits in (512, 11674):
+        found, known = module.readTerms(pieces.tolist(), n_bits), read_terms(pieces, n_bits)
+        read = found and (found.nBytes, found.frames, found.mark)
+        assert read == (known and values)
+        assert module.readTerms(wrong.tolist(), n_bits) is read_terms(wrong, n_bits) is None
+
+
+def test_words(port: Port) -> None:
+    scores = np.random.default_rng(2).normal(0, 3, 48).astype(np.float32)
+    same(port("link/code/words.js").weighWord(scores), weigh_words(scores[None])[0], FLOAT32_SUM)
+
+
+@pytest.mark.parametrize("information", [256, 5616, 16384])
+def test_graphs_of_rateless_codes(port: Port, information: int) -> None:
+    code = make_rateless(information)
+    ported = port("link/code/rateless.js").makeRateless(information)
+    assert ported.intermediate == code.intermediate
+    same(ported.precode.members, code.precode.T.reshape(-1))
+    assert ported.precode.starts[1] == code.precode.shape[0]
+
+
+def test_coded_bits_and_their_message(port: Port) -> None:
+    module, message = port("link/code/fine.js"), np.random.default_rng(2).bytes(2500)
+    run_to_end = port("link/code/steps.js").runToEnd
     terms = Terms(len(message), 9, mark_of(message))
-    fixture = {
-        "grids": grids,
-        "told": told,
-        "word": {"scores": word, "weights": weigh_words(word[None])[0]},
-        "codes": [
-            {
-                "information": code.information,
-                "intermediate": code.intermediate,
-                "precode": code.precode.T,
-            }
-            for code in codes
-        ],
-        "message": as_bytes(message),
-        "n_bits": 2918,
-        "coded": coded_bits(message, terms, 2918),
-        "terms": [terms.n_bytes, terms.frames, terms.mark],
-    }
-    write_fixture(tmp_path, "fine", fixture)
-    run_node_tests("codeFine", tmp_path)
+    ported = module.Terms(terms.n_bytes, terms.frames, terms.mark)
+    coded = coded_bits(message, terms, 2918)
+    same(module.codedBits(message, ported, 2918), coded)
+    scores = 8 * coded.reshape(-1).astype(np.float32) - 4
+    other_mark = module.Terms(terms.n_bytes, terms.frames, terms.mark ^ 1)
+    other = 8 * module.codedBits(b"\7" * len(message), ported, 2918).astype(np.float32) - 4
+    assert bytes(run_to_end(module.codedDecodingSteps(scores, ported))) == message
+    assert run_to_end(module.codedDecodingSteps(scores, other_mark)) is None
+    assert run_to_end(module.codedDecodingSteps(other, ported)) is None
 
 
-def test_information_is_found_where_python_finds_it(tmp_path: Path) -> None:
+def test_information_is_found_where_python_finds_it(port: Port) -> None:
     """Little, enough and much of the information was received, by every kind of channel."""
-    rng = np.random.default_rng(3)
-    code = make_rateless(512)
-    cases = []
+    rng, code = np.random.default_rng(3), make_rateless(512)
+    ported = port("link/code/rateless.js").makeRateless(512)
+    run_to_end = port("link/code/steps.js").runToEnd
+    is_found = set()
     for blocks, count, ber in ((1, 900, 0.001), (3, 900, 0.02), (2, 620, 0.02), (18, 2600, 0.1)):
         information = rng.integers(0, 2, (512, blocks), np.uint8)
         llr = noisy(code.encode(information, count), ber, rng)
         bits, done = code.decode(llr)
         assert np.array_equal(bits[:, done], information[:, done])
-        found = bits.T if done.all() else None
-        cases.append({"llr": llr, "blocks": blocks, "information": found})
-    assert {case["information"] is None for case in cases} == {True, False}
-    write_fixture(tmp_path, "rateless", {"information": 512, "cases": cases})
-    run_node_tests("codeRateless", tmp_path)
+        found = run_to_end(ported.decodingSteps(llr.reshape(-1), blocks))
+        same(found, bits.T if done.all() else None)
+        is_found.add(bool(done.all()))
+    assert is_found == {True, False}

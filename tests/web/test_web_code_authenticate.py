@@ -1,12 +1,8 @@
 """The page delivers and refuses signed messages as Python's receiver does."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, PortError
 
 from export.receive.inbox import Inbox
 from link.code.authenticate import MAX_CLOCK_SKEW_S, MAX_STAMP, Verifier, sign
@@ -14,66 +10,62 @@ from link.code.collect import Message
 
 KEY = bytes(range(32))
 NOW = 1_800_000_000
+AHEAD = NOW + MAX_CLOCK_SKEW_S
+FIRST, SECOND = sign(b"door open", KEY, NOW), sign(b"door shut", KEY, NOW + 60)
+LONG = sign(np.random.default_rng(0).bytes(20_000), KEY, MAX_STAMP)
+CHANGED = [FIRST[:at] + bytes([FIRST[at] ^ 1]) + FIRST[at + 1 :] for at in range(0, len(FIRST), 3)]
+STRANGE = [b"", b"x", bytes(11), bytes(12), bytes(13), FIRST[:-1], FIRST + b"\0", *CHANGED]
+AGED = {"old": NOW - 101, "from tomorrow": AHEAD + 1, "new": NOW - 100, "newer": AHEAD}
+VERIFIERS = {
+    "in order": (KEY, None, [(FIRST, NOW), (FIRST, NOW), (SECOND, NOW), (FIRST, NOW), (SECOND, 0)]),
+    "strange": (KEY, None, [(data, NOW) for data in (*STRANGE, FIRST, LONG, SECOND)]),
+    "another key": (bytes(16), None, [(FIRST, NOW), (sign(b"obey", bytes(16), 7), NOW)]),
+    "long key": (bytes(4096), None, [(sign(b"long key", bytes(4096), 7), NOW)]),
+    "ages": (KEY, 100.0, [(sign(text.encode(), KEY, at), NOW) for text, at in AGED.items()]),
+}
+"""A key, the largest age, and messages with the times at which they are judged."""
+REASONS = {
+    "in order": {None, "stale"},
+    "strange": {None, "stale", "the t"},
+    "another key": {None, "the t"},
+    "long key": {None},
+    "ages": {None, "stale", "made "},
+}
+"""How the reasons begin for which a verifier refuses some of its messages."""
 
 
-def as_array(data: bytes) -> NDArray[np.uint8]:
-    return np.frombuffer(data, np.uint8)
-
-
-def judged(key: bytes, max_age_s: float | None, messages: list[tuple[bytes, float]]) -> Any:
-    """What a verifier, and an inbox that has one, make of messages one after another."""
+@pytest.mark.parametrize("name", VERIFIERS)
+def test_messages_are_judged_alike(port: Port, name: str) -> None:
+    key, max_age_s, messages = VERIFIERS[name]
     verifier = Verifier(key, max_age_s)
-    said = []
+    ported = port("link/code/authenticate.js").Verifier(key, max_age_s)
+    reasons = set()
     for message, now in messages:
-        judgement = verifier.judge(message, now)
-        said.append(
-            {
-                "message": as_array(message),
-                "now": now,
-                "data": judgement.signed and as_array(judgement.signed.data),
-                "stamp": judgement.signed and judgement.signed.stamp,
-                "refused": judgement.refused,
-                "stale": judgement.stale,
-                "newest": verifier.newest,
-            }
+        known, found = verifier.judge(message, now), ported.judge(message, now)
+        signed = found.signed and (bytes(found.signed.data), found.signed.stamp)
+        assert signed == (known.signed and (known.signed.data, known.signed.stamp))
+        said = known.refused and known.refused.replace(
+            "--max-age is 100", "the largest age is 100 s"
         )
-    return {"key": as_array(key), "max_age_s": max_age_s, "said": said}
+        assert (found.refused, found.stale) == (said, known.stale)
+        assert ported.newest == verifier.newest
+        reasons.add(known.refused and known.refused[:5])
+    assert reasons == REASONS[name]
 
 
-def test_messages_are_judged_alike(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    first, second = sign(b"door open", KEY, NOW), sign(b"door shut", KEY, NOW + 60)
-    long = sign(rng.bytes(20_000), KEY, MAX_STAMP)
-    changed = [
-        first[:at] + bytes([first[at] ^ 1]) + first[at + 1 :] for at in range(0, len(first), 3)
-    ]
-    strange = [b"", b"x", bytes(11), bytes(12), bytes(13), first[:-1], first + b"\0", *changed]
-    ahead = NOW + MAX_CLOCK_SKEW_S
-    verifiers = [
-        judged(KEY, None, [(first, NOW), (first, NOW), (second, NOW), (first, NOW), (second, 0)]),
-        judged(KEY, None, [(data, NOW) for data in (*strange, first, long, second)]),
-        judged(bytes(16), None, [(first, NOW), (sign(b"obey", bytes(16), 7), NOW)]),
-        judged(bytes(4096), None, [(sign(b"long key", bytes(4096), 7), NOW)]),
-        judged(
-            KEY,
-            100.0,
-            [
-                (sign(b"old", KEY, NOW - 101), NOW),
-                (sign(b"from tomorrow", KEY, ahead + 1), NOW),
-                (sign(b"new", KEY, NOW - 100), NOW),
-                (sign(b"newer", KEY, ahead), NOW),
-            ],
-        ),
-    ]
-    refused = [say["refused"] for verifier in verifiers for say in verifier["said"]]
-    assert {reason and reason[:5] for reason in refused} == {None, "the t", "stale", "made "}
-    write_fixture(tmp_path, "verifiers", verifiers)
-    run_node_tests("codeAuthenticate", tmp_path)
+def test_keys_and_ages_have_bounds(port: Port) -> None:
+    verifier = port("link/code/authenticate.js").Verifier
+    for size in (0, 15, 4097):
+        with pytest.raises(PortError, match="need 16 to 4096 random bytes"):
+            verifier(bytes(size))
+    for age in (0, -1, np.nan, np.inf, 1e300):
+        with pytest.raises(PortError, match="maxAgeS: need more than 0"):
+            verifier(bytes(16), age)
 
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["without a key", "with a key"])
 def test_messages_are_delivered_alike(
-    tmp_path: Path,
+    port: Port,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     key: bytes | None,
@@ -81,23 +73,17 @@ def test_messages_are_delivered_alike(
     monkeypatch.setattr("time.time", lambda: float(NOW))
     texts = [(b"door open", 5), (b"door shut", 6), (b"door open", 5), (b"door shut", 7), (b"x", 8)]
     inbox = Inbox(None, None if key is None else Verifier(key))
-    taken = []
+    verifier = key and port("link/code/authenticate.js").Verifier(key)
+    ported, message = port("receive/inbox.js").Inbox(verifier), port("link/code/message.js").Message
     for text, stamp in texts:
         data = sign(text, bytes(16) if text == b"x" else KEY, stamp)
         delivered = inbox.take(Message(data, 4, 3, 0.9, changed=stamp > 5))
+        delivery = ported.take(message(data, 4, 3, 0.9, stamp > 5), NOW)
+        assert (delivery.refused is None) == delivered
         assert inbox.last is not None
-        taken.append(
-            {
-                "data": as_array(data),
-                "changed": stamp > 5,
-                "delivered": delivered,
-                "last": as_array(inbox.last.data),
-                "last_changed": inbox.last.changed,
-                "refused": inbox.refused,
-            }
-        )
+        assert bytes(ported.last.data) == inbox.last.data
+        assert ported.last.changed == inbox.last.changed
+        assert ported.refused == inbox.refused
+        assert not delivered or delivery.message == ported.last
     capsys.readouterr()
     assert inbox.refused == (0 if key is None else 2)
-    fixture = {"key": None if key is None else as_array(key), "now": NOW, "taken": taken}
-    write_fixture(tmp_path, "inbox", fixture)
-    run_node_tests("codeInbox", tmp_path)

@@ -1,44 +1,57 @@
 """The page shrinks, warps and rectifies images, and does small algebra, as Python does."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, differences, same
+from tolerances import (
+    FLOAT64,
+    GROWN_MEAN,
+    RECTIFIED_MEAN,
+    ROUNDED_LEVELS,
+    SAME_PX,
+    SAME_STEPS,
+    SHRUNK_LEVELS,
+    SHRUNK_MEAN,
+)
 
-from export.web.tables import layout_table
 from link.errors import InputError
 from link.geometry import check_corners, homography_from_corners, in_image, rectify, transform
 from link.layout import make_layout
 from link.ratex import draw_patches, match_patches
 from link.robust import geman_mcclure_weights, reweighted, ridge_solution
 
-RNG = np.random.default_rng(0)
 LAYOUT = make_layout(8, 8, 128, 96)
 SQUARE = np.array([[20.0, 15.0], [140.0, 12.0], [150.0, 100.0], [18.0, 95.0]])
 
 
-def photo(height: int, width: int) -> NDArray[np.uint8]:
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def photo(height: int, width: int, rng: np.random.Generator) -> NDArray[np.uint8]:
     """Blurred noise over a slope, with the contrast of a picture."""
-    noise = cv2.GaussianBlur(RNG.normal(0, 1, (height, width)), (0, 0), 1.5)
+    noise = cv2.GaussianBlur(rng.normal(0, 1, (height, width)), (0, 0), 1.5)
     slope = np.linspace(0, 120, width)
     return np.clip(60 + slope + 120 * noise, 0, 255).astype(np.uint8)
 
 
-def sound(corners: NDArray[np.float64], outside: float) -> bool:
-    try:
-        check_corners(corners, (110, 160), outside)
-    except InputError:
-        return False
-    return True
+def test_small_linear_algebra(port: Port, rng: np.random.Generator) -> None:
+    A, b, linear = rng.normal(size=(8, 8)), rng.normal(size=8), port("link/linear.js")
+    same(linear.solve(A, b), np.linalg.solve(A, b), FLOAT64)
+    same(linear.inverse(A), np.linalg.inv(A), FLOAT64)
+    same(linear.determinant(A) / np.linalg.det(A), 1, FLOAT64)
+    product = linear.multiply3(A[:3, :3], A[3:6, 3:6])
+    same(product, A[:3, :3] @ A[3:6, 3:6], SAME_STEPS)
+    assert linear.determinant([1, 2, 2, 4]) == 0
 
 
-def algebra() -> dict[str, object]:
-    A, b = RNG.normal(size=(8, 8)), RNG.normal(size=8)
-    rows, right = RNG.normal(size=(40, 3)), RNG.normal(size=40)
+def test_robust_least_squares(port: Port, rng: np.random.Generator) -> None:
+    rows, right = rng.normal(size=(40, 3)), rng.normal(size=40)
     right[:5] += 30
-    ridge, pull = 0.3 * np.eye(3), RNG.normal(size=3)
+    ridge, pull = 0.3 * np.eye(3), rng.normal(size=3)
     solution, weights = reweighted(
         solve=lambda w: ridge_solution(rows, right, w, ridge, pull),
         residuals_of=lambda x: np.abs(right - rows @ x),
@@ -47,112 +60,120 @@ def algebra() -> dict[str, object]:
         weights=np.ones(40),
         weigh=geman_mcclure_weights,
     )
-    return {
-        "A": A,
-        "b": b,
-        "solution": np.linalg.solve(A, b),
-        "inverse": np.linalg.inv(A),
-        "determinant": float(np.linalg.det(A)),
-        "product": A[:3, :3] @ A[3:6, 3:6],
-        "robust": {
-            **{"A": rows, "b": right, "ridge": ridge, "pull": pull},
-            **{"solution": solution, "weights": weights},
-        },
-    }
+    found = port("../tests/robust.js").solvedRobustly(rows, right, ridge, pull, 6)
+    same(found.solution, solution, FLOAT64)
+    same(found.weights, weights, FLOAT64)
 
 
-def geometry() -> dict[str, object]:
-    moved = [SQUARE + np.array([30, 0]) * step for step in range(6)]
-    odd = [SQUARE[::-1], SQUARE[[0, 2, 1, 3]], SQUARE / 10, np.full((4, 2), np.nan)]
-    cases = [(corners, outside) for corners in (*moved, *odd) for outside in (0.0, 0.25)]
+def is_sound(corners: NDArray[np.float64], outside: float) -> bool:
+    try:
+        check_corners(corners, (110, 160), outside)
+    except InputError:
+        return False
+    return True
+
+
+def test_homographies_and_corners_that_are_sound(port: Port, rng: np.random.Generator) -> None:
+    geometry = port("link/geometry.js")
     H = homography_from_corners(SQUARE, 128, 96)
-    points = RNG.uniform(-20, 140, (30, 2))
-    return {
-        "corners": SQUARE,
-        "H": H,
-        "points": points,
-        "there": transform(H, points),
-        "inside": in_image(points, (96, 128)),
-        "cases": [[np.nan_to_num(c, nan=1e9).tolist(), outside] for c, outside in cases],
-        "sound": [sound(np.nan_to_num(c, nan=1e9), outside) for c, outside in cases],
-    }
+    found = geometry.homographyFromCorners(SQUARE.tolist(), 128, 96)
+    same(found, H, FLOAT64)
+    points = rng.uniform(-20, 140, (30, 2))
+    same(geometry.transform(found, points.tolist()), transform(H, points), FLOAT64)
+    same(geometry.inImage(points.tolist(), 128, 96), in_image(points, (96, 128)))
+    moved = [SQUARE + np.array([30, 0]) * step for step in range(6)]
+    odd = [SQUARE[::-1], SQUARE[[0, 2, 1, 3]], SQUARE / 10, np.full((4, 2), 1e9)]
+    for corners in (*moved, *odd):
+        for outside in (0.0, 0.25):
+            sound = geometry.checkCorners(corners.tolist(), 160, 110, outside)
+            assert sound == is_sound(corners, outside), (corners, outside)
 
 
-def shrinking() -> list[dict[str, object]]:
-    image = photo(90, 128)
-    sizes = [(64, 45), (32, 30), (8, 6), (40, 31), (127, 45), (128, 90), (200, 100), (100, 180)]
-    return [
-        {
-            "size": size,
-            "bytes": cv2.resize(image, size, interpolation=cv2.INTER_AREA),
-            "floats": cv2.resize(image.astype("f4"), size, interpolation=cv2.INTER_AREA),
-        }
-        for size in sizes
-    ] + [{"image": image}]
+@pytest.mark.parametrize(
+    "size",
+    [(64, 45), (32, 30), (8, 6), (40, 31), (127, 45), (128, 90), (200, 100), (100, 180)],
+    ids=str,
+)
+def test_areas_are_averaged(port: Port, rng: np.random.Generator, size: tuple[int, int]) -> None:
+    image, resize = photo(90, 128, rng), port("image/shrink.js").resizeArea
+    shrunk = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    most, mean = differences(resize(image, *size), shrunk)
+    grows = size[0] > 128 or size[1] > 90
+    assert most <= ROUNDED_LEVELS
+    assert mean < (GROWN_MEAN if grows else SHRUNK_MEAN)
+    floats = image.astype(np.float32)
+    shrunk = cv2.resize(floats, size, interpolation=cv2.INTER_AREA)
+    same(resize(floats, *size), shrunk, SHRUNK_LEVELS)
 
 
-def rectifying() -> list[dict[str, object]]:
-    turned = np.roll(3 * SQUARE + 10, 1, axis=0)
-    cases = [  # coarser than the display; finer than twice; turned; partly out of view
-        (photo(110, 160), SQUARE, 128, 96),
-        (photo(330, 480), 3 * SQUARE, 64, 48),
-        (photo(330, 480), 3.8 * SQUARE - 60, 128, 96),
-        (photo(330, 480), turned, 96, 128),
-    ]
-    found = []
-    for image, corners, width, height in cases:
-        H = homography_from_corners(corners, width, height)
-        view = rectify(image, H, width, height)
-        found.append({"image": image, "H": H, "rectified": view})
-    return found
+RECTIFIED = {
+    "coarser than the display": ((110, 160), SQUARE, (128, 96)),
+    "finer than twice": ((330, 480), 3 * SQUARE, (64, 48)),
+    "partly out of view": ((330, 480), 3.8 * SQUARE - 60, (128, 96)),
+    "turned": ((330, 480), np.roll(3 * SQUARE + 10, 1, axis=0), (96, 128)),
+}
+"""Shape of a photograph, corners in it, and size of the rectified image."""
 
 
-def patches() -> dict[str, object]:
+@pytest.mark.parametrize("name", RECTIFIED)
+def test_displays_are_rectified(port: Port, rng: np.random.Generator, name: str) -> None:
+    shape, corners, size = RECTIFIED[name]
+    image, H = photo(*shape, rng), homography_from_corners(corners, *size)
+    most, mean = differences(
+        port("link/geometry.js").rectify(image, H, *size), rectify(image, H, *size)
+    )
+    assert most <= ROUNDED_LEVELS
+    assert mean < RECTIFIED_MEAN
+
+
+def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random.Generator) -> None:
     frame = np.full((96, 128), 90, np.uint8)
     draw_patches(frame, LAYOUT, 3, embedded=True)
-    frame = np.clip(frame + RNG.normal(0, 30, frame.shape), 0, 255).astype(np.uint8)
-    match = match_patches(frame, LAYOUT)
-    return {
-        "layout": layout_table(LAYOUT),
-        "frame": frame,
-        "captured": match.captured,
-        "shown": match.shown,
-        "label": match.label,
-        "correlation": match.correlation,
-    }
+    frame = np.clip(frame + rng.normal(0, 30, frame.shape), 0, 255).astype(np.uint8)
+    match, found = match_patches(frame, LAYOUT), port("link/ratex.js").matchPatches(frame, LAYOUT)
+    same(found.captured, match.captured, FLOAT64)
+    same(found.shown, match.shown, FLOAT64)
+    same(found.correlation, match.correlation, FLOAT64)
+    same(found.label, match.label)
 
 
-def optical_flow() -> dict[str, object]:
-    """Points of an image, some of them near its border, and where OpenCV follows them."""
-    first = photo(192, 256)
+def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:
+    image, mask = photo(192, 256, rng), np.zeros((192, 256), np.uint8)
+    mask[30:120, 20:200] = 255
+    features = port("image/features.js").Features(image)
+    few = cv2.goodFeaturesToTrack(image, 50, 0.05, 4, mask=mask)[:, 0]
+    many = cv2.goodFeaturesToTrack(image, 300, 0.005, 8)[:, 0]
+    for found, expected in (
+        (features.choose(50, 0.05, 4, mask.reshape(-1)), few),
+        (features.choose(300, 0.005, 8), many),
+    ):
+        assert len(found) == len(expected)
+        alike = set(map(tuple, found)) & set(map(tuple, expected))
+        assert len(alike) >= 0.98 * len(
+            expected
+        )  # of two that are equally strong, rounding chooses
+
+
+@pytest.mark.parametrize(("window_px", "guess"), [(13, (0.0, 0.0)), (15, (2.0, -3.0))])
+def test_points_are_followed(
+    port: Port, rng: np.random.Generator, window_px: int, guess: tuple[float, float]
+) -> None:
+    """Some of them near the border."""
+    first = photo(192, 256, rng)
     H = np.array([[1.02, 0.015, -4.0], [-0.01, 0.99, 3.5], [1e-5, 0, 1]])
     second = cv2.warpPerspective(first, H, (256, 192), borderMode=cv2.BORDER_REPLICATE)
-    mask = np.zeros_like(first)
-    mask[30:120, 20:200] = 255
-    few = cv2.goodFeaturesToTrack(first, 50, 0.05, 4, mask=mask)
-    many = cv2.goodFeaturesToTrack(first, 300, 0.005, 8)
-    edge = np.array([[[0.0, 0.0]], [[255.0, 100.2]], [[40.5, 190.7]], [[300.0, 10.0]]], np.float32)
+    many = cv2.goodFeaturesToTrack(first, 300, 0.005, 8)[:, 0]
+    edge = np.array([[0.0, 0.0], [255.0, 100.2], [40.5, 190.7], [300.0, 10.0]], np.float32)
     points = np.concatenate([many, edge])
+    begun = points + np.array(guess, np.float32)
     moved, status, _ = cv2.calcOpticalFlowPyrLK(
-        first, second, points, points.copy(), winSize=(13, 13), maxLevel=2
-    )
-    guess = points + np.array([2.0, -3.0], np.float32)
-    guessed, guessed_status, _ = cv2.calcOpticalFlowPyrLK(
-        *(first, second, points, guess.copy()),
-        winSize=(15, 15),
+        *(first, second, points, begun.copy()),
+        winSize=(window_px, window_px),
         maxLevel=2,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    return {
-        **{"first": first, "second": second, "mask": mask},
-        **{"few": few[:, 0], "many": many[:, 0], "points": points[:, 0], "guess": guess[:, 0]},
-        **{"moved": moved[:, 0], "status": status[:, 0]},
-        **{"guessed": guessed[:, 0], "guessed_status": guessed_status[:, 0]},
-    }
-
-
-def test_images_are_handled_as_in_python(tmp_path: Path) -> None:
-    parts = (algebra, geometry, shrinking, rectifying, patches, optical_flow)
-    for part in parts:
-        write_fixture(tmp_path, part.__name__, part())
-    run_node_tests("image", tmp_path)
+    flow = port("image/flow.js").Flow(first, points.tolist(), window_px, 2)
+    found = flow.follow(second, begun.tolist())
+    same(found.found, status)
+    kept = status[:, 0] == 1
+    same(np.array(found.moved)[kept], moved[kept], SAME_PX)

@@ -1,7 +1,5 @@
 """The page finds the display in photographs where Python finds it, and nothing where none is."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -17,7 +15,19 @@ from drawn_scenes import (
     with_corner_out,
 )
 from numpy.typing import NDArray
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, same
+from tolerances import (
+    ALIGNED_PX,
+    CORNERS_PX,
+    FLOAT64,
+    FOUND_PX,
+    SAME_PX,
+    SEARCH_SCORE,
+    SIDE_FEATURES,
+    SNAPPED_PX,
+    TRUE_PX,
+    VISIBILITY,
+)
 
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import get_pair
@@ -33,84 +43,97 @@ from export.locate.patches import (
 )
 from export.locate.quads import distinct, is_sound, upright
 from export.locate.refine import corners_on_edges, corners_on_patches
-from export.web.tables import layout_table
 from link.images import as_gray, as_rgb
 from link.layout import Layout
 from link.types import Gray
+
+STEP_WORK, SEARCH_WORK = 20, 450
+"""Largest number of units of work of a step, and of a search in vain."""
 
 
 def film_gray(image: NDArray[np.floating] | NDArray[np.uint8]) -> Gray:
     return as_gray(np.clip(image, 0, 255).astype(np.uint8))
 
 
-def shapes(rng: np.random.Generator) -> dict[str, object]:
-    """Quadrilaterals, some of them mirrored or out of the image, and what is said of them."""
+@pytest.fixture(scope="module")
+def gray() -> Gray:
+    return film_gray(scene(content(LAYOUT)))
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(1)
+
+
+def test_quadrilaterals(port: Port, rng: np.random.Generator) -> None:
+    """Some of them are mirrored or out of the image."""
+    module = port("locate/quads.js")
     quads = CORNERS + rng.uniform(-30, 30, (40, 4, 2))
     quads[:10] = quads[:10, [0, 3, 2, 1]]
     quads[10:16] -= [150, 0]
+    for outside in (0.01, 0.25):
+        found = [module.isSound(quad.tolist(), WIDTH, HEIGHT, outside) for quad in quads]
+        same(found, is_sound(quads, WIDTH, HEIGHT, outside))
     rank = rng.uniform(size=len(quads))
+    same(module.distinct(quads.tolist(), rank, 8, 15.0), distinct(quads, rank, 8, 15.0))
     turned = np.roll(quads[16:], 2, axis=1)
-    return {
-        "quads": quads,
-        "sound": [is_sound(quads, WIDTH, HEIGHT, outside) for outside in (0.01, 0.25)],
-        "rank": rank,
-        "distinct": distinct(quads, rank, 8, 15.0),
-        "turned": turned,
-        "upright": upright(turned),
-    }
+    same([module.upright(quad.tolist()) for quad in turned], upright(turned))
 
 
-def sides(gray: Gray, rng: np.random.Generator) -> dict[str, object]:
-    """What the sides of quadrilaterals show, and where they snap to."""
-    quads = CORNERS + rng.uniform(-4, 4, (20, 4, 2))
+def test_what_the_sides_show_and_snap_to(port: Port, gray: Gray, rng: np.random.Generator) -> None:
+    quads, edges = CORNERS + rng.uniform(-4, 4, (20, 4, 2)), port("locate/edges.js")
+    levels = edges.edgeLevels(gray)
+    found = [edges.sideFeatures(gray, quad.tolist(), levels) for quad in quads]
+    same(np.reshape(found, (20, -1)), side_features(as_rgb(gray), quads), SIDE_FEATURES)
+
     smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
-    return {
-        "quads": quads,
-        "features": side_features(as_rgb(gray), quads),
-        "snapped": snap_to_edges(smooth, quads, 5.0),
-        "onEdges": np.array([corners_on_edges(gray, quad, 6.0) for quad in quads]),
-    }
+    blurred = port("image/blur.js").blurred(gray, 0.7)
+    snapped = [edges.snapToEdges(blurred, quad.tolist(), 5) for quad in quads]
+    off = np.abs(snapped - snap_to_edges(smooth, quads, 5.0)).max(axis=(1, 2))
+    # steps of a pixel are tried, and two of them may be as good
+    assert (off < SAME_PX).mean() >= 0.8, off
+    assert off.max() < SNAPPED_PX, off
+
+    for quad in quads:
+        found = port("locate/refine.js").cornersOnEdges(gray, quad.tolist(), 6)
+        same(found, corners_on_edges(gray, quad, 6.0), CORNERS_PX)
 
 
-def patches(gray: Gray, rng: np.random.Generator) -> dict[str, object]:
-    """Where patches are found from corners a little off, and how corners move there."""
-    pyramid = image_pyramid(gray)
+def test_patches_are_found(port: Port, gray: Gray, rng: np.random.Generator) -> None:
+    """From corners a little off, and for a display that is partly out of view."""
+    module, pyramid = port("locate/patches.js"), image_pyramid(gray)
+    near, cut = CORNERS + rng.uniform(-12, 12, (4, 2)), CORNERS - [170, 0]
+    ported = module.imagePyramid(gray)
+    for corners in (near, cut):
+        promise, places = search_patches(pyramid, corners, LAYOUT)
+        found = module.searchPatches(ported, corners.tolist(), LAYOUT)
+        same(found.promise, promise, SEARCH_SCORE)
+        same(found.found, places, SAME_PX)
+        moved = module.cornersFromPatches(corners.tolist(), found.found, LAYOUT)
+        same(moved, corners_from_patches(corners, places, LAYOUT), CORNERS_PX)
+    in_view = module.patchesInView(cut.tolist(), LAYOUT, WIDTH, HEIGHT)
+    same(in_view, patches_in_view(cut, LAYOUT, gray.shape))
+
+
+def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Generator) -> None:
     near, close = (CORNERS + rng.uniform(-off, off, (4, 2)) for off in (12, 2))
-    cut = CORNERS - [170, 0]
-    promise, found = search_patches(pyramid, near, LAYOUT)
-    cut_promise, cut_found = search_patches(pyramid, cut, LAYOUT)
-    on_patches, seen = corners_on_patches(gray, pyramid, near, LAYOUT)
+    pyramid, ported = image_pyramid(gray), port("locate/patches.js").imagePyramid(gray)
+    steps = port("locate/align.js").alignSteps(ported, close.tolist(), LAYOUT)
+    aligned = port("link/code/steps.js").runToEnd(steps)
+    same(aligned, align_corners(pyramid, close, LAYOUT), ALIGNED_PX)
+    corners, seen = corners_on_patches(gray, pyramid, near, LAYOUT)
+    found = port("locate/refine.js").cornersOnPatches(gray, ported, near.tolist(), LAYOUT)
+    same(found.corners, corners, ALIGNED_PX)
+    same(found.seen, seen, VISIBILITY)
+
+
+def test_visibility_of_patches_some_of_them_out_of_view(
+    port: Port, rng: np.random.Generator
+) -> None:
+    visibility = port("locate/patches.js").seenVisibility
     match, in_view = rng.uniform(0.5, 1, (30, 5)), rng.random((30, 5)) < 0.8
-    return {
-        "near": near,
-        "promise": promise,
-        "found": found,
-        "moved": corners_from_patches(near, found, LAYOUT),
-        "cut": cut,
-        "cutPromise": cut_promise,
-        "cutFound": cut_found,
-        "cutInView": patches_in_view(cut, LAYOUT, gray.shape),
-        "close": close,
-        "aligned": align_corners(pyramid, close, LAYOUT),
-        "onPatches": on_patches,
-        "seen": seen,
-        "match": match,
-        "inView": in_view,
-        "visibility": [seen_visibility(*case) for case in zip(match, in_view, strict=True)],
-    }
-
-
-def test_parts_of_the_search(tmp_path: Path) -> None:
-    rng, gray = np.random.default_rng(1), film_gray(scene(content(LAYOUT)))
-    fixture = {
-        "layout": layout_table(LAYOUT),
-        "image": gray,
-        "shapes": shapes(rng),
-        "sides": sides(gray, rng),
-        "patches": patches(gray, rng),
-    }
-    write_fixture(tmp_path, "locate", fixture)
-    run_node_tests("locate", tmp_path)
+    for seen in zip(match, in_view, strict=True):
+        same(visibility(*seen), seen_visibility(*seen), FLOAT64)
 
 
 def covered(layout: Layout) -> NDArray[np.uint8]:
@@ -131,58 +154,74 @@ def dark(layout: Layout) -> NDArray[np.uint8]:
     return shown
 
 
-def simulated(view_deg: float, seed: int) -> tuple[Gray, NDArray[np.float64]]:
-    """A photograph of 1280 x 720 by the simulated camera, and the display's corners."""
-    rng = np.random.default_rng(seed)
-    drawn = draw_scene(LAYOUT, get_pair("canon-lg"), view_deg, rng, SceneSettings((1280, 720)))
-    return film_gray(photograph(content(LAYOUT), drawn, rng)), drawn.corners
+def compare(
+    port: Port, gray: Gray, layout: Layout = LAYOUT, truth: NDArray[np.float64] | None = None
+) -> None:
+    """Search a photograph in both languages.
+
+    Args:
+        port: what calls the page's search.
+        gray: photograph.
+        layout: of the display that is searched for.
+        truth: (4, 2) corners of the display, or None where there is none.
+    """
+    steps = port("locate/find.js").searchSteps(gray, layout)
+    works = []
+    while not (step := steps.next()).done:
+        works.append(step.value)
+    assert max(works) <= STEP_WORK
+    found, known = step.value, locate(gray, layout)
+    assert (found is None) == (known is None) == (truth is None)
+    if known is None:
+        assert sum(works) <= SEARCH_WORK
+        return
+    for corners, within in ((known.corners, FOUND_PX), (truth, TRUE_PX)):
+        assert np.linalg.norm(found.corners - corners, axis=1).max() < within
+    same(found.score, known.score, SEARCH_SCORE)
 
 
-def searched(gray: Gray, layout: Layout, truth: NDArray[np.float64] | None) -> dict[str, object]:
-    """A photograph, what Python finds in it, and where the display is."""
-    found = locate(gray, layout)
-    return {
-        "image": gray,
-        "patches": bool(layout.ratex),
-        "corners": None if found is None else found.corners,
-        "score": None if found is None else found.score,
-        "truth": truth,
-    }
-
-
-def run_searches(folder: Path, searches: dict[str, dict[str, object]]) -> None:
-    layouts = {"layout": layout_table(LAYOUT), "plain": layout_table(PLAIN)}
-    write_fixture(folder, "locate_find", {**layouts, "searches": searches})
-    run_node_tests("locateFind", folder)
-
-
-def test_a_display_is_found_where_it_is(tmp_path: Path) -> None:
+def test_a_turned_display_is_found(port: Port) -> None:
     turned = np.roll(CORNERS, 1, axis=0)
-    searches = {
-        "turned": searched(film_gray(scene(content(LAYOUT), turned)), LAYOUT, turned),
-        "no patches": searched(film_gray(scene(content(PLAIN))), PLAIN, CORNERS),
-    }
-    run_searches(tmp_path, searches)
+    compare(port, film_gray(scene(content(LAYOUT), turned)), truth=turned)
+
+
+def test_a_display_without_patches_is_found(port: Port) -> None:
+    compare(port, film_gray(scene(content(PLAIN))), PLAIN, CORNERS)
 
 
 @pytest.mark.slow
-def test_difficult_displays_are_found_and_no_others(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    noise = rng.integers(0, 256, (HEIGHT, WIDTH), np.uint8)
-    searches = {
-        "wall": searched(film_gray(room()), LAYOUT, None),
-        "wall, no patches": searched(film_gray(room()), PLAIN, None),
-        "noise": searched(noise, LAYOUT, None),
-        "a picture without patches": searched(film_gray(scene(content(PLAIN))), LAYOUT, None),
-        "even": searched(np.full((HEIGHT, WIDTH), 90, np.uint8), LAYOUT, None),
-        "covered": searched(film_gray(scene(covered(LAYOUT))), LAYOUT, CORNERS),
-        "dark": searched(film_gray(scene(dark(LAYOUT), bezel=0.1)), LAYOUT, CORNERS),
-    }
-    for corner in range(4):
-        out = with_corner_out(corner)
-        image = film_gray(scene(content(LAYOUT), out))
-        searches[f"corner {corner} out"] = searched(image, LAYOUT, out)
-    for seed, view_deg in enumerate((0.0, 30.0, 45.0)):
-        image, corners = simulated(view_deg, seed)
-        searches[f"simulated, {view_deg:g} degrees"] = searched(image, LAYOUT, corners)
-    run_searches(tmp_path, searches)
+@pytest.mark.parametrize("layout", [LAYOUT, PLAIN], ids=["patches", "no patches"])
+def test_nothing_is_found_on_a_wall(port: Port, layout: Layout) -> None:
+    compare(port, film_gray(room()), layout)
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_there_are_no_patches(port: Port) -> None:
+    """In noise, in a picture, and where nothing is seen."""
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT, WIDTH), np.uint8)
+    even = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    for gray in (noise, film_gray(scene(content(PLAIN))), even):
+        compare(port, gray)
+
+
+@pytest.mark.slow
+def test_covered_and_dark_displays_are_found(port: Port) -> None:
+    compare(port, film_gray(scene(covered(LAYOUT))), truth=CORNERS)
+    compare(port, film_gray(scene(dark(LAYOUT), bezel=0.1)), truth=CORNERS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("corner", range(4))
+def test_a_display_is_found_of_which_a_corner_is_out_of_view(port: Port, corner: int) -> None:
+    out = with_corner_out(corner)
+    compare(port, film_gray(scene(content(LAYOUT), out)), truth=out)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("view_deg", "seed"), [(0.0, 0), (30.0, 1), (45.0, 2)])
+def test_simulated_displays_are_found(port: Port, view_deg: float, seed: int) -> None:
+    """In photographs of 1280 x 720 by the simulated camera."""
+    rng = np.random.default_rng(seed)
+    drawn = draw_scene(LAYOUT, get_pair("canon-lg"), view_deg, rng, SceneSettings((1280, 720)))
+    gray = film_gray(photograph(content(LAYOUT), drawn, rng))
+    compare(port, gray, truth=drawn.corners)

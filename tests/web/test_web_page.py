@@ -19,7 +19,6 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from web_films import gray, limited, y4m_bytes
-from web_fixtures import built_site
 
 from export.web.site import MAX_GZIP_BYTES, measure_site
 from lab.films.browser import (
@@ -41,11 +40,6 @@ pytestmark = pytest.mark.slow
 
 PATIENCE_S = 100.0
 """Time, in seconds, that a loaded machine may take for what takes two."""
-
-
-@pytest.fixture(scope="module")
-def site(make_once) -> Path:
-    return built_site(make_once)
 
 
 @pytest.fixture(scope="module")
@@ -295,7 +289,7 @@ def noise(folder: Path, count: int) -> list[Path]:
 @pytest.mark.parametrize("kind", ["mp4", "webm"])
 def test_every_frame_of_a_film_is_read(kind, browser, address, tmp_path) -> None:
     write_coded(address[1] / f"noise.{kind}", noise(tmp_path, 45))
-    with open_page(browser) as page:
+    with open_page(browser, worker=answering({})) as page:
         page.goto(f"{address[0]}?film=noise.{kind}")
         wait_for(page, lambda: text_of(page, "status") == "No display found in this film")
         assert "45 frames read, 0 skipped" in text_of(page, "details")
@@ -410,18 +404,42 @@ def film_at(make_once):
     return make
 
 
-@pytest.mark.parametrize("name", ["paper 0", "hidden 45"])
-def test_the_message_of_a_film_is_shown(name, browser, address, film_at) -> None:
+def test_the_message_of_a_film_at_an_address_is_shown(browser, address, film_at) -> None:
     url, folder = address
-    shutil.copy(film_at(name), folder / "film.y4m")
+    shutil.copy(film_at("paper 0"), folder / "film.y4m")
     with open_page(browser, width=1280) as page:
         page.goto(f"{url}?film=film.y4m")
         wait_for(page, lambda: text_of(page, "message"))
-        assert text_of(page, "message") == FILMS[name].message
+        assert text_of(page, "message") == FILMS["paper 0"].message
     assert all(request.startswith((url, "blob:")) for request in page.requested)
 
 
-@pytest.mark.parametrize("name", ["paper 0", "paper 45", "robust 0"])
+@pytest.fixture(scope="module")
+def reading_page(browser, address):
+    """A page that several tests give films to, one after another; to load it takes seconds."""
+    with open_page(browser, width=1280) as page:
+        page.goto(f"{address[0]}?film=none.y4m")  # or it would look for a camera
+        yield page
+    assert all(request.startswith((address[0], "blob:")) for request in page.requested)
+
+
+ENDINGS = ("Message received", "No display found in this film", "The film cannot be read")
+
+
+def read_film(page, film: Path) -> str:
+    """Give a page a film, and wait until its status is one of `ENDINGS`, which is returned."""
+    page.evaluate("document.getElementById('status').textContent = ''")  # that of the last film
+    page.locator("#film").set_input_files(film)
+    wait_for(page, lambda: text_of(page, "status") in ENDINGS)
+    return text_of(page, "status")
+
+
+def test_the_message_of_a_film_that_is_chosen_is_shown(reading_page, film_at) -> None:
+    assert read_film(reading_page, film_at("hidden 45")) == "Message received"
+    assert text_of(reading_page, "message") == FILMS["hidden 45"].message
+
+
+@pytest.mark.parametrize("name", ["paper 45", "robust 0"])
 def test_the_message_before_a_camera_is_shown(name, browser, address, film_at) -> None:
     with open_page(browser, camera_flags(film_at(name))) as page:
         page.goto(address[0])
@@ -513,12 +531,10 @@ def wall(address) -> Path:
     return file
 
 
-def test_a_film_without_a_display_is_said_to_have_none(browser, address, wall) -> None:
-    with open_page(browser) as page:
-        page.goto(f"{address[0]}?film={wall.name}")
-        wait_for(page, lambda: text_of(page, "status") == "No display found in this film")
-        assert "Fit the whole display into the frame" in text_of(page, "advice")
-        assert text_of(page, "message") == ""
+def test_a_film_without_a_display_is_said_to_have_none(reading_page, wall) -> None:
+    assert read_film(reading_page, wall) == "No display found in this film"
+    assert "Fit the whole display into the frame" in text_of(reading_page, "advice")
+    assert text_of(reading_page, "message") == ""
 
 
 def test_a_camera_that_sees_no_display_keeps_looking(browser, address, wall) -> None:
@@ -532,7 +548,7 @@ def test_a_camera_that_sees_no_display_keeps_looking(browser, address, wall) -> 
             page.wait_for_timeout(100)
 
 
-def test_what_the_camera_sees_can_be_saved(browser, address, film_at, tmp_path) -> None:
+def test_what_the_camera_sees_is_read_and_can_be_saved(browser, address, film_at, tmp_path) -> None:
     film = film_at("paper 0")
     with open_page(browser, camera_flags(film)) as page:
         page.goto(address[0])
@@ -541,6 +557,9 @@ def test_what_the_camera_sees_can_be_saved(browser, address, film_at, tmp_path) 
         with page.expect_download(timeout=1e3 * PATIENCE_S) as download:
             page.get_by_role("button", name="Save what the camera sees").click()
         download.value.save_as(tmp_path / "saved.tar")
+        wait_for(page, lambda: text_of(page, "message"), 2 * PATIENCE_S)
+        assert text_of(page, "message") == FILMS["paper 0"].message
+        assert text_of(page, "status") == "Message received"
     with tarfile.open(tmp_path / "saved.tar") as archive:
         archive.extractall(tmp_path, filter="data")
     about = json.loads((tmp_path / "about.json").read_text())

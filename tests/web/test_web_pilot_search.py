@@ -1,16 +1,16 @@
 """The page finds displays by their pilots in the films in which Python does, and in no other."""
 
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pilot_films import FINE, OTHER, filmed, panned_to
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, PortError
+from tolerances import PILOTS_FOUND_PX
 
 from export.locate.pilots.search import PilotSearch
-from export.web.tables import layout_table
-from link.layout import Layout
+from link.layout import Layout, make_layout
 
 FPS = 60.0
 FILMS = ["edges", "upside down", "parallax", "turned to", "no edges", "still", "other layout"]
@@ -19,21 +19,10 @@ LATER, NO_EDGES_LATER = 3, 6
 finer, and what toggles is outlined in several of them."""
 
 
-def found_by_python(images: list[NDArray[np.uint8]], layouts: list[Layout]) -> object:
-    search = PilotSearch(layouts, FPS)
-    for number, image in enumerate(images):
-        display = search.push(image, number / FPS)
-        if display is not None:
-            return {
-                "frame": number,
-                "layout": layouts.index(display.layout),
-                "corners": display.corners,
-            }
-    return None
-
-
-def film(name: str) -> dict[str, object]:
-    layouts, corners = [OTHER, FINE], None
+def film(
+    name: str,
+) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64] | None, list[Layout]]:
+    """Images, the display's corners in each or None where none is to be found, and layouts."""
     if name == "edges":
         images, corners = filmed(FINE, 30, seed=0)
     elif name == "upside down":
@@ -48,24 +37,38 @@ def film(name: str) -> dict[str, object]:
     elif name == "no edges":
         images, corners = filmed(FINE, 54, seed=7, dark=True)
     elif name == "still":
-        images, _ = filmed(FINE, 30, seed=2, hold=10**6)
+        return filmed(FINE, 30, seed=2, hold=10**6)[0], None, [OTHER, FINE]
     else:
-        layouts = [FINE]
-        images, _ = filmed(OTHER, 40, seed=3)
-    return {
-        "fps": FPS,
-        "later": NO_EDGES_LATER if name == "no edges" else LATER,
-        "images": np.array(images),
-        "truth": corners,
-        "layouts": [layout_table(layout) for layout in layouts],
-        "python": found_by_python(images, layouts),
-    }
+        return filmed(OTHER, 40, seed=3)[0], None, [FINE]
+    return images, corners, [OTHER, FINE]
+
+
+def first_found(search: Any, images: list[NDArray[np.uint8]]) -> tuple[int, Any] | None:
+    """The frame in which a search, Python's or the page's, finds a display, and the display."""
+    for number, image in enumerate(images):
+        display = search.push(image, number / FPS)
+        if display is not None:
+            return number, display
+    return None
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FILMS)
-def test_page_finds_what_python_finds(tmp_path: Path, name: str) -> None:
-    fixture = film(name)
-    assert (fixture["python"] is None) == (fixture["truth"] is None)
-    write_fixture(tmp_path, "film", fixture)
-    run_node_tests("pilotSearch", tmp_path)
+def test_page_finds_what_python_finds(port: Port, name: str) -> None:
+    images, truth, layouts = film(name)
+    known = first_found(PilotSearch(layouts, FPS), images)
+    found = first_found(port("locate/pilots/search.js").PilotSearch(layouts, FPS), images)
+    assert (found is None) == (known is None) == (truth is None)
+    if known is None:
+        return
+    (frame, display), (known_frame, known_display) = found, known
+    assert frame <= known_frame + (NO_EDGES_LATER if name == "no edges" else LATER)
+    assert display.layout.rows == known_display.layout.rows
+    known_off = np.abs(known_display.corners - truth[known_frame]).max()
+    assert np.abs(display.corners - truth[frame]).max() <= known_off + PILOTS_FOUND_PX
+
+
+def test_layouts_need_pilots(port: Port) -> None:
+    plain = make_layout(24, 32)
+    with pytest.raises(PortError, match="pilots"):
+        port("locate/pilots/search.js").PilotSearch([plain])

@@ -1,12 +1,26 @@
 """The page weighs pilots, maps toggling, holds frames still and moves corners as Python does."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from pilot_films import FINE, MOVING_OUTLINE, block_views, moving_picture, texture
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, differences, same
+from tolerances import (
+    CORNERS_PX,
+    FITTED,
+    FLOAT32_SUM,
+    FLOAT64,
+    FOUND_PX,
+    MOVED_PX,
+    PILOT_CHANGE,
+    SAME_PX,
+    SAME_STEPS,
+    STILL_MEAN,
+    SUBPIXEL_PX,
+    TOGGLE_WORTH,
+    VIEW_MEAN,
+)
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
 from export.locate.pilots.climb import climb_to_pilots
@@ -28,14 +42,14 @@ from export.locate.pilots.evidence import (
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
-from export.web.tables import layout_table
-from link.geometry import frame_corners, homography_from_corners
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 
 SMALL = make_layout(12, 16, 128, 96, modulation="antipodal", pilots=40)
 UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
 HIDDEN = make_layout(48, 64, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
+CORNERS_JS, EVIDENCE_JS = "locate/pilots/corners.js", "locate/pilots/evidence.js"
 
 
 def expected(layout: Layout) -> NDArray[np.float64]:
@@ -48,206 +62,248 @@ def drawn(layout: Layout, size: tuple[int, int]) -> NDArray[np.float32]:
     return cv2.resize(expected(layout).astype("f4"), size, interpolation=cv2.INTER_NEAREST)
 
 
-def evidence() -> dict[str, object]:
-    rng, signs, cases = np.random.default_rng(0), pilot_signs(FINE), []
-    drops = np.sort(rng.choice(120, 26, replace=False)) + rng.uniform(0, 0.4, 26)
-    gaps = np.concatenate([np.arange(10), np.arange(1500, 1530)])
-    for at, strength in (
+def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
+    """A complex image as the page has it."""
+    height, width = change.shape
+    parts = {"real": change.real.reshape(-1), "imaginary": change.imag.reshape(-1)}
+    return {"width": width, "height": height, **parts}
+
+
+def same_motion(
+    found: object, H: NDArray[np.float64] | None, size: tuple[int, int], tolerance: float
+) -> None:
+    """Fail unless two homographies move all points of an image of a size alike."""
+    __tracebackhide__ = True
+    assert (found is None) == (H is None), f"{found}, not {H}"
+    if H is None:
+        return
+    points = np.stack(np.meshgrid([0, 0.5, 1], [0, 0.5, 1]), axis=-1).reshape(-1, 2) * size
+    same(transform(np.reshape(found, (3, 3)), points), transform(H, points), tolerance)
+
+
+def test_medians_and_quantiles(port: Port) -> None:
+    order, rng = port("locate/pilots/order.js"), np.random.default_rng(0)
+    for count in (3, 6, 101):
+        values = rng.permutation(count).astype(np.float64)
+        same(order.median(values), np.median(values))
+        for share in (0.98, 0.123):
+            same(order.quantile(values, share), np.quantile(values, share), SAME_STEPS)
+
+
+RNG = np.random.default_rng(0)
+DROPS = np.sort(RNG.choice(120, 26, replace=False)) + RNG.uniform(0, 0.4, 26)
+GAPS = np.concatenate([np.arange(10), np.arange(1500, 1530)])
+
+
+@pytest.mark.parametrize(
+    ("at", "strength"),
+    [
         (np.arange(24), 0.0),
         (np.arange(24), 0.6),
         (np.arange(37), 1.5),
         (np.arange(3), 1.0),
-        (drops, 1.0),
-        (drops, 0.0),
-        (gaps, 1.0),
+        (DROPS, 1.0),
+        (DROPS, 0.0),
+        (GAPS, 1.0),
         (np.array([0, 30, 90, 95, 96, 101]), 1.0),
-    ):
-        noise = rng.standard_normal((len(at), len(signs)))
-        slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))
-        wave = np.sign(np.cos(np.pi * (at + 0.5) / 2))
-        values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
-        found = pilot_evidence(list(values), FINE, at)
-        cases.append({"values": values, "at": at.astype(np.float64), "found": found})
-    grays = []
-    for layout, (width, height) in ((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60))):
-        gray = rng.integers(0, 256, (height, width), dtype=np.uint8)
-        grays.append(
-            {
-                "layout": layout_table(layout),
-                "gray": gray,
-                "blocks": standing_out(gray, layout),
-                "pilots": pilot_values(gray, layout),
-            }
-        )
-    return {"signs": signs, "layout": layout_table(FINE), "cases": cases, "grays": grays}
+    ],
+    ids=range(8),
+)
+def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float) -> None:
+    rng, signs, module = np.random.default_rng(0), pilot_signs(FINE), port(EVIDENCE_JS)
+    noise = rng.standard_normal((len(at), len(signs)))
+    slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))
+    wave = np.sign(np.cos(np.pi * (at + 0.5) / 2))
+    values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
+    same(module.pilotSigns(FINE), signs)
+    found = module.pilotEvidence(list(values), FINE, at.tolist())
+    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), FITTED)
 
 
-def times() -> list[dict[str, object]]:
-    """Frames of several rates whose times are rounded, and of which some are missing."""
-    rng, cases = np.random.default_rng(9), []
-    for fps, kept, digits in ((30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2)):
-        numbers = np.flatnonzero(rng.random(60) < kept)
-        seconds = np.round(numbers / fps, digits)
-        at = [position(second - seconds[0], fps) for second in seconds]
-        span, fastest = span_of(at)
-        made = waves(at, np.arange(2, fastest + 1) / span, np.arange(2) / span)
-        cases.append(
-            {
-                "fps": fps,
-                "seconds": seconds,
-                "at": at,
-                "span": (span, fastest),
-                "real": made.real,
-                "imaginary": made.imag,
-            }
-        )
-    return cases
+@pytest.mark.parametrize(
+    ("layout", "size"), [(SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60))]
+)
+def test_values_of_pilots_in_a_frame(port: Port, layout: Layout, size: tuple[int, int]) -> None:
+    gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
+    module = port(EVIDENCE_JS)
+    same(module.standingOut(gray, layout), standing_out(gray, layout), FLOAT32_SUM)
+    same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_SUM)
 
 
-def phases() -> list[dict[str, object]]:
-    """Pilots whose phase slopes from left to right, or from top to bottom."""
+@pytest.mark.parametrize("slope", [(3.2, 0.0), (0.0, -1.4)])
+def test_phases_that_slope(port: Port, slope: tuple[float, float]) -> None:
     rng, centres = np.random.default_rng(8), pilot_centres(FINE) - 0.5
-    cases = []
-    for slope in (np.array([3.2, 0.0]), np.array([0.0, -1.4])):
-        noise = rng.normal(0, 0.3, (2, FINE.pilots))
-        seen = pilot_signs(FINE) * np.exp(1j * (centres @ slope + 0.4)) + noise[0] + 1j * noise[1]
-        found, phase = common_phase(seen, FINE)
-        cases.append({"real": seen.real, "imaginary": seen.imag, "slope": found, "phase": phase})
-    return cases
+    noise = rng.normal(0, 0.3, (2, FINE.pilots))
+    seen = pilot_signs(FINE) * np.exp(1j * (centres @ slope + 0.4)) + noise[0] + 1j * noise[1]
+    known, phase = common_phase(seen, FINE)
+    found = port(EVIDENCE_JS).commonPhase(seen.real, seen.imag, FINE)
+    same([*found.slope, found.phase], [*known, phase], FLOAT64)
 
 
-def coarse() -> list[dict[str, object]]:
-    """Pilots that are shifted, tilted, turned, or absent, so that each kind of fit is made."""
-    rng, cases = np.random.default_rng(1), []
-    square = frame_corners(FINE.width, FINE.height)
-    tilt = np.array([[8.0, -6], [-9, 4], [12, 10], [3, -7]])
-    for move, noise, far in (
+@pytest.mark.parametrize(
+    ("fps", "kept", "digits"), [(30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2)]
+)
+def test_times_of_frames_and_waves_at_them(
+    port: Port, fps: float, kept: float, digits: int
+) -> None:
+    """The times are rounded, and some frames are missing."""
+    rng, module = np.random.default_rng(9), port("locate/pilots/waves.js")
+    seconds = np.round(np.flatnonzero(rng.random(60) < kept) / fps, digits)
+    seconds -= seconds[0]
+    at = [position(second, fps) for second in seconds]
+    assert [module.position(second, fps) for second in seconds] == at
+    span, fastest = span_of(at)
+    found = module.spanOf(at)
+    assert (found.span, found.fastest) == (span, fastest)
+    frequencies, slower = np.arange(2, fastest + 1) / span, np.arange(2) / span
+    made = waves(at, frequencies, slower)
+    waved = module.waves(at, frequencies.tolist(), slower.tolist())
+    same([wave.real for wave in waved], made.real.reshape(len(waved), -1), FLOAT64)
+    same([wave.imaginary for wave in waved], made.imag.reshape(len(waved), -1), FLOAT64)
+
+
+TILT = np.array([[8.0, -6], [-9, 4], [12, 10], [3, -7]])
+
+
+@pytest.mark.parametrize(
+    ("move", "noise", "far"),
+    [
         ([0.0, 0.0], 0.3, False),
         ([17.0, -12.0], 0.3, False),
         ([40.0, 30.0], 0.5, True),
-        (tilt, 0.3, False),
+        (TILT, 0.3, False),
         ([9.0, 5.0], 3.0, False),
         ([150.0, 0.0], 2.0, False),
-    ):
-        H = homography_from_corners(np.add(square, move), FINE.width, FINE.height)
-        shown = cv2.warpPerspective(drawn(FINE, (FINE.width, FINE.height)), H, (512, 384))
-        seen = cv2.resize(shown, COARSE_SIZE, interpolation=cv2.INTER_AREA)
-        real, imaginary = seen[None] * np.array([0.8, 0.6])[:, None, None] + rng.normal(
-            0, noise, (2, *seen.shape)
-        )
-        change = (real + 1j * imaginary).astype(np.complex64)
-        fit = coarse_shift(change, expected(FINE), FINE, far=far)
-        cases.append(
-            {
-                "real": change.real,
-                "imaginary": change.imag,
-                "far": far,
-                "H": None if fit is None else fit[0],
-                "parts": None if fit is None else fit[1],
-            }
-        )
-    return cases
+    ],
+    ids=["still", "shifted", "far", "tilted", "noisy", "absent"],
+)
+def test_corners_move_by_parts_of_a_display(
+    port: Port, move: object, noise: float, far: bool
+) -> None:
+    rng, module = np.random.default_rng(1), port(CORNERS_JS)
+    square = frame_corners(FINE.width, FINE.height)
+    H = homography_from_corners(np.add(square, move), FINE.width, FINE.height)
+    shown = cv2.warpPerspective(drawn(FINE, (FINE.width, FINE.height)), H, (512, 384))
+    seen = cv2.resize(shown, COARSE_SIZE, interpolation=cv2.INTER_AREA)
+    real, imaginary = seen[None] * np.array([0.8, 0.6])[:, None, None] + rng.normal(
+        0, noise, (2, *seen.shape)
+    )
+    change = (real + 1j * imaginary).astype(np.complex64)
+    known = coarse_shift(change, expected(FINE), FINE, far=far)
+    blocks = module.expectedChanges(FINE)
+    found = module.coarseShift(complex_plane(change), blocks, FINE, far)
+    assert (found is None) == (known is None)
+    if known is not None:
+        assert found.parts == known[1]
+        same_motion(found.HOldFromNew, known[0], (FINE.width, FINE.height), CORNERS_PX)
 
 
-def slopeless() -> list[dict[str, object]]:
-    """Maps of two layouts, and what is left of their pixels without the mean around each."""
-    rng, cases = np.random.default_rng(2), []
-    for layout in (FINE, SMALL):
-        size = map_size(layout)
-        change = rng.normal(0, 1, size[::-1]).astype(np.float32)
-        block = np.array([size[0] / layout.cols, size[1] / layout.rows])
-        left = without_slope(change, block)
-        table = layout_table(layout)
-        cases.append({"layout": table, "size": size, "change": change, "slopeless": left})
-    return cases
+@pytest.mark.parametrize("layout", [FINE, SMALL], ids=["fine", "small"])
+def test_maps_without_slope(port: Port, layout: Layout) -> None:
+    module, size = port(CORNERS_JS), map_size(layout)
+    assert module.mapSize(layout) == list(size)
+    change = np.random.default_rng(2).normal(0, 1, size[::-1]).astype(np.float32)
+    block = np.array([size[0] / layout.cols, size[1] / layout.rows])
+    found = module.withoutSlope(change, block.tolist())
+    same(found, without_slope(change, block), FLOAT32_SUM)
 
 
-def all_blocks() -> list[dict[str, object]]:
-    """Displays whose corners are off by less than a block, of two rates, one with a slope."""
+@pytest.mark.parametrize(
+    ("layout", "period", "slope", "noise"),
+    [(SMALL, 4, 0.0, 1.0), (UNEVEN, 4, 2.0, 1.0), (SMALL, 2, 0.0, 2.0), (SMALL, 4, 0.0, 30.0)],
+    ids=["plain", "slope", "fast", "noisy"],
+)
+def test_corners_move_by_all_blocks(
+    port: Port, layout: Layout, period: int, slope: float, noise: float
+) -> None:
+    """Corners are off by less than a block."""
+    module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd
     off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
-    cases = []
-    for layout, period, slope, noise in (
-        (SMALL, 4, 0.0, 1.0),
-        (UNEVEN, 4, 2.0, 1.0),
-        (SMALL, 2, 0.0, 2.0),
-        (SMALL, 4, 0.0, 30.0),
-    ):
-        views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
-        at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
-        fit = BlockFit(BlockMaps(layout), views, at, 1 / period)
-        settled = []
-        while len(settled) < 5 and not (settled and settled[-1]):
-            settled.append(fit.step())
-        cases.append(
-            {
-                "layout": layout_table(layout),
-                "views": views,
-                "at": at,
-                "frequency": 1 / period,
-                "changes": fit.changes,
-                "settled": settled,
-                "H": fit.shift(),
-            }
-        )
-    return cases
+    views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
+    at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
+    maps = module.BlockMaps(layout)
+    assert maps.size == list(views.shape[:0:-1])
+    changes = run(module.periodChangeSteps(maps, list(views), at, 1 / period))
+    fit, ported = BlockFit(BlockMaps(layout), views, at, 1 / period), module.BlockFit(maps, changes)
+    same(changes, fit.changes, PILOT_CHANGE)
+    for _ in range(5):
+        settled = fit.step()
+        assert run(ported.moveSteps()) == settled
+        if settled:
+            break
+    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), SUBPIXEL_PX)
 
 
-def climb() -> dict[str, object]:
+def test_corners_climb_to_the_pilots(port: Port) -> None:
     rng, size = np.random.default_rng(3), map_size(HIDDEN)
     right = frame_corners(*size).astype("f4")
     seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]]).astype("f4")
-    H = cv2.getPerspectiveTransform(right, seen)
-    shown = cv2.warpPerspective(drawn(HIDDEN, size), H, size)
+    shown = cv2.warpPerspective(drawn(HIDDEN, size), cv2.getPerspectiveTransform(right, seen), size)
     noise = rng.normal(0, 1.5, (2, *shown.shape))
     change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
-    return {
-        "layout": layout_table(HIDDEN),
-        "real": change.real,
-        "imaginary": change.imag,
-        "H": climb_to_pilots(change, HIDDEN),
-    }
+    found = port("locate/pilots/climb.js").climbToPilots(complex_plane(change), HIDDEN)
+    H = climb_to_pilots(change, HIDDEN)
+    assert H is not None
+    same_motion(found, H, (HIDDEN.width, HIDDEN.height), CORNERS_PX)
 
 
-def moved() -> dict[str, object]:
+def test_corners_of_what_lies_elsewhere_in_its_rectified_image(port: Port) -> None:
     H = np.array([[1.01, 0.02, 3.0], [-0.01, 0.99, -2.0], [1e-5, -2e-5, 1.0]])
-    layout = layout_table(FINE)
-    return {"corners": CORNERS, "H": H, "layout": layout, "moved": moved_corners(CORNERS, H, FINE)}
+    found = port(CORNERS_JS).movedCorners(CORNERS.tolist(), H, FINE)
+    same(found, moved_corners(CORNERS, H, FINE), MOVED_PX)
 
 
-def toggling() -> dict[str, object]:
+def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
     """A display of random blocks toggles in front of a texture."""
     rng = np.random.default_rng(4)
     room = 100 + 20 * texture((200, 300), 5)
     signs = cv2.resize(rng.choice([-1.0, 1.0], (24, 32)), (128, 96), interpolation=0)
-    toggle_map = ToggleMap()
-    stills = []
+    toggle_map, ported = ToggleMap(), port("locate/pilots/toggleMap.js").ToggleMap(300, 200)
     for number in range(24):
+        if number < 10:
+            assert ported.outline(0.25) is None
         still = room + rng.normal(0, 1, room.shape)
         still[50:146, 80:208] += 6 * signs * (-1) ** (number // 2)
-        stills.append(np.clip(still + 0.5, 0, 255).astype(np.uint8))
-        toggle_map.add(stills[-1], number)
-    frequencies = [0.25, 0.0, 0.5]
+        shown = np.clip(still + 0.5, 0, 255).astype(np.uint8)
+        toggle_map.add(shown, number)
+        ported.add(shown, number)
+    assert [len(list(ported.prepare(0.25))) for _ in range(2)] == [5, 0]
+    frequencies = (0.25, 0.0, 0.5)
     outlines = [toggle_map.outline(frequency) for frequency in frequencies]
+    for number in (4, 12):
+        same(ported.logPower(number), toggle_map._logs[number], FLOAT32_SUM)
+    for frequency, outline in zip(frequencies, outlines, strict=True):
+        same(ported.outline(frequency), outline, SAME_PX)
     right = np.array([[80.0, 50.0], [208.0, 50.0], [208.0, 146.0], [80.0, 146.0]])
     quads = [right, right + 30, right[::-1] - 9, right[[0, 2, 1, 3]]]
-    return {
-        "stills": np.array(stills),
-        "logs": [toggle_map._logs[number] for number in (4, 12)],
-        "frequencies": frequencies,
-        "outlines": outlines,
-        "quads": quads,
-        "worths": [toggle_map.worth(quad) for quad in quads],
-        "views": list(toggle_map.views(right, 48, 48)[:2]),
-    }
+    worths = [toggle_map.worth(quad) for quad in quads]
+    same(ported.worths([quad.tolist() for quad in quads]), worths, TOGGLE_WORTH)
+    views = ported.views(right.tolist(), 48, 48)
+    for found, view in zip(views, toggle_map.views(right, 48, 48), strict=True):
+        assert differences(found, view)[1] < VIEW_MEAN
 
 
-def two_motions() -> dict[str, object]:
-    before, after = moving_picture(0), moving_picture(6)
-    outlines = {"picture": MOVING_OUTLINE, "everything": frame_corners(640, 640)}
-    return {"before": before, "after": after, "moved": 6.0, **outlines}
+def motion_of_the_middle(port: Port, *begun: object) -> tuple[float, float]:
+    """How far the page sees a picture move, pixels to the right, and the share of its points."""
+    stabiliser = port("locate/pilots/stabilise.js").Stabiliser()
+    stabiliser.begin(moving_picture(0), *begun)
+    H = stabiliser.follow(moving_picture(6))
+    return transform(H.reshape(3, 3), np.array([[320.0, 320.0]]))[0, 0] - 320, stabiliser.share
 
 
-def stabilising() -> dict[str, object]:
+def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen(port: Port) -> None:
+    everything = frame_corners(640, 640)
+    for outline in (MOVING_OUTLINE, everything):
+        moved, share = motion_of_the_middle(port, True, outline.tolist())
+        assert abs(moved) < FOUND_PX
+        assert (share > 0.97) == (outline is MOVING_OUTLINE)
+    for far_apart, expected_px in ((False, 6), (True, 0)):
+        moved, share = motion_of_the_middle(port, far_apart)
+        assert abs(moved - expected_px) < FOUND_PX
+        assert 0 < share < 0.9
+
+
+def test_frames_are_held_still(port: Port) -> None:
     """Frames of a texture seen by a hand that moves; the last shows something else."""
     wide = np.clip(120 + 40 * texture((560, 1000), 6, sigma=3), 0, 255).astype(np.uint8)
     moves = [np.eye(3)] * 3
@@ -255,17 +311,22 @@ def stabilising() -> dict[str, object]:
     moves[2] = np.array([[1.01, 0.02, 9.0], [-0.02, 1.01, 2.5], [2e-6, -1e-6, 1]])
     frames = [cv2.warpPerspective(wide, move, (960, 540)) for move in moves]
     frames.append(np.full((540, 960), 90, np.uint8))
-    stabiliser = Stabiliser()
+    stabiliser, ported = Stabiliser(), port("locate/pilots/stabilise.js").Stabiliser()
+    assert ported.follow(frames[0]) is None
     stabiliser.begin(frames[0])
-    found = [stabiliser.follow(frame) for frame in frames]
-    still = stabiliser.still(frames[1], found[1])
-    points = stabiliser.on_image(np.array([[0.0, 0.0], [100.0, 50.0]]))
-    np.testing.assert_allclose(stabiliser.on_copy(points), [[0, 0], [100, 50]], atol=1e-9)
-    return {"frames": frames, "H": found, "still": still, "points": points}
-
-
-def test_pilots_are_weighed_and_corners_moved_as_in_python(tmp_path: Path) -> None:
-    parts = (evidence, times, phases, coarse, slopeless, all_blocks, climb, moved, toggling)
-    for part in (*parts, stabilising, two_motions):
-        write_fixture(tmp_path, part.__name__, part())
-    run_node_tests("pilots", tmp_path)
+    ported.begin(frames[0])
+    motions = [stabiliser.follow(frame) for frame in frames]
+    assert motions[3] is None
+    for frame, H in zip(frames, motions, strict=True):
+        same_motion(ported.follow(frame), H, (960, 540), CORNERS_PX)
+    still = stabiliser.still(frames[1], motions[1])
+    assert (ported.height, ported.width) == still.shape
+    assert differences(ported.still(frames[1], motions[1]), still)[1] < STILL_MEAN
+    places = [[0.0, 0.0], [100.0, 50.0]]
+    points = stabiliser.on_image(np.array(places))
+    same(stabiliser.on_copy(points), places, FLOAT64)
+    same(ported.onImage(places), points, FLOAT64)
+    same(ported.onCopy(points.tolist()), places, FLOAT64)
+    assert ported.follow(np.zeros((3, 4), np.uint8)) is None
+    ported.forget()
+    assert ported.follow(frames[0]) is None

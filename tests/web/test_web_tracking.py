@@ -1,18 +1,16 @@
 """The page follows a display, and corrects its corners, as Python does."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from web_fixtures import run_node_tests, write_fixture
+from port import Port, same
+from tolerances import CORNERS_PX, DECODED_PX, FOLLOWED_PX
 
 from export.locate.pilots.evidence import pilot_signs
 from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.follow import Follower
-from export.web.tables import layout_table
-from link.geometry import homography_from_corners
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.ratex import draw_patches
 from link.types import Array, Image
@@ -59,47 +57,74 @@ def hand(start: Array, number: int) -> Array:
     return np.asarray(moved + np.array([4 * np.sin(number / 2), 2.5 * number / 3]))
 
 
-def followed(layout: Layout, start: Array, changed_after: int = 99) -> dict[str, object]:
-    """Ten frames of a hand-held camera, and where Python's follower sees the display."""
+FOLLOWED = {
+    "patches": (PATCHES, WHOLE, 99),
+    "pilots": (PILOTS, np.roll(WHOLE, 1, axis=0), 99),
+    "partly out of view": (PILOTS, WHOLE - [80.0, 20.0], 99),
+    "another picture": (PATCHES, WHOLE, 5),
+}
+"""A layout, the corners at first, and the number of the last frame with the first picture."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FOLLOWED)
+def test_displays_are_followed_as_in_python(port: Port, name: str) -> None:
+    """In ten frames of a hand-held camera."""
+    layout, corners, unchanged = FOLLOWED[name]
     follower = Follower(layout)
-    images, found, fresh = [], [], []
-    for number in range(11):
-        shown = picture(layout, int(number > changed_after))
-        images.append(filmed(shown, hand(start, number), number))
-        if number == 0:
-            view = follower.rectified(images[0], start)
-            assert view is not None
-            follower.begin(images[0], start, view)
-            continue
-        step = follower.step(images[-1])
+    ported = port("receive/tracking/follow.js").Follower(layout)
+    images = [
+        filmed(picture(layout, int(number > unchanged)), hand(corners, number), number)
+        for number in range(11)
+    ]
+
+    def begin(image: Image, known: Array, found: list[list[float]]) -> None:
+        view = follower.rectified(image, known)
+        assert view is not None
+        follower.begin(image, known, view)
+        ported.begin(image, found, ported.rectified(image, found))
+
+    begin(images[0], corners, corners.tolist())
+    renewed = 0
+    for number, image in enumerate(images[1:], 1):
+        step, found = follower.step(image), ported.step(image)
         assert step is not None, number
-        corners, anew = step
-        assert np.abs(corners - hand(start, number)).max() < 1.0
-        follower.advance(corners)
-        if anew:
-            view = follower.rectified(images[-1], corners)
-            assert view is not None
-            follower.begin(images[-1], corners, view)
-        found.append(corners)
-        fresh.append(anew)
-    return {
-        "layout": layout_table(layout),
-        "start": start,
-        "images": images,
-        "corners": np.array(found),
-        "fresh": fresh,
-    }
+        known, fresh = step
+        assert np.abs(known - hand(corners, number)).max() < FOLLOWED_PX
+        same(found.corners, known, CORNERS_PX)
+        assert found.fresh == fresh
+        follower.advance(known)
+        ported.advance(found.corners)
+        if fresh:
+            renewed += 1
+            begin(image, known, found.corners)
+    assert name != "another picture" or renewed == 1
 
 
-def shifting() -> dict[str, object]:
-    """Frame pairs that are rectified wrongly, and how Python moves the display's corners.
+@pytest.mark.slow
+def test_corners_move_to_where_decoded_blocks_lie(port: Port) -> None:
+    """All frame pairs were rectified before the first move, as frames are that wait for the clock.
 
-    All of them were rectified before the first move, as frames are that wait for the clock.
+    The third is decoded without any certainty, and the last shows nothing.
     """
     rng, layout = np.random.default_rng(3), FINE
-    shifts, pairs = CornerShift(layout), []
+    shifts = CornerShift(layout)
+    ported = port("receive/tracking/corners.js").CornerShift(layout)
     H = np.array([[1.004, 0.002, 1.5], [-0.001, 0.997, -1.0], [1e-5, 0, 1]])
     size = layout.width, layout.height
+    corners, moves = frame_corners(*size), []
+
+    def compare(images: list[Image], scores: Array) -> None:
+        shifts.take(*images, scores, np.zeros(8))
+        ported.take(*images, scores, np.zeros(8))
+        known, found = shifts.shift(), ported.shift()
+        moves.append(known is not None)
+        assert (found is None) == (known is None)
+        if known is not None:
+            moved = transform(found.reshape(3, 3), corners)
+            same(moved, transform(known, corners), DECODED_PX)
+            assert ported.shift() is None
+
     for number in range(4):
         grid = rng.choice([-1.0, 1.0], (layout.rows, layout.cols))
         grid.reshape(-1)[layout.pilot_blocks] = pilot_signs(layout)
@@ -107,27 +132,7 @@ def shifting() -> dict[str, object]:
         shown = 130 + 0.4 * (picture(layout, 5) - 130.0)
         seen = [cv2.warpPerspective(shown + 4 * s * change, H, size) for s in (-1, 1)]
         images = [noisy(image, 10 * number + i) for i, image in enumerate(seen)]
-        scores = SURE * grid[layout.message_mask] * (number != 2)
-        shifts.take(images[0], images[1], scores, np.zeros(8))
-        shift = shifts.shift()
-        pairs.append({"images": images, "scores": scores, "shift": shift})
+        compare(images, SURE * grid[layout.message_mask] * (number != 2))
     flat = np.full((layout.height, layout.width), 90, np.uint8)
-    shifts.take(flat, flat, np.zeros(layout.n_bits), np.zeros(8))
-    still = {"images": [flat, flat], "scores": np.zeros(layout.n_bits), "shift": shifts.shift()}
-    pairs.append(still)
-    assert pairs[0]["shift"] is not None
-    return {"layout": layout_table(layout), "pairs": pairs}
-
-
-@pytest.mark.slow
-def test_displays_are_followed_as_in_python(tmp_path: Path) -> None:
-    cases = {
-        "patches": followed(PATCHES, WHOLE),
-        "pilots": followed(PILOTS, np.roll(WHOLE, 1, axis=0)),
-        "partly out of view": followed(PILOTS, WHOLE - [80.0, 20.0]),
-        "another picture": followed(PATCHES, WHOLE, changed_after=5),
-    }
-    assert cases["another picture"]["fresh"].count(True) == 1
-    write_fixture(tmp_path, "followed", cases)
-    write_fixture(tmp_path, "shifting", shifting())
-    run_node_tests("tracking", tmp_path)
+    compare([flat, flat], np.zeros(layout.n_bits))
+    assert moves[0]

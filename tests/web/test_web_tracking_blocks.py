@@ -1,16 +1,14 @@
 """The page fills hidden blocks, finds covered ones and skips repeats as Python does."""
 
-from pathlib import Path
-
 import cv2
 import numpy as np
-from web_fixtures import run_node_tests, write_fixture
+import pytest
+from port import Port, same
 
 from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
 from export.receive.repeats import Repeats
-from export.web.tables import layout_table
-from link.layout import Layout, make_layout
+from link.layout import make_layout
 from link.ratex import draw_patches
 from link.types import Array, Image
 
@@ -30,9 +28,19 @@ def noisy(image: Array, seed: int, deviation: float = 2.0) -> Image:
     return np.clip(image + noise + 0.5, 0, 255).astype(np.uint8)
 
 
-def hiding(layout: Layout, cut: bool, hand: bool) -> dict[str, object]:
-    """A frame pair of which some is outside the image, or behind a hand, and the filled images."""
-    images = []
+HIDING = {
+    "partly out of view": (PATCHES, True, False),
+    "behind a hand": (PATCHES, False, True),
+    "pilots": (PILOTS, True, False),
+    "all seen": (PATCHES, False, False),
+}
+"""A layout, whether some of the display is outside the image, and whether a hand is before it."""
+
+
+@pytest.mark.parametrize("name", HIDING)
+def test_hidden_blocks_are_filled(port: Port, name: str) -> None:
+    layout, cut, hand = HIDING[name]
+    images, module = [], port("receive/hidden.js")
     for embedded in (False, True):
         shown = smooth(layout.height, layout.width, 1).astype(np.uint8)
         draw_patches(shown, layout, 3, embedded=embedded)
@@ -44,51 +52,42 @@ def hiding(layout: Layout, cut: bool, hand: bool) -> dict[str, object]:
         purity[:, 13:] = 0
         purity[7, 6] = 0
     hidden = hidden_blocks(images[0], images[1], purity, layout)
-    return {
-        "layout": layout_table(layout),
-        "images": images,
-        "purity": purity,
-        "hidden": hidden,
-        "filled": fill_hidden(images, hidden, layout),
-    }
+    assert hidden.any() == (name != "all seen")
+    same(module.hiddenBlocks(*images, purity, layout), hidden)
+    filled = module.fillHidden(images, hidden, layout)
+    same(filled, fill_hidden(images, hidden, layout))
 
 
-def covering() -> dict[str, object]:
+def test_covered_blocks_are_found(port: Port) -> None:
     """A hand passes by, the light changes, and then the picture."""
-    occlusion, images, covered = Occlusion(PATCHES), [], []
+    occlusion, ported = Occlusion(PATCHES), port("receive/occlusion.js").Occlusion(PATCHES)
+    is_covered = []
     for number in range(14):
         shown = smooth(PATCHES.height, PATCHES.width, int(number > 11)) * (1 + 0.03 * number)
         if 4 < number < 9:
             shown[20:110, 20 * number : 20 * number + 70] = 30
-        images.append(noisy(shown, number))
-        covered.append(occlusion.covered(images[-1]))
-    assert any(blocks.any() for blocks in covered)
-    return {"layout": layout_table(PATCHES), "images": images, "covered": covered}
+        image = noisy(shown, number)
+        covered = occlusion.covered(image)
+        same(ported.covered(image), covered)
+        is_covered.append(covered.any())
+    assert any(is_covered)
 
 
-def repeating() -> list[dict[str, object]]:
-    """Films with noise and without, of odd sizes, in which frames are repeated."""
-    films = []
-    for (height, width), deviation in (((96, 128), 3.0), ((45, 250), 3.0), ((96, 128), 0.0)):
-        base = smooth(height, width, 0)
-        numbers = (0, 1, 2, 3, 4, 5, 6, 7, 7, 8, 9, 9, 10, 11, 11)
-        film = [noisy(base + 3 * (number // 2 % 2), number, deviation) for number in numbers]
-        corrected = np.clip(film[-1] + (np.arange(width) % 7 == 0), 0, 255).astype(np.uint8)
-        repeats = Repeats()
-        images = [*film, corrected, film[0][::-1, : width // 2].copy(), film[0]]
-        films.append({"images": images, "repeated": [repeats.is_repeat(i) for i in images]})
-    assert any(films[0]["repeated"])
-    return films
-
-
-def test_blocks_and_repeats_are_handled_as_in_python(tmp_path: Path) -> None:
-    cases = {
-        "partly out of view": hiding(PATCHES, cut=True, hand=False),
-        "behind a hand": hiding(PATCHES, cut=False, hand=True),
-        "pilots": hiding(PILOTS, cut=True, hand=False),
-        "all seen": hiding(PATCHES, cut=False, hand=False),
-    }
-    write_fixture(tmp_path, "hiding", cases)
-    for part in (covering, repeating):
-        write_fixture(tmp_path, part.__name__, part())
-    run_node_tests("trackingBlocks", tmp_path)
+@pytest.mark.parametrize(
+    ("shape", "deviation"), [((96, 128), 3.0), ((45, 250), 3.0), ((96, 128), 0.0)]
+)
+def test_repeated_frames_are_recognised(
+    port: Port, shape: tuple[int, int], deviation: float
+) -> None:
+    """In films with noise and without, of odd sizes."""
+    base = smooth(*shape, 0)
+    numbers = (0, 1, 2, 3, 4, 5, 6, 7, 7, 8, 9, 9, 10, 11, 11)
+    film = [noisy(base + 3 * (number // 2 % 2), number, deviation) for number in numbers]
+    corrected = np.clip(film[-1] + (np.arange(shape[1]) % 7 == 0), 0, 255).astype(np.uint8)
+    repeats, ported = Repeats(), port("receive/repeats.js").Repeats()
+    repeated = []
+    for image in [*film, corrected, film[0][::-1, : shape[1] // 2].copy(), film[0]]:
+        repeated.append(repeats.is_repeat(image))
+        assert ported.isRepeat(image) == repeated[-1]
+    assert ported.count == sum(repeated)
+    assert any(repeated) or (shape, deviation) != ((96, 128), 3.0)

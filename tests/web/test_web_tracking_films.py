@@ -1,64 +1,100 @@
 """The page finds displays in films, follows and loses them as Python does."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pilot_films import FINE, filmed
+from port import Port, PortError, same
 from test_web_tracking import WHOLE, hand, picture
 from test_web_tracking import filmed as photographed
-from web_fixtures import run_node_tests, write_fixture
+from tolerances import FOLLOWED_PX, FOUND_PX, MOVED_PX, PILOTS_CLOSE_PX
 
 from export.receive.tracking.patches import Tracker
-from export.receive.tracking.pilots import PilotTracker
-from export.web.tables import layout_table
+from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 from link.layout import make_layout
 
 PATCHES = make_layout(8, 8, 256, 192)
-CLOSE_PX = 4.0
-"""Largest distance of pilots' corners: a third of a block. Decoded blocks mend what is left."""
 STILL, MOVING = 6, 8
 """Numbers of frames at first, and after that with a camera that moves."""
-
-
-def patches_film() -> dict[str, object]:
-    tracker, images, corners, seen = Tracker(PATCHES), [], [], []
-    shown = picture(PATCHES, 0)
-    for number in range(STILL + MOVING):
-        there = hand(WHOLE, max(0, number - STILL + 1))
-        images.append(photographed(shown, there, number))
-        corners.append(there)
-        tracked = tracker.follow(images[-1], number / 60)
-        assert tracked is None or np.abs(tracked.corners - there).max() < 0.7
-        seen.append(np.full((4, 2), np.nan) if tracked is None else tracked.corners)
-    assert np.isfinite(seen[STILL:]).all()
-    return {
-        "layout": layout_table(PATCHES),
-        "images": images,
-        "corners": np.array(corners),
-        "seen": np.array(seen),
-    }
-
-
-def pilots_film() -> dict[str, object]:
-    images, corners = filmed(FINE, 40, seed=0, kappa=5.0)
-    tracker, found = PilotTracker([FINE], 60.0), []
-    for number, (image, there) in enumerate(zip(images, corners, strict=True)):
-        tracked = tracker.follow(image, number / 60)
-        assert tracked is None or np.abs(tracked.corners - there).max() < CLOSE_PX
-        found.append(tracked is not None)
-    assert found == sorted(found)
-    assert found[-1]
-    return {
-        "layout": layout_table(FINE),
-        "images": images,
-        "corners": corners,
-        "first": found.index(True),
-    }
+PATCHES_JS, PILOTS_JS = "receive/tracking/patches.js", "receive/tracking/pilots.js"
 
 
 @pytest.mark.slow
-def test_displays_are_found_and_followed(tmp_path: Path) -> None:
-    for part in (patches_film, pilots_film):
-        write_fixture(tmp_path, part.__name__, part())
-    run_node_tests("trackingFilms", tmp_path)
+def test_a_display_with_patches_is_found_followed_lost_and_found_again(port: Port) -> None:
+    shown = picture(PATCHES, 0)
+    corners = [hand(WHOLE, max(0, number - STILL + 1)) for number in range(STILL + MOVING)]
+    images = [photographed(shown, there, number) for number, there in enumerate(corners)]
+    tracker, ported = Tracker(PATCHES), port(PATCHES_JS).Tracker(PATCHES)
+    seen = [tracker.follow(image, number / 60) for number, image in enumerate(images)]
+    assert None not in seen[STILL:]
+
+    def follow() -> int:
+        """How many frames the page sees the display in, once it has found it in all."""
+        found = 0
+        for image, there, known in zip(images, corners, seen, strict=True):
+            tracked = ported.follow(image, 0)
+            assert tracked is not None or found == 0
+            if tracked is None:
+                continue
+            found += 1
+            assert tracked.rectified.shape == (192, 256)
+            same(tracked.corners, there, FOLLOWED_PX)
+            if known is not None:
+                same(known.corners, there, FOLLOWED_PX)
+                same(tracked.corners, known.corners, FOUND_PX)
+        return found
+
+    assert follow() >= 8
+    for _ in range(3):
+        assert ported.follow(np.zeros_like(images[0]), 0) is None
+    assert follow() >= 6
+
+
+def test_layouts_need_what_their_trackers_look_for(port: Port) -> None:
+    with pytest.raises(PortError, match="patches"):
+        port(PATCHES_JS).Tracker(FINE)
+    with pytest.raises(PortError, match="pilots"):
+        port(PILOTS_JS).PilotTracker([PATCHES], 30)
+
+
+@pytest.mark.slow
+def test_a_display_with_pilots_is_found_moved_and_lost_when_it_stops_toggling(port: Port) -> None:
+    images, corners = filmed(FINE, 40, seed=0, kappa=5.0)
+    tracker, frames = PilotTracker([FINE], 60.0), len(images)
+    is_known = []
+    for number, (image, there) in enumerate(zip(images, corners, strict=True)):
+        known = tracker.follow(image, number / 60)
+        is_known.append(known is not None)
+        if known is not None:
+            same(known.corners, there, PILOTS_CLOSE_PX)
+    assert is_known == sorted(is_known)
+    assert is_known[-1]
+
+    plain, moved = (port(PILOTS_JS).PilotTracker([FINE], 60) for _ in range(2))
+    shift, found = np.array([[1.0, 0, 7], [0, 1, -5], [0, 0, 1]]), 0
+    for number, (image, there) in enumerate(zip(images, corners, strict=True)):
+        here, elsewhere = (ported.follow(image, number / 60) for ported in (plain, moved))
+        assert (here is None) == (elsewhere is None)
+        assert here is not None or found == 0, f"frame {number}"
+        if here is None:
+            continue
+        found += 1
+        same(here.corners, there, PILOTS_CLOSE_PX)
+        if found == 2:
+            assert np.abs(np.subtract(elsewhere.corners, here.corners)).max() > 3
+        else:
+            same(elsewhere.corners, here.corners, MOVED_PX)
+        if found == 1:
+            moved.correct(2 * shift)  # the scale of a homography means nothing
+        elif found == 2:
+            moved.correct(np.linalg.inv(shift))
+    assert found >= frames - is_known.index(True) - 4
+
+    rng = np.random.default_rng(0)
+    for still in range(300):
+        noise = rng.integers(-2, 3, images[-1].shape)
+        grainy = np.clip(images[-1] + noise, 0, 255).astype(np.uint8)
+        if plain.follow(grainy, (frames + still) / 60) is None:
+            break
+    else:
+        pytest.fail("the display is never lost")
+    assert CHECK_EVERY * PATIENCE - frames < still <= CHECK_EVERY * 6

@@ -1,14 +1,17 @@
 """The page's receiver finds, follows and decodes the displays that it draws to get ready."""
 
 import pytest
-from web_fixtures import run_node_tests, write_fixture
 
-from export.web.tables import layout_table
 from link.presets import PRESETS
+
+LAYOUTS = [PRESETS[name].layout for name in ("paper", "robust")]
 
 
 @pytest.mark.slow
-def test_getting_ready_runs_every_stage(tmp_path) -> None:
-    layouts = [layout_table(PRESETS[name].layout) for name in ("paper", "robust")]
-    write_fixture(tmp_path, "layouts", layouts)
-    run_node_tests("warm", tmp_path)
+@pytest.mark.parametrize("layout", LAYOUTS, ids=["patches", "pilots"])
+def test_frame_pairs_are_decoded(port, layout) -> None:
+    assert port("receive/warm.js").warmUp([layout]) >= 2
+
+
+def test_nothing_is_read_when_there_is_no_time(port) -> None:
+    assert port("receive/warm.js").warmUp(LAYOUTS, 0) == 0

@@ -44,7 +44,7 @@ export function stretchRange(luma) {
 export function planeOfRgba({ width, height, data }) {
   const luma = new Uint8Array(width * height);
   for (let i = 0, j = 0; i < luma.length; i++, j += 4) {
-    luma[i] = (data[j] * 4899 + data[j + 1] * 9617 + data[j + 2] * 1868 + 8192) >> 14;
+    luma[i] = (data[j] * 9798 + data[j + 1] * 19235 + data[j + 2] * 3735 + 16384) >> 15;
   }
   return { width, height, data: luma };
 }
