@@ -29,7 +29,7 @@ from export.locate.patches import (
     image_pyramid,
     patches_in_view,
     search_patches,
-    seen_visibility,
+    seen_correlation,
 )
 from export.locate.quads import distinct, is_sound, upright
 from export.locate.refine import corners_on_edges, corners_on_patches
@@ -96,7 +96,7 @@ def patches(gray: Gray, rng: np.random.Generator) -> dict[str, object]:
         "seen": seen,
         "match": match,
         "inView": in_view,
-        "visibility": [seen_visibility(*case) for case in zip(match, in_view, strict=True)],
+        "correlation": [seen_correlation(*case) for case in zip(match, in_view, strict=True)],
     }
 
 

@@ -1,4 +1,4 @@
-"""The page fills hidden blocks, finds covered ones and skips repeats as Python does."""
+"""The page fills unseen blocks, finds covered ones and skips repeats as Python does."""
 
 from pathlib import Path
 
@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 from web_fixtures import run_node_tests, write_fixture
 
-from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
 from export.receive.repeats import Repeats
+from export.receive.unseen import fill_unseen, unseen_blocks
 from export.web.tables import layout_table
 from link.layout import Layout, make_layout
 from link.ratex import draw_patches
@@ -43,13 +43,13 @@ def hiding(layout: Layout, cut: bool, hand: bool) -> dict[str, object]:
     if cut:
         purity[:, 13:] = 0
         purity[7, 6] = 0
-    hidden = hidden_blocks(images[0], images[1], purity, layout)
+    unseen = unseen_blocks(images[0], images[1], purity, layout)
     return {
         "layout": layout_table(layout),
         "images": images,
         "purity": purity,
-        "hidden": hidden,
-        "filled": fill_hidden(images, hidden, layout),
+        "unseen": unseen,
+        "filled": fill_unseen(images, unseen, layout),
     }
 
 

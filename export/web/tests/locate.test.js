@@ -12,7 +12,7 @@ import {
   imagePyramid,
   patchesInView,
   searchPatches,
-  seenVisibility,
+  seenCorrelation,
 } from "../src/locate/patches.js";
 import { distinct, isSound, upright } from "../src/locate/quads.js";
 import { cornersOnEdges, cornersOnPatches } from "../src/locate/refine.js";
@@ -92,13 +92,13 @@ test("corners move onto patches", () => {
   assert.ok(Math.abs(seen - patches.seen) < 1e-3);
 });
 
-test("visibility of patches, some of them out of view", () => {
+test("correlation of patches, some of them out of view", () => {
   const count = patches.match.shape[1];
-  const found = patches.visibility.map((/** @type {number} */ _, /** @type {number} */ i) =>
-    seenVisibility(
+  const found = patches.correlation.map((/** @type {number} */ _, /** @type {number} */ i) =>
+    seenCorrelation(
       patches.match.data.subarray(i * count, (i + 1) * count),
       patches.inView.data.subarray(i * count, (i + 1) * count),
     ),
   );
-  close(found, patches.visibility, 1e-9);
+  close(found, patches.correlation, 1e-9);
 });

@@ -12,13 +12,13 @@ test("toggles of a few frames", async () => {
   for (const { layout, frames, places, measured, toggles } of readFixture("toggles")) {
     const meter = makeToggles(new Layout(layout));
     close(meter.places, places.data, 1e-12);
-    const hidden = (/** @type {number} */ value) => (Number.isNaN(value) ? -1e9 : value);
+    const unseen = (/** @type {number} */ value) => (Number.isNaN(value) ? -1e9 : value);
     const values = frames.map((/** @type {any} */ frame) => meter.measure(planeOf(frame)));
     values.forEach((/** @type {Float64Array} */ value, /** @type {number} */ k) => {
-      close(value.map(hidden), measured[k].data.map(hidden), 1e-4);
+      close(value.map(unseen), measured[k].data.map(unseen), 1e-4);
     });
     meter.overTime(values).forEach((value, k) => {
-      close(value.map(hidden), rowsOf(toggles)[k].map(hidden), 1e-4);
+      close(value.map(unseen), rowsOf(toggles)[k].map(unseen), 1e-4);
     });
   }
 });

@@ -1,24 +1,24 @@
-/** Hidden and covered blocks and repeated frames are those of Python. */
+/** Unseen and covered blocks and repeated frames are those of Python. */
 
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { Layout } from "../src/link/layout.js";
-import { fillHidden, hiddenBlocks } from "../src/receive/hidden.js";
+import { fillUnseen, unseenBlocks } from "../src/receive/unseen.js";
 import { Occlusion } from "../src/receive/occlusion.js";
 import { Repeats } from "../src/receive/repeats.js";
 import { differences, planeOf } from "./comparison.js";
 import { readFixture } from "./fixtures.js";
 
 for (const name of ["partly out of view", "behind a hand", "pilots", "all seen"]) {
-  test(`hidden blocks are filled: ${name}`, () => {
+  test(`unseen blocks are filled: ${name}`, () => {
     const fixture = readFixture("hiding")[name];
     const layout = new Layout(fixture.layout);
     const images = fixture.images.map(planeOf);
-    const hidden = hiddenBlocks(images[0], images[1], fixture.purity.data, layout);
-    assert.deepEqual([...hidden], [...fixture.hidden.data]);
-    assert.equal(hidden.includes(1), name !== "all seen");
-    fillHidden(images, hidden, layout).forEach((image, i) => {
+    const unseen = unseenBlocks(images[0], images[1], fixture.purity.data, layout);
+    assert.deepEqual([...unseen], [...fixture.unseen.data]);
+    assert.equal(unseen.includes(1), name !== "all seen");
+    fillUnseen(images, unseen, layout).forEach((image, i) => {
       assert.deepEqual(differences(image, fixture.filled[i]), { most: 0, mean: 0 });
     });
     images.forEach((/** @type {any} */ image, /** @type {number} */ i) => {
