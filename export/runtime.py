@@ -58,7 +58,7 @@ TIME_LIMIT_S_PER_MEGAPIXEL = 1.0
 """Seconds that a run may take longer for each million pixels of its frames."""
 NOWHERE = "/dev/null/nowhere"
 """A folder that cannot exist, where onnxruntime may look for files that a model names."""
-MIN_CORRELATION = 0.8
+DECODED_CORRELATION = 0.8
 """Smallest `link.ratex.patch_correlation` of frames that the command decodes; simulated captures up
 to 70 degrees have 0.97 and more."""
 FORMAT = "1"
@@ -401,7 +401,7 @@ def main() -> None:
     frames = read_image(args.original, limit), read_image(args.embedded, limit)
     pair = decoder.rectify(*frames, corners, corners_embedded)
     seen = patch_correlation(pair.original, decoder.layout) if decoder.layout.ratex else 1.0
-    if seen < MIN_CORRELATION:
+    if seen < DECODED_CORRELATION:
         raise InputError(
             f"no ratex patches where the corners and the model's layout put them (correlation "
             f"{seen:.2f}); check the corners, their order, and that the display is in view"
