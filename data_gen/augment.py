@@ -14,9 +14,9 @@ TURN = 2e-4
 """Standard deviation of the four entries by which a small linear map differs from the identity."""
 GAMMA = 0.15
 """Standard deviation of the log exponent of a tone curve that both frames have in common."""
-DRIFT = 0.02
+GAIN_DRIFT = 0.02
 """Standard deviation of the log gain of the embedded frame, which adds to the channel's drift."""
-NOISE = 1.0
+PIXEL_NOISE = 1.0
 """Standard deviation of the noise added to every pixel, in gray levels of [0, 255]."""
 
 
@@ -41,7 +41,7 @@ def augment(
     common = _small_homography(CORNER_PX * normal(B, 2), TURN * normal(B, 2, 2))
     motion = _small_homography(SHIFT_PX * normal(B, 2), TURN * normal(B, 2, 2))
     gamma = (GAMMA * normal(B)).exp()
-    gain = (DRIFT * normal(B)).exp().reshape(B, 1, 1, 1)
+    gain = (GAIN_DRIFT * normal(B)).exp().reshape(B, 1, 1, 1)
     frames = []
     for frame, H, factor in (
         (original, common, torch.ones_like(gain)),
@@ -55,7 +55,7 @@ def augment(
             align_corners=True,
         )
         toned = factor * kornia.enhance.adjust_gamma(warped.clamp(0, 1), gamma)
-        noisy = 255 * toned + NOISE * normal(*toned.shape)
+        noisy = 255 * toned + PIXEL_NOISE * normal(*toned.shape)
         frames.append(noisy.clamp(0, 255))
     return frames[0], frames[1]
 

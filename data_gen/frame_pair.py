@@ -110,7 +110,7 @@ class FramePair:
     """Pair, view and kappa."""
     index: int
     """Number of the frame pair in its cell, from 0."""
-    hidden: bool = False
+    equalised: bool = False
     """Whether the equalised picture is shown without ratex patches, as the method hidden_ratex
     wants it; pose, exposure and motion are those of the same index with patches."""
     message: tuple[int, ...] | None = None
@@ -118,8 +118,8 @@ class FramePair:
 
     @property
     def layout(self) -> Layout:
-        """The source's layout, without ratex patches where the pair is ``hidden``."""
-        return replace(self.source.layout, ratex=()) if self.hidden else self.source.layout
+        """The source's layout, without ratex patches where its picture is ``equalised``."""
+        return replace(self.source.layout, ratex=()) if self.equalised else self.source.layout
 
     @cached_property
     def picture(self) -> Picture:
@@ -136,7 +136,7 @@ class FramePair:
     def displayed_with(self, bits: NDArray[np.intp]) -> Displayed:
         """Return both frames with other bits, (n_bits,) 0 or 1, in place of the pair's own."""
         return embed(
-            equalise(self.picture.rgb) if self.hidden else self.picture.rgb,
+            equalise(self.picture.rgb) if self.equalised else self.picture.rgb,
             bits,
             self.layout,
             self.cell.kappa,
@@ -160,7 +160,7 @@ class FramePair:
             "seed": source.seed,
             "simulated": True,
             "split": source.split if source.pictures is None else "own",
-            "equalised": self.hidden,
+            "equalised": self.equalised,
             **({"without": list(source.without)} if source.without else {}),
             **({"parameters": dict(source.parameters)} if source.parameters else {}),
         }

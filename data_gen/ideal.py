@@ -32,7 +32,7 @@ DRAWS = 32
 GRAIN_PX = 9
 """Side, in pixels, of the squares over which noise is summed; demosaicing and JPEG correlate less
 far."""
-SMOOTH_PX = 33
+COVARIANCE_PX = 33
 """Side, in pixels, of the squares over which covariances are averaged; about half a block."""
 SIGNAL_SIGMA_PX = 4.0
 """Gaussian sigma, in pixels, by which the captured difference of the bits is smoothed."""
@@ -205,7 +205,7 @@ def _covariance(draws: NDArray[np.uint8], mean: Light) -> Light:
             noise = GRAIN_PX * cv2.blur(image - expected, (GRAIN_PX, GRAIN_PX))
             total += noise[..., :, None] * noise[..., None, :]
     total /= 2 * (draws.shape[1] - 1)
-    smooth = cv2.blur(total.reshape(*total.shape[:2], -1), (SMOOTH_PX, SMOOTH_PX))
+    smooth = cv2.blur(total.reshape(*total.shape[:2], -1), (COVARIANCE_PX, COVARIANCE_PX))
     return np.asarray(
         smooth.reshape(total.shape) + ROUNDING * np.eye(total.shape[-1], dtype=np.float32)
     )

@@ -24,7 +24,7 @@ from models.neural.methods import decode_with
 
 TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""
-NOISE = (10.0, 100.0)
+NOISE_RANGE = (10.0, 100.0)
 """Least and largest standard deviation of a pixel, gray levels: so much that most scores stay clear
 of their bound, where all are alike, at `FAINT`."""
 FAINT = 3
@@ -69,7 +69,7 @@ def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: 
     module.eval()
     for index in tqdm(range(frames), desc="parity", unit="pair"):
         scale = rng.uniform(0.5, 1.5) if index % 3 == 2 else 1.0
-        noise = np.exp(rng.uniform(*np.log(NOISE)))
+        noise = np.exp(rng.uniform(*np.log(NOISE_RANGE)))
         pair = synthetic_pair(resized_layout(module.layout, scale), rng, noise, FAINT)
         ours = decode_with(module, pair)
         theirs = decoder.decode(pair.original, pair.embedded)

@@ -25,7 +25,7 @@ from link.geometry import as_corners
 from link.images import as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
-from link.ratex import visibility
+from link.ratex import patch_correlation
 from link.types import Corners, Image
 from models import find_graph
 
@@ -58,9 +58,9 @@ TIME_LIMIT_S_PER_MEGAPIXEL = 1.0
 """Seconds that a run may take longer for each million pixels of its frames."""
 NOWHERE = "/dev/null/nowhere"
 """A folder that cannot exist, where onnxruntime may look for files that a model names."""
-MIN_VISIBILITY = 0.8
-"""Smallest `link.ratex.visibility` of frames that the command decodes; simulated captures up to 70
-degrees have 0.97 and more."""
+DECODED_CORRELATION = 0.8
+"""Smallest `link.ratex.patch_correlation` of frames that the command decodes; simulated captures up
+to 70 degrees have 0.97 and more."""
 FORMAT = "1"
 """Version of the metadata, and of the graph's inputs and outputs, that this code reads."""
 
@@ -400,8 +400,8 @@ def main() -> None:
     limit = args.max_megapixels
     frames = read_image(args.original, limit), read_image(args.embedded, limit)
     pair = decoder.rectify(*frames, corners, corners_embedded)
-    seen = visibility(pair.original, decoder.layout) if decoder.layout.ratex else 1.0
-    if seen < MIN_VISIBILITY:
+    seen = patch_correlation(pair.original, decoder.layout) if decoder.layout.ratex else 1.0
+    if seen < DECODED_CORRELATION:
         raise InputError(
             f"no ratex patches where the corners and the model's layout put them (correlation "
             f"{seen:.2f}); check the corners, their order, and that the display is in view"

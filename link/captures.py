@@ -48,13 +48,13 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
         InputError: the folder cannot be written; no picture is left in it.
     """
     lines: list[str] = []
-    with written_together(folder, MANIFEST) as hidden:
+    with written_together(folder, MANIFEST) as temporary:
         for number, captured in enumerate(captures):
             names = [f"{number:05d}_{kind}.png" for kind in ("original", "embedded")]
             digest = hashlib.sha256()
             for name, frame in zip(names, (captured.original, captured.embedded), strict=True):
-                write_image(hidden / name, frame)
-                digest.update((hidden / name).read_bytes())
+                write_image(temporary / name, frame)
+                digest.update((temporary / name).read_bytes())
             entry: dict[str, Any] = {
                 "original": names[0],
                 "embedded": names[1],
@@ -69,7 +69,7 @@ def save_captures(folder: Path, captures: Iterator[Captured]) -> int:
             if captured.ratex_kappa is not None:
                 entry["ratex_kappa"] = captured.ratex_kappa
             lines.append(json.dumps({**entry, **captured.meta, "sha256": digest.hexdigest()}))
-        write_bytes(hidden / MANIFEST, ("\n".join(lines) + "\n").encode())
+        write_bytes(temporary / MANIFEST, ("\n".join(lines) + "\n").encode())
     return len(lines)
 
 

@@ -227,7 +227,7 @@ def match_patches(frame: Image, layout: Layout) -> PatchMatch:
     return PatchMatch(captured, shown, pixels.label.reshape(shape)[:, :, 0], correlation)
 
 
-def visibility(frame: Image, layout: Layout) -> float:
+def patch_correlation(frame: Image, layout: Layout) -> float:
     """Tell how well a rectified frame shows the ratex patches where the layout has them.
 
     Args:

@@ -39,7 +39,7 @@ class Card:
     tell it from the others."""
     marker: str = "o"
     """Marker in every chart, as matplotlib names it."""
-    hidden: bool = False
+    equalised: bool = False
     """Whether a simulated display shows it equalised pictures without ratex patches."""
     llr: bool = False
     """Whether its scores are natural log-likelihood ratios of the bits."""
@@ -66,10 +66,10 @@ DECODERS = {
         "models.classical.hidden_ratex:HiddenRatex",
         "#b8589a",
         "^",
-        hidden=True,
+        equalised=True,
         inverse_response="histogram",
     ),
-    "blind": Card("models.classical.blind:Blind", "#0a9468", "v", hidden=True, llr=True),
+    "blind": Card("models.classical.blind:Blind", "#0a9468", "v", equalised=True, llr=True),
     "phi": Card(
         "models.neural.methods:Phi", "#7b61c9", "o", inverse_response="phi", twin_of="oorc"
     ),

@@ -21,7 +21,7 @@ OFFSET = (0, 0, 1)
 """Native column of the first sample of R, G and B in the mosaic RGGB."""
 REDUCTION_BLUR = 0.5
 """Standard deviation, in captured pixels, of the area average that reduces the image."""
-STEP = 16
+COARSE_PX = 16
 """Number of captured pixels between the points at which the slow amplitudes are computed."""
 INVISIBLE = 1e-3
 """Amplitude below which a channel's moire is left out."""
@@ -55,7 +55,7 @@ def moire_gain(
     x, y = (np.arange(o, o + n, dtype=np.float32) for o, n in zip(origin, size, strict=True))
     X, _ = _display_column(h, x, y)
     coarse_x, coarse_y = (
-        np.arange(o + STEP // 2, o + n + STEP // 2, STEP).astype(np.float32)
+        np.arange(o + COARSE_PX // 2, o + n + COARSE_PX // 2, COARSE_PX).astype(np.float32)
         for o, n in zip(origin, size, strict=True)
     )
     coarse_X, w = _display_column(h, coarse_x, coarse_y)
@@ -87,7 +87,7 @@ def _display_column(h: Light, x: Light, y: Light) -> tuple[Light, Light]:
 
 def _padded(size: tuple[int, int]) -> tuple[int, int]:
     """Round a size up to whole steps."""
-    return -(-size[0] // STEP) * STEP, -(-size[1] // STEP) * STEP
+    return -(-size[0] // COARSE_PX) * COARSE_PX, -(-size[1] // COARSE_PX) * COARSE_PX
 
 
 def _gauss(frequency: Light, sigma: float) -> Light:

@@ -34,7 +34,7 @@ ENCODERS = {"h264": "libx264", "hevc": "libx265"}
 """Encoder in FFmpeg by the name of a codec."""
 PROFILES = {"h264": ("high", "main", "baseline"), "hevc": ("main",)}
 """Profiles by the name of a codec; the first one is used where none is named."""
-PRESETS = (
+EFFORTS = (
     "ultrafast", "superfast", "veryfast", "faster", "fast", "medium", "slow", "slower", "veryslow",
 )  # fmt: skip
 """Presets of x264 and x265, from little effort of the encoder to much."""
@@ -113,8 +113,8 @@ class CodecSettings:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise _wrong(name, f"need {low:g} to {high:g}{unit}, got {value:g}")
-        if self.preset not in PRESETS:
-            raise _wrong("preset", f"need one of {', '.join(PRESETS)}, got {self.preset!r:.40}")
+        if self.preset not in EFFORTS:
+            raise _wrong("preset", f"need one of {', '.join(EFFORTS)}, got {self.preset!r:.40}")
         if self.profile is not None:
             profiles = PROFILES.get(self.name, ())
             if self.profile not in profiles:

@@ -19,9 +19,9 @@ from data_gen.film.frame import VideoFrame, lies_within
 from link.errors import ParameterError
 from link.geometry import frame_corners, homography_from_corners, transform
 
-TILES = (8, 8)
+TONE_TILES = (8, 8)
 """Number of tiles along x and y, between which local tone mapping interpolates."""
-REACH = 0.03
+STABILISED_SHARE = 0.03
 """Largest shift by which stabilisation moves a corner of the image, in widths of the image: what a
 phone crops for it."""
 UNDISTORT_STEPS = 8
@@ -166,7 +166,7 @@ class PhoneProcessor:
         share = 1 - np.exp(-(time_s - self._time_s) / self._settings.stabilise_s)
         self._smooth += share * (moved - corners - self._smooth)
         self._time_s = time_s
-        limit = REACH * size[0]
+        limit = STABILISED_SHARE * size[0]
         shift = np.clip(corners + self._smooth - moved, -limit, limit)
         shift += self._settings.stabilise_px * self._rng.standard_normal(2)
         steady = (moved + shift).astype(np.float32)
@@ -223,7 +223,7 @@ def map_tones_locally(rgb: NDArray[np.uint8], clip_limit: float) -> NDArray[np.u
         (H, W, 3) uint8, encoded; colours keep their differences from luma.
     """
     planes = cv2.cvtColor(rgb, cv2.COLOR_RGB2YCrCb)
-    equalise = cv2.createCLAHE(clipLimit=clip_limit, tileGridSize=TILES)
+    equalise = cv2.createCLAHE(clipLimit=clip_limit, tileGridSize=TONE_TILES)
     planes[:, :, 0] = equalise.apply(np.ascontiguousarray(planes[:, :, 0]))
     return np.asarray(cv2.cvtColor(planes, cv2.COLOR_YCrCb2RGB), np.uint8)
 

@@ -39,7 +39,7 @@ FIELD_DEG = (45.0, 70.0)
 """Angle of view along the image's longer side: phones' main cameras, webcams (assumed)."""
 MIN_DISTANCE, MAX_DISTANCE = 0.7, 30.0
 """Smallest and largest distance of the camera, in longer sides of the picture."""
-MAX_OUTSIDE = 0.3
+MAX_CORNER_OUTSIDE = 0.3
 """Largest share of the picture's width by which a corner may lie outside the image."""
 MIN_IMAGE_SIDE = 64
 """Fewest pixels that the image may have along an axis."""
@@ -94,9 +94,9 @@ class SceneSettings:
             raise ParameterError("turn", f"need degrees within ±360, got {self.turn:g}")
         if not 0 <= self.free <= 0.2:
             raise ParameterError("free", f"need a share from 0 to 0.2, got {self.free:g}")
-        if not 0 <= self.outside <= MAX_OUTSIDE:
+        if not 0 <= self.outside <= MAX_CORNER_OUTSIDE:
             raise ParameterError(
-                "outside", f"need a share from 0 to {MAX_OUTSIDE:g}, got {self.outside:g}"
+                "outside", f"need a share from 0 to {MAX_CORNER_OUTSIDE:g}, got {self.outside:g}"
             )
         if self.room is not None:
             choose(ROOMS, self.room, "room")

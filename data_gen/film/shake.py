@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-DRIFT = (4.0, 4.0, 0.3, 0.4, 0.15, 0.15)
+SWAY = (4.0, 4.0, 0.3, 0.4, 0.15, 0.15)
 """Standard deviations of the drift: shift in x and y, px of an image 1280 px wide; roll, degrees;
 scale, per cent; and keystone in x and y, per cent over half the image's longer side."""
 SLOW_S, SMOOTH_S = 2.0, 0.3
@@ -22,7 +22,7 @@ TREMOR_PX = 0.25
 """Standard deviation of the tremor along each axis, px of an image 1280 px wide."""
 TREMOR_HZ = (5.0, 10.0)
 """Lowest and highest frequency of the tremor, Hz."""
-TONES = 4
+TREMOR_SINES = 4
 """Number of sines that make up the tremor along each axis."""
 
 
@@ -72,17 +72,17 @@ class Hand:
             rng: source of every random draw.
         """
         self._size, self._amount = size, amount
-        self._drift = Wander(len(DRIFT), rng)
-        self._hz = rng.uniform(*TREMOR_HZ, (TONES, 2))
-        self._phase = rng.uniform(0, 2 * np.pi, (TONES, 2))
+        self._drift = Wander(len(SWAY), rng)
+        self._hz = rng.uniform(*TREMOR_HZ, (TREMOR_SINES, 2))
+        self._phase = rng.uniform(0, 2 * np.pi, (TREMOR_SINES, 2))
         self._time = 0.0
 
     def step(self, seconds: float) -> NDArray[np.float64]:
         """Return the (3, 3) map from pixels at rest to this camera's pixels, ``seconds`` later."""
         self._time += seconds
-        x, y, roll, zoom, *keystone = self._amount * np.array(DRIFT) * self._drift.step(seconds)
+        x, y, roll, zoom, *keystone = self._amount * np.array(SWAY) * self._drift.step(seconds)
         tones = np.sin(2 * np.pi * self._hz * self._time + self._phase)
-        tremor = self._amount * TREMOR_PX * np.sqrt(2 / TONES) * tones.sum(axis=0)
+        tremor = self._amount * TREMOR_PX * np.sqrt(2 / TREMOR_SINES) * tones.sum(axis=0)
         width, height = self._size
         shift = (np.array([x, y]) + tremor) * width / 1280
         a = 1 + zoom / 100

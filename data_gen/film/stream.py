@@ -51,13 +51,13 @@ KEPT_LIGHTS = 64
 GRID_PX = 4
 """Number of pixels between the points at which shares are computed, where the panel's rows are
 written one after the other."""
-JUMP = 0.2
+EXPOSURE_JUMP = 0.2
 """Standard deviation of the log exposure to which automatic exposure jumps."""
 PAN_S = 0.5
 """Time, in seconds, in which the camera turns away, and in which it comes back."""
 MAX_JITTER = 0.45
 """Largest share of the time from frame to frame by which the sensor takes a frame early or late."""
-STEPS_HZ = 1.8
+WALKING_HZ = 1.8
 """Number of steps a second of someone who walks by; each lifts the figure a little."""
 
 
@@ -84,7 +84,7 @@ class VideoSettings:
     scan_s: float = 1 / 60
     """Time, in seconds, in which the panel writes its rows, top to bottom (assumed: 60 Hz)."""
     hand: float = 1.0
-    """Motion of the hand relative to the usual, `shake.DRIFT`; 0 for a tripod."""
+    """Motion of the hand relative to the usual, `shake.SWAY`; 0 for a tripod."""
     exposure_drift: float | None = None
     """Standard deviation of the log exposure within seconds; None for the pair's drift."""
     jumps_hz: float = 0.0
@@ -193,7 +193,7 @@ class _Stream:
         self.hand = Hand(scene.size, settings.hand, hand_rng)
         drift = settings.exposure_drift
         drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
-        self.exposure = ExposureDrift(drift, settings.jumps_hz, JUMP, exposure_rng)
+        self.exposure = ExposureDrift(drift, settings.jumps_hz, EXPOSURE_JUMP, exposure_rng)
         self.loss_rng, self.noise_rng, self.jitter_rng = loss_rng, noise_rng, jitter_rng
         self.passer = self._draw_passer(draws) if settings.passer_s is not None else None
         self.walks_left = draws.random() < 0.5
@@ -334,7 +334,7 @@ class _Stream:
         width, height = self.scene.size
         tall, wide = self.passer.cover.shape[:2]
         share = 1 - share if self.walks_left else share
-        bob = 0.01 * height * np.sin(2 * np.pi * STEPS_HZ * time_s)
+        bob = 0.01 * height * np.sin(2 * np.pi * WALKING_HZ * time_s)
         return self.passer, share * (width + wide) - wide, height - tall + 0.01 * height + bob
 
 

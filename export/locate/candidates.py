@@ -54,7 +54,7 @@ class Located:
     patches told the orientation, else the corner order nearest to upright in the image."""
     score: float
     """How sure the display is, in [0, 1]. Where ratex patches were sought it is
-    `link.ratex.visibility`, else a logistic score of `export.locate.edges.side_features`."""
+    `link.ratex.patch_correlation`, else a logistic score of `export.locate.edges.side_features`."""
 
 
 def display_candidates(image: Image, limit: int = CANDIDATES) -> list[Located]:

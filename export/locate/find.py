@@ -24,7 +24,7 @@ from export.locate.refine import (
     clipped_to_image,
     corners_on_edges,
     corners_on_patches,
-    needed_visibility,
+    needed_correlation,
 )
 from export.locate.spots import (
     MAX_OUTSIDE,
@@ -49,8 +49,8 @@ SPOT_QUADS, PARTIAL_QUADS = 30, 8
 and of one that is partly so."""
 ALL_TURNS = (0, 1, 2, 3)
 """Quarter turns by which a quadrilateral's corner order may differ from the displayed picture's."""
-SURE_VISIBILITY = 0.93
-"""Visibility of the patches at which no further candidate is tried."""
+SURE_CORRELATION = 0.93
+"""Correlation of the patches at which no further candidate is tried."""
 PROMISING = 0.55
 """Mean correlation of single patches near their places that is worth aligning: true displays had
 0.69 and more, turned ones up to 0.65."""
@@ -164,10 +164,10 @@ def _best_on_patches(
                 continue
             corners, seen = corners_on_patches(image, pyramid, turned[turn], layout)
             work += REFINE_WORK
-            if seen >= needed_visibility(layout) and (best is None or seen > best.score):
+            if seen >= needed_correlation(layout) and (best is None or seen > best.score):
                 best = Located(corners, min(1.0, seen))
         yield work
-        if best is not None and best.score >= SURE_VISIBILITY:
+        if best is not None and best.score >= SURE_CORRELATION:
             break
     return best
 
@@ -193,7 +193,7 @@ def _best_partial(
             chosen = sound[int(np.argmax(promise))]
             corners, seen = corners_on_patches(image, pyramid, chosen, layout)
             work += REFINE_WORK
-            if seen >= needed_visibility(layout) and (best is None or seen > best.score):
+            if seen >= needed_correlation(layout) and (best is None or seen > best.score):
                 best = Located(corners, min(1.0, seen))
         yield work
         if best is not None:

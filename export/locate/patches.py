@@ -33,7 +33,7 @@ CLEAR_KEPT = 0.9
 """Smallest correlation of each patch that is counted where others are left out: with corners that
 may lie anywhere, something else looks like the third of three patches, and reaches 0.85."""
 COVERED_LOSS = 0.08
-"""Visibility that is taken off where patches that are not seen are left out of the mean."""
+"""Correlation that is taken off where patches that are not seen are left out of the mean."""
 
 Pyramid = list[NDArray[np.uint8]]
 """Gray levels of an image at 1, 1/2, 1/4, ... of its size, (H, W) uint8 each."""
@@ -103,8 +103,8 @@ def patches_in_view(
     return np.asarray(in_image(there, image_shape).all(axis=1))
 
 
-def seen_visibility(match: NDArray[np.float64], in_view: NDArray[np.bool_]) -> float:
-    """Tell how well a rectified frame shows the patches, some of which may be hidden.
+def seen_correlation(match: NDArray[np.float64], in_view: NDArray[np.bool_]) -> float:
+    """Tell how well a rectified frame shows the patches, some of which may be covered.
 
     Args:
         match: (patches,) correlations of the patches, from `link.ratex.match_patches`.

@@ -12,7 +12,7 @@ from export.locate.patches import (
     image_pyramid,
     patches_in_view,
     search_patches,
-    seen_visibility,
+    seen_correlation,
 )
 from export.locate.quads import SLACK, is_sound
 from link.geometry import as_corners, homography_from_corners, rectify
@@ -26,23 +26,23 @@ EDGE_REACH = 0.015
 SEARCHES = (0.09, 0.09, 0.03)
 """Reach of each of the searches for patches before corners are aligned to them, as a share of the
 display's side: what is found first brings the others into reach."""
-MIN_VISIBILITY = {1: 0.88, 2: 0.85}
-"""Smallest `link.ratex.visibility` of a display that shows one patch, and two."""
+FEW_PATCHES_CORRELATION = {1: 0.88, 2: 0.85}
+"""Smallest `link.ratex.patch_correlation` of a display that shows one patch, and two."""
 OUTSIDE = 0.25
 """Distance by which a corner of a display that is partly in view may lie outside the image, as a
 share of the image's longer side."""
 PARTLY_SPREADS = (0.1, 0.1)
 """Expected errors of the corners, as shares of the display's side, in the further alignments of a
 display that is partly in view: what lies beyond the patches is known less well."""
-USUAL_VISIBILITY = 0.8
-"""Smallest `link.ratex.visibility` of a display that shows three patches or more. It lies between
-what aligned displays have and what wrong turns reach by chance, most of all with few patches:
-lab.films.locate prints both."""
+USUAL_CORRELATION = 0.8
+"""Smallest `link.ratex.patch_correlation` of a display that shows three patches or more. It lies
+between what aligned displays have and what wrong turns reach by chance, most of all with few
+patches: lab.films.locate prints both."""
 
 
-def needed_visibility(layout: Layout) -> float:
+def needed_correlation(layout: Layout) -> float:
     """Say how visible a layout's patches must be, in [0, 1], for corners to be believed."""
-    return MIN_VISIBILITY.get(len(layout.ratex), USUAL_VISIBILITY)
+    return FEW_PATCHES_CORRELATION.get(len(layout.ratex), USUAL_CORRELATION)
 
 
 def refine_corners(image: Image, corners: ArrayLike, layout: Layout | None = None) -> Corners:
@@ -63,7 +63,7 @@ def refine_corners(image: Image, corners: ArrayLike, layout: Layout | None = Non
     gray = as_gray(image)
     if layout is not None and layout.ratex:
         found, seen = corners_on_patches(image, image_pyramid(gray), given, layout)
-        if seen >= needed_visibility(layout):
+        if seen >= needed_correlation(layout):
             return found
     side = float(np.sqrt(cv2.contourArea(given.astype(np.float32))))
     return clipped_to_image(corners_on_edges(gray, given, EDGE_REACH * side + 2), gray.shape)
@@ -74,7 +74,7 @@ def corners_on_patches(
 ) -> tuple[NDArray[np.float64], float]:
     """Move corners so that the image shows the ratex patches where the layout has them.
 
-    Patches may be out of view, or covered, as `export.locate.patches.seen_visibility` allows.
+    Patches may be out of view, or covered, as `export.locate.patches.seen_correlation` allows.
 
     Args:
         image: an `Image`.
@@ -83,7 +83,7 @@ def corners_on_patches(
         layout: layout with patches.
 
     Returns:
-        (4, 2), and `export.locate.patches.seen_visibility` there; -1 where the corners make no
+        (4, 2), and `export.locate.patches.seen_correlation` there; -1 where the corners make no
         display.
     """
     for reach in SEARCHES:
@@ -92,7 +92,7 @@ def corners_on_patches(
     corners = align_corners(pyramid, corners, layout)
     corners, match, seen = _judged(image, corners, layout)
     clear = match >= CLEAR_MATCH
-    if seen >= needed_visibility(layout) and not clear.all():
+    if seen >= needed_correlation(layout) and not clear.all():
         # a patch that is cut off or covered must not hold the corners
         for spread in PARTLY_SPREADS:
             corners = align_corners(pyramid, corners, layout, spread, clear)
@@ -113,7 +113,7 @@ def _judged(
     H = homography_from_corners(corners, layout.width, layout.height)
     match = match_patches(rectify(image, H, layout.width, layout.height), layout).correlation
     in_view = patches_in_view(corners, layout, image.shape)
-    return corners, match, seen_visibility(match, in_view)
+    return corners, match, seen_correlation(match, in_view)
 
 
 def corners_on_edges(

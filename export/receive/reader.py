@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import CLIPPED, CUT
-from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
 from export.receive.states import (
     MESH,
@@ -28,6 +27,7 @@ from export.receive.timing.synchronise import Synchroniser
 from export.receive.timing.toggles import make_toggles
 from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.patches import Tracked
+from export.receive.unseen import fill_unseen, unseen_blocks
 from link.code.collect import Message, make_collector
 from link.frames import SoftBits
 from link.types import Homography
@@ -307,8 +307,8 @@ class DisplayReader:
         start = perf_counter()
         purity = np.minimum(original.purity, embedded.purity)
         images = [original.image, embedded.image]
-        hidden = hidden_blocks(images[0], images[1], purity, self.layout)
-        soft = self.decoder.decode(*fill_hidden(images, hidden, self.layout))
+        unseen = unseen_blocks(images[0], images[1], purity, self.layout)
+        soft = self.decoder.decode(*fill_unseen(images, unseen, self.layout))
         pure = block_purity(purity, self.layout)
         trust = np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
         self._sight.mixed += 1 - float(trust.mean())

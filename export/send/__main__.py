@@ -25,7 +25,7 @@ from link.loop import Loop
 from link.outside import read_bounded
 from link.presets import DEFAULT_PRESET, PRESETS, Preset
 
-GRID = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
+GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
 """Flags that describe a layout; those that are absent have the preset's values."""
 USUAL_REFRESH = 60.0
 """Refreshes of the display in a second where --refresh is absent."""
@@ -81,7 +81,7 @@ def choose_layout(preset: Preset, file: Path | None, grid: dict[str, Any]) -> La
     Args:
         preset: layout that the flags change.
         file: holds a layout; None where --layout is absent.
-        grid: values of the flags in `GRID`, None where absent.
+        grid: values of the flags in `GRID_FLAGS`, None where absent.
 
     Raises:
         InputError: file and flags are given together, the file holds no layout, or the numbers make
@@ -197,7 +197,7 @@ def main() -> None:
     kind = output_kind(args.out)
     message = message_of(args.message, args.file)
     preset = PRESETS[args.preset]
-    layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID})
+    layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID_FLAGS})
     distance = preset.distance_m if args.distance is None else args.distance
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
     if not 0 <= args.scale <= MAX_SCALE:

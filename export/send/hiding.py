@@ -25,7 +25,7 @@ Level = float | tuple[float, float, float]
 """Gray level of a picture, or its red, green and blue."""
 SECONDS = 20.0
 """Length of the random message, in seconds; its high end is known to some percent."""
-SEED = 0
+MESSAGE_SEED = 0
 """Seed of the random message."""
 SAMPLE_HZ = 60.0
 """Least number of times a second at which the shown light is sampled. A display holds its light
@@ -120,7 +120,7 @@ class Hiding:
     def _seen_over(self, level: Level, kappa: int, where: Where = "block") -> float:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
         viewing = replace(viewing, kappa=kappa, picture_level=level)
-        code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(SEED)
+        code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(MESSAGE_SEED)
         shown = random_message(viewing, code, rng, SECONDS)
         return contrast_over_threshold(shown, viewing, where).high
 

@@ -55,7 +55,7 @@ SHARED = (
     "export.locate.refine",
     "export.locate.spots",
     "export.receive.diagnosis",
-    "export.receive.hidden",
+    "export.receive.unseen",
     "export.receive.occlusion",
     "export.receive.reader",
     "export.receive.repeats",

@@ -63,12 +63,12 @@ def build_site(out: Path) -> Site:
     install_packages()
     write_constants()
     make_folder(out.absolute().parent)
-    hidden = temporary_name(out.absolute())
-    old = hidden.with_suffix(".old")
+    temporary = temporary_name(out.absolute())
+    old = temporary.with_suffix(".old")
     try:
-        write_inputs(hidden)
-        run_node(["node", "build.mjs", str(hidden)])
-        site = measure_site(hidden)
+        write_inputs(temporary)
+        run_node(["node", "build.mjs", str(temporary)])
+        site = measure_site(temporary)
         if site.gzip_bytes > MAX_GZIP_BYTES:
             raise InputError(
                 f"the site has {site.gzip_bytes} bytes after gzip, and a phone should load at most "
@@ -76,11 +76,11 @@ def build_site(out: Path) -> Site:
             )
         if out.exists():
             out.replace(old)
-        hidden.replace(out)
+        temporary.replace(out)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror})") from None
     finally:
-        shutil.rmtree(hidden, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
         shutil.rmtree(old, ignore_errors=True)
     return site
 

@@ -12,10 +12,10 @@ from link.images import make_folder, temporary_name
 
 @contextmanager
 def written_together(folder: Path, last: str) -> Iterator[Path]:
-    """Lend a hidden folder within a folder, whose files are moved up when the block ends.
+    """Lend a temporary folder within a folder, whose files are moved up when the block ends.
 
     Where the block fails, none of its files is left. Where the process is killed, they stay in the
-    hidden folder, which the next process removes that takes the lock (`link.files.lock.locked`) on
+    temporary folder. The next process removes it that takes the lock (`link.files.lock.locked`) on
     the folder or on the file ``last``.
 
     Args:
@@ -29,23 +29,23 @@ def written_together(folder: Path, last: str) -> Iterator[Path]:
 
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with written_together(Path(folder), "list.txt") as hidden:
-    ...         _ = (hidden / "list.txt").write_text("whole")
+    ...     with written_together(Path(folder), "list.txt") as temporary:
+    ...         _ = (temporary / "list.txt").write_text("whole")
     ...     os.listdir(folder)
     ['list.txt']
     """
-    hidden = temporary_name(folder / last)
-    make_folder(hidden)
+    temporary = temporary_name(folder / last)
+    make_folder(temporary)
     try:
-        yield hidden
-        names = sorted(os.listdir(hidden), key=lambda name: (name == last, name))
+        yield temporary
+        names = sorted(os.listdir(temporary), key=lambda name: (name == last, name))
         for name in names:
-            (hidden / name).replace(folder / name)
+            (temporary / name).replace(folder / name)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from None
     except InputError as error:
-        if str(hidden) not in str(error):
+        if str(temporary) not in str(error):
             raise
-        raise InputError(str(error).replace(str(hidden), str(folder))) from None
+        raise InputError(str(error).replace(str(temporary), str(folder))) from None
     finally:
-        shutil.rmtree(hidden, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)

@@ -269,7 +269,7 @@ def write_bytes(path: Path | str, data: bytes) -> None:
 
 
 def temporary_name(path: Path) -> Path:
-    """Name a hidden file beside a file, under which it is written at first.
+    """Name a temporary file beside a file, under which it is written at first.
 
     Raises:
         InputError: the path has no name, such as that of the root.

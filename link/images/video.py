@@ -261,8 +261,8 @@ def write_video(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> 
         InputError: odd width or height, a full disk, or this OpenCV cannot write or read the file
             bit for bit.
     """
-    hidden = temporary_name(path.with_suffix(""))
-    temporary = hidden.with_name(hidden.name + path.suffix)  # which tells OpenCV the kind
+    name = temporary_name(path.with_suffix(""))
+    temporary = name.with_name(name.name + path.suffix)  # which tells OpenCV the kind
     make_folder(path.parent)
     writer, sums = None, []
     try:

@@ -30,7 +30,7 @@ intensity. Over the cameras and views of data_gen they are 0.2 to 0.5."""
 SIGNAL_TILT = 0.15
 """Prior standard deviation of s from `slope`, relative, for terms that are linear over the display,
 such as the viewing angle and vignetting make."""
-SPREAD = 0.15
+SIGNAL_SPREAD = 0.15
 """Relative standard deviation of the signal between blocks of one intensity, which differ in colour
 and viewing angle."""
 OFFSET, GAIN, CURVE = 3.0, 8.0, 3.0
@@ -48,9 +48,9 @@ LEAST_SLOPE = 0.15
 """Smallest s, relative to what `slope` alone predicts; a bit 1 is brighter at every intensity."""
 BALANCES = (0.15, 0.3, 0.5, 0.7, 0.85)
 """Shares of zeros among the bits from which the iteration starts."""
-ITERATIONS = 12
+EM_ROUNDS = 12
 """Number of rounds of expectation maximisation from each start."""
-OUTLIER = 8.0
+COVERED_DEVIATIONS = 8.0
 """Number of standard deviations at which a block counts half, because a pointer or a reflection
 seems to cover it. At 6, the few ones among many zeros (1 in 20) would be taken for that."""
 
@@ -108,15 +108,15 @@ class BlindFit:
 def log_odds(amplitude: Array, variance: Array) -> Array:
     """Compute log p(amplitude | 1) - log p(amplitude | 0).
 
-    The amplitude of a bit 1 is Normal(1, v + SPREAD^2), that of a bit 0 is Normal(0, v). The wider
-    class would win far below 0 too; there the odds stay at their least.
+    The amplitude of a bit 1 is Normal(1, v + SIGNAL_SPREAD^2), that of a bit 0 is Normal(0, v). The
+    wider class would win far below 0 too; there the odds stay at their least.
 
     Args:
         amplitude: change of each block, relative to the change that a bit 1 makes.
         variance: v, the variance of a bit 0's amplitude, with the shape of ``amplitude``.
     """
-    wide = variance + SPREAD**2
-    a = np.maximum(amplitude, -variance / SPREAD**2)
+    wide = variance + SIGNAL_SPREAD**2
+    a = np.maximum(amplitude, -variance / SIGNAL_SPREAD**2)
     return np.asarray((a**2 / variance - (a - 1) ** 2 / wide - np.log(wide / variance)) / 2)
 
 
@@ -142,14 +142,14 @@ def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
     size = max(float(high - low), LEAST_SIGNAL)  # of the signal, gray levels
     s = size * h
     noise = 0.1 * np.mean((trust * s * s).sum(axis=1))  # variance of a block, relative to 1 / trust
-    for _ in range(ITERATIONS):
+    for _ in range(EM_ROUNDS):
         # maximise: Gaussian unknowns given the bits' probabilities
         one = keep * p
         prior = np.ones(X.shape[-1])  # inverse variances
         prior[: 2 * n_s] = size**-2
         prior[0] = 1e-6
         J = (trust * s * s).sum(axis=1)
-        scatter = SPREAD**2 / (1 + SPREAD**2 * J / noise) / noise**2
+        scatter = SIGNAL_SPREAD**2 / (1 + SIGNAL_SPREAD**2 * J / noise) / noise**2
         sX = np.einsum("bk,bkp->bp", trust * s, X)
         sy = (trust * s * change).sum(axis=1)
         weighted_S = S_there * (trust_there * (one / noise)[block])[:, None]
@@ -166,9 +166,9 @@ def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
         # expect: the bits, from each block's amplitude in units of its signal
         J = (trust * s * s).sum(axis=1)
         amplitude = (trust * s * (change - D @ unknowns[n_s:])).sum(axis=1) / J
-        spread = 1 + J * SPREAD**2 / noise
+        spread = 1 + J * SIGNAL_SPREAD**2 / noise
         squares = J * np.stack([amplitude**2, (amplitude - 1) ** 2 / spread])
-        keep = 1 / (1 + squares.min(axis=0) / (OUTLIER**2 * noise))
+        keep = 1 / (1 + squares.min(axis=0) / (COVERED_DEVIATIONS**2 * noise))
         one, zero = keep * p, keep * (1 - p)
         total = 0.2 * J.mean() + zero @ squares[0] + one @ squares[1]
         noise = max(float(total / (2 + (zero + one / spread).sum())), 1e-3)
@@ -177,7 +177,7 @@ def fit(tones: Tones, p: Array, keep: Array) -> BlindFit:
         scores = odds + np.log(share / (1 - share))
         p = 1 / (1 + np.exp(-np.clip(scores, -40, 40)))
     mixture = np.logaddexp(np.log(1 - share), np.log(share) + odds) - squares[0] / noise / 2
-    mixture = np.logaddexp(mixture, -(OUTLIER**2) / 2)
+    mixture = np.logaddexp(mixture, -(COVERED_DEVIATIONS**2) / 2)
     mixture -= np.log(noise) / 2  # a density in units that no start changes
     penalty = (prior[1:] * unknowns[1:] ** 2).sum() / 2
     return BlindFit(scores, float(mixture.sum() - penalty))

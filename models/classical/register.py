@@ -21,14 +21,14 @@ side, so that blocks leave only thin seams."""
 MIN_CORRELATION = 0.3
 """Smallest correlation of the frames' edges at which a shift is believed; unrelated frames of
 100 x 100 pixels reach about 0.1."""
-LEVELS = 4
+PYRAMID_LEVELS = 4
 """Number of levels of the image pyramid. The coarsest has an eighth of the size, where corners that
 are wrong by 8 px are wrong by 1 px, which a linear step can undo."""
-STEPS = 4
+NEWTON_STEPS = 4
 """Number of Gauss-Newton steps on each level."""
-MIN_SIDE_PX = 48
+MIN_PYRAMID_SIDE_PX = 48
 """Smallest side, in pixels, of an image of the pyramid: 16 times `EDGE_SIGMA_PX`."""
-RIDGE = 1e-7
+MOTION_RIDGE = 1e-7
 """Weight per pixel, in squared intensity, with which least squares holds the motion at 0, so that
 flat pictures stay where they are."""
 ROBUST = MAD_TO_SIGMA * 2
@@ -97,7 +97,7 @@ def _step(
     )
     radial = -(x * u + y * v)
     A = np.stack([x, x * u, x * v, y, y * u, y * v, radial * u, radial * v, i])
-    ridge = RIDGE * change.size * np.eye(len(A))
+    ridge = MOTION_RIDGE * change.size * np.eye(len(A))
     solution, _ = reweighted(
         solve=lambda weights: ridge_solution(A.T, change, weights, ridge),
         residuals_of=lambda solution: np.abs(change - solution @ A),
@@ -153,12 +153,12 @@ def align_frames(
     height, width = fixed.shape
     dy, dx = whole_pixel_shift(original, embedded)
     H = np.array([[1, 0, 2 * dx / width], [0, 1, 2 * dy / height], [0, 0, 1.0]])
-    for level in reversed(range(LEVELS)):
+    for level in reversed(range(PYRAMID_LEVELS)):
         size = (width >> level, height >> level)
-        if min(size) < MIN_SIDE_PX:
+        if min(size) < MIN_PYRAMID_SIDE_PX:
             continue
         small = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (fixed, moving)]
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             moved, inside = _warp(small[1], H)
             H = H @ np.linalg.inv(_step(high_pass(small[0]), high_pass(moved), inside))
     everywhere = np.ones(fixed.shape, bool)

@@ -82,8 +82,8 @@ class Context(nn.Module):
         """Apply the stage to (B, C, H, W) maps; the result has the same shape."""
         mean = maps.mean((2, 3))
         spread = (maps - mean[:, :, None, None]).square().mean((2, 3)).add(1e-6).sqrt()
-        hidden = silu(self.squeeze(torch.cat([mean, spread], dim=1)))
-        scale, shift = self.excite(hidden)[:, :, None, None].chunk(2, dim=1)
+        squeezed = silu(self.squeeze(torch.cat([mean, spread], dim=1)))
+        scale, shift = self.excite(squeezed)[:, :, None, None].chunk(2, dim=1)
         shifted: Tensor = maps * (1 + scale) + shift
         return shifted
 

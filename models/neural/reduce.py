@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d
 
-PARTS = 100
+WEIGHT_PARTS = 100
 """Number of equal parts in which colour weights are counted. Weights of whole hundredths let
 onnxruntime add uint8 pixels as they are, without a float copy of the frame."""
 
@@ -38,14 +38,14 @@ class Reduce(nn.Module):
     def __init__(self, weights: Sequence[Sequence[float]], k: int) -> None:
         super().__init__()
         self.k, self.n_intensities = k, len(weights)
-        parts = (PARTS * torch.tensor(weights, dtype=torch.float64)).float()
+        parts = (WEIGHT_PARTS * torch.tensor(weights, dtype=torch.float64)).float()
         self.signed = bool((parts < 0).any())
         if self.signed:  # onnxruntime adds up signed weights with saturation on some processors
             parts = torch.cat([parts.clamp_min(0), (-parts).clamp_min(0)])
         kernel = parts.reshape(-1, 3, 1, 1).expand(-1, 3, k, k).contiguous()
         self.whole = bool(torch.equal(kernel, kernel.round()))
         self.register_buffer("weights", kernel, persistent=False)
-        offset = parts[self.n_intensities :].sum(1) / PARTS
+        offset = parts[self.n_intensities :].sum(1) / WEIGHT_PARTS
         self.register_buffer("offset", offset.reshape(-1, 1, 1), persistent=False)
 
     def forward(self, frame: Tensor) -> Tensor:
@@ -63,5 +63,5 @@ class Reduce(nn.Module):
             total = conv2d(frame.float(), self.weights, stride=self.k)
         if self.signed:
             total = total[:, : self.n_intensities] - total[:, self.n_intensities :]
-        intensity = total / (255 * PARTS * self.k**2)
+        intensity = total / (255 * WEIGHT_PARTS * self.k**2)
         return intensity + self.offset if self.signed else intensity

@@ -28,7 +28,7 @@ from torch import Tensor, nn
 MOMENTS = 4
 """Number of Legendre moments of i_o over a tile or block. It is also the degree of the polynomials
 in i_o by which the response is described."""
-GRID = np.linspace(0, 1, 65)
+INTENSITY_GRID = np.linspace(0, 1, 65)
 """Intensities in [0, 1] at which curves are evaluated."""
 GRAY_LEVELS = 255.0
 """Number of gray levels that make the intensity 1."""

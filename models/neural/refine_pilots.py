@@ -25,7 +25,7 @@ from link.layout import Layout
 from models.neural.refine import (
     GAIN_BENDS,
     GRAY_LEVELS,
-    GRID,
+    INTENSITY_GRID,
     MOMENTS,
     Fit,
     Hypotheses,
@@ -48,7 +48,7 @@ MOST_BANDS = 8
 """Largest number of cosines over the rows of the display that flicker may be made of."""
 LEAST_RESPONSE = 0.15
 """Smallest response to kappa at any intensity, relative to about its largest."""
-LEAST_AMPLITUDE = 0.05
+LEAST_PILOT_AMPLITUDE = 0.05
 """Gray levels that are added to the estimated amplitude of the signal, so that it is never 0."""
 
 
@@ -103,7 +103,7 @@ class PilotRefiner(Refiner):
         fine = Ripple.fits(layout.rows, layout.cols)
         self.ripple = Ripple(layout.rows, layout.cols) if fine else None
         # typical response to kappa, as Legendre coefficients in i_o: flat at black and white
-        i = GRID
+        i = INTENSITY_GRID
         response = 2 * np.sqrt((i + 0.02) * (1.02 - i)) / 1.04
         self.response = nn.Parameter(torch.from_numpy(legfit(2 * i - 1, response, MOMENTS)).float())
         # log standard deviations of the coefficients, in gray levels of [0, 255] or relative
@@ -271,7 +271,7 @@ class PilotRefiner(Refiner):
     def _amplitude(self, model: Model, fit: Fit) -> Tensor:
         """Read the amplitude of the signal off a fit: (B, 1, 1), gray levels."""
         n = model.N.shape[1]
-        return fit.mean[..., n : n + 1].abs() + LEAST_AMPLITUDE
+        return fit.mean[..., n : n + 1].abs() + LEAST_PILOT_AMPLITUDE
 
     def _flicker(self, fit: Fit, flicker: Tensor, trust: Tensor) -> Tensor:
         """Estimate the bands' (B, 1, 1) variance, as if ``trust`` more had the learned one, 1."""

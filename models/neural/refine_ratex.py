@@ -22,7 +22,7 @@ from link.ratex import TILES, tile_labels, tile_levels
 from models.neural.refine import (
     GAIN_BENDS,
     GRAY_LEVELS,
-    GRID,
+    INTENSITY_GRID,
     MOMENTS,
     Fit,
     Hypotheses,
@@ -40,9 +40,9 @@ SHARPNESS = 10.0
 BENDS = 4
 """Number of columns by which the signal may depart from h: along x, along y, and with the first two
 moments of i_o."""
-LEAST_SIGNAL = 0.4
+LEAST_SHARE_OF_H = 0.4
 """Smallest signal at any place of the display, as a share of h."""
-LEAST_AMPLITUDE = 0.1
+LEAST_PATCH_AMPLITUDE = 0.1
 """Gray levels that are added to the estimated amplitude of the signal, so that it is never 0."""
 CERTAIN = 1e3
 """Log-likelihood ratio at which float64 holds the probability 1."""
@@ -102,7 +102,7 @@ class RatexRefiner(Refiner):
         self.start = logs(5.0)
         # kappa takes at most a few levels off their range, which the receiver need not know
         self.levels = table(tile_levels(layout, 0).reshape(-1) / GRAY_LEVELS)
-        legendre = legvander(2 * GRID - 1, MOMENTS)
+        legendre = legvander(2 * INTENSITY_GRID - 1, MOMENTS)
         self.legendre, self.project = table(legendre), table(np.linalg.pinv(legendre))
         self._tabulate_places(layout)
         kinds = "s" * len(self.signal) + "b" * (BENDS if space else 0) + "d" * len(self.nuisance)
@@ -255,7 +255,7 @@ class RatexRefiner(Refiner):
         says.append(square + hypotheses.variance)
         of_kinds = (torch.cat(says, dim=1) @ self.kinds.T).reshape(-1, 1, 9)  # from (B, 3, 3)
         sums = of_kinds @ self.sums_of_kinds + trusts
-        amplitude = (self.signal[0].exp() * fit.mean[..., :1]).abs() + LEAST_AMPLITUDE
+        amplitude = (self.signal[0].exp() * fit.mean[..., :1]).abs() + LEAST_PATCH_AMPLITUDE
         levels = [sums[..., :3] / sums[..., 3:], amplitude * amplitude]
         return torch.cat(levels, dim=-1) @ self.scaled + self.unscaled
 
@@ -282,7 +282,7 @@ class RatexRefiner(Refiner):
         solution = solve_spd(normal, (columns * self.levels).sum(-1))
         c, tilt = solution[:, : MOMENTS + 1], solution[:, MOMENTS + 1 :]
         g = c @ self.legendre.T  # (B, 65)
-        rise = (g[:, 1:] - g[:, :-1]) * (len(GRID) - 1)
+        rise = (g[:, 1:] - g[:, :-1]) * (len(INTENSITY_GRID) - 1)
         slope = torch.cat([rise[:, :1], (rise[:, 1:] + rise[:, :-1]) / 2, rise[:, -1:]], dim=-1)
         h = 1 / self._soft_floor(slope)
         return self.project @ torch.stack([h, h * h], dim=-1), tilt
@@ -334,7 +334,7 @@ class RatexRefiner(Refiner):
         h, square = curves[..., :1], curves[..., 1:]
         if self.space_nuisance is None:
             return h
-        least = LEAST_SIGNAL * h
+        least = LEAST_SHARE_OF_H * h
         return least + (h - (self.places @ tilt.unsqueeze(-1)) * square - least).relu()
 
     def _nuisances(self, P: Tensor, gain: Tensor) -> Tensor:

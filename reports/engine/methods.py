@@ -97,7 +97,7 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
     pair = Rectified(shown.original, shown.embedded, layout, shown.kappa)
     for method in methods:
         try:
-            if not (layout.ratex or method.card.needs_truth or method.card.hidden):
+            if not (layout.ratex or method.card.needs_truth or method.card.equalised):
                 method.build().decode(pair)
             suited.append(method)
         except UnsuitedError as error:

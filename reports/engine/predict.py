@@ -118,7 +118,7 @@ def predict(
     total = sum(len(condition.cells) for condition in conditions)
     if total and len(failed) == total:
         raise InputError(next(iter(failed.values())))
-    ordered = sorted(methods, key=lambda method: method.card.hidden)
+    ordered = sorted(methods, key=lambda method: method.card.equalised)
     tables = []
     for condition in conditions:
         lines = [
@@ -224,10 +224,10 @@ def decode_cell(task: _Task) -> list[list[Line]]:
     one_thread()
     lines: list[list[Line]] = [[] for _ in task.methods]
     for index in range(frames):
-        for hidden in {method.card.hidden for method in task.methods}:
-            pair = FramePair(source, task.cell, index, hidden)
+        for equalised in {method.card.equalised for method in task.methods}:
+            pair = FramePair(source, task.cell, index, equalised)
             for method, decide, mine in zip(task.methods, deciders, lines, strict=True):
-                if method.card.hidden != hidden:
+                if method.card.equalised != equalised:
                     continue
                 try:
                     mine.append(to_line(method.label, index, decide(pair), pair.captured))
@@ -293,7 +293,7 @@ def _stored(file: Path, condition: Condition, cell: Cell, method: Method) -> lis
     """A method's stored predictions of a cell; None where they are missing or damaged."""
     lines = read_sealed(file)
     layout = condition.source.layout
-    n_bits = (replace(layout, ratex=()) if method.card.hidden else layout).n_bits
+    n_bits = (replace(layout, ratex=()) if method.card.equalised else layout).n_bits
     expected = [(cell.pair, cell.view_deg, cell.kappa, i, n_bits) for i in range(condition.frames)]
     found = [
         (line["pair"], line["view_deg"], line["kappa"], line["index"], len(line["bits"]))

@@ -30,19 +30,19 @@ def measure_cost(source: Source, cell: Cell, rounds: int, methods: Sequence[Meth
     one_thread()
     decoders = [(method, method.build()) for method in methods if not method.card.needs_truth]
     captured = {
-        hidden: [FramePair(source, cell, i, hidden).captured for i in range(FRAME_PAIRS)]
-        for hidden in (False, True)
+        equalised: [FramePair(source, cell, i, equalised).captured for i in range(FRAME_PAIRS)]
+        for equalised in (False, True)
     }
     times: dict[str, list[float]] = {}
     for number in range(rounds + 1):
-        mine = {hidden: kind[number % FRAME_PAIRS] for hidden, kind in captured.items()}
-        pairs = {hidden: frames.rectified() for hidden, frames in mine.items()}
+        mine = {equalised: kind[number % FRAME_PAIRS] for equalised, kind in captured.items()}
+        pairs = {equalised: frames.rectified() for equalised, frames in mine.items()}
         start = perf_counter()
         mine[False].rectified()
         taken = {REFERENCE: perf_counter() - start}
         for method, decoder in decoders:
             start = perf_counter()
-            decoder.decode(pairs[method.card.hidden])
+            decoder.decode(pairs[method.card.equalised])
             taken[method.label] = perf_counter() - start
         if number:  # the first warms up
             for name, seconds in taken.items():

@@ -99,7 +99,7 @@ def simulated_evidence(
         best = leaders(predicted, swept.records)
         labels = {method.label for method in methods}
         shown = [m for m in REFERENCES[:1] if m in labels and m not in best] + best[::-1]
-        hidden = [method.label for method in methods if method.card.hidden]
+        hidden = [method.label for method in methods if method.card.equalised]
         words = {p.condition: (c.name, c.words(p.value)) for c in curves for p in c.points}
         places = {
             condition.name: Place(

@@ -58,4 +58,4 @@ def find_glance(
 
 def is_hidden(run: Run, method: str) -> bool:
     """Whether a method of a run was shown equalised pictures without ratex patches."""
-    return not run.from_folder and method in METHODS and METHODS[method].hidden
+    return not run.from_folder and method in METHODS and METHODS[method].equalised

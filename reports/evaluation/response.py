@@ -106,7 +106,7 @@ def found_inverse(method: Method, filmed: FramePair) -> Callable[[Real], Any]:
             pixels = training_pixels(pair.layout, pair.ratex_toggle or 0)
             return fit_inverse_response(pair, pixels, PHI_WEIGHTS)
         case "histogram":
-            mapping = uniform_mapping(replace(filmed, hidden=True).rectified.original)
+            mapping = uniform_mapping(replace(filmed, equalised=True).rectified.original)
             return lambda i: np.interp(255 * i, np.arange(256), mapping)
         case _:
             head = method.build().decode(pair).head

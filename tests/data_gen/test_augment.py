@@ -12,7 +12,7 @@ from data_gen.frame_pair import Source, shuffled_pictures
 from link.layout import make_layout
 
 SMALL = make_layout(4, 4, 256, 192, 2)
-SIGMAS = ("CORNER_PX", "SHIFT_PX", "TURN", "GAMMA", "DRIFT", "NOISE")
+SIGMAS = ("CORNER_PX", "SHIFT_PX", "TURN", "GAMMA", "GAIN_DRIFT", "PIXEL_NOISE")
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def test_corners_and_gamma_are_common_to_both_frames(
     assert (original - frames[0]).abs().mean() > 0.5
 
 
-@pytest.mark.parametrize("name", ["SHIFT_PX", "DRIFT"])
+@pytest.mark.parametrize("name", ["SHIFT_PX", "GAIN_DRIFT"])
 def test_motion_and_drift_touch_the_embedded_frame_alone(
     name: str, frames: tuple[torch.Tensor, torch.Tensor], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -94,9 +94,9 @@ def test_motion_and_drift_touch_the_embedded_frame_alone(
 
 
 def test_noise_has_its_sigma(monkeypatch: pytest.MonkeyPatch) -> None:
-    quiet(monkeypatch, "NOISE")
+    quiet(monkeypatch, "PIXEL_NOISE")
     gray = torch.full((1, 3, 192, 256), 128, dtype=torch.uint8)
     original, embedded = augment(gray, gray, generator())
     for frame in (original, embedded):
-        assert abs(frame.std().item() - data_gen.augment.NOISE) < 0.02
+        assert abs(frame.std().item() - data_gen.augment.PIXEL_NOISE) < 0.02
     assert (original - embedded).std() > 1.3  # independent between the frames

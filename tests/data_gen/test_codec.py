@@ -213,7 +213,7 @@ def test_without_pyav_one_line_says_what_to_install(
 
 
 @pytest.mark.parametrize("name", codec.ENCODERS)
-@pytest.mark.parametrize("preset", codec.PRESETS)
+@pytest.mark.parametrize("preset", codec.EFFORTS)
 def test_every_preset_takes_every_number_of_b_frames(name: str, preset: str) -> None:
     for b_frames in (0, codec.MAX_B_FRAMES):
         settings = CodecSettings(name, 200, preset=preset, b_frames=b_frames)

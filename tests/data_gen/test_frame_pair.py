@@ -109,7 +109,7 @@ def test_message_bits_are_balanced() -> None:
 def test_the_hidden_variant_shares_the_pose_and_the_picture(layout: Layout) -> None:
     for index in range(3):
         plain = FramePair(Source(layout), OBLIQUE, index).captured
-        hidden = FramePair(Source(layout), OBLIQUE, index, hidden=True).captured
+        hidden = FramePair(Source(layout), OBLIQUE, index, equalised=True).captured
         assert np.array_equal(plain.corners, hidden.corners)
         assert {**plain.meta, "equalised": True} == hidden.meta
         assert (plain.layout.n_bits, hidden.layout.n_bits) == (59, 64)

@@ -22,7 +22,7 @@ from PIL import Image
 
 import export.send.__main__ as send_cli
 import link.loop as loop_module
-from export.send.hiding import SECONDS, SEED, Hiding, Onlooker
+from export.send.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
 from export.send.pictures import open_pictures, stand_still
 from export.send.player import write_player
 from export.send.write import write_states
@@ -426,7 +426,7 @@ def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) 
     seen = []
     for level in PICTURE_LEVELS:
         viewing = Viewing(12, 16, 2, aspect=256 / 192, picture_level=level)
-        shown = random_message(viewing, "toggle", np.random.default_rng(SEED), SECONDS)
+        shown = random_message(viewing, "toggle", np.random.default_rng(MESSAGE_SEED), SECONDS)
         seen.append(
             [contrast_over_threshold(shown, viewing, where).high for where in ("block", "screen")]
         )

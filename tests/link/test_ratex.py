@@ -15,11 +15,11 @@ from link.ratex import (
     TILES,
     draw_patches,
     match_patches,
+    patch_correlation,
     shown_levels,
     tile_labels,
     tile_levels,
     training_pixels,
-    visibility,
 )
 
 LAYOUTS = {
@@ -228,12 +228,12 @@ def test_patches_are_visible_through_a_curve_and_nowhere_else() -> None:
     rng = np.random.default_rng(0)
     layout = make_layout()
     frame = np.full((layout.height, layout.width), 90, np.uint8)
-    assert abs(visibility(frame, layout)) < 0.1
+    assert abs(patch_correlation(frame, layout)) < 0.1
     draw_patches(frame, layout, 5, embedded=False)
     curved = (255 * (frame / 255.0) ** 0.6 * 0.7 + 20 + rng.normal(0, 3, frame.shape)).astype(
         np.uint8
     )
-    assert visibility(curved, layout) > 0.95
-    assert visibility(np.repeat(curved[::2, ::2, None], 3, axis=2), layout) > 0.95
+    assert patch_correlation(curved, layout) > 0.95
+    assert patch_correlation(np.repeat(curved[::2, ::2, None], 3, axis=2), layout) > 0.95
     for turned in (curved[::-1, ::-1], curved[:, ::-1]):
-        assert visibility(turned, layout) < 0.5
+        assert patch_correlation(turned, layout) < 0.5

@@ -13,7 +13,7 @@ from link.frames import Captured, Rectified
 from link.images import intensity
 from link.layout import Layout, make_layout
 from models import DECODERS, make_decoder
-from models.classical.blind import SPREAD, fit, log_odds
+from models.classical.blind import SIGNAL_SPREAD, fit, log_odds
 from models.classical.register import REACH_PX, align_frames, high_pass, whole_pixel_shift
 from models.classical.tones import TONES, cut_into_tones
 
@@ -23,7 +23,7 @@ NO_PATCHES = make_layout(ratex=0)
 @pytest.fixture(scope="module")
 def filmed() -> Captured:
     """A frame pair without patches, canon-lg, 45 degrees, kappa 3."""
-    return FramePair(Source(NO_PATCHES), Cell("canon-lg", 45.0, 3), 4, hidden=True).captured
+    return FramePair(Source(NO_PATCHES), Cell("canon-lg", 45.0, 3), 4, equalised=True).captured
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def message(
 
 
 def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captured) -> None:
-    assert DECODERS["blind"].hidden
+    assert DECODERS["blind"].equalised
     pair = filmed.rectified()
     assert errors(pair, truth(filmed)) == 0
     known = make_decoder("blind").decode(pair).scores
@@ -66,13 +66,13 @@ def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captu
 def test_antipodal_messages_are_read_without_patches(side: int, wrong: int, method: str) -> None:
     layout = make_layout(side, side, ratex=0, modulation="antipodal")
     for index in (1, 4):
-        pair = FramePair(Source(layout), Cell("canon-lg", 45.0, 3), index, hidden=True)
+        pair = FramePair(Source(layout), Cell("canon-lg", 45.0, 3), index, equalised=True)
         assert errors(pair.rectified, pair.displayed.bits, method) <= wrong
 
 
 def test_a_swapped_antipodal_pair_flips_the_bits() -> None:
     layout = make_layout(ratex=0, modulation="antipodal", pilots=16)
-    pair = FramePair(Source(layout), Cell("nikon-samsung", 45.0, 3), 0, hidden=True)
+    pair = FramePair(Source(layout), Cell("nikon-samsung", 45.0, 3), 0, equalised=True)
     captured, bits = pair.captured, pair.displayed.bits
     assert errors(captured.rectified(), bits) == 0
     swapped = replace(captured, original=captured.embedded, embedded=captured.original)
@@ -181,7 +181,7 @@ def test_a_brighter_block_is_never_less_likely_a_one(variance: float) -> None:
     amplitude = np.linspace(-30, 30, 2001)
     odds = log_odds(amplitude, np.full_like(amplitude, variance))
     assert (np.diff(odds) >= 0).all()
-    wide = variance + SPREAD**2  # equal densities at the root of a quadratic, by numpy
+    wide = variance + SIGNAL_SPREAD**2  # equal densities at the root of a quadratic, by numpy
     a = np.roots([1 / variance - 1 / wide, 2 / wide, -1 / wide - np.log(wide / variance)]).max()
     assert log_odds(np.array([a]), np.array([variance]))[0] == pytest.approx(0, abs=1e-9)
 

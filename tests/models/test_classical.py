@@ -180,7 +180,7 @@ def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None
     "name", ["naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn"]
 )
 def test_methods_read_chroma_pairs_whose_luma_hardly_changes(name: str, modulation: str) -> None:
-    hidden = DECODERS[name].hidden
+    hidden = DECODERS[name].equalised
     layout = make_layout(modulation=modulation, pilots=16, colour="chroma")
     pair, bits = make_pair(hidden=hidden, colour=True, layout=layout)
     change = 255 * (intensity(pair.embedded) - intensity(pair.original))
@@ -499,13 +499,13 @@ def test_unknown_names_list_the_valid_ones() -> None:
 @pytest.mark.parametrize("name", [*WITH_RATEX, "phi"])
 def test_methods_that_train_on_patches_refuse_a_layout_without(name: str) -> None:
     pair, _ = make_pair(hidden=True)
-    assert not DECODERS[name].hidden
+    assert not DECODERS[name].equalised
     with pytest.raises(InputError, match=r"ratex patches.*layout has none"):
         make_decoder(name).decode(pair)
 
 
 def test_hidden_ratex_wants_no_patches() -> None:
-    assert DECODERS["hidden_ratex"].hidden
+    assert DECODERS["hidden_ratex"].equalised
 
 
 @pytest.mark.parametrize(

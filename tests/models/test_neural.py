@@ -578,7 +578,7 @@ def test_learned_without_a_named_checkpoint_loads_the_shipped_one(rectified: Rec
 @pytest.mark.parametrize("name", ["decoder.pt", "config.json"])
 def test_a_missing_file_of_a_checkpoint_is_named(checkpoint: Path, name: str) -> None:
     (checkpoint / name).unlink()
-    with pytest.raises(InputError, match=rf"{name}: not found; made by: python train.py"):
+    with pytest.raises(InputError, match=rf"{name}: not found; train first: python train.py"):
         load_checkpoint(checkpoint)
 
 

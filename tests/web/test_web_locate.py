@@ -39,7 +39,7 @@ from export.locate.patches import (
     image_pyramid,
     patches_in_view,
     search_patches,
-    seen_visibility,
+    seen_correlation,
 )
 from export.locate.quads import distinct, is_sound, upright
 from export.locate.refine import corners_on_edges, corners_on_patches
@@ -127,13 +127,13 @@ def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Genera
     same(found.seen, seen, VISIBILITY)
 
 
-def test_visibility_of_patches_some_of_them_out_of_view(
+def test_correlation_of_patches_some_of_them_out_of_view(
     port: Port, rng: np.random.Generator
 ) -> None:
-    visibility = port("locate/patches.js").seenVisibility
+    correlation = port("locate/patches.js").seenCorrelation
     match, in_view = rng.uniform(0.5, 1, (30, 5)), rng.random((30, 5)) < 0.8
     for seen in zip(match, in_view, strict=True):
-        same(visibility(*seen), seen_visibility(*seen), FLOAT64)
+        same(correlation(*seen), seen_correlation(*seen), FLOAT64)
 
 
 def covered(layout: Layout) -> NDArray[np.uint8]:

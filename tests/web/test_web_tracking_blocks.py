@@ -1,13 +1,13 @@
-"""The page fills hidden blocks, finds covered ones and skips repeats as Python does."""
+"""The page fills unseen blocks, finds covered ones and skips repeats as Python does."""
 
 import cv2
 import numpy as np
 import pytest
 from port import Port, same
 
-from export.receive.hidden import fill_hidden, hidden_blocks
 from export.receive.occlusion import Occlusion
 from export.receive.repeats import Repeats
+from export.receive.unseen import fill_unseen, unseen_blocks
 from link.layout import make_layout
 from link.ratex import draw_patches
 from link.types import Array, Image
@@ -38,9 +38,9 @@ HIDING = {
 
 
 @pytest.mark.parametrize("name", HIDING)
-def test_hidden_blocks_are_filled(port: Port, name: str) -> None:
+def test_unseen_blocks_are_filled(port: Port, name: str) -> None:
     layout, cut, hand = HIDING[name]
-    images, module = [], port("receive/hidden.js")
+    images, module = [], port("receive/unseen.js")
     for embedded in (False, True):
         shown = smooth(layout.height, layout.width, 1).astype(np.uint8)
         draw_patches(shown, layout, 3, embedded=embedded)
@@ -51,11 +51,11 @@ def test_hidden_blocks_are_filled(port: Port, name: str) -> None:
     if cut:
         purity[:, 13:] = 0
         purity[7, 6] = 0
-    hidden = hidden_blocks(images[0], images[1], purity, layout)
+    hidden = unseen_blocks(images[0], images[1], purity, layout)
     assert hidden.any() == (name != "all seen")
-    same(module.hiddenBlocks(*images, purity, layout), hidden)
-    filled = module.fillHidden(images, hidden, layout)
-    same(filled, fill_hidden(images, hidden, layout))
+    same(module.unseenBlocks(*images, purity, layout), hidden)
+    filled = module.fillUnseen(images, hidden, layout)
+    same(filled, fill_unseen(images, hidden, layout))
 
 
 def test_covered_blocks_are_found(port: Port) -> None:

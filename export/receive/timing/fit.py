@@ -32,7 +32,7 @@ STARTS, ROUNDS = 4, 12
 steps that it takes."""
 OUTLIER = 4.0
 """Distance from a place's middle, in half distances between its 16 % and 84 % quantiles, at which a
-toggle counts as hidden."""
+toggle counts as unseen."""
 NEIGHBOURS = np.array([0.0, -0.3, 0.3])
 """Starts of a fit beside a clock: relative changes of its period, in states over a window. Where no
 exposure mixes two states, a fit does not move by itself."""
@@ -86,7 +86,7 @@ class ToggleWindow:
 
     Args:
         times: (n,) seconds, rising.
-        toggles: (n, P) displayed gray levels; NaN where a place is hidden.
+        toggles: (n, P) displayed gray levels; NaN where a place is unseen.
         places: (P, 2) x and y on the display, in [0, 1].
         fps: frames of the camera in a second; they bound delays and shutter.
     """
@@ -117,7 +117,7 @@ class ToggleWindow:
 
     @property
     def places_seen(self) -> int:
-        """Number of places that are not hidden for most of the window."""
+        """Number of places that are not unseen for most of the window."""
         return int((self._count > 0).sum())
 
     @cached_property

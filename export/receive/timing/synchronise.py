@@ -131,7 +131,7 @@ class Synchroniser:
 
         Args:
             time: time of the frame, seconds; later than before.
-            values: (V,) as `Toggles.measure` gives them; NaN where a place is hidden.
+            values: (V,) as `Toggles.measure` gives them; NaN where a place is unseen.
         """
         if np.isfinite(values).any():
             if self._samples and time - self._samples[-1][0] > AWAY_S:

@@ -49,7 +49,7 @@ class Toggles(Protocol):
     """(P, 2) x and y on the display, in [0, 1]."""
 
     def measure(self, rectified: NDArray[np.uint8]) -> Array:
-        """Measure what a rectified frame shows of the toggling: (V,) values; NaN where hidden."""
+        """Measure what a rectified frame shows of the toggling: (V,) values; NaN where unseen."""
         ...
 
     def over_time(self, values: Array) -> Array:

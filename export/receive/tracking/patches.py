@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from export.locate.candidates import Located
 from export.locate.find import search_steps
-from export.locate.patches import image_pyramid, patches_in_view, seen_visibility
-from export.locate.refine import corners_on_patches, needed_visibility
+from export.locate.patches import image_pyramid, patches_in_view, seen_correlation
+from export.locate.refine import corners_on_patches, needed_correlation
 from export.receive.tracking.follow import Follower
 from link.code.steps import Steps
 from link.errors import InputError
@@ -25,8 +25,8 @@ from link.layout import Layout
 from link.ratex import match_patches
 from link.types import Corners, Homography, Image
 
-MIN_VISIBILITY = 0.7
-"""Smallest `export.locate.patches.seen_visibility` of a followed display."""
+FOLLOWED_CORRELATION = 0.7
+"""Smallest `export.locate.patches.seen_correlation` of a followed display."""
 FIRST_WORK, WORK, SLOW_WORK = 90, 50, 8
 """Units of work (`link.code.steps`) after which a frame takes no further step of a search: in
 the frames of the first search for a display, of the next ones, and of those after `PATIENCE`
@@ -160,7 +160,7 @@ class Tracker:
             if not fresh:  # the camera has moved since
                 pyramid = image_pyramid(as_gray(image))
                 corners, seen = corners_on_patches(image, pyramid, corners, self.layout)
-                if seen < needed_visibility(self.layout):
+                if seen < needed_correlation(self.layout):
                     return None
             return self._accept(image, corners, fresh=True)
         return None
@@ -194,8 +194,8 @@ class Tracker:
         if rectified is None:
             return None
         in_view = patches_in_view(corners, self.layout, image.shape)
-        seen = seen_visibility(match_patches(rectified, self.layout).correlation, in_view)
-        if seen < MIN_VISIBILITY:
+        seen = seen_correlation(match_patches(rectified, self.layout).correlation, in_view)
+        if seen < FOLLOWED_CORRELATION:
             return None
         if self._follower.corners is not None:
             self._follower.advance(corners)

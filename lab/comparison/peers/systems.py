@@ -168,7 +168,7 @@ class PairSystem:
     def show(self, source: Source, index: int) -> MarkedPicture:
         """Take the original and the embedded frame of a frame pair."""
         cell = Cell("canon-lg", 0.0, self.kappa)  # the channel decides nothing of what is shown
-        displayed = FramePair(source, cell, index, self.method.card.hidden).displayed
+        displayed = FramePair(source, cell, index, self.method.card.equalised).displayed
         return MarkedPicture(displayed.original, displayed)
 
     def read(self, pair: Rectified, filmed: bool) -> Iterator[tuple[int, Scores, float]]:

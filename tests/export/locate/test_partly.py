@@ -14,10 +14,10 @@ import export.receive.tracking.patches as track
 from data_gen.pictures.library import load_pictures
 from export.locate.candidates import Located
 from export.locate.find import locate, search_steps
-from export.locate.patches import patches_in_view, seen_visibility
-from export.receive.hidden import fill_hidden, hidden_blocks
+from export.locate.patches import patches_in_view, seen_correlation
 from export.receive.receiver import Receiver
 from export.receive.tracking.patches import Tracker
+from export.receive.unseen import fill_unseen, unseen_blocks
 from export.runtime import Decoder
 from link.code.steps import Steps, run_to_end
 from link.embed import embed
@@ -83,11 +83,11 @@ def test_patches_out_of_view_are_left_out() -> None:
     in_view = patches_in_view(corners, LAYOUT, (HEIGHT, WIDTH))
     assert in_view.tolist() == [False, True, True, False, True]  # left column out
     match = np.array([0.1, 0.97, 0.98, 0.2, 0.99])
-    assert seen_visibility(match, in_view) == pytest.approx(0.98 - 0.08)
-    assert seen_visibility(match, np.array([0, 1, 0, 0, 1], bool)) == -1
-    assert seen_visibility(np.full(5, 0.95), np.ones(5, bool)) == pytest.approx(0.95)
+    assert seen_correlation(match, in_view) == pytest.approx(0.98 - 0.08)
+    assert seen_correlation(match, np.array([0, 1, 0, 0, 1], bool)) == -1
+    assert seen_correlation(np.full(5, 0.95), np.ones(5, bool)) == pytest.approx(0.95)
     by_chance = np.array([0.99, 0.22, 0.84, 1.0, -0.25])  # two patches, and what looks like a third
-    assert seen_visibility(by_chance, np.ones(5, bool)) == pytest.approx(0.56)
+    assert seen_correlation(by_chance, np.ones(5, bool)) == pytest.approx(0.56)
 
 
 def test_corners_may_lie_outside_as_far_as_is_said() -> None:
@@ -185,7 +185,7 @@ def decoder() -> Decoder:
 
 
 @pytest.mark.parametrize("patches", [1, 2])
-def test_hidden_blocks_cost_the_others_nothing(patches: int, decoder: Decoder) -> None:
+def test_unseen_blocks_cost_the_others_nothing(patches: int, decoder: Decoder) -> None:
     rng = np.random.default_rng(3)
     picture = load_pictures("test", LAYOUT.width, LAYOUT.height)[1].rgb
     bits = rng.integers(0, 2, LAYOUT.n_bits)
@@ -201,11 +201,11 @@ def test_hidden_blocks_cost_the_others_nothing(patches: int, decoder: Decoder) -
         images.append(np.clip(seen, 0, 255).astype(np.uint8))
     purity = np.ones((16, 16))
     purity[: 8 if patches == 1 else 16, :2] = 0
-    hidden = hidden_blocks(images[0], images[1], purity, LAYOUT)
-    assert hidden[:, 1:].sum() == 0
-    assert hidden[:, 0].sum() == (4 if patches == 1 else 8)
-    scores = decoder.decode(*fill_hidden(images, hidden, LAYOUT)).scores
-    told = ~hidden[LAYOUT.message_mask]
+    unseen = unseen_blocks(images[0], images[1], purity, LAYOUT)
+    assert unseen[:, 1:].sum() == 0
+    assert unseen[:, 0].sum() == (4 if patches == 1 else 8)
+    scores = decoder.decode(*fill_unseen(images, unseen, LAYOUT)).scores
+    told = ~unseen[LAYOUT.message_mask]
     assert ((scores > 0) == (bits == 1))[told].all()
     assert (np.abs(scores[told]) > 2).mean() > 0.95
 
@@ -213,8 +213,8 @@ def test_hidden_blocks_cost_the_others_nothing(patches: int, decoder: Decoder) -
 def test_nothing_hidden_changes_nothing() -> None:
     images = [np.zeros((LAYOUT.height, LAYOUT.width), np.uint8)] * 2
     nothing = np.zeros((8, 8), bool)
-    assert fill_hidden(images, nothing, LAYOUT)[0] is images[0]
-    assert fill_hidden(images, ~nothing, LAYOUT)[0] is images[0]  # and where all is
+    assert fill_unseen(images, nothing, LAYOUT)[0] is images[0]
+    assert fill_unseen(images, ~nothing, LAYOUT)[0] is images[0]  # and where all is
 
 
 def numbered(layout: Layout) -> NDArray[np.uint8]:
@@ -228,31 +228,31 @@ def numbered(layout: Layout) -> NDArray[np.uint8]:
 
 def test_hidden_pilots_take_the_pixels_of_their_kind() -> None:
     layout = make_layout(24, 32, 500, 380, modulation="antipodal", pilots="auto")
-    hidden = np.zeros((24, 32), bool)
-    hidden[:, 20:] = hidden[:6] = True
-    bits = np.full(hidden.size, -1)  # what may stand for what: -1 for the message, or a pilot's bit
+    unseen = np.zeros((24, 32), bool)
+    unseen[:, 20:] = unseen[:6] = True
+    bits = np.full(unseen.size, -1)  # what may stand for what: -1 for the message, or a pilot's bit
     bits[layout.pilot_blocks] = layout.pilot_bits
-    bits = bits.reshape(hidden.shape)
+    bits = bits.reshape(unseen.shape)
     image = numbered(layout)
-    first, second = fill_hidden([image, image[:, :, 0].copy()], hidden, layout)
+    first, second = fill_unseen([image, image[:, :, 0].copy()], unseen, layout)
     np.testing.assert_array_equal(second, first[:, :, 0])
-    for row, col in np.ndindex(hidden.shape):
+    for row, col in np.ndindex(unseen.shape):
         top, bottom, left, right = layout.cell_box(row, col)
         block = first[top:bottom, left:right].reshape(-1, 3)
         assert (block == block[0]).all()  # of one source, whole
-        alike = np.argwhere((bits == bits[row, col]) & ~hidden)
+        alike = np.argwhere((bits == bits[row, col]) & ~unseen)
         nearest = alike[np.abs(alike - [row, col]).sum(axis=1).argmin()]
-        np.testing.assert_array_equal(block[0, :2], nearest if hidden[row, col] else (row, col))
+        np.testing.assert_array_equal(block[0, :2], nearest if unseen[row, col] else (row, col))
 
 
 def test_pilots_of_which_none_is_seen_stay() -> None:
     layout = make_layout(8, 8, 128, 96, modulation="antipodal", pilots=2)
-    hidden = np.zeros((8, 8), bool)
-    hidden.reshape(-1)[layout.pilot_blocks[:1]] = True
+    unseen = np.zeros((8, 8), bool)
+    unseen.reshape(-1)[layout.pilot_blocks[:1]] = True
     image = numbered(layout)
-    np.testing.assert_array_equal(fill_hidden([image], hidden, layout)[0], image)
-    hidden[~layout.message_mask] = hidden[0] = True
-    assert (fill_hidden([image], hidden, layout)[0] != image).any()
+    np.testing.assert_array_equal(fill_unseen([image], unseen, layout)[0], image)
+    unseen[~layout.message_mask] = unseen[0] = True
+    assert (fill_unseen([image], unseen, layout)[0] != image).any()
 
 
 def test_the_finest_grid_is_filled_soon() -> None:
@@ -260,13 +260,13 @@ def test_the_finest_grid_is_filled_soon() -> None:
     purity = np.ones((16, 16))
     purity[:, :8] = 0
     image = np.random.default_rng(0).integers(0, 256, (layout.height, layout.width), np.uint8)
-    hidden = hidden_blocks(image, image, purity, layout)
-    assert 0.5 <= hidden.mean() < 0.6
+    unseen = unseen_blocks(image, image, purity, layout)
+    assert 0.5 <= unseen.mean() < 0.6
     began = process_time()
-    filled = fill_hidden([image, image], hidden, layout)
+    filled = fill_unseen([image, image], unseen, layout)
     assert process_time() - began < 0.4  # about 0.03 s
     assert (filled[0][:, : layout.width // 2] != image[:, : layout.width // 2]).any()
-    seen = np.kron(~hidden, np.ones((4, 4), bool))
+    seen = np.kron(~unseen, np.ones((4, 4), bool))
     np.testing.assert_array_equal(filled[0][seen], image[seen])
 
 

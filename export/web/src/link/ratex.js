@@ -65,7 +65,7 @@ export function matchPatches(frame, layout) {
  * @param {import("./layout.js").Layout} layout - with at least one patch
  * @returns {number} mean correlation over the patches, in [-1, 1]
  */
-export function visibility(frame, layout) {
+export function patchCorrelation(frame, layout) {
   const { correlation } = matchPatches(frame, layout);
   return correlation.reduce((sum, value) => sum + value) / correlation.length;
 }

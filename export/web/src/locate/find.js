@@ -14,7 +14,7 @@ import {
   clippedToImage,
   cornersOnEdges,
   cornersOnPatchesSteps,
-  neededVisibility,
+  neededCorrelation,
 } from "./refine.js";
 import { MAX_OUTSIDE, cornerCells, partialSteps, spotSteps, wholeSteps } from "./spots.js";
 import { runToEnd } from "../link/code/steps.js";
@@ -23,7 +23,7 @@ import { runToEnd } from "../link/code/steps.js";
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 
 const {
-  SMALL_ERROR_PX, LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_VISIBILITY, PROMISING,
+  SMALL_ERROR_PX, LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_CORRELATION, PROMISING,
   LEAVING_QUADS, PROMISING_PARTLY, MAX_ASPECT, MIN_SCORE,
 } = locateFind;
 
@@ -131,7 +131,7 @@ class PatchSearch {
       for (const { corners, promise } of tried.slice(0, ALIGNED_TURNS)) {
         if (promise >= PROMISING) best = yield* this.#better(corners, best);
       }
-      if (best && best.score >= SURE_VISIBILITY) break;
+      if (best && best.score >= SURE_CORRELATION) break;
     }
     return best;
   }
@@ -172,7 +172,7 @@ class PatchSearch {
    */
   *#better(corners, best) {
     const aligned = yield* cornersOnPatchesSteps(this.#image, this.#pyramid, corners, this.#layout);
-    if (aligned.seen < neededVisibility(this.#layout)) return best;
+    if (aligned.seen < neededCorrelation(this.#layout)) return best;
     if (best && aligned.seen <= best.score) return best;
     return { corners: aligned.corners, score: Math.min(1, aligned.seen) };
   }

@@ -153,7 +153,7 @@ function allIn(points, width, height) {
 }
 
 /**
- * Tell how well a rectified frame shows the patches, some of which may be hidden.
+ * Tell how well a rectified frame shows the patches, some of which may be covered.
  *
  * @param {ArrayLike<number>} match - (patches,) correlations, from `matchPatches`
  * @param {ArrayLike<number>} inView - (patches,) which patches the image holds, from
@@ -162,7 +162,7 @@ function allIn(points, width, height) {
  *   that are seen best, less `COVERED_LOSS`, if each of them has `CLEAR_KEPT`. At most
  *   `MISSED_PATCHES` are left out, and `LEAST_PATCHES` must be in view, or the value is -1.
  */
-export function seenVisibility(match, inView) {
+export function seenCorrelation(match, inView) {
   const all = Array.from(match);
   const seen = all.filter((_, patch) => inView[patch]).sort((one, other) => other - one);
   const needed = Math.min(all.length, Math.max(LEAST_PATCHES, all.length - MISSED_PATCHES));

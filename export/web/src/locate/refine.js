@@ -14,21 +14,21 @@ import {
   cornersFromPatches,
   patchesInView,
   searchPatches,
-  seenVisibility,
+  seenCorrelation,
 } from "./patches.js";
 import { SLACK, isSound } from "./quads.js";
 import { runToEnd } from "../link/code/steps.js";
 
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 /**
- * Corners in pixels of the image, and how well the patches are seen there: `seenVisibility`, or -1
+ * Corners in pixels of the image, and how well the patches are seen there: `seenCorrelation`, or -1
  * where the corners make no display.
  *
  * @typedef {{ corners: Quad, seen: number }} OnPatches
  */
 
 export const { OUTSIDE } = locateRefine;
-const { SEARCHES, MIN_VISIBILITY, USUAL_VISIBILITY, PARTLY_SPREADS } = locateRefine;
+const { SEARCHES, FEW_PATCHES_CORRELATION, USUAL_CORRELATION, PARTLY_SPREADS } = locateRefine;
 
 /** Largest distance, in pixels, that corners move onto edges in the second round. */
 const FINE_REACH_PX = 4.0;
@@ -42,14 +42,14 @@ const LOOK_WORK = 2;
  * @param {Layout} layout
  * @returns {number}
  */
-export function neededVisibility(layout) {
-  return MIN_VISIBILITY.get(layout.ratex.length) ?? USUAL_VISIBILITY;
+export function neededCorrelation(layout) {
+  return FEW_PATCHES_CORRELATION.get(layout.ratex.length) ?? USUAL_CORRELATION;
 }
 
 /**
  * Move corners so that the image shows the ratex patches where the layout has them.
  *
- * Patches may be out of view, or covered, as `seenVisibility` allows.
+ * Patches may be out of view, or covered, as `seenCorrelation` allows.
  *
  * @param {BytePlane} image
  * @param {Pyramid} pyramid - `imagePyramid` of it
@@ -80,7 +80,7 @@ export function* cornersOnPatchesSteps(image, pyramid, corners, layout) {
   let judged = judge(image, corners, layout);
   yield LOOK_WORK;
   const clear = judged.match.map((match) => Number(match >= CLEAR_MATCH));
-  if (judged.seen >= neededVisibility(layout) && clear.includes(0)) {
+  if (judged.seen >= neededCorrelation(layout) && clear.includes(0)) {
     // a patch that is cut off or covered must not hold the corners
     corners = judged.corners;
     for (const spread of PARTLY_SPREADS) {
@@ -113,7 +113,7 @@ function judge(image, corners, layout) {
   const rectified = rectify(image, H, layout.width, layout.height);
   const match = Array.from(matchPatches(rectified, layout).correlation);
   const inView = patchesInView(corners, layout, width, height);
-  return { corners, match, seen: seenVisibility(match, inView) };
+  return { corners, match, seen: seenCorrelation(match, inView) };
 }
 
 /**

@@ -8,7 +8,7 @@
 import { receiveReader } from "../generated/constants.js";
 import { makeCollector } from "../link/code/collect.js";
 import { CLIPPED, CUT } from "./diagnosis.js";
-import { fillHidden, hiddenBlocks } from "./hidden.js";
+import { fillUnseen, unseenBlocks } from "./unseen.js";
 import { Occlusion } from "./occlusion.js";
 import { averageState, blockPurity, composeState, pointsInView } from "./states.js";
 import { Synchroniser } from "./timing/synchronise.js";
@@ -324,8 +324,8 @@ export class DisplayReader {
     let start = performance.now();
     const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
     const images = [original.image, embedded.image];
-    const hidden = hiddenBlocks(images[0], images[1], purity, this.layout);
-    const [first, second] = fillHidden(images, hidden, this.layout);
+    const unseen = unseenBlocks(images[0], images[1], purity, this.layout);
+    const [first, second] = fillUnseen(images, unseen, this.layout);
     const soft = await this.decoder.decode(first, second);
     const covered = this.#occlusion.covered(original.image);
     let trusted = 0;

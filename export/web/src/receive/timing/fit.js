@@ -103,7 +103,7 @@ export class ToggleWindow {
 
   /**
    * @param {Float64Array} times - (n,) seconds, rising
-   * @param {Float64Array[]} toggles - n times (P,) displayed gray levels; NaN where hidden
+   * @param {Float64Array[]} toggles - n times (P,) displayed gray levels; NaN where unseen
    * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
    * @param {number} fps - frames of the camera in a second; they bound delays and shutter
    */
@@ -164,7 +164,7 @@ export class ToggleWindow {
     );
   }
 
-  /** Number of places that are not hidden for most of the window. */
+  /** Number of places that are not unseen for most of the window. */
   get placesSeen() {
     return this.#count.filter((count) => count > 0).length;
   }
@@ -338,7 +338,7 @@ export class ToggleWindow {
   }
 
   /**
-   * Take the mean off a wave at each place, in place; 0 where a place is hidden.
+   * Take the mean off a wave at each place, in place; 0 where a place is unseen.
    *
    * @param {Float64Array} wave - (P, n)
    */

@@ -111,7 +111,7 @@ export function takeOffBasis(series, basis, places) {
 /**
  * Tell which toggles are seen, and no farther from the rest than toggles are.
  *
- * @param {Float64Array} values - (P, n) toggles; NaN where a place is hidden
+ * @param {Float64Array} values - (P, n) toggles; NaN where a place is unseen
  * @param {number} places - P
  * @returns {Uint8Array} (P, n)
  */

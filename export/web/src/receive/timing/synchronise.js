@@ -96,7 +96,7 @@ export class Synchroniser {
    * Take what was measured in one frame, and fit the clock where it is time.
    *
    * @param {number} time - of the frame, seconds; later than before
-   * @param {Float64Array} values - (V,) as `Toggles.measure` gives them; NaN where hidden
+   * @param {Float64Array} values - (V,) as `Toggles.measure` gives them; NaN where unseen
    */
   add(time, values) {
     const samples = this.#samples;

@@ -61,7 +61,7 @@ export class PatchToggles {
   }
 
   /**
-   * Measure the (patches,) toggles in a rectified frame; NaN where a patch is hidden.
+   * Measure the (patches,) toggles in a rectified frame; NaN where a patch is unseen.
    *
    * @param {BytePlane} rectified
    */

@@ -12,12 +12,12 @@ import { InputError } from "../../link/errors.js";
 import { frameCorners } from "../../link/geometry.js";
 import { matchPatches } from "../../link/ratex.js";
 import { searchSteps } from "../../locate/find.js";
-import { imagePyramid, patchesInView, seenVisibility } from "../../locate/patches.js";
-import { cornersOnPatches, neededVisibility } from "../../locate/refine.js";
+import { imagePyramid, patchesInView, seenCorrelation } from "../../locate/patches.js";
+import { cornersOnPatches, neededCorrelation } from "../../locate/refine.js";
 import { Follower } from "./follow.js";
 
 const {
-  MIN_VISIBILITY, FIRST_WORK, WORK, SLOW_WORK, PATIENCE, THUMBNAIL_PX, CHANGED_LEVELS,
+  FOLLOWED_CORRELATION, FIRST_WORK, WORK, SLOW_WORK, PATIENCE, THUMBNAIL_PX, CHANGED_LEVELS,
   CHANGED_SHARE,
 } = receiveTrackingPatches;
 
@@ -133,7 +133,7 @@ export class Tracker {
     if (!fresh) {
       // the camera has moved since
       const found = cornersOnPatches(image, imagePyramid(image), corners, this.layout);
-      if (found.seen < neededVisibility(this.layout)) return null;
+      if (found.seen < neededCorrelation(this.layout)) return null;
       ({ corners } = found);
     }
     return this.#accept(image, corners, true);
@@ -219,8 +219,8 @@ export class Tracker {
     const rectified = this.#follower.rectified(image, corners);
     if (rectified === null) return null;
     const inView = patchesInView(corners, this.layout, image.width, image.height);
-    const seen = seenVisibility(matchPatches(rectified, this.layout).correlation, inView);
-    if (seen < MIN_VISIBILITY) return null;
+    const seen = seenCorrelation(matchPatches(rectified, this.layout).correlation, inView);
+    if (seen < FOLLOWED_CORRELATION) return null;
     if (this.#follower.corners !== null) this.#follower.advance(corners);
     if (fresh) this.#follower.begin(image, corners, rectified);
     return { corners, rectified };

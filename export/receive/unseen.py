@@ -1,9 +1,9 @@
 """Fill in what a frame pair does not show of the display, so that the rest can be decoded.
 
 A decoder fits its calibration to all ratex patches or pilots and refines it on all message blocks.
-Of those that lie outside the image, or behind a hand, it would learn wrong things. So a hidden
-message block takes the pixels of the nearest one that is seen, in both states alike, and a hidden
-pilot those of the nearest pilot of the same bit that is seen. The tiles of a hidden patch take
+Of those that lie outside the image, or behind a hand, it would learn wrong things. So an unseen
+message block takes the pixels of the nearest one that is seen, in both states alike, and an unseen
+pilot those of the nearest pilot of the same bit that is seen. The tiles of an unseen patch take
 those of patches that are seen: mixed from the two tiles of the same label whose levels lie next to
 theirs. The decoder then has nothing to learn there. What it says of filled blocks means nothing,
 and the receiver erases it.
@@ -23,7 +23,7 @@ LEAST_CLEAR = 2
 """Smallest number of patches that must be seen for others to be filled."""
 
 
-def hidden_blocks(
+def unseen_blocks(
     original: Image, embedded: Image, purity: NDArray[np.float64], layout: Layout
 ) -> NDArray[np.bool_]:
     """Tell which blocks of a frame pair are not seen.
@@ -41,40 +41,40 @@ def hidden_blocks(
     """
     held = (purity > 0).astype(np.float32)
     size = (layout.cols, layout.rows)
-    hidden = cv2.resize(held, size, interpolation=cv2.INTER_AREA) < 1 - 1e-6
-    hidden = np.asarray(hidden, np.bool_)
+    unseen = cv2.resize(held, size, interpolation=cv2.INTER_AREA) < 1 - 1e-6
+    unseen = np.asarray(unseen, np.bool_)
     if not layout.ratex:
-        return hidden
+        return unseen
     match = [match_patches(image, layout).correlation for image in (original, embedded)]
     for (row, col), seen in zip(layout.ratex, np.minimum(*match), strict=True):
-        hidden[row, col] |= seen < CLEAR_MATCH
-    return hidden
+        unseen[row, col] |= seen < CLEAR_MATCH
+    return unseen
 
 
-def fill_hidden(images: Sequence[Image], hidden: NDArray[np.bool_], layout: Layout) -> list[Image]:
-    """Fill the hidden blocks of rectified images that show one picture.
+def fill_unseen(images: Sequence[Image], unseen: NDArray[np.bool_], layout: Layout) -> list[Image]:
+    """Fill the unseen blocks of rectified images that show one picture.
 
     Args:
         images: rectified frames, an `Image` each.
-        hidden: (rows, cols) blocks that are not seen.
+        unseen: (rows, cols) blocks that are not seen.
         layout: layout with patches or pilots, or without either.
 
     Returns:
-        copies in which the hidden blocks are filled; the images themselves where nothing is hidden,
+        copies in which the unseen blocks are filled; the images themselves where nothing is unseen,
         no message block is seen, or the layout has patches of which fewer than `LEAST_CLEAR` are
         seen. Pilots of a bit of which none is seen stay as they are.
     """
-    seen_patches = [i for i, cell in enumerate(layout.ratex) if not hidden[cell]]
-    seen_message = layout.message_mask & ~hidden
+    seen_patches = [i for i, cell in enumerate(layout.ratex) if not unseen[cell]]
+    seen_message = layout.message_mask & ~unseen
     few_patches = bool(layout.ratex) and len(seen_patches) < LEAST_CLEAR
-    if not hidden.any() or not seen_message.any() or few_patches:
+    if not unseen.any() or not seen_message.any() or few_patches:
         return list(images)
     filled = [image.copy() for image in images]
-    _copy_nearest(filled, layout.message_mask, hidden, layout)
+    _copy_nearest(filled, layout.message_mask, unseen, layout)
     for bit in (0, 1):
-        pilots = np.zeros(hidden.size, np.bool_)
+        pilots = np.zeros(unseen.size, np.bool_)
         pilots[layout.pilot_blocks[layout.pilot_bits == bit]] = True
-        _copy_nearest(filled, pilots.reshape(hidden.shape), hidden, layout)
+        _copy_nearest(filled, pilots.reshape(unseen.shape), unseen, layout)
     _mix_tiles(filled, seen_patches, layout)
     return filled
 
@@ -82,10 +82,10 @@ def fill_hidden(images: Sequence[Image], hidden: NDArray[np.bool_], layout: Layo
 def _copy_nearest(
     images: Sequence[Image],
     kind: NDArray[np.bool_],
-    hidden: NDArray[np.bool_],
+    unseen: NDArray[np.bool_],
     layout: Layout,
 ) -> None:
-    """Give each hidden block of a kind, in place, the pixels of the nearest one that is seen.
+    """Give each unseen block of a kind, in place, the pixels of the nearest one that is seen.
 
     Distances count steps along rows and columns; of blocks equally near the first in reading order
     is taken.
@@ -93,10 +93,10 @@ def _copy_nearest(
     Args:
         images: rectified frames, an `Image` each.
         kind: (rows, cols) blocks that may stand for each other.
-        hidden: (rows, cols) blocks that are not seen.
+        unseen: (rows, cols) blocks that are not seen.
         layout: layout of the images.
     """
-    seen, filled = kind & ~hidden, kind & hidden
+    seen, filled = kind & ~unseen, kind & unseen
     if not seen.any() or not filled.any():
         return
     from_row, from_col = _nearest(seen)
@@ -135,7 +135,7 @@ def _nearest(seen: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp
 
 
 def _mix_tiles(images: Sequence[Image], seen_patches: Sequence[int], layout: Layout) -> None:
-    """Mix the tiles of hidden patches, in place, from those of the patches that are seen."""
+    """Mix the tiles of unseen patches, in place, from those of the patches that are seen."""
     levels, labels = tile_levels(layout, 0), tile_labels(layout)
     known = [
         (int(levels[i][tile]), int(labels[i][tile]), _tile(layout, i, tile))

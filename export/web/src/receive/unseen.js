@@ -3,21 +3,21 @@
  *
  * A decoder fits its calibration to all ratex patches or pilots and refines it on all message
  * blocks. Of those that lie outside the image, or behind a hand, it would learn wrong things. So a
- * hidden message block takes the pixels of the nearest one that is seen, in both states alike, and
- * a hidden pilot those of the nearest pilot of the same bit that is seen. The tiles of a hidden
+ * unseen message block takes the pixels of the nearest one that is seen, in both states alike, and
+ * an unseen pilot those of the nearest pilot of the same bit that is seen. The tiles of an unseen
  * patch take those of patches that are seen: mixed from the two tiles of the same label whose
  * levels lie next to theirs. The decoder then has nothing to learn there. What it says of filled
  * blocks means nothing, and the receiver erases it.
  */
 
-import { receiveHidden } from "../generated/constants.js";
+import { receiveUnseen } from "../generated/constants.js";
 import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { CLEAR_MATCH, TILES, matchPatches } from "../link/ratex.js";
 
 /** @typedef {{ top: number, bottom: number, left: number, right: number }} Box */
 
-const { LEAST_CLEAR } = receiveHidden;
+const { LEAST_CLEAR } = receiveUnseen;
 
 /**
  * Tell which blocks of a frame pair are not seen.
@@ -30,71 +30,71 @@ const { LEAST_CLEAR } = receiveHidden;
  * @returns {Uint8Array} (rows, cols) 1 for blocks with a part that no frame holds, and for patches
  *   that something covers; nothing tells whether something covers a pilot
  */
-export function hiddenBlocks(original, embedded, purity, layout) {
+export function unseenBlocks(original, embedded, purity, layout) {
   const { rows, cols } = layout;
   const n = Math.round(Math.sqrt(purity.length));
-  const hidden = new Uint8Array(rows * cols);
+  const unseen = new Uint8Array(rows * cols);
   const held = Float32Array.from(purity, (share) => Number(share > 0));
   if (held.includes(0)) {
     const shares = resizeArea({ width: n, height: n, data: held }, cols, rows).data;
-    shares.forEach((share, block) => (hidden[block] = Number(share < 1 - 1e-6)));
+    shares.forEach((share, block) => (unseen[block] = Number(share < 1 - 1e-6)));
   }
-  if (layout.ratex.length === 0) return hidden;
+  if (layout.ratex.length === 0) return unseen;
   const [one, two] = [original, embedded].map((image) => matchPatches(image, layout).correlation);
   layout.ratex.forEach(([row, col], patch) => {
-    if (Math.min(one[patch], two[patch]) < CLEAR_MATCH) hidden[row * cols + col] = 1;
+    if (Math.min(one[patch], two[patch]) < CLEAR_MATCH) unseen[row * cols + col] = 1;
   });
-  return hidden;
+  return unseen;
 }
 
 /**
- * Fill the hidden blocks of rectified images that show one picture.
+ * Fill the unseen blocks of rectified images that show one picture.
  *
  * @param {BytePlane[]} images - of the layout's size
- * @param {Uint8Array} hidden - (rows, cols) 1 for blocks that are not seen
+ * @param {Uint8Array} unseen - (rows, cols) 1 for blocks that are not seen
  * @param {Layout} layout - with patches or pilots, or without either
- * @returns {BytePlane[]} copies in which the hidden blocks are filled; the images themselves where
- *   nothing is hidden, no message block is seen, or the layout has patches of which fewer than
+ * @returns {BytePlane[]} copies in which the unseen blocks are filled; the images themselves where
+ *   nothing is unseen, no message block is seen, or the layout has patches of which fewer than
  *   `LEAST_CLEAR` are seen. Pilots of a bit of which none is seen stay as they are.
  */
-export function fillHidden(images, hidden, layout) {
+export function fillUnseen(images, unseen, layout) {
   const { cols, ratex, messageMask } = layout;
   const patches = [...ratex.keys()];
-  const seenPatches = patches.filter((i) => !hidden[ratex[i][0] * cols + ratex[i][1]]);
+  const seenPatches = patches.filter((i) => !unseen[ratex[i][0] * cols + ratex[i][1]]);
   const fewPatches = ratex.length > 0 && seenPatches.length < LEAST_CLEAR;
-  const seenMessage = messageMask.some((message, block) => message && !hidden[block]);
-  if (!hidden.includes(1) || !seenMessage || fewPatches) return images;
+  const seenMessage = messageMask.some((message, block) => message && !unseen[block]);
+  if (!unseen.includes(1) || !seenMessage || fewPatches) return images;
   const filled = images.map((image) => ({ ...image, data: image.data.slice() }));
-  copyNearest(filled, messageMask, hidden, layout);
+  copyNearest(filled, messageMask, unseen, layout);
   for (const bit of [0, 1]) {
-    const pilots = new Uint8Array(hidden.length);
+    const pilots = new Uint8Array(unseen.length);
     layout.pilotBlocks.forEach((block, i) => {
       if (layout.pilotBits[i] === bit) pilots[block] = 1;
     });
-    copyNearest(filled, pilots, hidden, layout);
+    copyNearest(filled, pilots, unseen, layout);
   }
   mixTiles(filled, seenPatches, layout);
   return filled;
 }
 
 /**
- * Give each hidden block of a kind, in place, the pixels of the nearest one that is seen.
+ * Give each unseen block of a kind, in place, the pixels of the nearest one that is seen.
  *
  * Distances count steps along rows and columns; of blocks equally near the first in reading order
  * is taken.
  *
  * @param {BytePlane[]} images
  * @param {Uint8Array} kind - (rows, cols) 1 for blocks that may stand for each other
- * @param {Uint8Array} hidden - (rows, cols) 1 for blocks that are not seen
+ * @param {Uint8Array} unseen - (rows, cols) 1 for blocks that are not seen
  * @param {Layout} layout - of the images
  */
-function copyNearest(images, kind, hidden, layout) {
+function copyNearest(images, kind, unseen, layout) {
   const { rows, cols } = layout;
-  const seen = kind.map((is, block) => is & ~hidden[block]);
+  const seen = kind.map((is, block) => is & ~unseen[block]);
   if (!seen.includes(1)) return;
   const nearest = nearestInRows(seen, rows, cols);
   for (let block = 0; block < kind.length; block++) {
-    if (!kind[block] || !hidden[block]) continue;
+    if (!kind[block] || !unseen[block]) continue;
     const col = block % cols;
     const row = (block - col) / cols;
     let best = -1;
@@ -159,7 +159,7 @@ function copyBox({ width, data }, source, target) {
 }
 
 /**
- * Mix the tiles of hidden patches, in place, from those of the patches that are seen.
+ * Mix the tiles of unseen patches, in place, from those of the patches that are seen.
  *
  * @param {BytePlane[]} images
  * @param {number[]} seenPatches - numbers of the patches that are seen
