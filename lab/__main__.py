@@ -22,7 +22,6 @@ STUDIES = {
     "frontier": ("lab.visibility.frontier", "how many bits are read, beside what is seen"),
     "locate": ("lab.films.locate", "how well displays are found in photographs"),
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),
-    "peers": ("lab.comparison.peers.study", "how other systems do on the same captures"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "pilots": ("lab.visibility.pilots", "how many pilots a fit needs"),
     "prediction": ("lab.simulation.prediction", "what the simulation predicts of the paper"),

@@ -56,7 +56,6 @@ STEPS = {
     ),
     "paper": ("lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"),
     "repeats": "lab repeats --frames 6 --keep",
-    "peers": "lab peers --keep",
     "frontier": "lab frontier --keep",
     "pilots": "lab pilots --keep",
     "framing": "lab framing --wrong --keep",

@@ -8,8 +8,6 @@ from typing import Any
 from lab.comparison.ablation.results import AblationEntry
 from lab.comparison.ablation.study import STUDY as ABLATION
 from lab.comparison.framing import STUDY as FRAMING
-from lab.comparison.peers.page import OURS, best_readings
-from lab.comparison.peers.study import STUDY as PEERS
 from lab.comparison.repeats import STUDY as REPEATS
 from lab.study import Results, Study, stored_results
 from reports.render.tables import Table, percent, share_interval, summary_table
@@ -59,7 +57,7 @@ def harder_table(docs: Path) -> str:
 
 def measured_table(docs: Path) -> str:
     """Show single results with their number of bits, and the command that measured each."""
-    answers = (against_oorc, repeated, other_systems, wrong_messages)
+    answers = (against_oorc, repeated, wrong_messages)
     heads = ["question", "measured (simulated)", "by", "bits"]
     return Table(heads, [answer(docs) for answer in answers], left=3).markdown()
 
@@ -92,23 +90,6 @@ def repeated(docs: Path) -> list[str]:
     ]
     asked = "κ 1, 45°: wrong bits after several captures of one frame pair, in one fit"
     return [asked, ", ".join(parts), made_by(results), f"{row.bits:,}"]
-
-
-def other_systems(docs: Path) -> list[str]:
-    """State how other systems do at their default strength."""
-    results = stored(PEERS, docs)
-    rows = best_readings(results.content.rows)
-    parts = []
-    for name in dict.fromkeys(row.method for row in rows):
-        usual = "κ 3" if name in OURS else "default"
-        mine = {r.condition: r for r in rows if (r.method, r.strength) == (name, usual)}
-        if mine:
-            front, side = mine["0°"], mine["45°"]
-            right = f"{percent(front.accuracy, 1)} and {percent(side.accuracy, 1)} %"
-            parts.append(f"{name} {right} ({front.psnr:.1f} dB)")
-    sizes = sorted({row.bits for row in rows if row.condition in ("0°", "45°")})
-    asked = "other systems at their default strength: right bits filmed at 0° and 45° (PSNR)"
-    return [asked, ", ".join(parts), made_by(results), f"{sizes[0]:,} – {sizes[-1]:,}"]
 
 
 def wrong_messages(docs: Path) -> list[str]:

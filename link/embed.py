@@ -212,29 +212,3 @@ def embed(
     draw_patches(original, layout, toggle, embedded=False)
     draw_patches(embedded, layout, toggle, embedded=True)
     return Displayed(original, embedded, np.asarray(bits, np.intp), layout, kappa, ratex_kappa)
-
-
-def display_video(
-    picture: Image,
-    messages: ArrayLike,
-    layout: Layout,
-    kappa: int,
-    pyramid_level: int = 0,
-) -> list[NDArray[np.uint8]]:
-    """Make the paper's display video: each message as an original and then an embedded frame.
-
-    Args:
-        picture: an `Image`, of the layout's size.
-        messages: (M, n_bits) 0 or 1; the paper has M = 5, hence 10 frames (§ Results).
-        layout: the grid and its ratex patches.
-        kappa: gray levels added where the bit is 1.
-        pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
-
-    Returns:
-        2 M frames, uint8 of the picture's shape.
-
-    Raises:
-        InputError: kappa, a message or the picture's size do not fit.
-    """
-    pairs = [embed(picture, bits, layout, kappa, pyramid_level) for bits in np.asarray(messages)]
-    return [frame for pair in pairs for frame in (pair.original, pair.embedded)]

@@ -15,8 +15,7 @@ import pandas as pd
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
 from export.visibility.line_code import CODE_OF_MODULATION
-from lab.comparison.peers.study import STUDY as PEERS
-from lab.study import DOCS, Picture, Results, Study, StudyFlags, Workshop, stored_results
+from lab.study import Picture, Results, Study, StudyFlags, Workshop
 from lab.visibility.frontier_charts import frontier_figure
 from lab.visibility.frontier_reading import read_rows
 from lab.visibility.frontier_results import (
@@ -135,9 +134,8 @@ def displayed_psnr(condition: Condition) -> float:
 
 
 def frontier_pictures(results: Mapping[str, Results[FrontierResults]]) -> dict[str, Picture]:
-    """Draw the charts, with other systems where docs/ store their results."""
-    peers = [row for each in stored_results(PEERS, DOCS).values() for row in each.content.rows]
-    return {"hidden_frontier.png": frontier_figure(results["frontier"].content, peers)}
+    """Draw the charts."""
+    return {"hidden_frontier.png": frontier_figure(results["frontier"].content)}
 
 
 STUDY = Study(

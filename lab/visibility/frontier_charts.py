@@ -1,8 +1,6 @@
-"""Charts of what layouts show and what is read from them, for docs and the page of evaluate.py."""
+"""Charts of what layouts show and what is read from them."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import groupby
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,14 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation, Transform
 
-from lab.comparison.peers.page import COLOURS, LEAST_ACCURACY, OURS, PeerRow, best_readings
 from lab.visibility.frontier_results import (
     CHART_HZ,
     FrontierResults,
     FrontierSetting,
     ReadRow,
     SettingResult,
-    decided_information,
 )
 from reports.render.charts import (
     MUTED,
@@ -36,58 +32,22 @@ from reports.render.tables import percent, share_interval
 GRID_MARKERS = {(8, 8): "s", (24, 32): "D", (48, 64): "^", (96, 128): "o"}
 """Markers of grids, given as rows and columns, in charts."""
 NAMES_IN = 1.75
-"""Width beside a panel in which methods, grids and other systems are named, inches."""
+"""Width beside a panel in which methods and grids are named, inches."""
 LEAST_BITS = 0.1
-"""Bits a frame pair at which the chart of bits over PSNR ends below."""
-
-
-@dataclass(frozen=True)
-class FrontierChart:
-    """One of the charts that stand beside each other."""
-
-    title: str
-    """What it shows, in a few words."""
-    draw: Callable[[Axes], None]
-    """Draws into a panel."""
-
-
-def frontier_charts(results: FrontierResults, peers: Sequence[PeerRow] = ()) -> list[FrontierChart]:
-    """Make the charts: right bits and rates over visibility, then right bits and bits over PSNR.
-
-    Args:
-        results: what the study stored.
-        peers: readings of other systems, which have a place where the x axis is PSNR.
-    """
-    others = [row for row in best_readings(peers) if row.method not in OURS]
-    views = results.views
-    widest = views[-1]
-
-    def over_seen(view: float) -> Callable[[Axes], None]:
-        return lambda panel: _draw_right(panel, results, view, by_psnr=False, peers=())
-
-    def over_psnr(view: float) -> Callable[[Axes], None]:
-        return lambda panel: _draw_right(panel, results, view, by_psnr=True, peers=others)
-
-    return [
-        *(FrontierChart(f"Right bits over visibility, {view:g}°", over_seen(view))
-          for view in views),
-        FrontierChart("Bits a second over visibility", lambda panel: _draw_rates(panel, results)),
-        *(FrontierChart(f"Right bits over PSNR, {view:g}°", over_psnr(view)) for view in views),
-        FrontierChart(
-            f"Bits a frame pair over PSNR, {widest:g}°",
-            lambda panel: _draw_bits(panel, results, widest, others),
-        ),
-    ]  # fmt: skip
+"""Bits a frame pair that stand for less than that, on a logarithmic axis."""
+LEAST_ACCURACY = 0.3
+"""Accuracy at which the charts end below; chance gives 0.5."""
 
 
 @in_style
-def frontier_figure(results: FrontierResults, peers: Sequence[PeerRow] = ()) -> Figure:
-    """Draw all charts as panels of one figure, for docs."""
-    charts = frontier_charts(results, peers)
-    figure, panels = new_panels(len(charts), 2, NAMES_IN, title=True)
-    for panel, chart in zip(panels, charts, strict=True):
-        chart.draw(panel)
-        panel.set_title(chart.title)
+def frontier_figure(results: FrontierResults) -> Figure:
+    """Draw right bits over visibility, a panel for each view, and bits a second over visibility."""
+    figure, panels = new_panels(len(results.views) + 1, 2, NAMES_IN, title=True)
+    for panel, view in zip(panels, results.views, strict=False):
+        _draw_right(panel, results, view)
+        panel.set_title(f"Right bits over visibility, {view:g}°")
+    _draw_rates(panels[-1], results)
+    panels[-1].set_title("Bits a second over visibility")
     return figure
 
 
@@ -120,24 +80,14 @@ def _rows_at(
                     yield result, row, _look(result.setting, colour_of(method))
 
 
-def _draw_right(
-    panel: Axes,
-    results: FrontierResults,
-    view: float,
-    by_psnr: bool,
-    peers: Sequence[PeerRow],
-) -> None:
-    """Draw right bits at one view over contrast over threshold, or over PSNR beside peers."""
-    here = [row for row in peers if row.condition == f"{view:g}°"]
-    least = min(
-        [row.accuracy for row in here]
-        + [row.accuracy for result in results.settings for row in result.read]
-    )
+def _draw_right(panel: Axes, results: FrontierResults, view: float) -> None:
+    """Draw right bits at one view over contrast over threshold."""
+    least = min(row.accuracy for result in results.settings for row in result.read)
     set_accuracy_axis(panel, "y", max(least - 0.02, LEAST_ACCURACY), short=True)
     panel.yaxis.labelpad = 1
     bottom = panel.get_ylim()[0]
     for result, row, look in _rows_at(results, view):
-        place = result.psnr if by_psnr else result.seen_at(CHART_HZ)
+        place = result.seen_at(CHART_HZ)
         look |= {"clip_on": False, "transform": _beside(panel, results, row.method)}
         ends = np.clip([row.ci_low, row.ci_high], bottom, 1)
         bar = {"linewidth": 1, "alpha": 0.6, "marker": ""}
@@ -148,16 +98,8 @@ def _draw_right(
             f"{result.setting.name}, {row.method}: {percent(row.accuracy)} % "
             f"({share_interval(row.ci_low, row.ci_high)}), {row.bits} bits",
         )
-    for method, mine in _by_system(here):
-        heights = [max(row.accuracy, bottom) for row in mine]
-        panel.plot(
-            [row.psnr for row in mine], heights, "--", marker="x", color=colour_of(method, COLOURS)
-        )
-    if by_psnr:
-        _set_psnr_axis(panel, results, here)
-    else:
-        _set_seen_axis(panel, results, f"contrast over threshold, {CHART_HZ} states/s")
-    _name(panel, results, here)
+    _set_seen_axis(panel, results, f"contrast over threshold, {CHART_HZ} states/s")
+    _name(panel, results, results.methods)
 
 
 def _draw_rates(panel: Axes, results: FrontierResults) -> None:
@@ -173,42 +115,7 @@ def _draw_rates(panel: Axes, results: FrontierResults) -> None:
     _set_seen_axis(panel, results, "contrast over threshold")
     set_ticks(panel.yaxis, [1e2, 1e3, 1e4, 1e5], ["100", "1k", "10k", "100k"])
     panel.grid(axis="both")
-    _name(panel, results, (), ("learned",))
-
-
-def _draw_bits(
-    panel: Axes, results: FrontierResults, view: float, peers: Sequence[PeerRow]
-) -> None:
-    """Draw the information of a frame pair at one view over PSNR, of ours and of peers."""
-    here = [row for row in peers if row.condition == f"{view:g}°"]
-    for result, row, look in _rows_at(results, view):
-        carried = max(result.message_bits * row.information, LEAST_BITS)
-        beside = _beside(panel, results, row.method)
-        (mark,) = panel.plot([result.psnr], [carried], transform=beside, **look)
-        add_note(mark, f"{result.setting.name}, {row.method}: {carried:,.0f} bits")
-    for method, mine in _by_system(here):
-        carried_bits = [
-            max(2 / row.frames_used * row.message_bits * decided_information(row.accuracy),
-                LEAST_BITS)
-            for row in mine
-        ]  # fmt: skip
-        colour = colour_of(method, COLOURS)
-        panel.plot([row.psnr for row in mine], carried_bits, "--", marker="x", color=colour)
-    most = max(result.message_bits for result in results.settings)
-    panel.set(yscale="log", ylim=(0.7 * LEAST_BITS, 1.5 * most))
-    panel.set_ylabel("bits a frame pair", labelpad=1)
-    values = [0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0]
-    set_ticks(panel.yaxis, values, ["0.1", "1", "10", "100", "1k", "10k"])
-    panel.grid(axis="both")
-    _set_psnr_axis(panel, results, here)
-    _name(panel, results, here)
-
-
-def _by_system(rows: Sequence[PeerRow]) -> Iterator[tuple[str, list[PeerRow]]]:
-    """Rows of each system, from the most to the least visible strength."""
-    ordered = sorted(rows, key=lambda row: (row.method, row.psnr))
-    for method, mine in groupby(ordered, key=lambda row: row.method):
-        yield method, list(mine)
+    _name(panel, results, ("learned",))
 
 
 def _set_seen_axis(panel: Axes, results: FrontierResults, label: str) -> None:
@@ -221,22 +128,9 @@ def _set_seen_axis(panel: Axes, results: FrontierResults, label: str) -> None:
     set_ticks(panel.xaxis, shown, [f"{tick:g}" for tick in shown])
 
 
-def _set_psnr_axis(panel: Axes, results: FrontierResults, peers: Sequence[PeerRow]) -> None:
-    """Give a panel an x axis of PSNR on which settings and other systems have a place."""
-    decibels = [result.psnr for result in results.settings] + [row.psnr for row in peers]
-    panel.set_xlim(min(decibels) - 1, max(decibels) + 1)
-    panel.set_xlabel("PSNR of a displayed frame, dB")
-
-
-def _name(
-    panel: Axes,
-    results: FrontierResults,
-    peers: Sequence[PeerRow],
-    methods: Sequence[str] | None = None,
-) -> None:
-    """Name beside a panel the colours of methods, the shapes of grids and the other systems."""
-    names = results.methods if methods is None else methods
-    handles = [Line2D([], [], color=colour_of(name), linewidth=4, label=name) for name in names]
+def _name(panel: Axes, results: FrontierResults, methods: Sequence[str]) -> None:
+    """Name beside a panel the colours of methods and the shapes of grids."""
+    handles = [Line2D([], [], color=colour_of(name), linewidth=4, label=name) for name in methods]
     grids = {result.setting.grid: result.setting for result in results.settings}
     for grid, setting in grids.items():
         look = _look(setting, MUTED) | {"markerfacecolor": MUTED, "markersize": 6}
@@ -246,8 +140,5 @@ def _name(
         handles.append(Line2D([], [], linestyle="", label="open: on-off", **open_mark))
     if len({result.setting.kappa for result in results.settings}) > 1:
         handles.append(Line2D([], [], linestyle="", label="larger: larger κ"))
-    for method in dict.fromkeys(row.method for row in peers):
-        colour = colour_of(method, COLOURS)
-        handles.append(Line2D([], [], color=colour, linestyle="--", marker="x", label=method))
     place = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.02), "borderaxespad": 0.3}
     panel.legend(handles=handles, handlelength=1.2, handletextpad=0.5, fontsize=9.5, **place)

@@ -263,8 +263,6 @@ def test_names_and_texts_that_cannot_be(
         ("lab.__main__", ["repeats", "--captures", "1000000"], "--captures: need at most 256"),
         ("lab.__main__", ["framing", "--ber", "1"], "--ber: need shares"),
         ("lab.__main__", ["framing", "--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
-        ("lab.__main__", ["peers", "--bits", "1000000"], "--bits: need at most 1024"),
-        ("lab.__main__", ["peers", "--kappas", "99"], "--kappas: need 1 to 64"),
         ("lab.__main__", ["locate", "--size", "1000000", "1000000"], "--size: 1000000x1000000"),
         ("lab.__main__", ["locate", "--size", "8", "8"], "--size: need at least 64x64"),
         ("lab.__main__", ["visibility", "--limit", "0"], "--limit: need a number above 0"),

@@ -1,7 +1,6 @@
 """The study of what is read beside what is seen."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,6 @@ import pytest
 from conftest import ROOT, Command
 
 from lab import __main__ as lab
-from lab.comparison.peers.page import PeerRow
-from lab.comparison.peers.study import STUDY as PEERS
 from lab.study import Results, read_results, write_results
 from lab.visibility import frontier
 from lab.visibility.frontier import (
@@ -20,7 +17,7 @@ from lab.visibility.frontier import (
     displayed_psnr,
     shown_rate,
 )
-from lab.visibility.frontier_charts import frontier_charts, frontier_figure
+from lab.visibility.frontier_charts import frontier_figure
 from lab.visibility.frontier_reading import information
 from lab.visibility.frontier_results import (
     CHART_HZ,
@@ -150,29 +147,26 @@ def test_rates_are_those_of_learned_against_the_paper(results: FrontierResults) 
     assert second == [PAPER_SETTING.name, "60", "2.00", "44.0", "1,440", "0.25", "4.0"]
 
 
-def test_charts_place_every_method_and_other_systems_by_psnr(results: FrontierResults) -> None:
-    toy = PeerRow("toy", "weak", "0°", 1, 32, 2, 64, 48, 0.75, 0.3, 0.95, 35.0, 0.8, 3.0)
-    ours = replace(toy, method="learned", psnr=20.0)  # the frontier has rows of its own for it
-    charts = frontier_charts(results, [toy, ours])
-    assert len(charts) == len({chart.title for chart in charts}) == 4
-    panels = frontier_figure(results, [toy, ours]).axes
-    assert len(panels) == 4
-    for chart, panel in zip(charts, panels, strict=True):
+def test_charts_place_every_method_by_visibility(results: FrontierResults) -> None:
+    panels = frontier_figure(results).axes
+    assert [panel.get_title() for panel in panels] == [
+        "Right bits over visibility, 0°",
+        "Bits a second over visibility",
+    ]
+    for panel in panels:
         legend = panel.get_legend()
         assert legend is not None
         names = [text.get_text() for text in legend.get_texts()]
-        assert ("toy" in names) == ("PSNR" in chart.title)
         assert {"learned", "8 × 8", "96 × 128"} <= set(names)
+        assert ("oorc" in names) == (panel is panels[0])
         drawn = {x for line in panel.lines for x in np.atleast_1d(line.get_xdata())}
-        assert 20.0 not in drawn
-        assert (35.0 in drawn) == ("PSNR" in chart.title)
+        assert {2.0} <= drawn
 
 
 def test_the_stored_results_can_be_shown() -> None:
     stored = read_results(STUDY, ROOT / "docs/frontier.json").content
-    peers = read_results(PEERS, ROOT / "docs/peers.json").content
     assert {result.setting for result in stored.settings} == set(SETTINGS)
-    assert len(frontier_charts(stored, peers.rows)) == 6
+    assert len(frontier_figure(stored).axes) == 3
 
 
 @pytest.mark.slow

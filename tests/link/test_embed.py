@@ -16,7 +16,6 @@ from link.embed import (
     MAX_KAPPA,
     TOP,
     check_kappa,
-    display_video,
     embed,
     message_mask,
     split_change,
@@ -464,17 +463,6 @@ def test_ssim_agrees_with_scikit_image(channels: tuple[int, ...]) -> None:
     assert expected < 0.99
     assert ssim(pair.original, pair.embedded) == pytest.approx(expected, abs=FLOAT64)
     assert ssim(pair.original, pair.original) == pytest.approx(1, abs=FLOAT64)
-
-
-def test_five_messages_make_ten_frames_in_turn(layout: Layout) -> None:
-    picture = noise(layout, 3)
-    messages = np.stack([random_bits(layout, seed) for seed in range(5)])
-    frames = display_video(picture, messages, layout, 4, pyramid_level=1)
-    assert len(frames) == 10
-    for number, bits in enumerate(messages):
-        expected = embed(picture, bits, layout, 4, pyramid_level=1)
-        np.testing.assert_array_equal(frames[2 * number], expected.original)
-        np.testing.assert_array_equal(frames[2 * number + 1], expected.embedded)
 
 
 @pytest.mark.parametrize("kappa", [0, -3, MAX_KAPPA + 1, 2.5, float("nan")])
