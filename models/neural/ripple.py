@@ -45,6 +45,7 @@ class Ripple(nn.Module):
 
     A wave of amplitude 2 over noise of standard deviation 1:
 
+    >>> import torch
     >>> wave = 2 * torch.cos(torch.arange(32.0) * 1.3).expand(1, 1, 32, 32)
     >>> noise = torch.randn((1, 1, 32, 32), generator=torch.Generator().manual_seed(0))
     >>> left = wave - Ripple(32, 32)(wave + noise)
