@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.web.constants import write_constants
-from export.web.tables import page_preset
+from export.web.tables import layout_table, page_preset
+from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
 from link.presets import PRESETS
@@ -30,6 +31,8 @@ MARK = "presets.json"
 """Name of a file that every site has; a folder without it is no site, and is not replaced."""
 MAX_GZIP_BYTES = 8_000_000
 """Largest size of all files together, in bytes after gzip, that a phone should have to load."""
+WARM_PRESETS = {"patches": "paper", "pilots": "robust"}
+"""By kind of display the preset whose film the page reads to get ready."""
 ICON_SIDES = (192, 512)
 """Widths, in pixels, of the icons that phones show for the installed page."""
 COMPLAINT = re.compile(r"Error: |\[ERROR\] |npm error [^c]")
@@ -127,7 +130,7 @@ def run_node(command: Sequence[str]) -> str:
 
 
 def write_inputs(folder: Path) -> None:
-    """Write what Python gives the page: graphs, the table of presets, and icons."""
+    """Write what Python gives the page: graphs, the table of presets, first films, and icons."""
     names = {preset.layout: name for name, preset in PRESETS.items()}
     tables = []
     for layout, graph in shipped_graphs().items():
@@ -136,6 +139,14 @@ def write_inputs(folder: Path) -> None:
         write_bytes(folder / model, graph.read_bytes())
         tables.append(page_preset(name, PRESETS[name], model))
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
+    films = []
+    for kind, name in WARM_PRESETS.items():
+        film = draw_warm_film(PRESETS[name].layout)
+        states = f"warm/{kind}.bin"
+        write_bytes(folder / states, film.states.tobytes())
+        size = dict(zip(("width", "height"), SIZE_PX, strict=True))
+        films.append({"layout": layout_table(film.layout), "states": states, **size})
+    write_bytes(folder / "warm.json", json.dumps(films, separators=(",", ":")).encode())
     for side in ICON_SIDES:
         write_image(folder / f"icon-{side}.png", draw_icon(side))
 

@@ -20,7 +20,7 @@ import pytest
 from conftest import ROOT
 from web_films import gray, limited, y4m_bytes
 
-from export.web.site import MAX_GZIP_BYTES, measure_site
+from export.web.site import MAX_GZIP_BYTES, WEB, measure_site
 from lab.films.browser import (
     ALLOWED,
     BROWSER_FLAGS,
@@ -91,27 +91,38 @@ def wait_for(page, condition, patience=PATIENCE_S) -> None:
 # The page with a worker that answers as the test says
 
 WORKER = """
-let answers = %s, session = 0;
-const usual = { type: "step", last: false, width: 64, height: 48, corners: null, preset: null,
+let answers = %s;
+const usual = { last: false, width: 64, height: 48, corners: null, preset: null,
   synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
   arrival: null };
-onmessage = ({ data }) => {
-  if (data.type === "start") session = data.session;
-  if (data.type === "frame" || data.type === "finish") {
-    data.frame?.close();
-    const answer = answers.length > 1 ? answers.shift() : answers[0];
-    if (answer.arrival) answer.arrival.data = new TextEncoder().encode(answer.arrival.text);
-    const more = { last: data.type === "finish" && !answer.arrival, ...answer };
-    setTimeout(() => postMessage({ ...usual, session, ...more }), 30);
-  }
-};
-postMessage({ type: "ready" });
+async function answered(last) {
+  const answer = answers.length > 1 ? answers.shift() : answers[0];
+  if (answer.arrival) answer.arrival.data = new TextEncoder().encode(answer.arrival.text);
+  await new Promise((resolve) => setTimeout(resolve, 30));
+  return { ...usual, last: last && !answer.arrival, ...answer };
+}
+expose({
+  load() {},
+  warm() {},
+  start() {},
+  record: () => null,
+  finish: () => answered(true),
+  take({ frame }) {
+    frame?.close();
+    return answered(false);
+  },
+});
 """
 CORNERS = [[10, 8], [50, 6], [52, 40], [9, 41]]
 
 
+def with_comlink(script: str) -> str:
+    """Put the library through which the page calls its worker before a script."""
+    return (WEB / "node_modules/comlink/dist/esm/comlink.mjs").read_text() + script
+
+
 def answering(*answers) -> str:
-    return WORKER % json.dumps(answers)
+    return with_comlink(WORKER % json.dumps(answers))
 
 
 def arrived(text: str, **more) -> dict:
@@ -217,7 +228,7 @@ def test_what_cannot_be_seen_in_a_message_is_said(text, browser, short_film) -> 
 
 
 def test_what_a_worker_without_a_browser_it_knows_says_is_shown(browser, short_film) -> None:
-    worker = "postMessage({ type: 'failed', reason: 'no WebAssembly' });"
+    worker = with_comlink("expose({ load() { throw new Error('no WebAssembly'); } });")
     with open_page(browser, worker=worker) as page:
         page.goto(short_film)
         wait_for(page, lambda: "cannot work" in text_of(page, "status"))

@@ -3,6 +3,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { expose } from "comlink";
 import { adviceFor, shareOf, stateOf } from "../src/page/advice.js";
 import { risingTimes } from "../src/page/films.js";
 import { rateOf } from "../src/page/frames.js";
@@ -103,23 +104,29 @@ test("times begin at 0, and those that cannot be are replaced", () => {
   }
 });
 
-test("answers on what was read before are not heard", () => {
+test("answers on what was read before are not heard", async () => {
   /** @type {any[]} */
   const heard = [];
   const listener = new Proxy({}, { get: (_, name) => (/** @type {any} */ step) => {
     if (name === "step") heard.push(step);
   } });
-  class Silent {
-    postMessage() {}
-  }
-  Object.assign(globalThis, { Worker: Silent, document: { baseURI: "http://localhost/" } });
+  const { port1, port2 } = new MessageChannel();
+  const step = { progress: 0.5 };
+  const functions = { load() {}, warm() {}, start() {}, take: () => step };
+  expose(functions, /** @type {any} */ (port2));
+  const Worker = function () {
+    return port1;
+  };
+  Object.assign(globalThis, { Worker, document: { baseURI: "http://localhost/" } });
   const reception = new Reception(/** @type {any} */ (listener));
-  reception.hear({ type: "ready" });
-  reception.begin(30);
-  const step = /** @type {any} */ ({ type: "step", session: reception.session });
-  reception.hear(step);
-  reception.end();
-  reception.hear(step);
+  while (!reception.isReady) await new Promise((resolve) => setTimeout(resolve));
+  for (const isOver of [false, true]) {
+    reception.begin(30);
+    const heardOf = reception.offer({}, 0);
+    if (isOver) reception.end();
+    await heardOf;
+  }
+  port1.close();
   assert.deepEqual(heard, [step]);
 });
 

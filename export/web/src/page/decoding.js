@@ -5,28 +5,17 @@
  * being looked for: all are loaded and run once, one after the other, as a first run takes longer.
  */
 
+import { expose } from "comlink";
 import * as ort from "onnxruntime-web/wasm";
 import { Decoder } from "../decoder.js";
 import { Layout } from "../link/layout.js";
+import { inTurn } from "./inTurn.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { Plane } from "../image/opencv.js" */
-/** @import { DecodingAnswer, DecodingRequest } from "./remoteDecoder.js" */
-
-const scope = /** @type {DedicatedWorkerGlobalScope} */ (/** @type {unknown} */ (self));
 
 /** @type {Decoder[]} */
 const decoders = [];
-
-/** Load onnxruntime, and the graph of the first preset. */
-async function prepare() {
-  ort.env.wasm.wasmPaths = { wasm: addressOf("ort-wasm-simd-threaded.wasm") };
-  for (const { model, layout } of await (await load("presets.json")).json()) {
-    const graph = new Uint8Array(await (await load(model)).arrayBuffer());
-    decoders.push(new Decoder(new Layout(layout), graph));
-  }
-  await decoders[0].load();
-}
 
 /** @param {Layout} layout @returns {Plane} something gray */
 function grayFrame({ width, height }) {
@@ -46,37 +35,36 @@ async function warm(decoder) {
 async function warmAll() {
   for (const decoder of decoders) {
     // what fails here fails again, and is told, when the graph is needed
-    work = work.then(() => warm(decoder)).catch(() => {});
-    await work;
+    await inTurn(() => warm(decoder)).catch(() => {});
     await new Promise((resolve) => setTimeout(resolve)); // requests that came meanwhile are next
   }
 }
 
-/** @param {DecodingAnswer} answer */
-function say(answer) {
-  scope.postMessage(answer);
-}
-
-/** @param {DecodingRequest} request */
-async function answer({ number, preset, pair }) {
-  try {
-    await decoders[preset].load();
-    const scores = pair ? (await decoders[preset].decode(...pair)).scores : null;
-    say({ number, scores, reason: null });
-  } catch (error) {
-    say({ number, scores: null, reason: error instanceof Error ? error.message : String(error) });
-  }
-}
-
-// one request after another
-let work = prepare();
-work.then(
-  () => {
-    say({ number: 0, scores: null, reason: null });
+/** What the worker does for another one. @typedef {typeof functions} Decoding */
+const functions = {
+  /** Load onnxruntime, and the graph of the first preset. */
+  async prepare() {
+    ort.env.wasm.wasmPaths = { wasm: addressOf("ort-wasm-simd-threaded.wasm") };
+    for (const { model, layout } of await (await load("presets.json")).json()) {
+      const graph = new Uint8Array(await (await load(model)).arrayBuffer());
+      decoders.push(new Decoder(new Layout(layout), graph));
+    }
+    await decoders[0].load();
     void warmAll();
   },
-  (error) => say({ number: 0, scores: null, reason: error.message ?? String(error) }),
-);
-scope.onmessage = (/** @type {MessageEvent<DecodingRequest>} */ { data }) => {
-  work = work.then(() => answer(data));
+
+  /** @param {number} preset - whose graph is loaded, unless it is there */
+  load: (preset) => inTurn(() => decoders[preset].load()),
+
+  /**
+   * Decode a frame pair.
+   *
+   * @param {number} preset
+   * @param {Plane} original - rectified
+   * @param {Plane} embedded - rectified
+   * @returns {Promise<Float32Array>} (nBits,) scores
+   */
+  decode: (preset, original, embedded) =>
+    inTurn(async () => (await decoders[preset].decode(original, embedded)).scores),
 };
+expose(functions);

@@ -74,12 +74,6 @@ const reception = new Reception({
     if (running.signal.aborted) return;
     say("Saving what the camera sees", `${Math.round(100 * share)} %`);
   },
-  recording(file) {
-    byId("record").disabled = false;
-    if (!file) return;
-    download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
-    if (!running.signal.aborted) say("Saved", "The file is among your downloads.");
-  },
 });
 
 /**
@@ -201,7 +195,7 @@ function stop() {
     [picture.hidden, video.hidden] = [false, true];
   }
   running.abort();
-  if (reception.isReady) reception.record(0, {});
+  if (reception.isReady) void reception.record(0, {});
   for (const track of streamOf(video)?.getTracks() ?? []) track.stop();
   video.pause();
   overlay.guide.toggleAttribute("hidden", true);
@@ -477,11 +471,11 @@ byId("age").addEventListener("change", () => {
   reception.maxAgeS = age;
   readAgain();
 });
-byId("record").addEventListener("click", () => {
+byId("record").addEventListener("click", async () => {
   if (running.signal.aborted) return say("Nothing to save", "Start the camera first.");
   byId("record").disabled = true;
   const fps = reception.fps ?? 30;
-  reception.record(Math.ceil(RECORDED_S * fps), {
+  const file = await reception.record(Math.ceil(RECORDED_S * fps), {
     versions: VERSIONS,
     browser: navigator.userAgent,
     camera: streamOf(video)?.getVideoTracks()[0]?.getSettings() ?? null,
@@ -490,6 +484,10 @@ byId("record").addEventListener("click", () => {
     dropped: reception.dropped,
     lastStep,
   });
+  byId("record").disabled = false;
+  if (!file) return;
+  download(file, `camera-${new Date().toISOString().replace(/[:.]/g, "-")}.tar`);
+  if (!running.signal.aborted) say("Saved", "The file is among your downloads.");
 });
 for (const name of ["dragover", "dragleave", "drop"]) {
   document.addEventListener(name, (event) => {

@@ -2,10 +2,13 @@
  * The page's end of the worker: gives it frames one at a time, and drops those that come meanwhile.
  */
 
+import { transfer, wrap } from "comlink";
 import { rateOf } from "./frames.js";
 
+/** @import { Remote } from "comlink" */
 /** @import { Pixels } from "./frames.js" */
-/** @import { Answer, Request, Step } from "./protocol.js" */
+/** @import { Step } from "./protocol.js" */
+/** @import { Reading } from "./worker.js" */
 
 /** Number of frames from whose times the rate of a camera is measured. */
 const PROBED = 16;
@@ -19,8 +22,6 @@ const PROBED = 16;
  * @property {(reason: string) => void} failed - the worker cannot go on
  * @property {(step: Step) => void} step - a frame was taken
  * @property {(share: number) => void} kept - a frame was kept for the recording
- * @property {(file: Blob | null) => void} recording - the recording has ended; null where it has no
- *   frames
  */
 
 /** Hands frames to the worker. */
@@ -48,14 +49,26 @@ export class Reception {
     this.session = 0;
     /** @type {number[]} */
     this.times = [];
-    /** @type {((value: unknown) => void) | null} */
-    this.answered = null;
-    this.worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
-    this.worker.onmessage = ({ data }) => this.hear(data);
-    this.worker.onerror = (event) => {
+    /** Resolves when the worker is done with what it does now; null where it waits. */
+    this.busy = /** @type {Promise<void> | null} */ (null);
+    const worker = new Worker(new URL("worker.js", document.baseURI), { type: "module" });
+    worker.onerror = (event) => {
       event.preventDefault();
       this.fail(event.message || "its program could not be loaded");
     };
+    /** @type {Remote<Reading>} */
+    this.worker = wrap(worker);
+    this.prepare().catch((error) => this.fail(error));
+  }
+
+  /** Have the worker's programs loaded, and run once before frames come. */
+  async prepare() {
+    await this.worker.load();
+    this.isLoaded = true;
+    this.listener.loaded();
+    await this.worker.warm();
+    this.isReady = true;
+    this.listener.ready();
   }
 
   /** Take no more answers on the film or camera that was read. */
@@ -75,8 +88,8 @@ export class Reception {
     this.end();
     this.fps = fps;
     if (fps === null) return;
-    const { session, key, maxAgeS } = this;
-    this.send({ type: "start", session, fps, key, maxAgeS: key && maxAgeS });
+    const { key, maxAgeS } = this;
+    this.worker.start(fps, key, key && maxAgeS).catch((error) => this.fail(error));
   }
 
   /**
@@ -85,12 +98,12 @@ export class Reception {
    * @param {Pixels | (() => Pixels)} frame - belongs to the worker from now on; a function makes
    *   it, and is called only where the frame is not dropped
    * @param {number} time - in seconds
-   * @returns {Promise<unknown> | null} resolves when the worker is done; null where it was dropped
+   * @returns {Promise<void> | null} resolves when the worker is done; null where it was dropped
    */
   offer(frame, time) {
-    if (!this.isReady || this.fps === null || this.answered) {
+    if (!this.isReady || this.fps === null || this.busy) {
       if (this.fps === null) this.measure(time);
-      else if (this.answered) this.dropped++;
+      else if (this.busy) this.dropped++;
       if (typeof frame === "object") frame.frame?.close();
       return null;
     }
@@ -98,7 +111,7 @@ export class Reception {
     const pixels = typeof frame === "object" ? frame : frame();
     const buffer = pixels.rgba?.data.buffer ?? pixels.plane?.data.buffer;
     const moved = pixels.frame ?? buffer;
-    return this.ask({ type: "frame", time, ...pixels }, moved ? [moved] : []);
+    return this.hear(this.worker.take(transfer(pixels, moved ? [moved] : []), time));
   }
 
   /** Measure the rate from the times of the first frames. */
@@ -110,7 +123,7 @@ export class Reception {
   /** Say that the film has ended, once the last frame is read. */
   async finish() {
     await this.whenIdle();
-    await this.ask({ type: "finish" }, []);
+    await this.hear(this.worker.finish());
   }
 
   /**
@@ -118,51 +131,43 @@ export class Reception {
    *
    * @param {number} frames - how many, at most; 0 to keep none any more
    * @param {Record<string, unknown>} about - what is written beside them
+   * @returns {Promise<Blob | null>} the recording when it has ended; null where it has no frames
    */
   record(frames, about) {
-    this.send({ type: "record", frames, about });
+    return this.worker.record(frames, about);
   }
 
   /** Wait until the worker has answered. */
   async whenIdle() {
-    while (this.answered) await new Promise((resolve) => setTimeout(resolve, 10));
+    while (this.busy) await this.busy;
   }
 
-  /** @param {Request} request @param {Transferable[]} moved */
-  ask(request, moved) {
-    return new Promise((resolve) => {
-      this.answered = resolve;
-      this.send(request, moved);
-    });
-  }
-
-  /** @param {Request} request @param {Transferable[]} [moved] */
-  send(request, moved = []) {
-    this.worker.postMessage(request, moved);
-  }
-
-  /** @param {Answer} answer */
+  /**
+   * Hear what became of a frame, or of the film's end.
+   *
+   * @param {Promise<Step | { kept: number }>} answer
+   * @returns {Promise<void>} resolves when it was heard
+   */
   hear(answer) {
-    const { listener, answered } = this;
-    if (answer.type === "loaded") {
-      this.isLoaded = true;
-      return listener.loaded();
-    }
-    if (answer.type === "ready") {
-      this.isLoaded = true;
-      this.isReady = true;
-      return listener.ready();
-    }
-    if (answer.type === "recording") return listener.recording(answer.file);
-    this.answered = null;
-    if (answer.type === "failed") this.fail(answer.reason);
-    else if (answer.type === "kept") listener.kept(answer.share);
-    else if (answer.session === this.session) listener.step(answer);
-    answered?.(undefined);
+    const { session } = this;
+    this.busy = answer.then(
+      (step) => {
+        this.busy = null;
+        if ("kept" in step) this.listener.kept(step.kept);
+        else if (session === this.session) this.listener.step(step);
+      },
+      (error) => {
+        this.busy = null;
+        this.fail(error);
+      },
+    );
+    return this.busy;
   }
 
-  /** @param {string} reason - why the worker cannot go on */
-  fail(reason) {
+  /** @param {unknown} error - why the worker cannot go on */
+  fail(error) {
+    console.error(error);
+    const reason = error instanceof Error ? error.message : String(error);
     if (!this.isReady) this.failure = reason;
     this.listener.failed(reason);
   }

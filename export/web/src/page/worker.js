@@ -3,6 +3,7 @@
  * (decoding.js).
  */
 
+import { expose } from "comlink";
 import { loadOpenCv } from "../image/opencv.js";
 import { Verifier } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";
@@ -12,29 +13,30 @@ import { explainSilence, OFTEN } from "../receive/diagnosis.js";
 import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";
 import { warmUp } from "../receive/warm.js";
+import { inTurn } from "./inTurn.js";
 import { planeOfFrame, planeOfRgba, turned } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
-import { DecodingWorker, RemoteDecoder } from "./remoteDecoder.js";
+import { RemoteDecoder, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
-/** @import { Answer, Request } from "./protocol.js" */
+/** @import { Step } from "./protocol.js" */
 /** @import { Message } from "../link/code/message.js" */
+/** @import { WarmFilm } from "../receive/warm.js" */
 
 /** Time after which getting ready ends, milliseconds; what is not compiled by then is so later. */
 const WARM_MS = 4000;
-
-const scope = /** @type {DedicatedWorkerGlobalScope} */ (/** @type {unknown} */ (self));
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
 /** @type {RemoteDecoder[]} */
 const decoders = [];
+/** What is read to get ready. @type {WarmFilm[]} */
+const warmFilms = [];
 
 /** What is read now. */
 const film = {
-  session: 0,
   fps: 30,
   width: 0,
   height: 0,
@@ -60,54 +62,93 @@ const recording = {
   about: {},
   /** @type {{ plane: Plane, time: number }[]} */
   frames: [],
+  /** Is given the file, or null where nothing was kept. @type {(file: Blob | null) => void} */
+  ended: () => {},
 };
 
-/** @param {Answer} answer */
-function say(answer) {
-  scope.postMessage(answer);
-}
+/** Resolves when graphs can be run. @type {Promise<void>} */
+let canDecode = Promise.resolve();
 
-/** Load OpenCV, the table of presets, and their graphs; and run everything once. */
-async function prepare() {
-  const decoding = new DecodingWorker(addressOf("decoding.js"));
-  decoding.ready.catch(() => {}); // waited for below
-  const [table] = await Promise.all([load("presets.json").then((it) => it.json()), loadOpenCv()]);
-  for (const [number, { name, layout }] of table.entries()) {
-    const known = new Layout(layout);
-    presets.set(known, name);
-    decoders.push(new RemoteDecoder(known, number, decoding));
-  }
-  say({ type: "loaded" });
-  await warmUp([...presets.keys()], WARM_MS);
-  await decoding.ready;
-}
-
-/**
- * Do what the page asks for.
- *
- * @param {Request} request
- */
-async function answer(request) {
-  switch (request.type) {
-    case "start":
-      return start(request);
-    case "record":
-      endRecording();
-      recording.wanted = request.frames;
-      recording.about = request.about;
-      recording.frames = [];
-      return;
-    case "frame": {
-      const plane = await planeOf(request);
-      [film.width, film.height] = [plane.width, plane.height];
-      return recording.wanted ? keep(plane, request.time) : read(plane, request.time);
+/** What the worker does for the page. @typedef {typeof functions} Reading */
+const functions = {
+  /** Load OpenCV and the table of presets; their graphs are loaded meanwhile. */
+  async load() {
+    const { decoding, ready } = startDecoding(addressOf("decoding.js"));
+    ready.catch(() => {}); // waited for by `warm`
+    canDecode = ready;
+    const [table, films] = await Promise.all([
+      ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
+      loadOpenCv(),
+    ]);
+    for (const [number, { name, layout }] of table.entries()) {
+      const known = new Layout(layout);
+      presets.set(known, name);
+      decoders.push(new RemoteDecoder(known, number, decoding));
     }
-    case "finish": {
+    for (const { layout, width, height, states } of films) {
+      const levels = new Uint8Array(await (await load(states)).arrayBuffer());
+      const size = width * height;
+      warmFilms.push({
+        layout: new Layout(layout),
+        states: [0, size].map((at) => ({ width, height, data: levels.subarray(at, at + size) })),
+      });
+    }
+  },
+
+  /** Run everything once. */
+  async warm() {
+    await warmUp(warmFilms, WARM_MS);
+    await canDecode;
+  },
+
+  /**
+   * Begin a new film or camera.
+   *
+   * @param {number} fps - nominal number of frames a second
+   * @param {Uint8Array | null} key - of its messages, or null
+   * @param {number | null} maxAgeS - largest age of a message in seconds, or null
+   */
+  start: (fps, key, maxAgeS) => inTurn(() => start(fps, key, maxAgeS)),
+
+  /**
+   * Read the next frame, or keep it where a recording is wanted.
+   *
+   * @param {Pixels} pixels
+   * @param {number} time - seconds
+   * @returns {Promise<Step | { kept: number }>} what became of the frame, or which share of the
+   *   recording there is
+   */
+  take: (pixels, time) =>
+    inTurn(async () => {
+      const plane = await planeOf(pixels);
+      [film.width, film.height] = [plane.width, plane.height];
+      if (recording.wanted) return { kept: keep(plane, time) };
+      const step = await film.receiver?.push(plane, time);
+      return report(step?.tracked?.corners ?? null, step?.message ?? null, false);
+    }),
+
+  /** Say what became of the film at its end. */
+  finish: () =>
+    inTurn(async () => {
       const step = await film.receiver?.finish();
       return report(null, step?.message ?? null, true);
-    }
-  }
-}
+    }),
+
+  /**
+   * Keep the next frames in place of reading them. What was kept before becomes a recording.
+   *
+   * @param {number} wanted - how many, at most; 0 to keep none any more
+   * @param {Record<string, unknown>} about - what is written beside them
+   * @returns {Promise<Blob | null>} the recording when it has ended; null where it has no frames
+   */
+  record: (wanted, about) =>
+    new Promise((ended) => {
+      void inTurn(() => {
+        endRecording();
+        Object.assign(recording, { wanted, about, frames: [], ended });
+      });
+    }),
+};
 
 /** @param {Pixels} pixels @returns {Promise<Plane>} */
 async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
@@ -117,36 +158,29 @@ async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
   throw new Error("a frame without pixels");
 }
 
-/** @param {Extract<Request, { type: "start" }>} request */
-function start({ session, fps, key, maxAgeS }) {
-  Object.assign(film, { session, fps });
+/** @param {number} fps @param {Uint8Array | null} key @param {number | null} maxAgeS */
+function start(fps, key, maxAgeS) {
+  film.fps = fps;
   film.receiver = new Receiver(decoders, fps, FRAME_MS);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);
 }
 
-/** @param {Plane} plane @param {number} time */
-async function read(plane, time) {
-  const step = await film.receiver?.push(plane, time);
-  report(step?.tracked?.corners ?? null, step?.message ?? null, false);
-}
-
 /**
- * Tell the page what is seen, and what arrived.
+ * Say what is seen, and what arrived.
  *
  * @param {number[][] | null} corners - of the display
  * @param {Message | null} message
  * @param {boolean} last - whether the film has ended
+ * @returns {Step}
  */
 function report(corners, message, last) {
-  const { receiver, inbox, session, width, height } = film;
-  if (!receiver) return;
+  const { receiver, inbox, width, height } = film;
+  if (!receiver) throw new Error("a frame of no film");
   const delivery = message && inbox.take(message, Date.now() / 1000);
   const observations = { ...receiver.observations, refused: inbox.refused };
-  say({
-    type: "step",
-    session,
+  return {
     last,
     width,
     height,
@@ -164,43 +198,35 @@ function report(corners, message, last) {
       stale: delivery.stale,
       stamp: delivery.stamp,
     },
-  });
+  };
 }
 
-/** @param {Plane} plane @param {number} time */
+/**
+ * Keep a frame.
+ *
+ * @param {Plane} plane
+ * @param {number} time - seconds
+ * @returns {number} share of the recording that there is, at most 1
+ */
 function keep(plane, time) {
-  const { frames } = recording;
+  const { frames, wanted } = recording;
   const [first] = frames;
   const fits = !first || first.plane.data.length === plane.data.length;
   if (fits) frames.push({ plane, time });
   const most = Math.floor(MAX_RECORDED_BYTES / plane.data.length);
-  const share = frames.length / Math.min(recording.wanted, most);
-  say({ type: "kept", share });
+  const share = frames.length / Math.min(wanted, most);
   if (!fits || share >= 1) endRecording();
+  return share;
 }
 
 /** Make a file of the frames that were kept, where any were wanted. */
 function endRecording() {
-  const { wanted, frames, about } = recording;
-  if (!wanted) return;
+  const { wanted, frames, about, ended } = recording;
   const observations = film.receiver?.observations ?? null;
   const seconds = Math.floor(Date.now() / 1000);
   const whole = { ...about, observations };
   Object.assign(recording, { wanted: 0, frames: [] });
-  say({
-    type: "recording",
-    file: frames.length ? recordingFile(frames, film.fps, whole, seconds) : null,
-  });
+  ended(wanted && frames.length ? recordingFile(frames, film.fps, whole, seconds) : null);
 }
 
-/** @param {unknown} error */
-function fail(error) {
-  console.error(error);
-  say({ type: "failed", reason: error instanceof Error ? error.message : String(error) });
-}
-
-// One request after another: a frame takes time, and the next request may come meanwhile.
-let work = prepare().then(() => say({ type: "ready" }), fail);
-scope.onmessage = (/** @type {MessageEvent<Request>} */ { data }) => {
-  work = work.then(() => answer(data)).catch(fail);
-};
+expose(functions);
