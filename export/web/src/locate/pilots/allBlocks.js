@@ -10,9 +10,8 @@
  * grid from the edges (expectation-maximisation; the motion as Lucas & Kanade 1981 do).
  */
 
-import { locatePilotsAllBlocks, locatePilotsMotion } from "../../generated/constants.js";
+import { locatePilotsAllBlocks } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
-import { slopesOf } from "../../image/slopes.js";
 import { warped } from "../../image/warp.js";
 import { resizedHomography } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
@@ -20,6 +19,7 @@ import { lessMeanAround } from "./around.js";
 import { withoutSlope } from "./corners.js";
 import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
 import { areaMeans } from "./means.js";
+import { MotionEquations, NUMBERS, pixelsFromUnit, unitHomography } from "./motion.js";
 import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";
 
@@ -27,20 +27,7 @@ export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
   EXPECTED_BLOCKS, SETTLED_PX,
 } = locatePilotsAllBlocks;
-const { POWERS } = locatePilotsMotion;
 
-/**
- * Motions of a pixel along x and along y, by each of the eight numbers of a homography: the powers
- * of x and of y, of a display from -1 to 1, and the factor of their product.
- *
- * @type {[number, number, number][][]}
- */
-export const TERMS = [
-  [[1, 0, 1], [0, 1, 1], [0, 0, 1], [0, 0, 0], [0, 0, 0], [0, 0, 0], [2, 0, -1], [1, 1, -1]],
-  [[0, 0, 0], [0, 0, 0], [0, 0, 0], [1, 0, 1], [0, 1, 1], [0, 0, 1], [1, 1, -1], [0, 2, -1]],
-];
-/** Numbers of a homography that are found. */
-const NUMBERS = 8;
 /** Largest number of pixels that are handled in one unit of work (`../steps.js`). */
 const UNIT_PIXELS = 40_000;
 
@@ -82,11 +69,26 @@ export class BlockMaps {
   /**
    * Find the homography to pixels of the maps from a display from -1 to 1.
    *
-   * @returns {number[]}
+   * @returns {Float64Array}
    */
   fromUnit() {
-    const [x, y] = [this.inner[0] / 2, this.inner[1] / 2];
-    return [x, 0, x - 0.5 + this.margin[0], 0, y, y - 0.5 + this.margin[1], 0, 0, 1];
+    const [width, height] = this.inner;
+    const [left, top] = this.margin;
+    return multiply3([1, 0, left, 0, 1, top, 0, 0, 1], pixelsFromUnit(width, height));
+  }
+
+  /**
+   * Find where the columns and the rows of a map lie.
+   *
+   * @returns {Float64Array[]} x of each column and y of each row, of a display from -1 to 1
+   */
+  places() {
+    return [0, 1].map((axis) =>
+      Float64Array.from(
+        { length: this.size[axis] },
+        (_, at) => ((at - this.margin[axis] + 0.5) / this.inner[axis]) * 2 - 1,
+      ),
+    );
   }
 
   /**
@@ -187,9 +189,7 @@ export class BlockFit {
     this.#score = score;
     this.#best = this.#HOldFromNew;
     const move = yield* this.#fittedMove(seen, expected, along / power);
-    const step = identity(3);
-    for (let i = 0; i < NUMBERS; i++) step[i] += move[i];
-    const H = multiply3(this.#HOldFromNew, step);
+    const H = multiply3(this.#HOldFromNew, unitHomography(move));
     this.#HOldFromNew = H.map((value) => value / H[8]);
     const farthest = Math.max(...move.map(Math.abs));
     if (!((farthest * maps.inner[0]) / 2 < SETTLED_PX)) return false;
@@ -262,52 +262,27 @@ export class BlockFit {
    */
   *#fittedMove(seen, expected, amplitude) {
     const { maps } = this;
-    const [width, height] = maps.size;
-    const pixels = width * height;
-    const scaleX = (amplitude * maps.inner[0]) / 16;
-    const scaleY = (amplitude * maps.inner[1]) / 16;
-    const sums = Array.from({ length: 5 }, () => new Float64Array(pixels));
-    const [xx, xy, yy, x, y] = sums;
+    const pixels = maps.size[0] * maps.size[1];
+    const equations = new MotionEquations(maps.inner, maps.places());
     let power = 0;
     for (const [k, { data: now }] of seen.entries()) {
-      const { across, down } = slopesOf(expected[k]);
       const then = expected[k].data;
-      for (let i = 0; i < pixels; i++) {
-        const left = now[i] - amplitude * then[i];
-        const slopeX = scaleX * across[i];
-        const slopeY = scaleY * down[i];
-        xx[i] += slopeX * slopeX;
-        xy[i] += slopeX * slopeY;
-        yy[i] += slopeY * slopeY;
-        x[i] += slopeX * left;
-        y[i] += slopeY * left;
-        power += left * left;
-      }
+      const residual = Float64Array.from(now, (value, i) => value - amplitude * then[i]);
+      for (const left of residual) power += left * left;
+      equations.take(expected[k], amplitude, residual);
       yield 2 * maps.work;
     }
     // noise is alike over a block
     const noise = (power / (pixels * seen.length)) * maps.block[0] * maps.block[1] + 1e-12;
-    const [momentsXx, momentsXy, momentsYy, momentsX, momentsY] = sums.map((sum) =>
-      moments(maps, sum),
-    );
+    const { matrix, right } = equations.normal();
     yield 2 * maps.work;
-    const asked = new Float64Array(NUMBERS);
-    const information = new Float64Array(NUMBERS * NUMBERS);
     const known = noise / ((2 * EXPECTED_BLOCKS) / maps.layout.cols) ** 2;
-    const [across, down] = TERMS;
+    const still = identity(3);
     for (let i = 0; i < NUMBERS; i++) {
-      const so = this.#HOldFromNew[i] - (i === 0 || i === 4 ? 1 : 0);
-      asked[i] = known * so + single(momentsX, across[i]) + single(momentsY, down[i]);
-      for (let j = 0; j < NUMBERS; j++) {
-        information[i * NUMBERS + j] =
-          product(momentsXx, across[i], across[j]) +
-          product(momentsXy, across[i], down[j]) +
-          product(momentsXy, down[i], across[j]) +
-          product(momentsYy, down[i], down[j]) +
-          (i === j ? known : 0);
-      }
+      right[i] += known * (this.#HOldFromNew[i] - still[i]);
+      matrix[i * NUMBERS + i] += known;
     }
-    return solve(information, asked).map((value) => -value);
+    return solve(matrix, right).map((value) => -value);
   }
 }
 
@@ -443,57 +418,4 @@ function waveOf(times) {
  */
 function smoothed({ block }, change) {
   return withoutSlope(blurred(change, SPAN * Math.min(...block)), block);
-}
-
-/**
- * Sum a map times powers of y and of x, of a display from -1 to 1.
- *
- * @param {BlockMaps} maps
- * @param {Float64Array} weights
- * @returns {Float64Array} (5, 5) powers of y from 0 to 4, and of x
- */
-function moments(maps, weights) {
-  const [width, height] = maps.size;
-  const table = new Float64Array(POWERS * POWERS);
-  const xs = Float64Array.from(
-    { length: width },
-    (_, x) => ((x - maps.margin[0] + 0.5) / maps.inner[0]) * 2 - 1,
-  );
-  for (let row = 0, at = 0; row < height; row++) {
-    let [one, two, three, four, five] = [0, 0, 0, 0, 0];
-    for (let col = 0; col < width; col++, at++) {
-      const x = xs[col];
-      let weight = weights[at];
-      one += weight;
-      two += weight *= x;
-      three += weight *= x;
-      four += weight *= x;
-      five += weight * x;
-    }
-    const y = ((row - maps.margin[1] + 0.5) / maps.inner[1]) * 2 - 1;
-    const line = [one, two, three, four, five];
-    for (let power = 0, factor = 1; power < POWERS; power++, factor *= y) {
-      for (let k = 0; k < POWERS; k++) table[power * POWERS + k] += factor * line[k];
-    }
-  }
-  return table;
-}
-
-/**
- * @param {Float64Array} table - of `moments`
- * @param {[number, number, number]} term - one of `TERMS`
- * @returns {number} the moment of a term
- */
-function single(table, [x, y, factor]) {
-  return factor * table[y * POWERS + x];
-}
-
-/**
- * @param {Float64Array} table - of `moments`
- * @param {[number, number, number]} one - one of `TERMS`
- * @param {[number, number, number]} other - one of `TERMS`
- * @returns {number} the moment of the product of two terms
- */
-function product(table, [x, y, factor], [otherX, otherY, otherFactor]) {
-  return factor * otherFactor * table[(y + otherY) * POWERS + x + otherX];
 }

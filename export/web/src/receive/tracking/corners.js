@@ -15,12 +15,13 @@ import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { mapSize, withoutSlope } from "../../locate/pilots/corners.js";
 import { pilotSigns } from "../../locate/pilots/evidence.js";
+import {
+  MotionEquations, NUMBERS, pixelsFromUnit, unitHomography,
+} from "../../locate/pilots/motion.js";
 import { drawnBlocks } from "../../locate/pilots/partMatches.js";
 
 const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiveTrackingCorners;
 
-/** Numbers of a homography that are followed. */
-const NUMBERS = 8;
 /** Corners of a display from -1 to 1. @type {Point[]} */
 const UNIT_CORNERS = [
   [-1, -1],
@@ -36,12 +37,17 @@ export class CornerShift {
   /** @type {Float64Array | null} */
   #shift = null;
   #size;
+  /** x of each column and y of each row of the maps. @type {Float64Array[]} */
+  #places;
   #information;
 
   /** @param {Layout} layout - of the display; without pilots it is never moved */
   constructor(layout) {
     this.layout = layout;
     this.#size = mapSize(layout);
+    this.#places = this.#size.map((count) =>
+      Float64Array.from({ length: count }, (_, at) => (2 * at) / Math.max(count - 1, 1) - 1),
+    );
     const block = 2 * Math.max(1 / layout.cols, 1 / layout.rows);
     this.#information = identity(NUMBERS).map((value) => value / (FIRST_BLOCKS * block) ** 2);
   }
@@ -89,11 +95,21 @@ export class CornerShift {
     // noise is alike over a block, which so counts once
     const variance = (squares / all) * block[0] * block[1];
     if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
-    const ahead = this.total.map((value, i) => value - total[i]);
+    const equations = new MotionEquations(this.#size, this.#places);
+    equations.take(expected, amplitude, residual, weight);
+    const { matrix, right } = equations.normal();
     const sure = 1 / Math.max(variance, 1e-6);
-    const right = this.#learn(expected, amplitude, weight, residual, sure, ahead);
-    const move = solve(this.#information, right).map((value) => -value);
-    const shift = this.#homography(move);
+    const asked = right.map((value) => sure * value);
+    for (let i = 0; i < NUMBERS; i++) {
+      for (let j = 0; j < NUMBERS; j++) {
+        const at = i * NUMBERS + j;
+        this.#information[at] = KEPT * this.#information[at] + sure * matrix[at];
+        asked[i] += sure * matrix[at] * (this.total[j] - total[j]);
+      }
+    }
+    const move = solve(this.#information, asked).map((value) => -value);
+    const fromUnit = pixelsFromUnit(layout.width, layout.height);
+    const shift = multiply3(multiply3(fromUnit, unitHomography(move)), inverse(fromUnit));
     const moved = transform(unitHomography(move), UNIT_CORNERS);
     const near = moved.every(
       ([x, y], i) =>
@@ -114,59 +130,6 @@ export class CornerShift {
     const shift = this.#shift;
     this.#shift = null;
     return shift;
-  }
-
-  /**
-   * Add to what is known of the corners what each pixel tells of the eight numbers.
-   *
-   * @param {FloatPlane} expected
-   * @param {number} amplitude - of what toggles as expected
-   * @param {Float32Array} weight - of each pixel
-   * @param {Float32Array} residual - of each pixel
-   * @param {number} sure - one over the variance of a pixel of weight 1
-   * @param {Float64Array} ahead - (8,) how far corners have been moved since
-   * @returns {Float64Array} (8,) what the residuals ask for, in units of the information
-   */
-  #learn(expected, amplitude, weight, residual, sure, ahead) {
-    const { width, height } = expected;
-    const { across, down } = slopesOf(expected);
-    const scaleX = (amplitude * width) / 16;
-    const scaleY = (amplitude * height) / 16;
-    const right = new Float64Array(NUMBERS);
-    const added = new Float64Array(NUMBERS * NUMBERS);
-    const columns = new Float64Array(NUMBERS);
-    for (let row = 0, at = 0; row < height; row++) {
-      const y = height > 1 ? (2 * row) / (height - 1) - 1 : -1;
-      for (let col = 0; col < width; col++, at++) {
-        const slopeX = scaleX * across[at];
-        const slopeY = scaleY * down[at];
-        const x = width > 1 ? (2 * col) / (width - 1) - 1 : -1;
-        // motions of a pixel, in maps as wide as 2, by each of the eight numbers
-        columns[0] = slopeX * x;
-        columns[1] = slopeX * y;
-        columns[2] = slopeX;
-        columns[3] = slopeY * x;
-        columns[4] = slopeY * y;
-        columns[5] = slopeY;
-        columns[6] = -x * (slopeX * x + slopeY * y);
-        columns[7] = -y * (slopeX * x + slopeY * y);
-        const share = sure * weight[at];
-        const asked = share * residual[at];
-        for (let i = 0; i < NUMBERS; i++) {
-          const weighed = share * columns[i];
-          right[i] += asked * columns[i];
-          for (let j = i; j < NUMBERS; j++) added[i * NUMBERS + j] += weighed * columns[j];
-        }
-      }
-    }
-    for (let i = 0; i < NUMBERS; i++) {
-      for (let j = 0; j < NUMBERS; j++) {
-        const sum = added[Math.min(i, j) * NUMBERS + Math.max(i, j)];
-        this.#information[i * NUMBERS + j] = KEPT * this.#information[i * NUMBERS + j] + sum;
-        right[i] += sum * ahead[j];
-      }
-    }
-    return right;
   }
 
   /**
@@ -192,32 +155,6 @@ export class CornerShift {
     const block = [width / layout.cols, height / layout.rows];
     return withoutSlope(blurred(drawn, SPAN * Math.min(...block)), block);
   }
-
-  /**
-   * Express the eight numbers as a homography of layout pixels.
-   *
-   * @param {Float64Array} move
-   * @returns {Float64Array}
-   */
-  #homography(move) {
-    const { width, height } = this.layout;
-    const x = width / 2;
-    const y = height / 2;
-    const fromUnit = [x, 0, x - 0.5, 0, y, y - 0.5, 0, 0, 1];
-    return multiply3(multiply3(fromUnit, unitHomography(move)), inverse(fromUnit));
-  }
-}
-
-/**
- * Make the homography that moves each point by the eight numbers, of a display from -1 to 1.
- *
- * @param {Float64Array} move
- * @returns {Float64Array}
- */
-function unitHomography(move) {
-  const H = identity(3);
-  for (let i = 0; i < NUMBERS; i++) H[i] += move[i];
-  return H;
 }
 
 /**
