@@ -84,7 +84,7 @@ def spot_steps(gray: NDArray[np.uint8], layout: Layout) -> Steps[list[Matches]]:
     Returns:
         the matches of each patch, one size after the other.
     """
-    bank, turns = _bank(layout)
+    bank, turns = template_bank(layout)
     rows: list[list[NDArray[np.float64]]] = [[] for _ in layout.ratex]
     for size in PATCH_PX:
         for listed, more in zip(rows, _matches_of_size(gray, size, bank, turns), strict=False):
@@ -320,7 +320,7 @@ def _steepest(image: NDArray[np.float32]) -> NDArray[np.intp]:
 
 
 @lru_cache(maxsize=8)
-def _bank(layout: Layout) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def template_bank(layout: Layout) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Draw templates (patches * shapes, WINDOW_PX**2) of mean 0 and norm 1; (shapes,) turns."""
     half = WINDOW_PX // 2
     y, x = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float64)

@@ -67,6 +67,7 @@ SHARED = (
     "export.receive.tracking.follow",
     "export.receive.tracking.patches",
     "export.receive.tracking.pilots",
+    "export.web.tables",
 )
 """Modules whose constants the page shares."""
 LONGEST_TUPLE = 4

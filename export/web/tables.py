@@ -3,12 +3,23 @@
 Places of pilots and tiles of patches are drawn here once, so that the page does not repeat it.
 """
 
+import base64
+from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from export.locate.patches import DRAWN_KAPPA
+from export.locate.spots import template_bank
 from link.layout import Layout
 from link.presets import Preset
 from link.ratex import tile_labels, tile_levels
+from link.types import Array
+
+LEADING = 24
+"""Number of directions in the space of windows along which the page compares all templates of
+patches. The rest of a window and the rest of a template have lengths, which bound what the rest can
+add to the correlation; only where that could make a match is the whole window compared."""
 
 
 def layout_table(layout: Layout) -> dict[str, Any]:
@@ -25,7 +36,21 @@ def layout_table(layout: Layout) -> dict[str, Any]:
         "tile_levels": tile_levels(layout, 0).tolist(),
         "tile_levels_toggled": tile_levels(layout, DRAWN_KAPPA).tolist(),
         "tile_labels": tile_labels(layout).tolist(),
+        "bank_directions": base64.b64encode(bank_directions(layout).tobytes()).decode(),
     }
+
+
+@lru_cache(maxsize=8)
+def bank_directions(layout: Layout) -> Array:
+    """Find the orthonormal directions along which the templates of a layout's patches vary most.
+
+    Returns:
+        (`LEADING`, WINDOW_PX**2); empty where the layout has no patches.
+    """
+    if not layout.ratex:
+        return np.empty((0, 0))
+    templates, _ = template_bank(layout)
+    return np.linalg.svd(templates.astype(np.float64), full_matrices=False)[2][:LEADING]
 
 
 def page_preset(name: str, preset: Preset, model: str) -> dict[str, Any]:

@@ -1,11 +1,12 @@
 /** Turned and foreshortened patches, as small images to compare parts of a photograph with. */
 
-import { locateSpots } from "../generated/constants.js";
+import { locateSpots, webTables } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
 import { TILES } from "../link/ratex.js";
 
 export const { SEEN_PX, WINDOW_PX } = locateSpots;
 const { TURNS, SHAPES } = locateSpots;
+const { LEADING } = webTables;
 
 /** Number of pixels of a window. */
 export const WINDOW_AREA = WINDOW_PX * WINDOW_PX;
@@ -15,22 +16,11 @@ const EACH = TURNS * SHAPES.length;
 const DRAWN_PX = 8;
 /** Standard deviation, in pixels, of the blur of what templates are sampled from. */
 const DRAWN_BLUR = 1.6;
-/**
- * Number of directions in the space of windows along which all templates are compared. The rest
- * of a window and the rest of a template have lengths, which bound what the rest can add to the
- * correlation; only where that could make a match is the whole window compared.
- */
-const LEADING = 24;
 /** Number of directions, the first ones, after which the bound is looked at for the first time. */
 const FIRST = 10;
-/** Number of rounds in which the directions are improved. */
-const ROUNDS = 6;
-/** Distance of the templates of which the directions are those that vary most. */
-const SPARSE = 3;
-
-/** Units of work of drawing the templates of a patch, and of each part of the directions. */
+/** Units of work of drawing the templates of a patch, and of taking their parts. */
 const DRAW_WORK = 2;
-const DIRECTIONS_WORK = 4;
+const PARTS_WORK = 4;
 
 /** The templates of a layout's patches. */
 export class Bank {
@@ -158,7 +148,7 @@ const banks = new WeakMap();
  * Draw the templates of a layout, once.
  *
  * @param {Layout} layout - with patches
- * @returns {import("../link/code/steps.js").Steps<Bank>}
+ * @returns {Steps<Bank>}
  */
 export function* bankSteps(layout) {
   const known = banks.get(layout);
@@ -169,13 +159,9 @@ export function* bankSteps(layout) {
     drawTemplates(layout.tileLevelsToggled[patch], templates.subarray(start));
     yield DRAW_WORK;
   }
-  const covariance = covarianceOf(templates);
-  yield DIRECTIONS_WORK;
-  const directions = mainDirections(templates, covariance);
-  yield DIRECTIONS_WORK;
-  const bank = new Bank(templates, directions);
+  const bank = new Bank(templates, layout.bankDirections);
   banks.set(layout, bank);
-  yield DIRECTIONS_WORK;
+  yield PARTS_WORK;
   return bank;
 }
 
@@ -223,73 +209,6 @@ function drawTemplates(tiles, templates) {
       for (let at = 0; at < WINDOW_AREA; at++) template[at] -= mean;
       const norm = Math.sqrt(template.reduce((sum, level) => sum + level * level, 0));
       for (let at = 0; at < WINDOW_AREA; at++) template[at] /= norm;
-    }
-  }
-}
-
-/**
- * Sum the products of the pixels of some of the templates.
- *
- * @param {Float32Array} templates - (count, WINDOW_AREA)
- * @returns {Float64Array} (WINDOW_AREA, WINDOW_AREA)
- */
-function covarianceOf(templates) {
-  const covariance = new Float64Array(WINDOW_AREA * WINDOW_AREA);
-  for (let start = 0; start < templates.length; start += SPARSE * WINDOW_AREA) {
-    for (let i = 0, to = 0; i < WINDOW_AREA; i++) {
-      const pixel = templates[start + i];
-      for (let j = 0; j < WINDOW_AREA; j++) covariance[to++] += pixel * templates[start + j];
-    }
-  }
-  return covariance;
-}
-
-/**
- * Find orthonormal directions along which templates vary most, roughly: powers of the templates'
- * covariance turn any directions towards them.
- *
- * @param {Float32Array} templates - (count, WINDOW_AREA)
- * @param {Float64Array} covariance - `covarianceOf` them
- * @returns {Float64Array} (LEADING, WINDOW_AREA)
- */
-function mainDirections(templates, covariance) {
-  const count = templates.length / WINDOW_AREA;
-  const apart = Math.floor(count / LEADING) * WINDOW_AREA;
-  let directions = Float64Array.from({ length: LEADING * WINDOW_AREA }, (_, at) => {
-    return templates[Math.floor(at / WINDOW_AREA) * apart + (at % WINDOW_AREA)];
-  });
-  orthonormalise(directions);
-  for (let round = 0; round < ROUNDS; round++) {
-    const turned = new Float64Array(LEADING * WINDOW_AREA);
-    for (let at = 0; at < turned.length; at++) {
-      const row = (at % WINDOW_AREA) * WINDOW_AREA;
-      const start = at - (at % WINDOW_AREA);
-      let sum = 0;
-      for (let j = 0; j < WINDOW_AREA; j++) sum += covariance[row + j] * directions[start + j];
-      turned[at] = sum;
-    }
-    orthonormalise(turned);
-    directions = turned;
-  }
-  return directions;
-}
-
-/**
- * Take from each direction, in place, what lies along those before it, and give it length 1.
- *
- * @param {Float64Array} directions - (LEADING, WINDOW_AREA)
- */
-function orthonormalise(directions) {
-  for (let k = 0; k < directions.length; k += WINDOW_AREA) {
-    for (let before = 0; before <= k; before += WINDOW_AREA) {
-      let dot = 0;
-      for (let i = 0; i < WINDOW_AREA; i++) dot += directions[k + i] * directions[before + i];
-      if (before === k) {
-        const norm = Math.sqrt(dot) + 1e-12;
-        for (let i = 0; i < WINDOW_AREA; i++) directions[k + i] /= norm;
-      } else {
-        for (let i = 0; i < WINDOW_AREA; i++) directions[k + i] -= dot * directions[before + i];
-      }
     }
   }
 }
