@@ -140,12 +140,12 @@ def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random
 def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:
     image, mask = photo(192, 256, rng), np.zeros((192, 256), np.uint8)
     mask[30:120, 20:200] = 255
-    features = port("image/features.js").Features(image)
+    choose = port("image/features.js").chooseFeatures
     few = cv2.goodFeaturesToTrack(image, 50, 0.05, 4, mask=mask)[:, 0]
     many = cv2.goodFeaturesToTrack(image, 300, 0.005, 8)[:, 0]
     for found, expected in (
-        (features.choose(50, 0.05, 4, mask.reshape(-1)), few),
-        (features.choose(300, 0.005, 8), many),
+        (choose(image, 50, 0.05, 4, mask.reshape(-1)), few),
+        (choose(image, 300, 0.005, 8), many),
     ):
         assert len(found) == len(expected)
         alike = set(map(tuple, found)) & set(map(tuple, expected))

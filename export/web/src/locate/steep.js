@@ -1,6 +1,7 @@
 /** Places where an image is steep in all directions, as ratex patches are. */
 
 import { blurred } from "../image/blur.js";
+import { cv, floatPlane, matOf, withMats } from "../image/opencv.js";
 
 /** Standard deviation, in pixels, of the blur before gradients are taken. */
 const BLUR_PX = 0.8;
@@ -41,78 +42,12 @@ export function* steepestSteps(image, side, limit) {
  * @param {number} side
  * @returns {FloatPlane}
  */
-function leastSteepness({ width, height, data }, side) {
-  const half = side >> 1;
-  const scale = 1 / (4 * side);
-  const size = width * height;
-  const across = new Float32Array(size);
-  const down = new Float32Array(size);
-  for (let y = 0; y < height; y++) {
-    const line = y * width;
-    const above = mirrored(y - 1, height) * width;
-    const below = mirrored(y + 1, height) * width;
-    for (let x = 0; x < width; x++) {
-      const left = x > 0 ? x - 1 : mirrored(-1, width);
-      const right = x < width - 1 ? x + 1 : mirrored(width, width);
-      const [a, b, c] = [data[above + left], data[above + x], data[above + right]];
-      const [d, e, f] = [data[below + left], data[below + x], data[below + right]];
-      across[line + x] = (c - a + f - d + 2 * (data[line + right] - data[line + left])) * scale;
-      down[line + x] = (d - a + f - c + 2 * (e - b)) * scale;
-    }
-  }
-  // sums over the rows of the square, of each column and beyond both ends
-  const long = width + 2 * half;
-  const [xx, xy, yy] = [new Float64Array(long), new Float64Array(long), new Float64Array(long)];
-  const add = (/** @type {number} */ row, /** @type {number} */ sign) => {
-    const line = mirrored(row, height) * width;
-    for (let x = 0; x < width; x++) {
-      const [gx, gy] = [across[line + x], sign * down[line + x]];
-      xx[half + x] += sign * gx * gx;
-      xy[half + x] += gx * gy;
-      yy[half + x] += gy * down[line + x];
-    }
-  };
-  for (let row = -half; row < half; row++) add(row, 1);
-  const steep = new Float32Array(size);
-  for (let y = 0; y < height; y++) {
-    add(y + half, 1);
-    for (let i = 1; i <= half; i++) {
-      for (const sums of [xx, xy, yy]) {
-        sums[half - i] = sums[half + mirrored(-i, width)];
-        sums[half + width - 1 + i] = sums[half + mirrored(width - 1 + i, width)];
-      }
-    }
-    let [a, b, c] = [0, 0, 0];
-    for (let x = 0; x < side - 1; x++) {
-      a += xx[x];
-      b += xy[x];
-      c += yy[x];
-    }
-    const line = y * width;
-    for (let x = 0; x < width; x++) {
-      a += xx[x + side - 1];
-      b += xy[x + side - 1];
-      c += yy[x + side - 1];
-      const apart = (a - c) / 2;
-      steep[line + x] = (a + c) / 2 - Math.sqrt(apart * apart + b * b);
-      a -= xx[x];
-      b -= xy[x];
-      c -= yy[x];
-    }
-    add(y - half, -1);
-  }
-  return { width, height, data: steep };
-}
-
-/**
- * Find the pixel that stands for one beyond an end of an axis.
- *
- * @param {number} at
- * @param {number} length - more than the distance beyond
- */
-function mirrored(at, length) {
-  if (at < 0) return -at;
-  return at < length ? at : 2 * length - 2 - at;
+function leastSteepness(light, side) {
+  return withMats((keep) => {
+    const steep = keep(new cv.Mat());
+    cv.cornerMinEigenVal(keep(matOf(light)), steep, side);
+    return floatPlane(steep);
+  });
 }
 
 /**

@@ -12,13 +12,13 @@
 
 import { locatePilotsAllBlocks } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
+import { areaMeans } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
 import { resizedHomography } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { lessMeanAround } from "./around.js";
 import { withoutSlope } from "./corners.js";
 import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
-import { areaMeans } from "./means.js";
 import { MotionEquations, NUMBERS, pixelsFromUnit, unitHomography } from "./motion.js";
 import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";

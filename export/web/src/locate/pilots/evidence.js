@@ -8,8 +8,8 @@
  */
 
 import { locatePilotsEvidence } from "../../generated/constants.js";
+import { areaMeans } from "../../image/shrink.js";
 import { lessMeanAround } from "./around.js";
-import { areaMeans } from "./means.js";
 import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */

@@ -1,6 +1,7 @@
 /** Frames of a film that are kept, and what they show of a display. */
 
 import { locatePilotsFilm } from "../../generated/constants.js";
+import { areaMeans } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
 import {
   contourArea,
@@ -12,7 +13,6 @@ import {
 import { inverse, multiply3 } from "../../link/linear.js";
 import { isConvex } from "./convex.js";
 import { LEAST_DEVIATION } from "./evidence.js";
-import { areaMeans } from "./means.js";
 import { waves } from "./waves.js";
 
 /** @typedef {import("./allBlocks.js").BlockMaps} BlockMaps */

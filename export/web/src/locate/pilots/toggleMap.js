@@ -9,7 +9,7 @@
  */
 
 import { locatePilotsToggleMap } from "../../generated/constants.js";
-import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
+import { blurred } from "../../image/blur.js";
 import { roundHalfEven } from "../../image/round.js";
 import { homographyFromCorners } from "../../link/geometry.js";
 import { upright } from "../quads.js";
@@ -286,19 +286,6 @@ function band(plane) {
   const coarse = blurred(plane, COARSE_PX).data;
   for (let i = 0; i < data.length; i++) data[i] -= coarse[i];
   return data;
-}
-
-/**
- * @param {FloatPlane} plane
- * @param {number} sigma - pixels
- * @returns {FloatPlane}
- */
-function blurred(plane, sigma) {
-  return withMats((keep) => {
-    const smooth = keep(new cv.Mat());
-    cv.GaussianBlur(keep(matOf(plane)), smooth, new cv.Size(0, 0), sigma);
-    return floatPlane(smooth);
-  });
 }
 
 /**

@@ -1,7 +1,7 @@
 /** Follow a display from frame to frame by optical flow, once its corners are known. */
 
 import { receiveTrackingFollow } from "../../generated/constants.js";
-import { Features } from "../../image/features.js";
+import { chooseFeatures } from "../../image/features.js";
 import { Flow } from "../../image/flow.js";
 import { findHomography } from "../../image/homography.js";
 import { stretched } from "../../image/levels.js";
@@ -183,13 +183,12 @@ export class Follower {
     for (const mask of [patches, rest]) {
       if (seen) for (let at = 0; at < mask.length; at++) mask[at] &= seen[at];
     }
-    const features = new Features(reference);
     const points = layout.ratex.length
       ? [
-          ...features.choose(FEATURES / 2, 0.05, 4, patches),
-          ...features.choose(FEATURES / 2, 0.02, 8, rest),
+          ...chooseFeatures(reference, FEATURES / 2, 0.05, 4, patches),
+          ...chooseFeatures(reference, FEATURES / 2, 0.02, 8, rest),
         ]
-      : features.choose(FEATURES, 0.02, 8, rest);
+      : chooseFeatures(reference, FEATURES, 0.02, 8, rest);
     const inside = points.filter(
       ([x, y]) => x > 3 && x < width - 3 && y > 3 && y < height - 3,
     );
