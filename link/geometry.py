@@ -15,6 +15,9 @@ from link.types import Corners, Homography, Image
 
 MIN_AREA_PX = 256.0
 """Smallest area, in square pixels of the image, that a display may cover."""
+OUTER_PX = 0.51
+"""Distance, in pixels, by which an image reaches beyond the centres of its outermost pixels: half a
+pixel, and a hundredth that counts for nothing, as a homography of float32 is no more exact."""
 
 
 def frame_corners(width: int, height: int) -> Corners:
@@ -97,13 +100,13 @@ def check_corners(
 def in_image(points: ArrayLike, image_shape: tuple[int, ...]) -> NDArray[np.bool_]:
     """Tell which points, (..., 2) pixels (x, y), lie in an image of a shape (H, W, ...).
 
-    A hundredth of a pixel counts for nothing: a homography of float32 is no more exact.
+    `OUTER_PX` says how far beyond the centres of its outermost pixels an image reaches.
 
     >>> in_image([[-0.5, 3.0], [-0.6, 3.0]], (4, 8)).tolist()
     [True, False]
     """
     at, (height, width) = np.asarray(points, np.float64), image_shape[:2]
-    inside = (at >= -0.51) & (at <= np.array([width, height]) - 0.49)
+    inside = (at >= -OUTER_PX) & (at <= np.array([width, height]) - 1 + OUTER_PX)
     return np.asarray(inside.all(axis=-1))
 
 

@@ -21,6 +21,9 @@ MARGIN_PX = 4
 """Pixels around the display that are cut out of the image with it."""
 BLUR = 0.8
 """Standard deviation of the blur of the image and of the drawn tiles, in samples."""
+DRAWN_BLUR, HALF_RANGE = 1.25, 127.5
+"""Blur of the drawn tiles as a multiple of `BLUR`, and gray levels that are the unit in which the
+levels displayed count from the middle."""
 MIN_STEP_PX = 0.01
 """Motion of every corner, in pixels of the image, below which a phase ends."""
 CORNER_SPREAD = 0.02
@@ -146,7 +149,7 @@ def _grid(layout: Layout, fine: int, free: bool) -> tuple[NDArray[np.float64], N
     y, x = np.meshgrid(inner, inner, indexing="ij")
     tile = np.kron(np.arange(TILES**2).reshape(TILES, TILES), np.ones((fine, fine), int))
     each = np.eye(TILES**2, dtype=np.float32)[tile]  # (size, size, tiles)
-    each = cv2.GaussianBlur(each, (0, 0), 1.25 * BLUR, borderType=cv2.BORDER_REPLICATE)
+    each = cv2.GaussianBlur(each, (0, 0), DRAWN_BLUR * BLUR, borderType=cv2.BORDER_REPLICATE)
     each = each[y, x].reshape(-1, TILES**2).astype(np.float64)
     points = [
         np.column_stack([(x + col * size).ravel(), (y + row * size).ravel()])
@@ -155,7 +158,9 @@ def _grid(layout: Layout, fine: int, free: bool) -> tuple[NDArray[np.float64], N
     if free:
         parts = [each] * len(points)
     else:
-        shown = [each @ (tiles.ravel() / 127.5 - 1) for tiles in tile_levels(layout, DRAWN_KAPPA)]
+        shown = [
+            each @ (tiles.ravel() / HALF_RANGE - 1) for tiles in tile_levels(layout, DRAWN_KAPPA)
+        ]
         parts = [np.column_stack([np.ones_like(level), level, level**2]) for level in shown]
     width = parts[0].shape[1]
     basis = np.zeros((len(points) * len(each), len(points) * width))

@@ -11,6 +11,9 @@ SAMPLES = 24
 AHEAD = np.concatenate([np.linspace(-0.15, -0.03, 8), np.linspace(1.03, 1.15, 8)])
 """Places beyond a side's ends, in lengths of the side from its start: what bounds a display ends at
 its corners."""
+SIDE_START, SIDE_SHARE = 0.03, 0.94
+"""Where the places along a side begin, and the part of the side over which they are spread, in
+lengths of the side."""
 REACH = 5
 """Number of pixels of the small image that are looked at on each side of an edge."""
 FIT_SAMPLES = 96
@@ -22,6 +25,16 @@ NOISE_SLOPE, SATURATION_SLOPE = 0.7, 4.0
 the picture must not outvote a weak one along the whole side."""
 OTHER_SIDE = 1.5
 """How many times the votes an edge that is darker inside needs to be preferred."""
+WHITE_QUANTILE = 0.95
+"""Quantile of the image's levels that counts as white, but for some levels more."""
+RIM_PX = -2.5
+"""Where the rim of a display is looked at, in pixels along the inward normal of its sides."""
+CONTENT_SCALES, BEYOND_SCALE = (0.85, 0.6, 0.3), 1.12
+"""Factors by which a quadrilateral shrinks to where its content is looked at, and grows to where
+its surroundings are."""
+PEAK_STEPS = 2.01
+"""Largest distance of a gradient's peak from where it may be, in distances of the samples: two, and
+a little for rounding."""
 MIN_EDGE_SHARE = 0.2
 """Smallest share of a side's places that must lie on the fitted line."""
 
@@ -35,7 +48,7 @@ def inward(quads: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def side_places(samples: int) -> NDArray[np.float64]:
     """Spread ``samples`` places evenly along a side, from 0.03 to 0.97 of its length."""
-    return np.asarray((np.arange(samples) + 0.5) / samples * 0.94 + 0.03)
+    return np.asarray((np.arange(samples) + 0.5) / samples * SIDE_SHARE + SIDE_START)
 
 
 def profiles(
@@ -92,7 +105,7 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
     red, green, blue = cv2.split(image)
     value = cv2.max(cv2.max(red, green), blue) / 2 + (red + green + blue) / 6
     height, width = value.shape
-    white = float(np.quantile(value[::3, ::3], 0.95)) + 10
+    white = float(np.quantile(value[::3, ::3], WHITE_QUANTILE)) + 10
     unit = STEP_LEVELS * (0.3 + 0.7 * min(1.0, white / 200))
     v = profiles(value, quads, np.arange(-REACH, REACH + 1.0), SAMPLES)  # (N, 4, S, 2R+1)
     inside = v[..., REACH + 1 : REACH + 4].mean(axis=(1, 2, 3))
@@ -104,12 +117,12 @@ def side_features(small: NDArray[np.uint8], quads: NDArray[np.float64]) -> NDArr
     beside = np.abs(v[..., 2:] - v[..., :-2])[..., [0, 1, 2 * REACH - 3, 2 * REACH - 2]]
     ahead = profiles(value, quads, np.array([-1.5, 1.5]), AHEAD)
     goes_on = np.abs(ahead[..., 1] - ahead[..., 0]) > unit
-    rim = profiles(image, quads, np.array([-2.5]), SAMPLES)[..., 0, :]  # (N, 4, S, 3)
+    rim = profiles(image, quads, np.array([RIM_PX]), SAMPLES)[..., 0, :]  # (N, 4, S, 3)
     uneven = np.abs(rim - np.median(rim, axis=(1, 2), keepdims=True)).mean(axis=(1, 2, 3))
-    beyond = profiles(value, _grown(quads, 1.12), np.zeros(1), SAMPLES).mean(axis=(1, 2, 3))
+    beyond = profiles(value, _grown(quads, BEYOND_SCALE), np.zeros(1), SAMPLES).mean(axis=(1, 2, 3))
     content = sum(
         profiles(value, _grown(quads, scale), np.zeros(1), 12).mean(axis=(1, 2, 3)) / 3
-        for scale in (0.85, 0.6, 0.3)
+        for scale in CONTENT_SCALES
     )
     x, y = quads[..., 0], quads[..., 1]
     area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
@@ -256,7 +269,7 @@ def _peaks(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Find (S,) offsets of the gradient's peaks nearest the guess, to sub-pixels, and heights."""
     rows = np.arange(len(slope))
-    window = np.abs(at[None] - guess[:, None]) <= 2.01 * spacing
+    window = np.abs(at[None] - guess[:, None]) <= PEAK_STEPS * spacing
     k = np.clip(np.where(window, slope, -np.inf).argmax(axis=1), 1, len(at) - 2)
     low, mid, high = slope[rows, k - 1], slope[rows, k], slope[rows, k + 1]
     bend = low - 2 * mid + high

@@ -23,6 +23,10 @@ SEARCH = 0.09
 """Reach of the search on each axis, as a share of the display's side."""
 SEARCH_ERROR, PLACE_ERROR = 0.04, 0.006
 """Expected errors, as shares of the display's side, of a coarse corner and of a patch found."""
+LEAST_HALVED_PX = 160
+"""Smallest side of an image, in pixels, that is halved for a pyramid."""
+FINEST_PX = 1.2
+"""Distance of samples, in pixels of a level of a pyramid, in whose middle the levels change."""
 DRAWN_KAPPA = 3
 """Gray levels by which drawn patches toggle; the levels of the tiles hardly depend on it."""
 
@@ -42,7 +46,7 @@ Pyramid = list[NDArray[np.uint8]]
 def image_pyramid(gray: NDArray[np.uint8]) -> Pyramid:
     """Halve a gray image, (H, W) uint8, again and again, until it has about 80 px on a side."""
     levels = [gray]
-    while min(levels[-1].shape) >= 160:
+    while min(levels[-1].shape) >= LEAST_HALVED_PX:
         height, width = levels[-1].shape
         even = levels[-1][: height // 2 * 2, : width // 2 * 2]
         levels.append(
@@ -72,7 +76,7 @@ def level_for(corners: Corners, width: float, height: float, levels: int) -> int
     """
     side = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     ratio = min(side[[0, 2]].min() / width, side[[1, 3]].min() / height)
-    return int(np.clip(np.floor(np.log2(max(ratio, 1e-3) / 1.2) + 0.5), 0, levels - 1))
+    return int(np.clip(np.floor(np.log2(max(ratio, 1e-3) / FINEST_PX) + 0.5), 0, levels - 1))
 
 
 @lru_cache(maxsize=8)

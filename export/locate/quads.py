@@ -36,6 +36,8 @@ NESTED = (0.65, 0.97)
 """Smallest and largest share of a bezel's area that the picture within may have."""
 THRESHOLD_QUANTILES = (0.3, 0.5, 0.65, 0.8, 0.9)
 """Quantiles of the image's gray levels that serve as thresholds for outlines."""
+OUTLINE_TOLERANCES = (0.015, 0.03, 0.06)
+"""Tolerances, as shares of an outline's length, at which four corners may describe it."""
 
 
 def signed_areas(quads: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -259,7 +261,7 @@ def from_contours(gray: NDArray[np.uint8]) -> NDArray[np.float64]:
             if cv2.contourArea(outline) < MIN_AREA * width * height:
                 continue
             hull = cv2.convexHull(outline)
-            for tolerance in (0.015, 0.03, 0.06):
+            for tolerance in OUTLINE_TOLERANCES:
                 corners = cv2.approxPolyDP(hull, tolerance * cv2.arcLength(hull, True), True)
                 if len(corners) == 4:
                     found.append(corners.reshape(4, 2).astype(np.float64))

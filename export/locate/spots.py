@@ -39,6 +39,9 @@ SHAPES = (
     (0.75, 0.75, -0.45),
 )
 """Foreshortenings of a patch's two axes, and shears, that are tried."""
+DRAWN_PX, DRAWN_BLUR_PX = 8, 1.6
+"""Pixels along each axis of a tile from which templates are sampled, and standard deviation of the
+blur before they are."""
 MIN_MATCH = 0.55
 """Smallest correlation of a match that is kept."""
 KEPT = 16
@@ -327,8 +330,8 @@ def template_bank(layout: Layout) -> tuple[NDArray[np.float32], NDArray[np.float
     levels = tile_levels(layout, 3).astype(np.float64)
     templates, turns = [], []
     for i in range(len(levels)):
-        fine = cv2.resize(levels[i], (8 * TILES,) * 2, interpolation=cv2.INTER_NEAREST)
-        fine = cv2.GaussianBlur(fine, (0, 0), 1.6, borderType=cv2.BORDER_REPLICATE)
+        fine = cv2.resize(levels[i], (DRAWN_PX * TILES,) * 2, interpolation=cv2.INTER_NEAREST)
+        fine = cv2.GaussianBlur(fine, (0, 0), DRAWN_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
         fine -= fine.mean()
         for turn in np.arange(TURNS) * 2 * np.pi / TURNS:
             for wide, high, shear in SHAPES:
@@ -336,7 +339,7 @@ def template_bank(layout: Layout) -> tuple[NDArray[np.float32], NDArray[np.float
                 down = -np.sin(turn) * x + np.cos(turn) * y
                 u = (across - shear * down) / (SEEN_PX * wide)
                 v = (down - shear * across) / (SEEN_PX * high)
-                at = [((t + 0.5) * 8 * TILES - 0.5).astype(np.float32) for t in (u, v)]
+                at = [((t + 0.5) * DRAWN_PX * TILES - 0.5).astype(np.float32) for t in (u, v)]
                 drawn = cv2.remap(fine, at[0], at[1], cv2.INTER_LINEAR, borderValue=0)
                 drawn = drawn - drawn.mean()
                 templates.append(drawn.ravel() / np.linalg.norm(drawn))

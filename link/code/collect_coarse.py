@@ -38,6 +38,8 @@ MEMORY_LOOPS = 16
 TOLERATED = 0.2
 """Share of parity bits that may contradict the delivered message while the display still shows it;
 another message contradicts about half of them."""
+TRIED_AGAIN = 1.02
+"""Factor by which the received information must have grown before decoding is tried again."""
 DOUBTED_LOOPS = 0.5
 """Number of loops of another message after which doubt grows no further, so that the delivered
 message, once it is back in view, is recognised within about as many."""
@@ -100,7 +102,7 @@ class LoopScores:
 
     def worth_decoding(self) -> bool:
         """Whether there is enough that is new since decoding was last tried."""
-        enough = self.progress >= max(1.0, 1.02 * self.tried)
+        enough = self.progress >= max(1.0, TRIED_AGAIN * self.tried)
         overdue = 2 * self.seen >= self.frames and self.seen % max(1, self.frames // 4) == 0
         return enough or overdue
 

@@ -20,7 +20,9 @@ and those of the room count."""
 ROOM_POINTS, APART_PX = 24, 8.0
 """Number of points that must lie around a picture that moves, for them to say how the camera moves,
 and least distance of points from it and from each other, in pixels of the copies: motion is seen in
-15 pixels."""
+`FLOW_PX` pixels."""
+FLOW_PX = 15
+"""Width and height, in pixels of the copies, of what is compared around a point."""
 PARTS = 8
 """Number of parts of the image along each axis in each of which so many points are followed at
 most, so that a display has some where the room has clearer ones."""
@@ -139,7 +141,7 @@ class Stabiliser:
             small,
             self._points,
             self._guess.copy(),
-            winSize=(15, 15),
+            winSize=(FLOW_PX, FLOW_PX),
             maxLevel=2,
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         )

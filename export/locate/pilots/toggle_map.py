@@ -34,6 +34,8 @@ CEILING = 1.5
 """Logarithm of power over the usual, above which more does not count."""
 EVEN_PX = 9.0
 """Standard deviation, in pixels of the maps, over which that logarithm is averaged."""
+CLEAR_QUANTILE = 0.98
+"""Quantile of the excess, over all parts of the image, of which half is clear toggling."""
 LEAST_EXCESS = 0.25
 """Smallest averaged logarithm at which a place toggles; half of what the clearest places have is
 needed as well."""
@@ -96,7 +98,7 @@ class ToggleMap:
         over = np.asarray(np.clip(power - usual, -CEILING, CEILING), np.float32)
         excess = cv2.GaussianBlur(over, (0, 0), EVEN_PX)
         usual_excess = float(np.median(excess))
-        clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, 0.98)))
+        clear = max(LEAST_EXCESS, 0.5 * float(np.quantile(excess, CLEAR_QUANTILE)))
         toggling = excess[excess > clear]
         level = float(np.median(toggling)) if toggling.size else 0.0
         edge = max(FAINT, EDGE_SHARE * (level - usual_excess))

@@ -30,6 +30,8 @@ DRIFT_HZ = 0.3
 STARTS, ROUNDS = 4, 12
 """Number of clocks from which a fit starts under each of two models of the noise, and number of
 steps that it takes."""
+SPREAD_QUANTILES = (0.16, 0.84)
+"""Quantiles of the toggles of a place between which a normal deviation to both sides lies."""
 OUTLIER = 4.0
 """Distance from a place's middle, in half distances between its 16 % and 84 % quantiles, at which a
 toggle counts as unseen."""
@@ -387,7 +389,7 @@ def _without_outliers(values: Array) -> NDArray[np.bool_]:
     seen = np.isfinite(values)
     enough = seen.any(axis=1)
     low, high = np.full((2, len(values)), np.nan)
-    low[enough], high[enough] = np.nanquantile(values[enough], [0.16, 0.84], axis=1)
+    low[enough], high[enough] = np.nanquantile(values[enough], SPREAD_QUANTILES, axis=1)
     middle, half = (low + high) / 2, (high - low) / 2
     with np.errstate(invalid="ignore"):
         near = np.abs(values - middle[:, None]) <= OUTLIER * half[:, None] + 1e-9

@@ -21,6 +21,11 @@ from link.types import Array, Corners, Image
 FEATURES = 160
 """Number of points that are followed, half of them on ratex patches where there are any. At half
 the resolution, or with half as many, errors are three times as large."""
+COMPARED_PX, HALVINGS = 13, 2
+"""Width and height, in pixels of the layout, of what is compared around a point, and number of
+times that images are halved, so that points are followed from afar."""
+EVEN_MEAN, EVEN_DEVIATION = 128, 50
+"""Mean and standard deviation of the gray levels that are compared."""
 MIN_INLIERS = 12
 """Smallest number of points that must move as one for the display to count as followed."""
 INLIER_PX = 1.0
@@ -98,7 +103,12 @@ class Follower:
         H_captured_from_guess = homography_from_corners(guess, width, height)
         view = _equalised(rectify(image, H_captured_from_guess, width, height))
         moved, status, _ = cv2.calcOpticalFlowPyrLK(
-            self._reference, view, self._points, self._points.copy(), winSize=(13, 13), maxLevel=2
+            self._reference,
+            view,
+            self._points,
+            self._points.copy(),
+            winSize=(COMPARED_PX, COMPARED_PX),
+            maxLevel=HALVINGS,
         )
         good = status[:, 0] == 1
         if not in_image(guess, image.shape).all():
@@ -185,9 +195,9 @@ class RoomFollower(Follower):
 
 
 def _equalised(rectified: Image) -> Image:
-    """Give gray levels a mean of 128 and a deviation of 50: a change of exposure is no motion."""
+    """Give gray levels `EVEN_MEAN` and `EVEN_DEVIATION`: a change of exposure is no motion."""
     gray = as_gray(rectified)
     mean, deviation = cv2.meanStdDev(gray)
-    gain = 50 / max(float(deviation[0, 0]), 1.0)
-    stretched = cv2.convertScaleAbs(gray, alpha=gain, beta=128 - gain * float(mean[0, 0]))
+    gain = EVEN_DEVIATION / max(float(deviation[0, 0]), 1.0)
+    stretched = cv2.convertScaleAbs(gray, alpha=gain, beta=EVEN_MEAN - gain * float(mean[0, 0]))
     return np.asarray(stretched, np.uint8)

@@ -16,6 +16,7 @@ import { inverse, multiply3, solve } from "./linear.js";
 /** @typedef {ArrayLike<number>} Homography */
 
 export const { MIN_AREA_PX } = geometry;
+const { OUTER_PX } = geometry;
 
 /**
  * List the outer corners of a displayed frame, in corner order.
@@ -86,9 +87,9 @@ export function contourArea(points) {
  * @returns {Uint8Array} 1 for each point that does
  */
 export function inImage(points, width, height) {
-  return Uint8Array.from(points, ([x, y]) =>
-    Number(x >= -0.51 && x <= width - 0.49 && y >= -0.51 && y <= height - 0.49),
-  );
+  const isWithin = (/** @type {number} */ at, /** @type {number} */ length) =>
+    at >= -OUTER_PX && at <= length - 1 + OUTER_PX;
+  return Uint8Array.from(points, ([x, y]) => Number(isWithin(x, width) && isWithin(y, height)));
 }
 
 /**

@@ -18,20 +18,17 @@ import { median } from "./pilots/order.js";
 
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 
-/**
- * Phases of the alignment: the largest number of steps, and whether each tile has a level of its
- * own.
- */
-const PHASES = [
-  { steps: 6, free: false },
-  { steps: 2, free: true },
-];
-/** Samples along each axis of a tile. */
-const FINE = 6;
+const {
+  PHASES, MARGIN_PX, BLUR, DRAWN_BLUR, HALF_RANGE, MIN_STEP_PX, CORNER_SPREAD, RESIDUAL_LEVELS,
+} = locateAlign;
+
+/** Samples along each axis of a tile, in all phases. */
+const FINE = Number(PHASES[0][0]);
 /** Samples at each end of a patch that are left out, because its surroundings reach them. */
 const RIM = 2;
-const { MARGIN_PX, BLUR, MIN_STEP_PX, CORNER_SPREAD, RESIDUAL_LEVELS } = locateAlign;
 
+/** Slope of the weights of cubic convolution (Keys 1981) at a pixel's side, as in OpenCV. */
+const BEND = -0.75;
 /** Smallest standard deviation of the image's blur, in pixels. */
 const LEAST_BLUR_PX = 0.7;
 /** Ridge on the levels of patches and tiles. */
@@ -56,8 +53,8 @@ const PHASE_WORK = 7;
  * @returns {Steps<Quad>} pixels of the image
  */
 export function* alignSteps(pyramid, corners, layout, spread = CORNER_SPREAD, used = null) {
-  for (const { steps, free } of PHASES) {
-    corners = alignPhase(pyramid, corners, layout, spread, used, steps, free);
+  for (const [, steps, free] of PHASES) {
+    corners = alignPhase(pyramid, corners, layout, spread, used, Number(steps), Boolean(free));
     yield PHASE_WORK;
   }
   return corners;
@@ -184,7 +181,7 @@ function samplesInView(layout, free, used, corners, unit, image) {
   let count = 0;
   layout.ratex.forEach(([row, col], patch) => {
     if (used && !used[patch]) return;
-    const shown = layout.tileLevelsToggled[patch].map((level) => level / 127.5 - 1);
+    const shown = layout.tileLevelsToggled[patch].map((level) => level / HALF_RANGE - 1);
     /** @type {Point[]} */
     const there = inner.map(([x, y]) => [
       x + col * TILES * FINE,
@@ -229,7 +226,7 @@ function drawnTiles() {
       const col = Math.floor((at % size) / FINE);
       return Number(row * TILES + col === tile);
     });
-    return blurred({ width: size, height: size, data }, 1.25 * BLUR, "replicate").data;
+    return blurred({ width: size, height: size, data }, DRAWN_BLUR * BLUR, "replicate").data;
   });
   /** @type {Point[]} */
   const inner = [];
@@ -339,9 +336,9 @@ function cubic({ width, height, data }, x, y) {
   const u = x - left;
   const v = y - top;
   // the first, second and third weights of four pixels; all add up to 1
-  const a = -0.75 * u * (1 - u) * (1 - u);
-  const b = (1.25 * u - 2.25) * u * u + 1;
-  const c = (1.25 * (1 - u) - 2.25) * (1 - u) * (1 - u) + 1;
+  const a = BEND * u * (1 - u) * (1 - u);
+  const b = nearWeight(u);
+  const c = nearWeight(1 - u);
   const d = 1 - a - b - c;
   let sum = 0;
   const inside = left >= 1 && left < width - 2;
@@ -360,11 +357,20 @@ function cubic({ width, height, data }, x, y) {
         d * data[line + Math.min(Math.max(left + 2, 0), end)];
     }
     let weight;
-    if (row === -1) weight = -0.75 * v * (1 - v) * (1 - v);
-    else if (row === 0) weight = (1.25 * v - 2.25) * v * v + 1;
-    else if (row === 1) weight = (1.25 * (1 - v) - 2.25) * (1 - v) * (1 - v) + 1;
-    else weight = -0.75 * (1 - v) * v * v;
+    if (row === -1) weight = BEND * v * (1 - v) * (1 - v);
+    else if (row === 0) weight = nearWeight(v);
+    else if (row === 1) weight = nearWeight(1 - v);
+    else weight = BEND * (1 - v) * v * v;
     sum += weight * level;
   }
   return sum;
+}
+
+/**
+ * Weigh a pixel less than a pixel's side away, as cubic convolution does.
+ *
+ * @param {number} apart - distance, in pixels
+ */
+function nearWeight(apart) {
+  return ((BEND + 2) * apart - (BEND + 3)) * apart * apart + 1;
 }

@@ -5,17 +5,13 @@ import { blurred } from "../image/blur.js";
 import { TILES } from "../link/ratex.js";
 
 export const { SEEN_PX, WINDOW_PX } = locateSpots;
-const { TURNS, SHAPES } = locateSpots;
+const { TURNS, SHAPES, DRAWN_PX, DRAWN_BLUR_PX } = locateSpots;
 const { LEADING } = webTables;
 
 /** Number of pixels of a window. */
 export const WINDOW_AREA = WINDOW_PX * WINDOW_PX;
 /** Number of templates of each patch. */
 const EACH = TURNS * SHAPES.length;
-/** Pixels along each axis of a tile from which templates are sampled. */
-const DRAWN_PX = 8;
-/** Standard deviation, in pixels, of the blur of what templates are sampled from. */
-const DRAWN_BLUR = 1.6;
 /** Number of directions, the first ones, after which the bound is looked at for the first time. */
 const FIRST = 10;
 /** Units of work of drawing the templates of a patch, and of taking their parts. */
@@ -178,7 +174,7 @@ function drawTemplates(tiles, templates) {
     const row = Math.floor(at / size / DRAWN_PX);
     return tiles[row * TILES + Math.floor((at % size) / DRAWN_PX)] - centre;
   });
-  const fine = blurred({ width: size, height: size, data: flat }, DRAWN_BLUR, "replicate").data;
+  const fine = blurred({ width: size, height: size, data: flat }, DRAWN_BLUR_PX, "replicate").data;
   const middle = fine.reduce((sum, level) => sum + level, 0) / fine.length;
   for (let at = 0; at < fine.length; at++) fine[at] -= middle;
   const pixel = (/** @type {number} */ x, /** @type {number} */ y) =>

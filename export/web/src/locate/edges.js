@@ -7,26 +7,15 @@ import { quantilesOfEvery } from "./quantiles.js";
 import { signedArea } from "./quads.js";
 
 const {
-  SAMPLES, REACH, FIT_SAMPLES, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE, OTHER_SIDE,
-  MIN_EDGE_SHARE,
+  SAMPLES, SIDE_START, SIDE_SHARE, REACH, FIT_SAMPLES, STEP_LEVELS, NOISE_SLOPE, SATURATION_SLOPE,
+  OTHER_SIDE, WHITE_QUANTILE, RIM_PX, CONTENT_SCALES, BEYOND_SCALE, PEAK_STEPS, MIN_EDGE_SHARE,
 } = locateEdges;
+const AHEAD = Float64Array.from(locateEdges.AHEAD);
 
 /** Number of places along a side where what lies well inside is looked at. */
 const CONTENT_SAMPLES = 12;
-/**
- * Places beyond a side's ends, in lengths of the side from its start: what bounds a display ends
- * at its corners.
- */
-const AHEAD = Float64Array.from({ length: 16 }, (_, i) =>
-  i < 8 ? -0.15 + (i * 0.12) / 7 : 1.03 + ((i - 8) * 0.12) / 7,
-);
 /** Number of places along a side that vote for its edge where it snaps to one. */
 const SNAP_SAMPLES = 40;
-/** Factors by which a quadrilateral shrinks to where its content is looked at. */
-const CONTENT_SCALES = [0.85, 0.6, 0.3];
-/** Factor by which a quadrilateral grows to where its surroundings are looked at. */
-const BEYOND_SCALE = 1.12;
-
 /** Number of features of `sideFeatures`. */
 export const FEATURES = 9;
 
@@ -37,7 +26,10 @@ export const FEATURES = 9;
  * @returns {Float64Array}
  */
 function sidePlaces(samples) {
-  return Float64Array.from({ length: samples }, (_, s) => ((s + 0.5) / samples) * 0.94 + 0.03);
+  return Float64Array.from(
+    { length: samples },
+    (_, s) => ((s + 0.5) / samples) * SIDE_SHARE + SIDE_START,
+  );
 }
 
 const PLACES = sidePlaces(SAMPLES);
@@ -97,7 +89,7 @@ function profiles({ width, height, data }, quad, places, offsets) {
 
 const ACROSS = Float64Array.from({ length: 2 * REACH + 1 }, (_, k) => k - REACH);
 const ON_THE_SIDE = [0];
-const ON_THE_RIM = [-2.5];
+const ON_THE_RIM = [RIM_PX];
 const BOTH_SIDES = [-1.5, 1.5];
 
 /**
@@ -107,7 +99,7 @@ const BOTH_SIDES = [-1.5, 1.5];
  * @returns {{ white: number, unit: number }} gray levels
  */
 export function edgeLevels(small) {
-  const white = quantilesOfEvery(small, 3)(0.95) + 10;
+  const white = quantilesOfEvery(small, 3)(WHITE_QUANTILE) + 10;
   return { white, unit: STEP_LEVELS * (0.3 + 0.7 * Math.min(1, white / 200)) };
 }
 
@@ -404,7 +396,8 @@ function peaks(slope, offsets, guess, spacing) {
     let k = 0;
     let most = -Infinity;
     for (let at = 0; at < count; at++) {
-      if (Math.abs(offsets[at] - guess[s]) > 2.01 * spacing || slope[row + at] <= most) continue;
+      if (Math.abs(offsets[at] - guess[s]) > PEAK_STEPS * spacing) continue;
+      if (slope[row + at] <= most) continue;
       most = slope[row + at];
       k = at;
     }

@@ -32,7 +32,7 @@ import { pointsByCorners } from "./cornerMotion.js";
 
 const {
   TILE_PX, SEARCH, SEARCH_ERROR, PLACE_ERROR, LEAST_PATCHES, MISSED_PATCHES, CLEAR_KEPT,
-  COVERED_LOSS,
+  COVERED_LOSS, LEAST_HALVED_PX, FINEST_PX,
 } = locatePatches;
 
 /** Corners of the display, in display units. */
@@ -53,7 +53,7 @@ export function imagePyramid(gray) {
   const levels = [gray];
   for (;;) {
     const last = levels[levels.length - 1];
-    if (Math.min(last.width, last.height) < 160) return levels;
+    if (Math.min(last.width, last.height) < LEAST_HALVED_PX) return levels;
     levels.push(shrunkByWhole(last, 2));
   }
 }
@@ -82,7 +82,7 @@ export function atLevel(corners, level) {
 export function levelFor(corners, width, height, levels) {
   const [top, right, bottom, left] = sideLengths(corners);
   const ratio = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
-  const level = Math.floor(Math.log2(Math.max(ratio, 1e-3) / 1.2) + 0.5);
+  const level = Math.floor(Math.log2(Math.max(ratio, 1e-3) / FINEST_PX) + 0.5);
   return Math.min(Math.max(level, 0), levels - 1);
 }
 

@@ -19,16 +19,14 @@ import { segmentSteps } from "./segments.js";
 
 export const { SLACK, SAME_PX } = locateQuads;
 const {
-  MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_SIDE_COVER, MIN_MEAN_COVER, NESTED,
-  THRESHOLD_QUANTILES,
+  MAX_LINES, COLLINEAR_PX, OPPOSED_PX, MIN_AREA, MIN_CROSSING_DEG, MIN_SIDE_COVER, MIN_MEAN_COVER,
+  NESTED, THRESHOLD_QUANTILES, OUTLINE_TOLERANCES,
 } = locateQuads;
 
 /** Smallest sine of the angle between neighbouring sides; at 70 degrees a display still has it. */
-const MIN_CROSSING = Math.sin((35 * Math.PI) / 180);
+const MIN_CROSSING = Math.sin((MIN_CROSSING_DEG * Math.PI) / 180);
 /** Number of quadrilaterals that are looked at for each of those that are chosen. */
 const LOOKED_AT = 8;
-/** Tolerances, as shares of an outline's length, at which four corners may describe it. */
-const OUTLINE_TOLERANCES = [0.015, 0.03, 0.06];
 /** Units of work of the last step of the segments, of quadrilaterals, and of one threshold. */
 const SEGMENTS_WORK = 8;
 const LINES_WORK = 15;

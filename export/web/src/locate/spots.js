@@ -16,14 +16,16 @@ import { distinct, isSound } from "./quads.js";
 import { steepestSteps } from "./steep.js";
 
 export const { MAX_OUTSIDE } = locateSpots;
-const { PATCH_PX, SPOTS, SHIFTS, MIN_MATCH, KEPT, MAX_RATIO, MISSING, SUPPORT, BEND } = locateSpots;
+const {
+  PATCH_PX, SPOTS, SHIFTS, MIN_MATCH, KEPT, MAX_TURN_DEG, MAX_RATIO, MISSING, SUPPORT, BEND,
+} = locateSpots;
 
 /** Number of places that are compared in one step. */
 const STEP_SPOTS = 5;
 /** Smallest distance of two matches of a patch, in its sides. */
 const MATCHES_APART = 0.4;
 /** Largest difference, in radians, of a match's direction from what the quadrilateral has there. */
-const MAX_TURN = (35 * Math.PI) / 180;
+const MAX_TURN = (MAX_TURN_DEG * Math.PI) / 180;
 /** Smallest depth of a corner, beside that of the patches, at which the camera sees it. */
 const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */

@@ -8,6 +8,7 @@
 import {
   BlobSource, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, VideoSampleSink, WEBM,
 } from "mediabunny";
+import { imagesVideo } from "../generated/constants.js";
 import { rateOf } from "./frames.js";
 import { readY4m, Y4M_MAGIC } from "./y4m.js";
 
@@ -21,8 +22,9 @@ const KINDS = [MP4, QTFF, WEBM, MATROSKA];
 /** Number of frames from whose times a film's rate is taken. */
 const PROBED = 100;
 
-/** Smallest and largest time, in seconds, from one frame to the next that is believed. */
-const [MIN_GAP_S, MAX_GAP_S] = [0.5 / 1000, 60];
+const { MAX_FPS, MAX_GAP_S } = imagesVideo;
+/** Smallest time, in seconds, from one frame to the next that is believed. */
+const MIN_GAP_S = 0.5 / MAX_FPS;
 
 /** Why a file is not read, and why nothing is read in it. */
 const NO_FRAMES = "the film has no frames, or was cut off";

@@ -9,10 +9,9 @@ import { imagesVideo } from "../generated/constants.js";
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
-/** Smallest and largest number of frames a second that is believed. */
-const [MIN_FPS, MAX_FPS] = [1, 1000];
-
-const { DEFAULT_FPS } = imagesVideo;
+/** Smallest number of frames a second that is believed. */
+const MIN_FPS = 1;
+const { DEFAULT_FPS, MAX_FPS } = imagesVideo;
 
 /**
  * A frame: as the browser has it, with the degrees by which it is to be turned clockwise and whether

@@ -1,5 +1,6 @@
 /** The page: what is shown, and what its buttons do. Reading happens in the worker. */
 
+import { codeAuthenticate } from "../generated/constants.js";
 import { adviceFor, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
 import { filmFrames } from "./films.js";
@@ -16,11 +17,7 @@ const RECORDED_S = 4;
 /** Milliseconds for which the page says why it refused a message, whatever it sees meanwhile. */
 const REFUSAL_MS = 4000;
 
-/** Sizes of a key, in bytes, as `link.code.authenticate` takes them. */
-const [MIN_KEY_BYTES, MAX_KEY_BYTES] = [16, 4096];
-
-/** Largest age of a message, in seconds, that can be asked for, as of its stamp. */
-const MAX_AGE_S = 256 ** 4 - 1;
+const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP } = codeAuthenticate;
 
 /** Advice where a film shows a display, and not for long or well enough. */
 const FILM_LONGER = "Film longer, closer, or with a steadier hand.";
@@ -464,9 +461,9 @@ byId("key").addEventListener("change", async () => {
 });
 byId("age").addEventListener("change", () => {
   const age = byId("age").value === "" ? null : byId("age").valueAsNumber;
-  if (age !== null && !(age > 0 && age <= MAX_AGE_S)) {
+  if (age !== null && !(age > 0 && age <= MAX_STAMP)) {
     byId("age").value = reception.maxAgeS ?? "";
-    return say("This is no age", `Need more than 0 and at most ${MAX_AGE_S} seconds.`);
+    return say("This is no age", `Need more than 0 and at most ${MAX_STAMP} seconds.`);
   }
   reception.maxAgeS = age;
   readAgain();

@@ -5,7 +5,7 @@
  * then for each frame a line that begins with "FRAME", followed by its planes, luma first.
  */
 
-import { imagesVideo } from "../generated/constants.js";
+import { images, imagesVideo } from "../generated/constants.js";
 import { stretchRange } from "./planes.js";
 
 /** @import { Plane } from "../image/opencv.js" */
@@ -13,13 +13,13 @@ import { stretchRange } from "./planes.js";
 /** Bytes with which every such film begins. */
 export const Y4M_MAGIC = "YUV4MPEG2";
 
-const { DEFAULT_FPS } = imagesVideo;
+const { DEFAULT_FPS, MAX_FPS } = imagesVideo;
 
 /** Largest number of bytes in a line. */
 const MAX_LINE = 4096;
 
-/** Largest number of pixels in a frame, as for images that Python reads. */
-const MAX_PIXELS = 50e6;
+/** Largest number of pixels in a frame. */
+const MAX_PIXELS = 1e6 * images.MAX_MEGAPIXELS;
 
 /** Number of columns and of rows of pixels that share a chroma sample, by the format's name. */
 const SHARED = new Map([
@@ -82,7 +82,7 @@ export function parseHeader(line) {
   return {
     width,
     height,
-    fps: fps > 0 && fps <= 1000 ? fps : DEFAULT_FPS,
+    fps: fps > 0 && fps <= MAX_FPS ? fps : DEFAULT_FPS,
     limited: words.includes("XCOLORRANGE=LIMITED"),
     bits,
     restBytes: (samples + alpha) * (bits > 8 ? 2 : 1),

@@ -28,7 +28,7 @@ import { remembered } from "./remembered.js";
 import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
 import { logSumExp } from "./words.js";
 
-const { SURE, MAX_RUN, DOUBT, MEMORY_LOOPS, TOLERATED, DOUBTED_LOOPS } = codeCollectCoarse;
+const { SURE, MAX_RUN, DOUBT, MEMORY_LOOPS, TOLERATED, DOUBTED_LOOPS, TRIED_AGAIN } = codeCollectCoarse;
 
 /** Difference of log-likelihoods below which a hypothesis adds nothing that counts. */
 const HOPELESS = -40;
@@ -121,7 +121,7 @@ class LoopScores {
 
   /** Whether there is enough that is new since decoding was last tried. */
   worthDecoding() {
-    const enough = this.progress >= Math.max(1, 1.02 * this.tried);
+    const enough = this.progress >= Math.max(1, TRIED_AGAIN * this.tried);
     const turn = Math.max(1, Math.floor(this.frames / 4));
     return enough || (2 * this.seen >= this.frames && this.seen % turn === 0);
   }

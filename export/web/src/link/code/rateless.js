@@ -12,12 +12,15 @@ import { remembered } from "./remembered.js";
 import { scrambled, shuffled } from "./scrambled.js";
 
 export const { MIN_INFORMATION, MAX_INFORMATION } = codeRateless;
-const { DEGREES, PRECODE_COPIES, ITERATIONS, PATIENCE, LEAST_GROWTH, MAX_HALF_LLR, GRAPH_WORK } = codeRateless;
+const {
+  DEGREES, PRECODE_COPIES, ITERATIONS, PATIENCE, LEAST_GROWTH, MAX_HALF_LLR, MAX_PRODUCT,
+  GRAPH_WORK,
+} = codeRateless;
 
 /** Number of blocks that are decoded together, and given up together. */
 const MAX_COLUMNS = 16;
 /** @type {import("./propagation.js").Bounds} */
-const BOUNDS = { leastTanh: 0, mostTanh: Math.tanh(MAX_HALF_LLR), mostProduct: 1 - 2 ** -23 };
+const BOUNDS = { leastTanh: 0, mostTanh: Math.tanh(MAX_HALF_LLR), mostProduct: MAX_PRODUCT };
 
 /** Number of draws of a coded bit's degree, which are all as likely. */
 const DRAWS = [...DEGREES.values()].reduce((sum, share) => sum + share, 0);

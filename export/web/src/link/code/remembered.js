@@ -1,7 +1,7 @@
 /** Results of functions that are kept, because they take long and depend on few numbers. */
 
 /** Number of results that are kept of each function; the oldest is dropped first. */
-const KEPT = 16;
+const RESULTS = 16;
 
 /**
  * Make a function that keeps its results.
@@ -20,7 +20,7 @@ export function remembered(work) {
     if (result === undefined) {
       result = work(...numbers);
       const oldest = results.keys().next();
-      if (results.size >= KEPT && !oldest.done) results.delete(oldest.value);
+      if (results.size >= RESULTS && !oldest.done) results.delete(oldest.value);
       results.set(key, result);
     }
     return result;

@@ -9,7 +9,8 @@ import { contourArea, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3 } from "../../link/linear.js";
 
 export const {
-  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, SAME_PX, PARTS, AGREEING, SPREAD,
+  WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, SAME_PX, PARTS, AGREEING,
+  SPREAD,
 } = locatePilotsStabilise;
 
 /** Points of a reference frame that were found again in a later one. */
@@ -268,7 +269,7 @@ function foundAgain(reference, small, points, guess) {
       moved,
       status,
       error,
-      new cv.Size(15, 15),
+      new cv.Size(FLOW_PX, FLOW_PX),
       2,
       new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, 30, 0.01),
       cv.OPTFLOW_USE_INITIAL_FLOW,

@@ -19,7 +19,7 @@ import { spanOf, waves } from "./waves.js";
 
 export const {
   SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
-  LEAST_EXCESS, FAINT, EDGE_SHARE,
+  LEAST_EXCESS, CLEAR_QUANTILE, FAINT, EDGE_SHARE,
 } = locatePilotsToggleMap;
 
 /** Number of frames that are summed up in one pass over the pixels. */
@@ -116,7 +116,7 @@ export class ToggleMap {
     }
     const excess = blurred({ width, height, data: over }, EVEN_PX).data;
     const usual = median(excess);
-    const clear = Math.max(LEAST_EXCESS, 0.5 * quantile(excess, 0.98));
+    const clear = Math.max(LEAST_EXCESS, 0.5 * quantile(excess, CLEAR_QUANTILE));
     const places = excess.filter((value) => value > clear);
     const level = places.length ? median(places) : 0;
     const edge = Math.max(FAINT, EDGE_SHARE * (level - usual));

@@ -7,7 +7,7 @@
 
 import { receiveTimingFit } from "../../generated/constants.js";
 
-export const { OUTLIER } = receiveTimingFit;
+export const { OUTLIER, SPREAD_QUANTILES } = receiveTimingFit;
 
 /**
  * Weights of a sample and of the one before it, each (P, n), in what is whitened.
@@ -121,8 +121,8 @@ export function withoutOutliers(values, places) {
   for (let from = 0; from < values.length; from += count) {
     const known = values.slice(from, from + count).filter(Number.isFinite).sort();
     if (known.length === 0) continue;
-    const low = quantileOf(known, 0.16);
-    const high = quantileOf(known, 0.84);
+    const low = quantileOf(known, SPREAD_QUANTILES[0]);
+    const high = quantileOf(known, SPREAD_QUANTILES[1]);
     const reach = (OUTLIER * (high - low)) / 2 + 1e-9;
     for (let at = from; at < from + count; at++) {
       seen[at] = Number(Math.abs(values[at] - (low + high) / 2) <= reach);

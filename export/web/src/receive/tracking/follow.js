@@ -17,15 +17,10 @@ import { multiply3 } from "../../link/linear.js";
 import { Stabiliser } from "../../locate/pilots/stabilise.js";
 import { OUTSIDE } from "../../locate/refine.js";
 
-const { FEATURES, MIN_INLIERS, INLIER_PX, EDGE_PX, WORN_SHARE } = receiveTrackingFollow;
-
-/** Width and height, in pixels of the layout, of what is compared around a point. */
-const WINDOW_PX = 13;
-/** Number of times that images are halved, so that points are followed from afar. */
-const HALVINGS = 2;
-/** Mean and standard deviation of the gray levels that are compared. */
-const MEAN = 128;
-const DEVIATION = 50;
+const {
+  FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
+  WORN_SHARE,
+} = receiveTrackingFollow;
 
 /** @type {Point[]} */
 const STILL = [
@@ -82,7 +77,7 @@ export class Follower {
     this.corners = corners;
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
     const copy = { ...rectified, data: rectified.data.slice() };
-    const reference = stretched(copy, MEAN, DEVIATION);
+    const reference = stretched(copy, EVEN_MEAN, EVEN_DEVIATION);
     this.#flow = this.#flowFrom(reference, this.#viewMask(H, image.width, image.height));
   }
 
@@ -123,7 +118,7 @@ export class Follower {
     const guess = this.corners.map(([x, y], i) => [x + motion[i][0], y + motion[i][1]]);
     const HCapturedFromGuess = homographyFromCorners(guess, width, height);
     const rectified = rectify(image, HCapturedFromGuess, width, height);
-    const { moved, found } = flow.follow(stretched(rectified, MEAN, DEVIATION));
+    const { moved, found } = flow.follow(stretched(rectified, EVEN_MEAN, EVEN_DEVIATION));
     if (!inImage(guess, image.width, image.height).every(Boolean)) {
       const there = transform(HCapturedFromGuess, moved);
       inImage(there, image.width, image.height).forEach((inside, i) => (found[i] &= inside));
@@ -192,7 +187,7 @@ export class Follower {
     const inside = points.filter(
       ([x, y]) => x > 3 && x < width - 3 && y > 3 && y < height - 3,
     );
-    return new Flow(reference, inside, WINDOW_PX, HALVINGS);
+    return new Flow(reference, inside, COMPARED_PX, HALVINGS);
   }
 }
 
