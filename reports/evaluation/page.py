@@ -23,6 +23,7 @@ from reports.evaluation.findings import (
 )
 from reports.evaluation.glance import find_glance
 from reports.evaluation.html import render
+from reports.evaluation.settings import OF_SIMULATION
 from reports.render.charts import colour_of, to_svg
 from reports.render.reliability import SHOWN_BITS, calibration_table, reliability_figure
 from reports.render.tables import (
@@ -113,6 +114,7 @@ def report_page(run: Run) -> str:
         summary=summary_table(run.scores, against={s.method: s.against for s in ranked}),
         summary_chart=summary_chart(ranked) if known else None,
         references=REFERENCES,
+        settings=shown_settings(run),
         well_read=WELL_READ,
         min_frames=MIN_FRAMES,
         far=FAR,
@@ -134,6 +136,12 @@ def summary_chart(ranked: Sequence[Standing]) -> Markup:
     """The accuracy of each method as dots."""
     figure = exhibits.summary_figure(ranked)
     return to_svg(figure, "Accuracy of each method with its interval")
+
+
+def shown_settings(run: Run) -> dict[str, object]:
+    """Settings that decided the numbers of a run, but for the checkpoints."""
+    left_out = ("checkpoints", *(OF_SIMULATION if run.from_folder else ()))
+    return {name: value for name, value in run.about.settings.items() if name not in left_out}
 
 
 def paper_tables(run: Run) -> list[Table]:

@@ -18,6 +18,9 @@ UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "
 REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
 """Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
 
+OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
+"""Settings that say what is simulated. They say nothing of captures from a folder."""
+
 
 def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str, ...]:
     """List the sweeps that were named, or all of them beside the reference comparison.
