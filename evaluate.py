@@ -27,7 +27,7 @@ from reports.engine.predict import Condition, paper_cells, predict
 from reports.engine.protocols import PROTOCOLS, apply_protocol
 from reports.engine.provenance import provenance
 from reports.evaluation.captures import evaluate_folder
-from reports.evaluation.evidence import QUICK, Stopwatch, simulated_evidence
+from reports.evaluation.evidence import QUICK, USUAL, SimulatedRun, Stopwatch
 from reports.evaluation.page import write_report
 from reports.evaluation.settings import chosen_sweeps, decisive_settings
 from reports.evaluation.sweeps import SWEEPS
@@ -143,10 +143,17 @@ def evaluate_simulated(
     folder.write_comparison(predicted.records, meta, "\n\n".join(tables))
     print(*tables, f"written: {config.out}/predictions.jsonl, metrics.json, tables.md", sep="\n\n")
     if config.html:
-        sweeps = chosen_sweeps(config, config.sweeps)
-        failed = failed + simulated_evidence(
-            folder, comparison, predicted.records, methods, sweeps, config.quick, backend, clock
-        )
+        amount = QUICK if config.quick else USUAL
+        run = SimulatedRun(folder, comparison, predicted.records, methods, amount)
+        with clock.time("sweeps"):
+            swept = run.write_sweeps(chosen_sweeps(config, config.sweeps), config.quick, backend)
+        with clock.time("pictures"):
+            run.write_pictures(swept)
+        with clock.time("responses"):
+            run.write_responses()
+        with clock.time("cost"):
+            run.write_cost()
+        failed = failed + swept.failed
         folder.finish(meta, clock.seconds, [*left_out, *failed])
     return failed
 

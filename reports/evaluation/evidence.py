@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -17,7 +18,7 @@ from reports.evaluation.findings import REFERENCES, leaders
 from reports.evaluation.response import measure_response
 from reports.evaluation.stories import Place, captured_stories, simulated_stories
 from reports.evaluation.sweeps import sweep_conditions, swept_methods
-from reports.run import RunFolder
+from reports.run import RunFolder, SweepCurve
 
 
 @dataclass(frozen=True)
@@ -64,69 +65,84 @@ class Stopwatch:
         self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
-def simulated_evidence(
-    folder: RunFolder,
-    comparison: Condition,
-    predicted: pd.DataFrame,
-    methods: Sequence[Method],
-    sweeps: Sequence[str],
-    quick: bool,
-    backend: Backend,
-    clock: Stopwatch,
-) -> list[str]:
-    """Write sweeps, pictures, responses and time of a simulated run.
+class Swept(NamedTuple):
+    """Sweeps that were decoded."""
 
-    Args:
-        folder: folder of the run; it holds the main comparison already.
-        comparison: the main comparison.
-        predicted: predictions of the main comparison.
-        methods: all methods that were compared.
-        sweeps: names of the sweeps, keys of `reports.evaluation.sweeps.SWEEPS`.
-        quick: whether fewer values are swept, and fewer frame pairs shown.
-        backend: where the cells of sweeps are decoded.
-        clock: gets the times.
+    conditions: list[Condition]
+    """The channel at each value."""
+    curves: list[SweepCurve]
+    """What the conditions are values of."""
+    records: pd.DataFrame
+    """Predictions."""
+    failed: list[str]
+    """One line for each cell that failed."""
 
-    Returns:
-        one line for each cell of a sweep that failed.
-    """
-    amount = QUICK if quick else USUAL
-    fewer = max(1, 2 * comparison.frames // 3)
-    swept_conditions, curves = sweep_conditions(sweeps, comparison.source, fewer, quick)
-    with clock.time("sweeps"):
-        swept = predict(swept_conditions, swept_methods(methods), folder.path, backend)
-    folder.write_sweeps(curves, swept.records)
-    with clock.time("pictures"):
-        best = leaders(predicted, swept.records)
-        labels = {method.label for method in methods}
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """A main comparison that was decoded, and what is measured beside it for the report."""
+
+    folder: RunFolder
+    """Folder of the run; it holds the main comparison already."""
+    comparison: Condition
+    """The main comparison."""
+    predicted: pd.DataFrame
+    """Its predictions."""
+    methods: Sequence[Method]
+    """All methods that were compared."""
+    amount: Amount
+    """How much is shown."""
+
+    def write_sweeps(self, names: Sequence[str], quick: bool, backend: Backend) -> Swept:
+        """Decode sweeps, and write what they measured.
+
+        Args:
+            names: names of the sweeps, keys of `reports.evaluation.sweeps.SWEEPS`.
+            quick: whether fewer values are swept.
+            backend: where cells are decoded.
+        """
+        fewer = max(1, 2 * self.comparison.frames // 3)
+        conditions, curves = sweep_conditions(names, self.comparison.source, fewer, quick)
+        swept = predict(conditions, swept_methods(self.methods), self.folder.path, backend)
+        self.folder.write_sweeps(curves, swept.records)
+        return Swept(conditions, curves, swept.records, swept.failed)
+
+    def write_pictures(self, swept: Swept) -> None:
+        """Draw typical frame pairs, and badly read ones of the comparison and of the sweeps."""
+        best = leaders(self.predicted, swept.records)
+        labels = {method.label for method in self.methods}
         shown = [m for m in REFERENCES[:1] if m in labels and m not in best] + best[::-1]
-        hidden = [method.label for method in methods if method.card.equalised]
-        words = {p.condition: (c.name, c.words(p.value)) for c in curves for p in c.points}
+        equalised = [method.label for method in self.methods if method.card.equalised]
+        words = {p.condition: (c.name, c.words(p.value)) for c in swept.curves for p in c.points}
         places = {
             condition.name: Place(
                 condition.source, *words.get(condition.name, ("", "main comparison"))
             )
-            for condition in (comparison, *swept_conditions)
+            for condition in (self.comparison, *swept.conditions)
         }
-        records = pd.concat([predicted, swept.records], ignore_index=True)
+        records = pd.concat([self.predicted, swept.records], ignore_index=True)
+        strips, failures = self.amount.strips, self.amount.failures
         stories = simulated_stories(
-            records, places, shown, best, hidden, folder.path, amount.strips, amount.failures
+            records, places, shown, best, equalised, self.folder.path, strips, failures
         )
-        folder.write_stories(stories)
-    with clock.time("responses"):
-        if comparison.source.layout.ratex:
-            cells = response_cells(comparison.cells)[: amount.response_cells]
-            folder.write_responses(
-                [
-                    measure_response(FramePair(comparison.source, cell, index), methods)
-                    for cell in cells
-                    for index in range(amount.response_frames)
-                ]
-            )
-    with clock.time("cost"):
-        folder.write_cost(
-            measure_cost(comparison.source, comparison.cells[0], amount.cost_rounds, methods)
-        )
-    return swept.failed
+        self.folder.write_stories(stories)
+
+    def write_responses(self) -> None:
+        """Measure what each method finds of the transfer function, where patches show it."""
+        if not self.comparison.source.layout.ratex:
+            return
+        cells = response_cells(self.comparison.cells)[: self.amount.response_cells]
+        pairs = [
+            FramePair(self.comparison.source, cell, index)
+            for cell in cells
+            for index in range(self.amount.response_frames)
+        ]
+        self.folder.write_responses([measure_response(pair, self.methods) for pair in pairs])
+
+    def write_cost(self) -> None:
+        """Measure the time that each method takes for a frame pair."""
+        source, cell = self.comparison.source, self.comparison.cells[0]
+        self.folder.write_cost(measure_cost(source, cell, self.amount.cost_rounds, self.methods))
 
 
 def capture_evidence(

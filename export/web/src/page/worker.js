@@ -72,34 +72,14 @@ let canDecode = Promise.resolve();
 /** What the worker does for the page. @typedef {typeof functions} Reading */
 const functions = {
   /** Load OpenCV and the table of presets; their graphs are loaded meanwhile. */
-  async load() {
-    const { decoding, ready } = startDecoding(addressOf("decoding.js"));
-    ready.catch(() => {}); // waited for by `warm`
-    canDecode = ready;
-    const [table, films] = await Promise.all([
-      ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
-      loadOpenCv(),
-    ]);
-    for (const [number, { name, layout }] of table.entries()) {
-      const known = new Layout(layout);
-      presets.set(known, name);
-      decoders.push(new RemoteDecoder(known, number, decoding));
-    }
-    for (const { layout, width, height, states } of films) {
-      const levels = new Uint8Array(await (await load(states)).arrayBuffer());
-      const size = width * height;
-      warmFilms.push({
-        layout: new Layout(layout),
-        states: [0, size].map((at) => ({ width, height, data: levels.subarray(at, at + size) })),
-      });
-    }
-  },
+  load: () => inTurn(loadAll),
 
   /** Run everything once. */
-  async warm() {
-    await warmUp(warmFilms, WARM_MS);
-    await canDecode;
-  },
+  warm: () =>
+    inTurn(async () => {
+      await warmUp(warmFilms, WARM_MS);
+      await canDecode;
+    }),
 
   /**
    * Begin a new film or camera.
@@ -149,6 +129,30 @@ const functions = {
       });
     }),
 };
+
+/** Load what reading needs, but for the graphs, which are loaded beside. */
+async function loadAll() {
+  const { decoding, ready } = startDecoding(addressOf("decoding.js"));
+  ready.catch(() => {}); // waited for by `warm`
+  canDecode = ready;
+  const [table, films] = await Promise.all([
+    ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
+    loadOpenCv(),
+  ]);
+  for (const [number, { name, layout }] of table.entries()) {
+    const known = new Layout(layout);
+    presets.set(known, name);
+    decoders.push(new RemoteDecoder(known, number, decoding));
+  }
+  for (const { layout, width, height, states } of films) {
+    const levels = new Uint8Array(await (await load(states)).arrayBuffer());
+    const size = width * height;
+    warmFilms.push({
+      layout: new Layout(layout),
+      states: [0, size].map((at) => ({ width, height, data: levels.subarray(at, at + size) })),
+    });
+  }
+}
 
 /** @param {Pixels} pixels @returns {Promise<Plane>} */
 async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
