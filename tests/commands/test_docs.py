@@ -13,7 +13,27 @@ from conftest import ROOT
 from link.images import write_image
 
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\(((?!https?:)[^)\s]+)\)")
+HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 SHOWN = {file: BLOCK.findall(file.read_text()) for file in sorted((ROOT / "docs").glob("*.md"))}
+
+
+def anchors(page: Path) -> set[str]:
+    """Names by which links reach the headings of a page, as GitHub makes them."""
+    words = [
+        re.sub(r"[^\w\- ]", "", heading.lower()) for heading in HEADING.findall(page.read_text())
+    ]
+    return {each.strip().replace(" ", "-") for each in words}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_of_a_page_leads_to_a_file_and_a_heading(page: Path) -> None:
+    for link in LINK.findall(page.read_text()):
+        name, _, anchor = link.partition("#")
+        file = page.parent / name if name else page
+        assert file.is_file(), link
+        assert not anchor or anchor in anchors(file), link
 
 
 @pytest.mark.slow

@@ -71,8 +71,3 @@ def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
     assert '"text": "Hello"' in done.stdout
     assert (tmp_path / "mine.onnx").is_file()
     assert list((tmp_path / "mine" / "pictures").glob("*_learned.png"))
-
-
-@pytest.mark.parametrize("link", sorted(set(re.findall(r"\]\(([^)]+)\)", README))))
-def test_every_link_of_the_readme_leads_somewhere(link: str) -> None:
-    assert (ROOT / link).is_file()
