@@ -1,6 +1,6 @@
 """The block grid: where bits, pilots and ratex patches lie in the frame, and how bits are shown."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -151,6 +151,18 @@ class Layout:
     def direction(self) -> tuple[float, float, float]:
         """Change of red, green and blue, in gray levels, of a block that changes by one level."""
         return COLOURS[self.colour]
+
+    def resized(self, width: int, height: int) -> "Layout":
+        """Lay the same grid over a frame of another size.
+
+        Args:
+            width: width of the frame, pixels.
+            height: height of the frame, pixels.
+
+        Raises:
+            InputError: the frame is too small for the grid's blocks, or too large.
+        """
+        return replace(self, width=width, height=height)
 
     def cell_box(self, row: int, col: int) -> tuple[int, int, int, int]:
         """Find the pixels of a block.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,15 @@ from link.code.framing import capacity
 from link.embed import embed
 from link.errors import InputError
 from link.frames import Displayed
-from link.images import fit_picture
 from link.images.quality import psnr, ssim
 from link.layout import Layout
+from link.placement import Placement
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
-MEASURED_PAIRS = 100
-"""Number of frame pairs, from a loop's first on, of which PSNR and SSIM are taken. That takes
-longer than making a pair."""
+MEASURED_PIXELS = 100 * 512 * 384
+"""Number of pixels of the frame pairs, from a loop's first on, of which PSNR and SSIM are taken.
+That takes longer than making a pair."""
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
@@ -51,49 +52,102 @@ class Loop:
     bits: NDArray[np.uint8]
     """(frames, n_bits) bits of the message, 0 or 1, as `link.code.framing.encode` returns them."""
     pictures: Pictures
-    """Pictures that carry the message; each is cut and resized to the layout's frame."""
+    """Pictures that carry the message; each is resized for the display."""
     pyramid_level: int = 0
     """Softness of the blocks' edges, which blur over about 2**level pixels; 0 for hard edges."""
+    display_size: tuple[int, int] | None = None
+    """Width and height of the display, in pixels; None for those of the layout."""
+    fit: str = "cover"
+    """How pictures of other proportions lie on the display; a key of `link.placement.FITS`."""
     seen: list[tuple[float, float]] = field(default_factory=list)
-    """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PAIRS`."""
+    """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PIXELS`."""
     given: int = 0
     """Number of frame pairs that `pairs` has given so far."""
+    first_picture: NDArray[np.uint8] | None = None
+    """The first picture as it lies on the display, (height, width, 3) uint8, encoded RGB."""
+    shown_sum: NDArray[np.float32] | None = None
+    """(height, width, 3) sum, in gray levels, of the states that show the first picture, among the
+    frame pairs whose PSNR is taken."""
+    summed: int = 0
+    """Number of states in `shown_sum`."""
+
+    @cached_property
+    def placement(self) -> Placement:
+        """Where the pictures lie on the display, as the first of them decides.
+
+        Raises:
+            InputError: the first picture is no good, or the fit is unknown.
+        """
+        first = next(self.pictures())
+        size = self.display_size or (self.layout.width, self.layout.height)
+        return Placement(size, self.fit, (first.shape[1], first.shape[0]))
+
+    @cached_property
+    def shown_layout(self) -> Layout:
+        """The grid at the size at which it is shown, as it lies before it is turned.
+
+        Raises:
+            InputError: the first picture is no good, or too small or too large for the grid.
+        """
+        return self.placement.layout(self.layout)
 
     def pairs(self) -> Iterator[Displayed]:
-        """Give the frame pairs of one loop, one after another.
+        """Give the frame pairs of one loop, one after another, of `shown_layout`.
 
         Raises:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        self.seen, self.given = [], 0
+        self.seen, self.given, self.summed = [], 0, 0
         for number, picture in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
                     f"a loop holds at most {MAX_PAIRS} frame pairs; "
                     "give fewer pictures or a shorter video"
                 )
-            picture = fit_picture(picture, self.layout.width, self.layout.height)
+            picture = self.placement.grid_frame(picture, self.layout)
             bits = self.bits[number % len(self.bits)]
-            pair = embed(picture, bits, self.layout, self.kappa, self.pyramid_level)
-            if number < MEASURED_PAIRS:
+            pair = embed(picture, bits, self.shown_layout, self.kappa, self.pyramid_level)
+            if number * pair.original[..., 0].size < MEASURED_PIXELS:
                 likeness = psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)
                 self.seen.append(likeness)
+                self._sum_up(picture, pair)
             self.given += 1
             yield pair
 
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
 
-        Each is (height, width, 3) uint8, encoded RGB. Original and embedded frames alternate.
+        Each is (height, width, 3) uint8, encoded RGB, of the display's size. Original and embedded
+        frames alternate.
 
         Raises:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
         for pair in self.pairs():
-            yield pair.original
-            yield pair.embedded
+            yield self.placement.display_frame(pair.original, self.layout)
+            yield self.placement.display_frame(pair.embedded, self.layout)
+
+    def _sum_up(self, picture: NDArray[np.uint8], pair: Displayed) -> None:
+        """Add a frame pair to the mean over time, if it shows the loop's first picture."""
+        if self.given == 0:
+            self.first_picture, self.shown_sum = picture, np.zeros(picture.shape, np.float32)
+        assert self.first_picture is not None
+        assert self.shown_sum is not None
+        if np.array_equal(picture, self.first_picture):
+            self.shown_sum += pair.original
+            self.shown_sum += pair.embedded
+            self.summed += 2
+
+    def time_mean(self) -> NDArray[np.float32]:
+        """Average the states that show the first picture, after `pairs` were taken.
+
+        Returns:
+            (height, width, 3) gray levels of [0, 255], encoded RGB, of the size of `first_picture`.
+        """
+        assert self.shown_sum is not None
+        return self.shown_sum / np.float32(self.summed)
 
     def _pictures(self) -> Iterator[NDArray[np.uint8]]:
         """Every picture once, and then again until the message is whole."""
@@ -136,4 +190,10 @@ class Loop:
             "ssim": round(float(np.mean([similarity for _, similarity in self.seen])), 4),
             "kappa": self.kappa,
             "layout": self.layout.to_dict(),
+            "display": {
+                "width": self.placement.display_size[0],
+                "height": self.placement.display_size[1],
+                "fit": self.fit,
+                "turned": self.placement.turns(self.layout),
+            },
         }

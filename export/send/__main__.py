@@ -20,9 +20,10 @@ from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
 from link.code.framing import encode
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
-from link.layout import COLOURS, MODULATIONS, Layout, read_layout
+from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
+from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
@@ -152,6 +153,25 @@ def choose_kappa(usual: int, kappa: int | None, limit: float | None, hiding: Hid
     return hiding.largest_kappa(limit)
 
 
+def display_size(text: str) -> tuple[int, int]:
+    """Read a size such as 1920x1080, in pixels.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is no such size, or larger than any display's.
+    """
+    width, _, height = text.partition("x")
+    try:
+        size = int(width), int(height)
+    except ValueError:
+        size = 0, 0
+    if not all(1 <= side <= MAX_SIDE_PX for side in size) or size[0] * size[1] > MAX_PIXELS:
+        raise argparse.ArgumentTypeError(
+            f"need WIDTHxHEIGHT in pixels, such as 1920x1080, each up to {MAX_SIDE_PX}, with up to "
+            f"{MAX_PIXELS:,} in all, got {text:.40}"
+        )
+    return size
+
+
 def send_parser() -> argparse.ArgumentParser:
     """Make the parser of the command line."""
     parser = argparse.ArgumentParser(prog="python -m export.send", description=main.__doc__)
@@ -182,6 +202,9 @@ def send_parser() -> argparse.ArgumentParser:
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
     coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
     add("--redundancy", type=float, help=coded)
+    add("--size", type=display_size, help="of the display, as in 1920x1080 (the layout's)")
+    fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
+    add("--fit", choices=list(FITS), help=fits)
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser
@@ -190,8 +213,9 @@ def send_parser() -> argparse.ArgumentParser:
 def main() -> None:
     """Hide a message in pictures and write what a display shows: a player, a video or images.
 
-    Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, the preset, and
-    how visible the message is to the eye, as contrast over threshold (docs/visibility.md).
+    Prints one line of JSON: size and capacity of the loop, time, bit/s, PSNR, SSIM, by how much the
+    picture's mean over time changed (CIEDE2000), the preset, and how visible the message is to the
+    eye, as contrast over threshold (docs/visibility.md).
     """
     args = read_flags(send_parser().parse_args)
     kind = output_kind(args.out)
@@ -203,20 +227,18 @@ def main() -> None:
     if not 0 <= args.scale <= MAX_SCALE:
         raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
-    hiding = Hiding(layout, state_hz, onlooker)
-    kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
-    loop = Loop(
-        layout,
-        kappa,
-        encode(protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy),
-        pictures,
-        args.pyramid_level,
+    bits = encode(
+        protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy
     )
+    fit = args.fit or ("cover" if args.size is None else "contain")
+    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit)
+    hiding = Hiding(loop.shown_layout, state_hz, onlooker)
+    loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     more = {
         "preset": args.preset,
-        "visibility_block": round(hiding.seen(kappa), 3),
-        "visibility_screen": round(hiding.seen(kappa, "screen"), 3),
+        "visibility_block": round(hiding.seen(loop.kappa), 3),
+        "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
     report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
     print(json.dumps({"out": str(args.out), **report}))

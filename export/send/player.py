@@ -57,28 +57,30 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
     """
-    rule = Compact(loop.layout, loop.kappa, loop.pyramid_level)
+    layout = loop.shown_layout
+    rule = Compact(layout, loop.kappa, loop.pyramid_level)
     pictures, changes = _Texts(_png), _Texts(_png if rule.soft else _bits)
     order = []
     for pair in loop.pairs():
         picture, cells = rule.picture(pair), rule.cells(pair)
         order.append([pictures.number(picture), changes.number(cells)])
-        pixels = loop.layout.width * loop.layout.height
+        pixels = layout.width * layout.height
         if 4 * len(pictures.texts) * pixels + len(changes.texts) * cells.size > MAX_DECODED_BYTES:
             raise InputError(
                 f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
-                "write a video, or use fewer pictures or a smaller width and height"
+                "write a video, or use fewer pictures or a smaller size"
             )
     page = {
-        "width": loop.layout.width,
-        "height": loop.layout.height,
-        "rows": loop.layout.rows,
-        "cols": loop.layout.cols,
+        "width": layout.width,
+        "height": layout.height,
+        "turned": loop.placement.turns(loop.layout),
+        "rows": layout.rows,
+        "cols": layout.cols,
         "stateHz": state_hz,
         "scale": scale,
         "soft": rule.soft,
         "offsets": rule.offsets.reshape(2, -1, 3).tolist(),
-        "patches": _png(rule.patches) if loop.layout.ratex else None,
+        "patches": _png(rule.patches) if layout.ratex else None,
         "pairs": order,
         "changes": changes.texts,
         "pictures": pictures.texts,

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from export.send.likeness import colour_difference
 from export.send.player import write_player
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
@@ -102,7 +103,8 @@ def write_loop(
         more: values of JSON's types that are reported beside the loop's own.
 
     Returns:
-        `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM; and ``more``.
+        `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM; how much the picture
+        changed, as CIEDE2000; and ``more``.
 
     Raises:
         InputError: a picture or the output is no good, or something but an empty folder is there
@@ -119,6 +121,13 @@ def write_loop(
         else:
             with unfinished(out) as folder:
                 write_states(folder, loop.states())
-                report = {**loop.report(message_bytes, state_hz), **more}
+                report = {**loop.report(message_bytes, state_hz), **changed(loop), **more}
                 write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
-    return {**loop.report(message_bytes, state_hz), **more}
+    return {**loop.report(message_bytes, state_hz), **changed(loop), **more}
+
+
+def changed(loop: Loop) -> dict[str, float]:
+    """Say by how much the picture changed, as `export.send.likeness.colour_difference`."""
+    assert loop.first_picture is not None
+    mean, high = colour_difference(loop.time_mean(), loop.first_picture)
+    return {"delta_e_mean": round(mean, 2), "delta_e_95": round(high, 2)}

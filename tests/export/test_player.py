@@ -118,6 +118,24 @@ def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
     assert seen == wanted
 
 
+def test_an_upright_picture_is_shown_upright(open_window: OpenWindow, tmp_path: Path) -> None:
+    """The grid lies on its side beneath it; every pixel is where the states have it."""
+    layout = make_layout(5, 6, 120, 80, 2)
+    picture = np.random.default_rng(0).integers(0, 256, (120, 80, 3), dtype=np.uint8)
+    bits = framing.encode(MESSAGE, layout.n_bits)
+    loop = Loop(layout, 5, bits, lambda: iter([picture]), 0, (80, 120), "contain")
+    write_player(tmp_path / "player.html", loop, 15)
+    page = open_window(200, 300, 1.25)
+    start(page, tmp_path / "player.html")
+    scale = page.evaluate("player.scale")
+    wanted = [np.kron(state, np.ones((scale, scale, 1), np.uint8)) for state in loop.states()]
+    page.evaluate("player.pause()")
+    for number in (0, 1, len(wanted) - 1):
+        page.evaluate(f"player.show({number}), document.body.classList.add('clear')")
+        shown = cut_out(page, layout.resized(80, 120), screenshot(page))
+        np.testing.assert_array_equal(shown, wanted[number])
+
+
 CANVAS = """() => {
     const { data } = context.getImageData(0, 0, loop.width, loop.height);
     let text = "";

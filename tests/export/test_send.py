@@ -302,6 +302,50 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None
     assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
 
 
+@pytest.mark.parametrize(
+    ("words", "display"),
+    [
+        ((), (120, 80, "cover", False)),
+        (("--fit", "stretch"), (120, 80, "stretch", False)),
+        (("--size", "300x160"), (300, 160, "contain", False)),
+        (("--size", "160x300", "--fit", "cover"), (160, 300, "cover", True)),
+    ],
+    ids=["usual", "fit", "size", "upright"],
+)
+def test_a_display_has_its_own_size(
+    words: tuple[str, ...], display: tuple[int, int, str, bool], tmp_path: Path, send: Send
+) -> None:
+    said = send(tmp_path / "sent", *FLAGS, *words)
+    assert tuple(said["display"].values()) == display
+    assert said["layout"] == LAYOUT.to_dict()
+    states = folder_states(tmp_path / "sent")
+    assert {state.shape for state in states} == {(display[1], display[0], 3)}
+    turned = LAYOUT.resized(*sorted(display[:2], reverse=True))
+    if display[2] != "contain":  # black lies beside no picture
+        lying = [np.rot90(state, -1) if display[3] else state for state in states]
+        assert [read_bits(pair, turned) for pair in pairs_of(lying)] == SENT.tolist()
+
+
+@pytest.mark.parametrize("size", ["1920", "0x5", "9000x10", "8000x8000", "axb"])
+def test_a_size_that_no_display_has_is_refused(
+    size: str, inputs: Path, tmp_path: Path, command: Command
+) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, "--out", tmp_path / "sent")
+    done = command(send_cli.main, *words, "--size", size)
+    assert done.status != 0
+    assert "--size: need WIDTHxHEIGHT in pixels" in done.stderr
+    assert not (tmp_path / "sent").exists()
+
+
+def test_what_the_picture_changes_by_is_reported(tmp_path: Path, send: Send) -> None:
+    """Over the whole range of grays, room for kappa lifts blacks; patches replace the picture."""
+    patched = send(tmp_path / "a", *FLAGS)
+    pilots = ("--ratex", 0, "--pilots", "0.2", "--modulation", "antipodal", "--kappa", 1)
+    kept = send(tmp_path / "b", *FLAGS[:-2], *pilots)
+    assert 0 < kept["delta_e_mean"] < patched["delta_e_mean"]
+    assert kept["delta_e_mean"] < kept["delta_e_95"] < patched["delta_e_95"]
+
+
 @pytest.mark.parametrize("pictures", ["many", slow("clip.avi")])
 def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     pictures: str, inputs: Path, tmp_path: Path, command: Command
@@ -390,7 +434,7 @@ def test_any_layout_survives_folder_and_player(
 def test_likeness_is_taken_of_the_first_pairs_and_all_are_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(loop_module, "MEASURED_PAIRS", 2)
+    monkeypatch.setattr(loop_module, "MEASURED_PIXELS", 2 * 128 * 128)
     layout = make_layout(8, 8, 128, 128)
     bits = framing.encode(b"counted", layout.n_bits)
     loop = Loop(layout, 3, bits, lambda: iter([noise(128, 128)]))
