@@ -62,7 +62,7 @@ class Loop:
     seen: list[tuple[float, float]] = field(default_factory=list)
     """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PIXELS`."""
     given: int = 0
-    """Number of frame pairs that `pairs` has given so far."""
+    """Number of frame pairs that `carriers` has given so far."""
     first_picture: NDArray[np.uint8] | None = None
     """The first picture as it lies on the display, (height, width, 3) uint8, encoded RGB."""
     shown_sum: NDArray[np.float32] | None = None
@@ -91,6 +91,29 @@ class Loop:
         """
         return self.placement.layout(self.layout)
 
+    def carriers(self) -> Iterator["Carrier"]:
+        """Give what each frame pair of one loop is made of, one after another.
+
+        Raises:
+            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
+                pyramid level do not fit the layout.
+        """
+        self.seen, self.given, self.summed = [], 0, 0
+        last, laid = None, None
+        for number, picture in enumerate(self._pictures()):
+            if number == MAX_PAIRS:
+                raise InputError(
+                    f"a loop holds at most {MAX_PAIRS} frame pairs; "
+                    "give fewer pictures or a shorter video"
+                )
+            if laid is None or picture is not last:
+                last, laid = picture, self.placement.grid_frame(picture, self.layout)
+            carrier = Carrier(laid, self.bits[number % len(self.bits)], self)
+            if number * laid[..., 0].size < MEASURED_PIXELS:
+                self._measure(carrier)
+            self.given += 1
+            yield carrier
+
     def pairs(self) -> Iterator[Displayed]:
         """Give the frame pairs of one loop, one after another, of `shown_layout`.
 
@@ -98,22 +121,8 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        self.seen, self.given, self.summed = [], 0, 0
-        for number, picture in enumerate(self._pictures()):
-            if number == MAX_PAIRS:
-                raise InputError(
-                    f"a loop holds at most {MAX_PAIRS} frame pairs; "
-                    "give fewer pictures or a shorter video"
-                )
-            picture = self.placement.grid_frame(picture, self.layout)
-            bits = self.bits[number % len(self.bits)]
-            pair = embed(picture, bits, self.shown_layout, self.kappa, self.pyramid_level)
-            if number * pair.original[..., 0].size < MEASURED_PIXELS:
-                likeness = psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)
-                self.seen.append(likeness)
-                self._sum_up(picture, pair)
-            self.given += 1
-            yield pair
+        for carrier in self.carriers():
+            yield carrier.pair
 
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
@@ -129,13 +138,19 @@ class Loop:
             yield self.placement.display_frame(pair.original, self.layout)
             yield self.placement.display_frame(pair.embedded, self.layout)
 
-    def _sum_up(self, picture: NDArray[np.uint8], pair: Displayed) -> None:
-        """Add a frame pair to the mean over time, if it shows the loop's first picture."""
+    def _measure(self, carrier: "Carrier") -> None:
+        """Take PSNR and SSIM of a frame pair, and add it to the mean over time.
+
+        Only pairs that show the loop's first picture count for that mean.
+        """
+        pair = carrier.pair
+        self.seen.append((psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)))
         if self.given == 0:
-            self.first_picture, self.shown_sum = picture, np.zeros(picture.shape, np.float32)
+            self.first_picture = carrier.picture
+            self.shown_sum = np.zeros(carrier.picture.shape, np.float32)
         assert self.first_picture is not None
         assert self.shown_sum is not None
-        if np.array_equal(picture, self.first_picture):
+        if np.array_equal(carrier.picture, self.first_picture):
             self.shown_sum += pair.original
             self.shown_sum += pair.embedded
             self.summed += 2
@@ -197,3 +212,29 @@ class Loop:
                 "turned": self.placement.turns(self.layout),
             },
         }
+
+
+@dataclass(frozen=True, eq=False)
+class Carrier:
+    """What a frame pair is made of. The pair itself is made when it is first asked for, and once.
+
+    A player needs no more than picture and bits, and so spares the time for pairs.
+    """
+
+    picture: NDArray[np.uint8]
+    """(height, width, 3) uint8, encoded RGB, as it lies on the display, of the loop's shown layout.
+    """
+    bits: NDArray[np.uint8]
+    """(n_bits,) bits, 0 or 1, that it carries."""
+    loop: Loop
+    """The loop to which it belongs."""
+
+    @cached_property
+    def pair(self) -> Displayed:
+        """Both frames as the display shows them, before they are turned.
+
+        Raises:
+            InputError: kappa, the bits or the pyramid level do not fit the layout.
+        """
+        loop = self.loop
+        return embed(self.picture, self.bits, loop.shown_layout, loop.kappa, loop.pyramid_level)

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from link.embed import BEFORE, THRESHOLDS, message_mask, split_change
-from link.frames import Displayed
+from link.embed import BEFORE, THRESHOLDS, message_mask, split_change, with_head_room
 from link.layout import Layout, block_index
 from link.ratex import draw_patches
+from link.types import Image
 
 TILE = len(THRESHOLDS)
 """Number of pixels, along either axis, after which the dither repeats."""
@@ -32,9 +32,9 @@ class Compact:
     >>> from link.embed import embed
     >>> from link.layout import make_layout
     >>> layout = make_layout(4, 4, 64, 48, modulation="antipodal", ratex=2)
-    >>> pair = embed(np.full((48, 64), 128, np.uint8), [0, 1] * 7, layout, kappa=3)
-    >>> rule = Compact(layout, kappa=3)
-    >>> original, embedded = rule.states(rule.picture(pair), rule.cells(pair))
+    >>> picture, bits = np.full((48, 64), 128, np.uint8), [0, 1] * 7
+    >>> pair, rule = embed(picture, bits, layout, kappa=3), Compact(layout, kappa=3)
+    >>> original, embedded = rule.states(rule.picture(picture), rule.cells(bits))
     >>> bool((original == pair.original).all() and (embedded == pair.embedded).all())
     True
     """
@@ -91,33 +91,35 @@ class Compact:
             numbers[box] = still + (shown[1][box] - shown[0][box]) // self.kappa
         return numbers
 
-    def cells(self, pair: Displayed) -> NDArray[np.uint8]:
+    def cells(self, bits: ArrayLike) -> NDArray[np.uint8]:
         """Number the changes of a frame pair's cells.
 
         Args:
-            pair: frame pair of this layout, kappa and softness.
+            bits: (n_bits,) 0 or 1 that the pair carries.
 
         Returns:
             (rows, cols) 0 or 1 where edges are hard, (height, width) where they are soft.
         """
-        mask = message_mask(pair.bits, self.layout, self.pyramid_level)
+        mask = message_mask(bits, self.layout, self.pyramid_level)
         if self.soft:
             return np.asarray((self.kappa * mask).round() - self.changes[0], np.uint8)
         top = [self.layout.cell_box(row, 0)[0] for row in range(self.layout.rows)]
         left = [self.layout.cell_box(0, col)[2] for col in range(self.layout.cols)]
         return np.asarray(mask[np.ix_(top, left)] > 0, np.uint8)
 
-    def picture(self, pair: Displayed) -> NDArray[np.uint8]:
-        """Find the picture to which a frame pair's offsets are added; patches are the original's.
+    def picture(self, picture: Image) -> Image:
+        """Prepare a picture, to which the offsets are added: with room for them, and with patches.
 
         Args:
-            pair: frame pair of this layout, kappa and softness.
+            picture: an `Image` of the layout's size.
 
         Returns:
-            uint8 of the shape of the pair's frames.
+            an `Image` of the same shape.
         """
-        offsets = self._pixel_offsets(0, self.cells(pair), pair.original.ndim)
-        return np.asarray(pair.original - offsets, np.uint8)
+        layout = self.layout
+        shown = with_head_room(picture, self.kappa, layout.modulation, layout.colour)
+        draw_patches(shown, layout, self.kappa, embedded=False)
+        return shown
 
     def states(
         self, picture: NDArray[np.uint8], cells: NDArray[np.uint8]

@@ -49,7 +49,7 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
 
     Args:
         path: the .html file.
-        loop: what to show; all its frame pairs are taken.
+        loop: what to show; all its carriers are taken.
         state_hz: states a second. The page holds each state for as many whole refreshes of the
             display that it meets as come closest, at least one, and says so if the rate is another.
         scale: display pixels for each picture pixel and axis; 0 for the largest that fits.
@@ -60,10 +60,14 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa, loop.pyramid_level)
     pictures, changes = _Texts(_png), _Texts(_png if rule.soft else _bits)
-    order = []
-    for pair in loop.pairs():
-        picture, cells = rule.picture(pair), rule.cells(pair)
-        order.append([pictures.number(picture), changes.number(cells)])
+    order: list[tuple[int, int]] = []
+    last = None
+    for carrier in loop.carriers():
+        cells = rule.cells(carrier.bits)
+        same = carrier.picture is last
+        picture = order[-1][0] if same else pictures.number(rule.picture(carrier.picture))
+        order.append((picture, changes.number(cells)))
+        last = carrier.picture
         pixels = layout.width * layout.height
         if 4 * len(pictures.texts) * pixels + len(changes.texts) * cells.size > MAX_DECODED_BYTES:
             raise InputError(
