@@ -21,8 +21,8 @@ from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.embed import embed
-from link.equalise import equalise
 from link.frames import Captured, Displayed, Rectified
+from link.images.equalise import equalise
 from link.layout import Layout
 
 

@@ -15,6 +15,7 @@ from link.frames import Displayed
 from link.images.quality import psnr, ssim
 from link.layout import Layout
 from link.placement import Placement
+from link.strength import block_steps
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
@@ -59,6 +60,9 @@ class Loop:
     """Width and height of the display, in pixels; None for those of the layout."""
     fit: str = "cover"
     """How pictures of other proportions lie on the display; a key of `link.placement.FITS`."""
+    even: bool = False
+    """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
+    kappa is the least."""
     seen: list[tuple[float, float]] = field(default_factory=list)
     """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PIXELS`."""
     given: int = 0
@@ -99,7 +103,7 @@ class Loop:
                 pyramid level do not fit the layout.
         """
         self.seen, self.given, self.summed = [], 0, 0
-        last, laid = None, None
+        last, laid, steps = None, None, None
         for number, picture in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
@@ -108,7 +112,9 @@ class Loop:
                 )
             if laid is None or picture is not last:
                 last, laid = picture, self.placement.grid_frame(picture, self.layout)
-            carrier = Carrier(laid, self.bits[number % len(self.bits)], self)
+                steps = block_steps(laid, self.shown_layout) if self.even else None
+            bits = self.bits[number % len(self.bits)]
+            carrier = Carrier(laid, bits, steps, bool(number % 2), self)
             if number * laid[..., 0].size < MEASURED_PIXELS:
                 self._measure(carrier)
             self.given += 1
@@ -226,6 +232,10 @@ class Carrier:
     """
     bits: NDArray[np.uint8]
     """(n_bits,) bits, 0 or 1, that it carries."""
+    steps: NDArray[np.uint8] | None
+    """(rows, cols) steps of strength of the blocks; None where all change by kappa."""
+    turned: bool
+    """Whether the dither is turned, as in every second frame pair of a loop."""
     loop: Loop
     """The loop to which it belongs."""
 
@@ -237,4 +247,12 @@ class Carrier:
             InputError: kappa, the bits or the pyramid level do not fit the layout.
         """
         loop = self.loop
-        return embed(self.picture, self.bits, loop.shown_layout, loop.kappa, loop.pyramid_level)
+        return embed(
+            self.picture,
+            self.bits,
+            loop.shown_layout,
+            loop.kappa,
+            loop.pyramid_level,
+            steps=self.steps,
+            turned=self.turned,
+        )

@@ -185,6 +185,8 @@ def send_parser() -> argparse.ArgumentParser:
     preset = f"settings that the other flags change ({DEFAULT_PRESET})"
     add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
     add("--kappa", type=int, help="gray levels added for a 1, instead of the preset's")
+    evened = "stronger where the picture hides more (as the preset)"
+    add("--even", action=argparse.BooleanOptionalAction, help=evened)
     add("--visibility", type=float, help="take the largest kappa that is seen less than this")
     add("--diagonal", type=float, default=usual.diagonal, help="of the shown picture, inches (24)")
     add("--luminance", type=float, default=usual.luminance, help="of white, cd/m2 (200)")
@@ -232,8 +234,10 @@ def main() -> None:
         protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy
     )
     fit = args.fit or ("cover" if args.size is None else "contain")
-    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit)
-    hiding = Hiding(loop.shown_layout, state_hz, onlooker)
+    even = preset.even if args.even is None else args.even
+    even = even and layout.modulation == "antipodal" and not args.pyramid_level
+    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even)
+    hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     more = {
         "preset": args.preset,
