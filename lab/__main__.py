@@ -27,6 +27,7 @@ STUDIES = {
     "prediction": ("lab.simulation.prediction", "what the simulation predicts of the paper"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
     "repeats": ("lab.comparison.repeats", "what several captures of a static frame pair bring"),
+    "sizes": ("lab.films.sizes", "whether displays of any size and proportions are read"),
     "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""

@@ -1,8 +1,8 @@
 """The loop that a display shows: a message and pictures become frame pairs, one at a time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -141,8 +141,13 @@ class Loop:
                 pyramid level do not fit the layout.
         """
         for pair in self.pairs():
-            yield self.placement.display_frame(pair.original, self.layout)
-            yield self.placement.display_frame(pair.embedded, self.layout)
+            yield from self.display_frames(pair)
+
+    def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
+        frames = pair.original, pair.embedded
+        original, embedded = (self.placement.display_frame(each, self.layout) for each in frames)
+        return original, embedded
 
     def _measure(self, carrier: "Carrier") -> None:
         """Take PSNR and SSIM of a frame pair, and add it to the mean over time.
@@ -220,9 +225,36 @@ class Loop:
         }
 
 
+class LoopStates:
+    """States of a loop by their number, in the order of `Loop.states`.
+
+    A state is made when it is asked for, because those of a long loop would fill the memory.
+
+    >>> gray = np.full((48, 64, 3), 128, np.uint8)
+    >>> loop = Loop(Layout(4, 4, 64, 48), 3, np.ones((2, 16), np.uint8), lambda: iter([gray]))
+    >>> states = LoopStates(loop)
+    >>> len(states), int(states[2].max()), int(states[3].max())
+    (4, 129, 132)
+
+    Raises:
+        InputError: as `Loop.carriers` does.
+    """
+
+    def __init__(self, loop: Loop) -> None:
+        carriers = [replace(carrier) for carrier in loop.carriers()]  # without pairs that are made
+        self._count = 2 * len(carriers)
+        self._frames = lru_cache(2)(lambda k: loop.display_frames(carriers[k].displayed()))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number: int) -> NDArray[np.uint8]:
+        return self._frames(number // 2)[number % 2]
+
+
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """What a frame pair is made of. The pair itself is made when it is first asked for, and once.
+    """What a frame pair is made of.
 
     A player needs no more than picture and bits, and so spares the time for pairs.
     """
@@ -241,7 +273,11 @@ class Carrier:
 
     @cached_property
     def pair(self) -> Displayed:
-        """Both frames as the display shows them, before they are turned.
+        """What `displayed` makes, made once."""
+        return self.displayed()
+
+    def displayed(self) -> Displayed:
+        """Make both frames as the display shows them, before they are turned.
 
         Raises:
             InputError: kappa, the bits or the pyramid level do not fit the layout.
