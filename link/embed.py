@@ -267,7 +267,10 @@ def embed(
     if picture.ndim == 3:
         change = change[:, :, None] * ((1.0,) if layout.colour == "gray" else layout.direction)
     below, above = split_change(change, BEFORE[layout.modulation], turned)
-    original, embedded = ((shown + part).astype(np.uint8) for part in (-below, above))
+    original, embedded = (
+        np.add(shown, part, dtype=np.int16, casting="unsafe").astype(np.uint8)
+        for part in (-below, above)
+    )
     toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa, "ratex_kappa")
     draw_patches(original, layout, toggle, embedded=False)
     draw_patches(embedded, layout, toggle, embedded=True)
