@@ -26,6 +26,34 @@ FITS = {
 """By the name of a way to lay a picture on a display, what is seen of both."""
 
 
+USUAL_DISPLAY = (1920, 1080)
+"""Width and height, in pixels, of the display for which pictures are made where none is named; an
+upright picture takes it upright."""
+MAX_ASPECT = 3.0
+"""Largest ratio of the longer side of a shown picture to the shorter one."""
+
+
+def usual_size(given_size: tuple[int, int], layout: Layout) -> tuple[int, int]:
+    """Choose the size of a picture for a display that is not known: its own pixels, if they fit.
+
+    Sides are even numbers, as video files need them. A picture that is larger than `USUAL_DISPLAY` is shrunk to fit, and one with a side shorter than
+    the layout's is enlarged.
+
+    Args:
+        given_size: width and height of the picture, in pixels.
+        layout: grid whose width and height are the size at which receivers work.
+
+    >>> from link.layout import make_layout
+    >>> [usual_size(size, make_layout()) for size in ((4000, 3000), (800, 600), (90, 120))]
+    [(1440, 1080), (800, 600), (384, 512)]
+    """
+    short, long = sorted(given_size)
+    least = max(max(layout.width, layout.height) / long, min(layout.width, layout.height) / short)
+    scale = max(least, min(1.0, USUAL_DISPLAY[0] / long, USUAL_DISPLAY[1] / short))
+    width, height = (2 * round(scale * side / 2) for side in given_size)
+    return width, height
+
+
 @dataclass(frozen=True)
 class Placement:
     """Where pictures lie on a display.
@@ -39,7 +67,7 @@ class Placement:
     (1440, 1080)
 
     Raises:
-        InputError: ``fit`` is unknown.
+        InputError: ``fit`` is unknown, or the picture would be longer than `MAX_ASPECT` allows.
     """
 
     display_size: tuple[int, int]
@@ -51,6 +79,12 @@ class Placement:
 
     def __post_init__(self) -> None:
         choose(FITS, self.fit, "fit")
+        width, height = self.picture_size
+        if max(width, height) > MAX_ASPECT * min(width, height) + 1:
+            raise InputError(
+                f"a shown picture of {width}x{height} is longer than {MAX_ASPECT:g}:1; crop it, or "
+                "choose fit cover and another size"
+            )
 
     @property
     def picture_size(self) -> tuple[int, int]:

@@ -23,7 +23,7 @@ from link.errors import InputError, ParameterError, at_least
 from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
-from link.placement import FITS
+from link.placement import FITS, usual_size
 from link.presets import DEFAULT_PRESET, PRESETS, Preset
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
@@ -204,7 +204,8 @@ def send_parser() -> argparse.ArgumentParser:
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
     coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
     add("--redundancy", type=float, help=coded)
-    add("--size", type=display_size, help="of the display, as in 1920x1080 (the layout's)")
+    sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
+    add("--size", type=display_size, help=sizes)
     fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
     add("--fit", choices=list(FITS), help=fits)
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
@@ -234,9 +235,11 @@ def main() -> None:
         protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy
     )
     fit = args.fit or ("cover" if args.size is None else "contain")
+    first = next(pictures())
+    size = args.size or usual_size((first.shape[1], first.shape[0]), layout)
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal" and not args.pyramid_level
-    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even)
+    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, size, fit, even)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     more = {

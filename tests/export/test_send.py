@@ -288,12 +288,13 @@ def test_a_preset_says_all_and_no_flag_is_needed(
 
 def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None:
     words = ("--preset", "hidden", "--width", 256, "--height", 192)
+    words += ("--size", "256x192", "--fit", "stretch")
     more = ("--rows", 24, "--cols", 32, "--kappa", 2, "--hold", 2, "--distance", 0.6)
     said = send(tmp_path / "a", *words, *more)
     layout = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
     assert said["layout"] == layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (2, 30)
-    seen = Hiding(layout, 30, Onlooker(distance=0.6)).seen(2)
+    seen = Hiding(layout, 30, Onlooker(distance=0.6), even=True).seen(2)
     assert said["visibility_block"] == round(seen, 3)
     patches = ("--ratex", 2, "--modulation", "on_off", "--refresh", 50)
     said = send(tmp_path / "b.html", *words, *patches)
@@ -466,7 +467,8 @@ def test_fit_cuts_evenly_and_does_not_stretch() -> None:
 # Visibility
 
 SHOWN = ("--preset", "paper", "--rows", 12, "--cols", 16, "--width", 256, "--height", 192,
-         "--modulation", "antipodal", "--pilots", "auto", "--hold", 1)  # fmt: skip
+         "--modulation", "antipodal", "--pilots", "auto", "--hold", 1,
+         "--size", "256x192", "--fit", "cover")  # fmt: skip
 
 
 def test_the_sender_says_how_visible_the_message_is(tmp_path: Path, send: Send) -> None:
