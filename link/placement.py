@@ -36,8 +36,8 @@ MAX_ASPECT = 3.0
 def usual_size(given_size: tuple[int, int], layout: Layout) -> tuple[int, int]:
     """Choose the size of a picture for a display that is not known: its own pixels, if they fit.
 
-    Sides are even numbers, as video files need them. A picture that is larger than `USUAL_DISPLAY` is shrunk to fit, and one with a side shorter than
-    the layout's is enlarged.
+    A picture that is larger than `USUAL_DISPLAY` is shrunk to fit, and one with a side shorter than
+    the layout's is enlarged. Sides are even numbers, as video files need them.
 
     Args:
         given_size: width and height of the picture, in pixels.
