@@ -228,9 +228,8 @@ def main() -> None:
         raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
-    bits = encode(
-        protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy
-    )
+    protected = protected_message(message, args.key, args.counter)
+    bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker)

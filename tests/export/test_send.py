@@ -213,7 +213,7 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
 ) -> None:
     send(tmp_path / "sent", *FLAGS, "--key", inputs / "key", "--counter", 5)
     signed = sign(MESSAGE.encode(), bytes(range(32)), 5)
-    bits = framing.encode(signed, LAYOUT.n_bits)
+    bits = framing.encode(signed, LAYOUT.n_bits, signed=True)
     shown = pairs_of(folder_states(tmp_path / "sent"))
     assert [read_bits(pair, LAYOUT) for pair in shown] == bits.tolist()
     before = int(time.time())
@@ -221,8 +221,8 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
     shown = pairs_of(folder_states(tmp_path / "timed"))
     scores = np.array([read_bits(pair, LAYOUT) for pair in shown]) * 16.0 - 8
     received = framing.decode(scores)
-    assert received is not None
-    found = verify(received, bytes(range(32)))
+    assert received is not None and received.signed
+    found = verify(received.data, bytes(range(32)))
     assert found is not None
     assert before <= found.stamp <= time.time()
 
