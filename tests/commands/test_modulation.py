@@ -25,7 +25,6 @@ from link.embed import embed
 from link.errors import InputError
 from link.images import write_image
 from link.layout import Layout, make_layout
-from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS
 from models.neural.decoder import PhiDecoder
 from reports.engine.digest import file_digest
