@@ -75,6 +75,10 @@ class SourceFlags(LayoutFlags):
     """Folder with your own pictures, in place of the built-in ones."""
     without: tuple[str, ...] = ()
     """Effects of the channel to switch off, such as drift or moire (data_gen/effects.py)."""
+    display_size: tuple[int, int] | None = None
+    """Width and height of the display, pixels, which pictures fill; by default the layout's."""
+    even: bool = False
+    """Whether blocks change more where the picture hides more; kappa is then the least change."""
     set: tuple[str, ...] = ()
     """Parameters of the channel to set, such as drift=0.1 jpeg_quality=70
     (data_gen/parameters.py)."""
@@ -97,6 +101,8 @@ class SourceFlags(LayoutFlags):
             pictures=self.pictures,
             without=self.without,
             parameters=parse_settings(self.set),
+            display_size=self.display_size,
+            even=self.even,
         )
 
 

@@ -21,9 +21,11 @@ from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.embed import embed
-from link.equalise import equalise
 from link.frames import Captured, Displayed, Rectified
+from link.images.equalise import equalise
 from link.layout import Layout
+from link.placement import Placement
+from link.strength import block_steps
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,30 @@ class Source:
     """Names of the effects in `effects.EFFECTS` that are switched off."""
     parameters: tuple[tuple[str, Any], ...] = ()
     """Names of parameters of the channel, and the values to which they are set."""
+    display_size: tuple[int, int] | None = None
+    """Width and height of the display, in pixels, which pictures fill; None for the layout's."""
+    even: bool = False
+    """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
+    kappa is the least."""
+
+    @property
+    def shown_size(self) -> tuple[int, int]:
+        """Width and height at which pictures are shown, in pixels."""
+        return self.display_size or (self.layout.width, self.layout.height)
+
+    @property
+    def placement(self) -> Placement:
+        """How pictures lie on the display."""
+        return Placement(self.shown_size, "cover", self.shown_size)
+
+    @property
+    def display_layout(self) -> Layout:
+        """A layout of the display's size, by which the channel knows where the picture lies.
+
+        Raises:
+            InputError: the display is too small for the grid's blocks, or too large.
+        """
+        return self.layout.resized(*self.shown_size)
 
     def pair(self, name: str) -> Pair:
         """Return the camera-display pair with this source's effects and parameters.
@@ -73,7 +99,7 @@ class Source:
 
 def shuffled_pictures(source: Source) -> Sequence[Picture]:
     """Return the source's pictures; photographs and drawings are mixed in every prefix."""
-    return _shuffled(source.split, source.pictures, source.layout.width, source.layout.height)
+    return _shuffled(source.split, source.pictures, *source.shown_size)
 
 
 @lru_cache(maxsize=4)
@@ -129,19 +155,23 @@ class FramePair:
 
     @cached_property
     def displayed(self) -> Displayed:
-        """Both frames as the display shows them."""
+        """Both frames as the display shows them; where it is upright, they lie as the grid does."""
         drawn = self._generators()[0].integers(0, 2, self.layout.n_bits)
         return self.displayed_with(drawn if self.message is None else np.array(self.message))
 
     def displayed_with(self, bits: NDArray[np.intp]) -> Displayed:
         """Return both frames with other bits, (n_bits,) 0 or 1, in place of the pair's own."""
+        source, placement = self.source, self.source.placement
+        picture = placement.grid_frame(self.picture.rgb, self.layout)
+        layout = placement.layout(self.layout)
         return embed(
-            equalise(self.picture.rgb) if self.equalised else self.picture.rgb,
+            equalise(picture) if self.equalised else picture,
             bits,
-            self.layout,
+            layout,
             self.cell.kappa,
-            self.source.pyramid_level,
-            self.source.ratex_kappa,
+            source.pyramid_level,
+            source.ratex_kappa,
+            steps=block_steps(picture, layout) if source.even else None,
         )
 
     @property
@@ -151,10 +181,15 @@ class FramePair:
 
     @cached_property
     def captured(self) -> Captured:
-        """Both frames as the camera stores them, with the display's corners and the true bits."""
-        shots, rng = self._channel
-        captured = capture_through(shots, self.displayed, self.cell.view_deg, rng)
-        source = self.source
+        """Both frames as the camera stores them, with the grid's corners and the true bits."""
+        (shots, rng), source, shown = self._channel, self.source, self.displayed
+        original, embedded = (
+            source.placement.display_frame(frame, self.layout)
+            for frame in (shown.original, shown.embedded)
+        )
+        shown = replace(shown, original=original, embedded=embedded, layout=self._display_layout)
+        captured = capture_through(shots, shown, self.cell.view_deg, rng)
+        corners = source.placement.grid_corners(captured.corners, self.layout)
         meta = {
             "picture": self.picture.name,
             "seed": source.seed,
@@ -164,7 +199,13 @@ class FramePair:
             **({"without": list(source.without)} if source.without else {}),
             **({"parameters": dict(source.parameters)} if source.parameters else {}),
         }
-        return replace(captured, meta={**captured.meta, **meta})
+        return replace(
+            captured,
+            layout=self.layout,
+            corners=corners,
+            corners_embedded=corners,
+            meta={**captured.meta, **meta},
+        )
 
     @cached_property
     def rectified(self) -> Rectified:
@@ -180,7 +221,11 @@ class FramePair:
         """The shots, and the generator that drew them, which ``captured`` alone goes on to use."""
         rng = self.channel_rng()
         pair = self.source.pair(self.cell.pair)
-        return draw_shots(self.layout, pair, self.cell.view_deg, rng), rng
+        return draw_shots(self._display_layout, pair, self.cell.view_deg, rng), rng
+
+    @property
+    def _display_layout(self) -> Layout:
+        return replace(self.source.display_layout, ratex=self.layout.ratex)
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
         """Return new generators of the message and of the channel."""

@@ -24,7 +24,7 @@ from data_gen.channel.composition import Shot
 from data_gen.channel.display import Light
 from data_gen.frame_pair import FramePair
 from link.frames import SoftBits
-from link.layout import Layout, block_index
+from link.layout import Layout, block_grid
 from link.types import Homography
 
 DRAWS = 32
@@ -125,8 +125,8 @@ def captured_blocks(
     Returns:
         (H, W) int16: row-major number of the block, -1 beside the picture.
     """
-    rows = block_index(layout.height, layout.rows)[:, None]
-    numbers = rows * layout.cols + block_index(layout.width, layout.cols)
+    rows, cols = block_grid(layout)
+    numbers = rows * layout.cols + cols
     return np.asarray(
         cv2.warpPerspective(
             numbers.astype(np.int16),

@@ -27,12 +27,12 @@ from data_gen.flags import CellFlags
 from data_gen.frame_pair import shuffled_pictures
 from link.cli import read_flags, run_cli
 from link.code.framing import encode
-from link.errors import ParameterError, at_least, choose
+from link.errors import ParameterError, choose
 from link.files.lock import locked
 from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.images.video import write_video
-from link.loop import Loop
+from link.loop import MAX_PAIRS, Loop, LoopStates
 from link.presets import PRESETS
 
 TRUTH = "truth.jsonl"
@@ -44,8 +44,6 @@ FILMED_PRESET = "paper"
 FILMED = VideoSettings(scene=replace(VideoSettings().scene, coverage=0.35), seconds=10.0)
 """Stream where flags are absent. The display covers a third of the image, as where somebody wants
 its message; so large, the receiver reads every preset at 0°, even below a mostly black picture."""
-MAX_SHOWN_BYTES = 2**30
-"""Largest memory, in bytes, for all states that the display shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +92,7 @@ class FilmConfig(CellFlags):
             pilots="auto" if layout.pilots else "0",
             colour=layout.colour,
             kappa=preset.kappa,
+            even=preset.even,
             stream=replace(FILMED, fps=2 * state_hz, state_hz=state_hz),
         )
 
@@ -125,28 +124,25 @@ def main() -> None:
     """Film, and write frames and truth."""
     usual = FilmConfig.of_preset(read_flags(lambda: tyro.cli(FilmConfig)).preset)
     config = read_flags(lambda: tyro.cli(FilmConfig, default=usual))
-    at_least(1, shown=config.shown)
+    if not 1 <= config.shown <= MAX_PAIRS:
+        raise ParameterError("shown", f"need 1 to {MAX_PAIRS} pictures, got {config.shown}")
     settings, cell, source = config.stream, config.cell(), config.source(config.split)
     seconds = settings.seconds or 0.0
     if not 0 < seconds <= 3600:
         raise ParameterError("seconds", f"need more than 0 and at most 3600, got {seconds:g}")
-    shown_bytes = 6 * config.shown * source.layout.width * source.layout.height
-    if shown_bytes > MAX_SHOWN_BYTES:
-        raise ParameterError(
-            "shown",
-            f"{config.shown} pictures of this size need {shown_bytes / 2**30:.1f} GiB; "
-            f"show fewer, for at most {MAX_SHOWN_BYTES / 2**30:g} GiB",
-        )
     codec = config.file_codec()
     pair, pictures = source.pair(cell.pair), shuffled_pictures(source)
     chosen = [pictures[(config.first + k) % len(pictures)].rgb for k in range(config.shown)]
     settings = replace(settings, scene=replace(settings.scene, pictures=pictures))
     message = config.message.encode()
     bits = encode(message, source.layout.n_bits)
-    loop = Loop(source.layout, cell.kappa, bits, lambda: iter(chosen))
+    size = source.shown_size
+    loop = Loop(
+        source.layout, cell.kappa, bits, lambda: iter(chosen), display_size=size, even=source.even
+    )
     name = f"film/{config.split}/{cell.pair}/{cell.view_deg:g}"
     rng = np.random.default_rng([config.seed, zlib.crc32(name.encode())])
-    stream = film(list(loop.states()), source.layout, pair, cell.view_deg, settings, rng)
+    stream = film(LoopStates(loop), source.display_layout, pair, cell.view_deg, settings, rng)
     folder = config.out if config.out.suffix == "" else config.out.parent
     truth = folder / TRUTH if config.out.suffix == "" else config.out.with_suffix(".jsonl")
     lines: list[str] = []

@@ -17,6 +17,7 @@ STUDIES = {
     "clock": ("lab.films.clock", "how often a clock is found, and where there is none"),
     "codecs": ("lab.films.codecs", "what codecs and phones cost the receiver"),
     "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
+    "fidelity": ("lab.visibility.fidelity", "how much the message changes the picture"),
     "flicker": ("lab.visibility.flicker", "what it looks like: a page that flickers"),
     "framing": ("lab.comparison.framing", "how often a message is lost, by share of wrong bits"),
     "frontier": ("lab.visibility.frontier", "how many bits are read, beside what is seen"),
@@ -27,6 +28,7 @@ STUDIES = {
     "prediction": ("lab.simulation.prediction", "what the simulation predicts of the paper"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
     "repeats": ("lab.comparison.repeats", "what several captures of a static frame pair bring"),
+    "sizes": ("lab.films.sizes", "whether displays of any size and proportions are read"),
     "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""

@@ -48,6 +48,7 @@ STEPS = {
     "table": "",
     "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
+    "fidelity": "lab fidelity --keep",
     "prediction": "lab prediction --keep",
     "ablation": "lab ablation --keep",
     "ideal": (
@@ -83,6 +84,18 @@ STEPS |= {
         "16_10": "--state-hz 10 --grid 16",
         "16_15": "--state-hz 15 --grid 16",
         "16_30": "--state-hz 30 --fps 60 --grid 16",
+    }.items()
+}
+STEPS |= {
+    f"sizes_{name}": f"lab sizes {flags} --keep"
+    for name, flags in {
+        "hidden": "--presets hidden",
+        "robust": "--presets robust",
+        "fast": "--presets fast",
+        "aspects": "--presets robust hidden --pairs canon-lg nikon-samsung sony-imac canon-imac "
+        "nikon-lg --sizes 2520 1080 1920 1080 1440 1080 1080 1080 1080 1440 1080 1920",
+        "strength": "--presets hidden --sizes 1920 1080 --even True False --n-bytes 20000 "
+        "--seconds 1.5",
     }.items()
 }
 STEPS |= {

@@ -6,7 +6,8 @@ equal where its bit is 0. With "antipodal" it is ``kappa`` brighter where its bi
 darker where its bit is 0, and both frames lie around the picture, which is their mean over time.
 
 Blocks change along the layout's colour direction: all channels alike, or red against green. What is
-no whole number of gray levels is dithered over the pixels (`split_change`).
+no whole number of gray levels is dithered over the pixels (`split_change`), and from frame pair to
+frame pair, so that the mean over time of antipodal frames is the picture in every pixel.
 """
 
 import cv2
@@ -15,16 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError, ParameterError
 from link.frames import Displayed
-from link.layout import COLOURS, MODULATIONS, Layout, block_index
+from link.layout import COLOURS, MODULATIONS, Layout, block_grid
 from link.ratex import draw_patches
+from link.strength import FACTORS
 from link.types import Image
 
 MAX_KAPPA = 64
 """Largest number of gray levels that may be added."""
 BOTTOM, TOP = 16, 245
-"""Darkest and brightest level of an embedded picture; outside them a message would vanish. Displays
-may clip the top 4 % of grays (a Samsung SyncMaster 2494 at high contrast does). At black, kappa is
-worth a twentieth of what it is at 16, while 16 emits just 0.2 % of white, about an LCD's black."""
+"""Darkest and brightest level of a picture that carries the paper's modulation; outside them a
+message would vanish. Displays may clip the top 4 % of grays (a Samsung SyncMaster 2494 at high
+contrast does). At black, kappa is worth a twentieth of what it is at 16, while 16 emits just 0.2 %
+of white, about an LCD's black."""
 
 BEFORE = {"on_off": 0.0, "antipodal": 0.5}
 """By the name of a modulation the share of a block's change by which the original frame lies below
@@ -54,28 +57,49 @@ def check_kappa(kappa: int, name: str = "kappa") -> int:
 
 
 def with_head_room(
-    picture: NDArray[np.uint8], kappa: int, modulation: str = "on_off", colour: str = "gray"
+    picture: NDArray[np.uint8],
+    kappa: float | NDArray[np.floating],
+    modulation: str = "on_off",
+    colour: str = "gray",
 ) -> NDArray[np.uint8]:
-    """Scale a picture from [0, 255] to levels from which kappa leads to none outside [BOTTOM, TOP].
+    """Change a picture so that no change of its blocks leads out of the levels of a display.
 
-    All channels get the room that the one with the largest change needs, so that grays stay gray.
+    With "on_off" all levels are scaled to those from which kappa leads to none outside
+    [BOTTOM, TOP]. With "antipodal" a soft knee bends the ends alone: let m be half the change,
+    rounded up; a level v below 2 m becomes m + v² / 4 m, levels near white likewise, and all others
+    stay as they are. All channels get the room that the one with the largest change needs, so that
+    grays stay gray.
 
     Args:
-        picture: uint8 of any shape, encoded.
-        kappa: gray levels by which blocks will change.
-        modulation: "on_off" needs room for kappa above the picture, "antipodal" for half of it on
-            either side; a key of `link.layout.MODULATIONS`.
+        picture: (height, width) or (height, width, 3) uint8, encoded.
+        kappa: gray levels by which blocks will change; (height, width) where it differs from pixel
+            to pixel, which "antipodal" alone allows.
+        modulation: a key of `link.layout.MODULATIONS`.
         colour: key of `link.layout.COLOURS`; where it darkens a channel, that needs room as well.
 
     Returns:
         uint8 of the same shape.
+
+    >>> with_head_room(np.array([[0, 2, 128, 255]], np.uint8), 3, "antipodal").tolist()
+    [[2, 2, 128, 253]]
     """
-    changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
-    before = BEFORE[modulation]
-    offsets = np.array([0 * changes, -before * changes, (1 - before) * changes])
-    below, above = (int(np.ceil(offset)) for offset in (-offsets.min(), offsets.max()))
-    levels = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
-    return levels[picture]
+    if modulation == "on_off":
+        changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
+        below, above = (int(np.ceil(max(0, side))) for side in (-changes.min(), changes.max()))
+        levels = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
+        return levels[picture]
+    room = np.ceil(np.asarray(kappa) * np.abs(COLOURS[colour]).max() / 2).astype(np.intp)
+    knees = np.stack([_knee(levels) for levels in range(int(room.max()) + 1)])
+    wide = room[..., None] if room.ndim and picture.ndim == 3 else room
+    return np.asarray(knees[wide, picture])
+
+
+def _knee(room: int) -> NDArray[np.uint8]:
+    """Array (256,) of levels that keep a distance, `room`, from black and white; 1 to 64."""
+    dark = np.arange(128)
+    bent = dark if room == 0 else np.where(dark < 2 * room, room + dark**2 / (4 * room), dark)
+    low = bent.round().astype(np.uint8)
+    return np.concatenate([low, 255 - low[::-1]])
 
 
 def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDArray[np.float32]:
@@ -109,9 +133,7 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
     grid = np.zeros((layout.rows, layout.cols), np.float32)
     grid[layout.message_mask] = np.where(values, high, low)
     grid.reshape(-1)[layout.pilot_blocks] = np.where(layout.pilot_bits, high, low)
-    mask = grid[
-        block_index(layout.height, layout.rows)[:, None], block_index(layout.width, layout.cols)
-    ]
+    mask = grid[block_grid(layout)]
     sizes = []
     for _ in range(pyramid_level):
         sizes.append(mask.shape[::-1])
@@ -125,7 +147,7 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
 
 
 def split_change(
-    change: NDArray[np.float64], before: float
+    change: NDArray[np.float64], before: float, turned: bool = False
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Split the change of every pixel into whole levels below and above the picture.
 
@@ -133,11 +155,13 @@ def split_change(
     part is right to 1/32 level. Both parts round at opposite thresholds, so that halves are equal
     on average, and that a whole change stays as it is in every pixel. Of an odd change, half of the
     pixels, like the white fields of a chessboard, take the larger part above the picture and the
-    others below it. The opposite change gives the same parts in the other order.
+    others below it. The opposite change gives the same parts in the other order. With turned
+    thresholds those that are equal halves change places, so that the mean of both is the picture.
 
     Args:
         change: (height, width, ...) levels, embedded minus original frame, not always whole.
         before: share of the change that lies below the picture, 0 or 0.5.
+        turned: whether to take the opposite threshold at each pixel.
 
     Returns:
         below: whole levels by which the original frame lies below the picture, as ``change``.
@@ -153,10 +177,38 @@ def split_change(
     """
     height, width = change.shape[:2]
     tiled = np.tile(THRESHOLDS, (-(-height // 4), -(-width // 4)))[:height, :width]
+    tiled = 1 - tiled if turned else tiled
     threshold = tiled.reshape(height, width, *[1] * (change.ndim - 2))
     below = np.floor(before * change + threshold)
     above = np.floor((1 - before) * change + (1 - threshold))
     return below.astype(np.intp), above.astype(np.intp)
+
+
+def levels_by_step(kappa: int) -> NDArray[np.float64]:
+    """Array (steps,) of the gray levels, at most `MAX_KAPPA`, by which blocks of a step change.
+
+    Args:
+        kappa: gray levels of step 0.
+    """
+    return np.minimum(kappa * FACTORS, MAX_KAPPA)
+
+
+def levels_of_steps(
+    kappa: int, steps: NDArray[np.uint8] | None, layout: Layout
+) -> float | NDArray[np.float64]:
+    """Turn steps of strength into gray levels by which each pixel's block changes.
+
+    Args:
+        kappa: gray levels of step 0.
+        steps: (rows, cols) as `link.strength.block_steps` returns them; None for ``kappa`` alone.
+        layout: grid of the blocks.
+
+    Returns:
+        ``kappa``, or (height, width) levels of at most `MAX_KAPPA`.
+    """
+    if steps is None:
+        return float(kappa)
+    return np.asarray(levels_by_step(kappa)[steps][block_grid(layout)])
 
 
 def embed(
@@ -166,6 +218,9 @@ def embed(
     kappa: int,
     pyramid_level: int = 0,
     ratex_kappa: int | None = None,
+    *,
+    steps: NDArray[np.uint8] | None = None,
+    turned: bool = False,
 ) -> Displayed:
     """Hide one frame's bits in a picture.
 
@@ -176,6 +231,9 @@ def embed(
         kappa: gray levels by which blocks change, times the layout's direction in each channel.
         pyramid_level: 0 for blocks with hard edges; L blurs the edges over about 2**L pixels.
         ratex_kappa: gray levels added in ratex tiles of label 1; by default ``kappa``.
+        steps: (rows, cols) steps of strength, as `link.strength.block_steps` chooses them for
+            "antipodal" blocks with hard edges; None where all blocks change by ``kappa``.
+        turned: whether the dither takes its opposite thresholds, as in every second frame pair.
 
     Returns:
         the frame pair, each frame uint8 of the picture's shape.
@@ -202,12 +260,17 @@ def embed(
         raise InputError(
             f"picture has one channel, colour {layout.colour!r} needs three; give an RGB picture"
         )
-    shown = with_head_room(picture, kappa, layout.modulation, layout.colour)
-    change = (kappa * message_mask(bits, layout, pyramid_level)).round().astype(np.float64)
+    levels = levels_of_steps(kappa, steps, layout)
+    shown = with_head_room(picture, levels, layout.modulation, layout.colour)
+    change = levels * message_mask(bits, layout, pyramid_level)
+    change = (change.round() if steps is None else change).astype(np.float64)
     if picture.ndim == 3:
         change = change[:, :, None] * ((1.0,) if layout.colour == "gray" else layout.direction)
-    below, above = split_change(change, BEFORE[layout.modulation])
-    original, embedded = ((shown + part).astype(np.uint8) for part in (-below, above))
+    below, above = split_change(change, BEFORE[layout.modulation], turned)
+    original, embedded = (
+        np.add(shown, part, dtype=np.int16, casting="unsafe").astype(np.uint8)
+        for part in (-below, above)
+    )
     toggle = kappa if ratex_kappa is None else check_kappa(ratex_kappa, "ratex_kappa")
     draw_patches(original, layout, toggle, embedded=False)
     draw_patches(embedded, layout, toggle, embedded=True)

@@ -353,6 +353,17 @@ def block_index(length: int, count: int) -> NDArray[np.intp]:
     return np.arange(length) * count // length
 
 
+def block_grid(layout: Layout) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Index an array of blocks so that each pixel of a layout gets its block's value.
+
+    Returns:
+        (height, 1) rows and (width,) columns of blocks: ``blocks[block_grid(layout)]`` has the
+        layout's height and width, for (rows, cols, ...) ``blocks``.
+    """
+    rows = block_index(layout.height, layout.rows)[:, None]
+    return rows, block_index(layout.width, layout.cols)
+
+
 def block_mean(maps: NDArray[np.floating[Any]], rows: int, cols: int) -> NDArray[np.floating[Any]]:
     """Average over each block.
 

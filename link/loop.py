@@ -1,8 +1,8 @@
 """The loop that a display shows: a message and pictures become frame pairs, one at a time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from link.frames import Displayed
 from link.images.quality import psnr, ssim
 from link.layout import Layout
 from link.placement import Placement
+from link.strength import block_steps
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
@@ -59,6 +60,9 @@ class Loop:
     """Width and height of the display, in pixels; None for those of the layout."""
     fit: str = "cover"
     """How pictures of other proportions lie on the display; a key of `link.placement.FITS`."""
+    even: bool = False
+    """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
+    kappa is the least."""
     seen: list[tuple[float, float]] = field(default_factory=list)
     """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PIXELS`."""
     given: int = 0
@@ -99,7 +103,7 @@ class Loop:
                 pyramid level do not fit the layout.
         """
         self.seen, self.given, self.summed = [], 0, 0
-        last, laid = None, None
+        last, laid, steps = None, None, None
         for number, picture in enumerate(self._pictures()):
             if number == MAX_PAIRS:
                 raise InputError(
@@ -108,7 +112,9 @@ class Loop:
                 )
             if laid is None or picture is not last:
                 last, laid = picture, self.placement.grid_frame(picture, self.layout)
-            carrier = Carrier(laid, self.bits[number % len(self.bits)], self)
+                steps = block_steps(laid, self.shown_layout) if self.even else None
+            bits = self.bits[number % len(self.bits)]
+            carrier = Carrier(laid, bits, steps, bool(number % 2), self)
             if number * laid[..., 0].size < MEASURED_PIXELS:
                 self._measure(carrier)
             self.given += 1
@@ -135,8 +141,13 @@ class Loop:
                 pyramid level do not fit the layout.
         """
         for pair in self.pairs():
-            yield self.placement.display_frame(pair.original, self.layout)
-            yield self.placement.display_frame(pair.embedded, self.layout)
+            yield from self.display_frames(pair)
+
+    def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
+        frames = pair.original, pair.embedded
+        original, embedded = (self.placement.display_frame(each, self.layout) for each in frames)
+        return original, embedded
 
     def _measure(self, carrier: "Carrier") -> None:
         """Take PSNR and SSIM of a frame pair, and add it to the mean over time.
@@ -214,9 +225,36 @@ class Loop:
         }
 
 
+class LoopStates:
+    """States of a loop by their number, in the order of `Loop.states`.
+
+    A state is made when it is asked for, because those of a long loop would fill the memory.
+
+    >>> gray = np.full((48, 64, 3), 128, np.uint8)
+    >>> loop = Loop(Layout(4, 4, 64, 48), 3, np.ones((2, 16), np.uint8), lambda: iter([gray]))
+    >>> states = LoopStates(loop)
+    >>> len(states), int(states[2].max()), int(states[3].max())
+    (4, 129, 132)
+
+    Raises:
+        InputError: as `Loop.carriers` does.
+    """
+
+    def __init__(self, loop: Loop) -> None:
+        carriers = [replace(carrier) for carrier in loop.carriers()]  # without pairs that are made
+        self._count = 2 * len(carriers)
+        self._frames = lru_cache(2)(lambda k: loop.display_frames(carriers[k].displayed()))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, number: int) -> NDArray[np.uint8]:
+        return self._frames(number // 2)[number % 2]
+
+
 @dataclass(frozen=True, eq=False)
 class Carrier:
-    """What a frame pair is made of. The pair itself is made when it is first asked for, and once.
+    """What a frame pair is made of.
 
     A player needs no more than picture and bits, and so spares the time for pairs.
     """
@@ -226,15 +264,31 @@ class Carrier:
     """
     bits: NDArray[np.uint8]
     """(n_bits,) bits, 0 or 1, that it carries."""
+    steps: NDArray[np.uint8] | None
+    """(rows, cols) steps of strength of the blocks; None where all change by kappa."""
+    turned: bool
+    """Whether the dither is turned, as in every second frame pair of a loop."""
     loop: Loop
     """The loop to which it belongs."""
 
     @cached_property
     def pair(self) -> Displayed:
-        """Both frames as the display shows them, before they are turned.
+        """What `displayed` makes, made once."""
+        return self.displayed()
+
+    def displayed(self) -> Displayed:
+        """Make both frames as the display shows them, before they are turned.
 
         Raises:
             InputError: kappa, the bits or the pyramid level do not fit the layout.
         """
         loop = self.loop
-        return embed(self.picture, self.bits, loop.shown_layout, loop.kappa, loop.pyramid_level)
+        return embed(
+            self.picture,
+            self.bits,
+            loop.shown_layout,
+            loop.kappa,
+            loop.pyramid_level,
+            steps=self.steps,
+            turned=self.turned,
+        )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from link.errors import InputError, choose
 from link.images import fit_picture
 from link.layout import Layout
-from link.types import Image
+from link.types import Corners, Image
 
 FITS = {
     "contain": "the whole picture, as large as it fits; what is left of the display is black",
@@ -24,6 +24,34 @@ FITS = {
     "stretch": "the whole picture over the whole display, whatever its proportions",
 }
 """By the name of a way to lay a picture on a display, what is seen of both."""
+
+
+USUAL_DISPLAY = (1920, 1080)
+"""Width and height, in pixels, of the display for which pictures are made where none is named; an
+upright picture takes it upright."""
+MAX_ASPECT = 3.0
+"""Largest ratio of the longer side of a shown picture to the shorter one."""
+
+
+def usual_size(given_size: tuple[int, int], layout: Layout) -> tuple[int, int]:
+    """Choose the size of a picture for a display that is not known: its own pixels, if they fit.
+
+    A picture that is larger than `USUAL_DISPLAY` is shrunk to fit, and one with a side shorter than
+    the layout's is enlarged. Sides are even numbers, as video files need them.
+
+    Args:
+        given_size: width and height of the picture, in pixels.
+        layout: grid whose width and height are the size at which receivers work.
+
+    >>> from link.layout import make_layout
+    >>> [usual_size(size, make_layout()) for size in ((4000, 3000), (800, 600), (90, 120))]
+    [(1440, 1080), (800, 600), (384, 512)]
+    """
+    short, long = sorted(given_size)
+    least = max(max(layout.width, layout.height) / long, min(layout.width, layout.height) / short)
+    scale = max(least, min(1.0, USUAL_DISPLAY[0] / long, USUAL_DISPLAY[1] / short))
+    width, height = (2 * round(scale * side / 2) for side in given_size)
+    return width, height
 
 
 @dataclass(frozen=True)
@@ -39,7 +67,7 @@ class Placement:
     (1440, 1080)
 
     Raises:
-        InputError: ``fit`` is unknown.
+        InputError: ``fit`` is unknown, or the picture would be longer than `MAX_ASPECT` allows.
     """
 
     display_size: tuple[int, int]
@@ -51,6 +79,12 @@ class Placement:
 
     def __post_init__(self) -> None:
         choose(FITS, self.fit, "fit")
+        width, height = self.picture_size
+        if max(width, height) > MAX_ASPECT * min(width, height) + 1:
+            raise InputError(
+                f"a shown picture of {width}x{height} is longer than {MAX_ASPECT:g}:1; crop it, or "
+                "choose fit cover and another size"
+            )
 
     @property
     def picture_size(self) -> tuple[int, int]:
@@ -112,6 +146,15 @@ class Placement:
             how = cv2.INTER_AREA if averaged else cv2.INTER_LINEAR
             shown = np.asarray(cv2.resize(picture, (width, height), interpolation=how), np.uint8)
         return np.ascontiguousarray(np.rot90(shown, -1)) if self.turns(layout) else shown
+
+    def grid_corners(self, corners: Corners, layout: Layout) -> Corners:
+        """Put the corners of the shown picture into the order in which the grid has them.
+
+        Args:
+            corners: of the picture, top-left first, as `link.types.Corners` says.
+            layout: grid whose width and height are the size at which receivers work.
+        """
+        return np.roll(corners, 1, axis=0) if self.turns(layout) else corners
 
     def display_frame(self, frame: Image, layout: Layout) -> Image:
         """Lay a frame of the grid on the display, with black beside it where the picture ends.

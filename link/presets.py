@@ -33,6 +33,8 @@ class Preset:
     """One sentence that says what the preset is good for."""
     distance_m: float = USUAL_DISTANCE_M
     """Distance of the eye, in metres, for which the sender says how visible the message is."""
+    even: bool = False
+    """Whether blocks change by what makes all of them equally visible (`link.strength`)."""
 
     def changed(self, **given: Any) -> Layout:
         """Make the layout of the preset with some of its numbers or names changed.
@@ -77,6 +79,7 @@ PRESETS = {
         line_code="toggle",
         purpose="Below the threshold of sight 1 m from a 24-inch display of 200 cd/m².",
         distance_m=1.0,
+        even=True,
     ),
     "fast": Preset(
         make_layout(96, 128, modulation="antipodal", pilots="auto"),

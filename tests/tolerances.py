@@ -121,3 +121,6 @@ CORNERS_WORSE_PX = 0.5
 from the truth than Python's."""
 CLOCKS_APART = 0.05
 """Share by which rates of states may differ; the first fit looks back a second or less."""
+EVEN_CONTRAST = 1.05
+"""Largest ratio of the contrast over threshold between two gray levels that the table of
+`link.strength` makes alike; its factors are rounded to 0.01 and drawn for one message."""

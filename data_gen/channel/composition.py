@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.channel.camera import collect, develop
-from data_gen.channel.display import Light, emitted_light
+from data_gen.channel.display import Emission, Light
 from data_gen.channel.moire import moire_gain
 from data_gen.channel.optics import SURROUNDINGS, image_of
 from data_gen.channel.shutter import pwm_gain
@@ -136,9 +136,13 @@ class Viewpoint:
         Returns:
             (height, width, 3) float32, linear; frontal white at the centre is 1.
         """
-        light = emitted_light(as_rgb(frame), self.pair.display, self.theta)
+        light = self._emission.light(as_rgb(frame))
         light += self.room
         return light
+
+    @cached_property
+    def _emission(self) -> Emission:
+        return Emission.of(self.pair.display, self.theta)
 
 
 @dataclass(frozen=True, eq=False)

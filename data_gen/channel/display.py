@@ -1,5 +1,6 @@
 """The display: from displayed values to emitted light, by viewing angle (Eq. emitted)."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -12,36 +13,77 @@ Light = NDArray[np.floating[Any]]
 """Array of linear light, in which the display's frontal white is 1 in every channel."""
 
 
-def emitted_light(frames: NDArray[np.uint8], display: Display, theta: Light) -> Light:
-    """Return the light that leaves each display pixel towards the camera, without room light.
+@dataclass(frozen=True, eq=False)
+class Emission:
+    """How the levels of a display become light that leaves it towards a camera.
 
     Per channel c, with x = min(1, rho / (255 clip)) and s = sin(theta)^2,
         light_c = u (e_c(theta) ((1 - b) ((1 - w) x^gamma_c + w x^gamma_w) + b) + leak s),
         e_c(theta) = cos(theta)^falloff_c,  w = washout s,  b = black,
-    and u falls from 1 in the centre by ``edge_loss`` to the corners.
+    and u falls from 1 in the centre by ``edge_loss`` to the corners. All but x depends on the place
+    alone, so it is worked out once for all frames.
+    """
+
+    curves: Light
+    """(256, 3) light of each level seen head-on, without black."""
+    washed: Light
+    """(256, 3) by how much the light differs where it is wholly washed out."""
+    washed_share: Light | None
+    """w at each pixel, (H, W, 1); None where it is 0 everywhere."""
+    black: np.float32
+    """Light of black, relative to white's."""
+    gain: Light
+    """u e_c at each pixel, (H, W, 3)."""
+    leaked: Light
+    """u leak s at each pixel, (H, W, 1)."""
+
+    @classmethod
+    def of(cls, display: Display, theta: Light) -> "Emission":
+        """Work out the emission of a display.
+
+        Args:
+            display: parameters of the display.
+            theta: (H, W) viewing angle at each pixel, radians from the normal.
+        """
+        x = np.minimum(1.0, np.arange(256) / (255 * display.clip))[:, None]
+        curves = ((1 - display.black) * x ** np.array(display.gamma)).astype(np.float32)
+        washed = ((1 - display.black) * x**display.washout_gamma - curves).astype(np.float32)
+        sine2 = np.square(np.sin(theta, dtype=np.float32))[:, :, None]
+        uniformity = fall_to_corners(display.edge_loss, *theta.shape)[:, :, None]
+        log_cosine = np.log(np.cos(theta, dtype=np.float32))[:, :, None]
+        gain = uniformity * np.exp(log_cosine * np.array(display.falloff, np.float32))
+        washes = display.washout > 0 and sine2.max() > 0
+        share = np.float32(display.washout) * sine2 if washes else None
+        leaked = np.float32(display.leak) * uniformity * sine2
+        return cls(curves, washed, share, np.float32(display.black), gain, leaked)
+
+    def light(self, frames: NDArray[np.uint8]) -> Light:
+        """Return the light that leaves each pixel towards the camera, without room light.
+
+        Args:
+            frames: (..., H, W, 3) uint8, encoded RGB.
+
+        Returns:
+            (..., H, W, 3) float32, linear; frontal white at the centre is 1 in every channel.
+        """
+        light = _look_up(frames, self.curves)
+        if self.washed_share is not None:
+            light += self.washed_share * _look_up(frames, self.washed)
+        light += self.black
+        light *= self.gain
+        light += self.leaked
+        return light
+
+
+def emitted_light(frames: NDArray[np.uint8], display: Display, theta: Light) -> Light:
+    """Return the light of frames that are emitted once, as `Emission.light` does.
 
     Args:
         frames: (..., H, W, 3) uint8, encoded RGB.
         display: parameters of the display.
         theta: (H, W) viewing angle at each pixel, radians from the normal.
-
-    Returns:
-        (..., H, W, 3) float32, linear; frontal white at the centre is 1 in every channel.
     """
-    x = np.minimum(1.0, np.arange(256) / (255 * display.clip))[:, None]
-    curves = ((1 - display.black) * x ** np.array(display.gamma)).astype(np.float32)
-    washed = ((1 - display.black) * x**display.washout_gamma - curves).astype(np.float32)
-    sine2 = np.square(np.sin(theta, dtype=np.float32))[:, :, None]
-    uniformity = fall_to_corners(display.edge_loss, *theta.shape)[:, :, None]
-    log_cosine = np.log(np.cos(theta, dtype=np.float32))[:, :, None]
-    gain = uniformity * np.exp(log_cosine * np.array(display.falloff, np.float32))
-    light = _look_up(frames, curves)
-    if display.washout > 0 and sine2.max() > 0:
-        light += np.float32(display.washout) * sine2 * _look_up(frames, washed)
-    light += np.float32(display.black)
-    light *= gain
-    light += np.float32(display.leak) * uniformity * sine2
-    return light
+    return Emission.of(display, theta).light(frames)
 
 
 def _look_up(frames: NDArray[np.uint8], table: Light) -> Light:

@@ -23,7 +23,7 @@ from link.errors import InputError, ParameterError, at_least
 from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
-from link.placement import FITS
+from link.placement import FITS, usual_size
 from link.presets import DEFAULT_PRESET, PRESETS, Preset
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
@@ -185,6 +185,8 @@ def send_parser() -> argparse.ArgumentParser:
     preset = f"settings that the other flags change ({DEFAULT_PRESET})"
     add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
     add("--kappa", type=int, help="gray levels added for a 1, instead of the preset's")
+    evened = "stronger where the picture hides more (as the preset)"
+    add("--even", action=argparse.BooleanOptionalAction, help=evened)
     add("--visibility", type=float, help="take the largest kappa that is seen less than this")
     add("--diagonal", type=float, default=usual.diagonal, help="of the shown picture, inches (24)")
     add("--luminance", type=float, default=usual.luminance, help="of white, cd/m2 (200)")
@@ -202,7 +204,8 @@ def send_parser() -> argparse.ArgumentParser:
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
     coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
     add("--redundancy", type=float, help=coded)
-    add("--size", type=display_size, help="of the display, as in 1920x1080 (the layout's)")
+    sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
+    add("--size", type=display_size, help=sizes)
     fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
     add("--fit", choices=list(FITS), help=fits)
     add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
@@ -231,8 +234,12 @@ def main() -> None:
     protected = protected_message(message, args.key, args.counter)
     bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
-    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit)
-    hiding = Hiding(loop.shown_layout, state_hz, onlooker)
+    first = next(pictures())
+    size = args.size or usual_size((first.shape[1], first.shape[0]), layout)
+    even = preset.even if args.even is None else args.even
+    even = even and layout.modulation == "antipodal" and not args.pyramid_level
+    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, size, fit, even)
+    hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     more = {
         "preset": args.preset,

@@ -1,9 +1,10 @@
 """Take frame pairs apart into pictures and changes, so that a page computes all states from them.
 
-A state is a picture plus the offset of each pixel. An offset depends on three things alone: on
-which frame of the pair is shown, on the change of the pixel's block between both, and on where the
-pixel lies among the 4 x 4 pixels over which `link.embed.split_change` dithers. So a loop of many
-frame pairs over one picture is this picture, a short table of offsets, and a few bits a frame pair.
+A state is a picture plus the offset of each pixel. An offset depends on four things alone: on
+which frame of the pair is shown, on whether the pair's dither is turned, on the change of the
+pixel's block between both frames, and on where the pixel lies among the 4 x 4 pixels over which
+`link.embed.split_change` dithers. So a loop of many frame pairs over one picture is this picture, a
+step of strength for each block, a short table of offsets, and a bit for each block and frame pair.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from link.embed import BEFORE, THRESHOLDS, message_mask, split_change, with_head_room
-from link.layout import Layout, block_index
+from link.embed import (
+    BEFORE,
+    THRESHOLDS,
+    levels_by_step,
+    levels_of_steps,
+    message_mask,
+    split_change,
+    with_head_room,
+)
+from link.layout import Layout, block_grid
 from link.ratex import draw_patches
 from link.types import Image
 
@@ -26,8 +35,9 @@ class Compact:
     """The rule by which a page computes the states of a loop.
 
     Changes between the frames of a pair are numbered. Cells of one number change alike: blocks
-    where edges are hard, single pixels where they are soft. Pixels of ratex patches have numbers of
-    their own, which are the same in every pair.
+    where edges are hard, single pixels where they are soft. The number of a block is twice its step
+    of strength (`link.strength`), plus its bit. Pixels of ratex patches have numbers of their own,
+    which are the same in every pair.
 
     >>> from link.embed import embed
     >>> from link.layout import make_layout
@@ -52,27 +62,32 @@ class Compact:
         return self.pyramid_level > 0
 
     @cached_property
-    def changes(self) -> NDArray[np.intp]:
+    def changes(self) -> NDArray[np.float64]:
         """Array (C,) of the changes of cells between the two frames, in gray levels, by number."""
-        low, high = (self.kappa * change for change in self.layout.change_of_bits)
-        return np.arange(low, high + 1) if self.soft else np.array([low, high])
+        low, high = self.layout.change_of_bits
+        if self.soft:
+            return np.arange(self.kappa * low, self.kappa * high + 1.0)
+        return np.outer(levels_by_step(self.kappa), (low, high)).reshape(-1)  # (C = 2 steps,)
 
     @cached_property
     def offsets(self) -> NDArray[np.intp]:
-        """Array (2, N, 4, 4, 3) of the levels that are added to the picture.
+        """Array (2, 2, N, 4, 4, 3) of the levels that are added to the picture.
 
-        The axes are: original or embedded frame; number of the change, where those of ratex patches
-        come after the cells' own; row and column of the pixel in its tile; red, green and blue.
+        The axes are: dither as it is, or turned; original or embedded frame; number of the change,
+        where those of ratex patches come after the cells' own; row and column of the pixel in its
+        tile; red, green and blue.
         """
-        parts = []
-        for change in self.changes:
-            levels = np.full((TILE, TILE, 3), change) * np.array(self.layout.direction)
-            below, above = split_change(levels, BEFORE[self.layout.modulation])
-            parts.append([-below, above])
-        if self.layout.ratex:
-            still = np.zeros((TILE, TILE, 3), np.intp)
-            parts += [[still, still + change] for change in (-self.kappa, 0, self.kappa)]
-        return np.array(parts, np.intp).swapaxes(0, 1)
+        still = np.zeros((TILE, TILE, 3), np.intp)
+        patches = [(still, still + change) for change in (-self.kappa, 0, self.kappa)]
+        tables = []
+        for turned in (False, True):
+            parts = []
+            for change in self.changes:
+                levels = np.full((TILE, TILE, 3), change) * np.array(self.layout.direction)
+                below, above = split_change(levels, BEFORE[self.layout.modulation], turned)
+                parts.append((-below, above))
+            tables.append(parts + patches if self.layout.ratex else parts)
+        return np.array(tables, np.intp).swapaxes(1, 2)
 
     @cached_property
     def patches(self) -> NDArray[np.uint8]:
@@ -107,46 +122,47 @@ class Compact:
         left = [self.layout.cell_box(0, col)[2] for col in range(self.layout.cols)]
         return np.asarray(mask[np.ix_(top, left)] > 0, np.uint8)
 
-    def picture(self, picture: Image) -> Image:
+    def picture(self, picture: Image, steps: NDArray[np.uint8] | None = None) -> Image:
         """Prepare a picture, to which the offsets are added: with room for them, and with patches.
 
         Args:
             picture: an `Image` of the layout's size.
+            steps: (rows, cols) steps of strength, None for the least.
 
         Returns:
             an `Image` of the same shape.
         """
         layout = self.layout
-        shown = with_head_room(picture, self.kappa, layout.modulation, layout.colour)
+        levels = levels_of_steps(self.kappa, steps, layout)
+        shown = with_head_room(picture, levels, layout.modulation, layout.colour)
         draw_patches(shown, layout, self.kappa, embedded=False)
         return shown
 
     def states(
-        self, picture: NDArray[np.uint8], cells: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+        self,
+        picture: Image,
+        cells: NDArray[np.uint8],
+        steps: NDArray[np.uint8] | None = None,
+        turned: bool = False,
+    ) -> tuple[Image, Image]:
         """Compute the original and the embedded frame, as a page does.
 
         Args:
-            picture: (height, width) or (height, width, 3), as `picture` returns it.
+            picture: an `Image`, as `picture` returns it.
             cells: numbers of changes, as `cells` returns them.
+            steps: (rows, cols) steps of strength, None for the least.
+            turned: whether the pair's dither is turned.
         """
-        original, embedded = (
-            np.asarray(picture + self._pixel_offsets(frame, cells, picture.ndim), np.uint8)
-            for frame in (0, 1)
-        )
-        return original, embedded
-
-    def _pixel_offsets(
-        self, frame: int, cells: NDArray[np.uint8], dimensions: int
-    ) -> NDArray[np.intp]:
-        """Array (height, width) or (height, width, 3) of the levels that a frame adds."""
-        rows, cols = np.arange(self.layout.height), np.arange(self.layout.width)
         numbers = cells
         if not self.soft:
-            numbers = cells[
-                block_index(self.layout.height, self.layout.rows)[:, None],
-                block_index(self.layout.width, self.layout.cols),
-            ]
+            bits = cells if steps is None else 2 * steps + cells
+            numbers = bits[block_grid(self.layout)]
         numbers = np.where(self.patches > 0, self.patches, numbers)
-        offsets = self.offsets[frame] if dimensions == 3 else self.offsets[frame, ..., 0]
-        return np.asarray(offsets[numbers, rows[:, None] % TILE, cols % TILE])
+        rows, cols = np.arange(self.layout.height), np.arange(self.layout.width)
+        offsets = self.offsets[int(turned)]
+        offsets = offsets if picture.ndim == 3 else offsets[..., 0]
+        original, embedded = (
+            np.asarray(picture + each[numbers, rows[:, None] % TILE, cols % TILE], np.uint8)
+            for each in offsets
+        )
+        return original, embedded

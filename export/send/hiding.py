@@ -19,7 +19,8 @@ from export.visibility.line_code import CODE_OF_MODULATION
 from export.visibility.viewing import COLOUR_LEVELS, PICTURE_LEVELS, Viewing, Where
 from link.embed import MAX_KAPPA
 from link.errors import ParameterError
-from link.layout import Layout
+from link.layout import LUMINANCE_FROM_RGB, Layout
+from link.strength import even_factor, light_of_level
 
 Level = float | tuple[float, float, float]
 """Gray level of a picture, or its red, green and blue."""
@@ -98,6 +99,8 @@ class Hiding:
     """Number of states that are shown in a second."""
     onlooker: Onlooker
     """Size and brightness of the display, and the distance of the eye."""
+    even: bool = False
+    """Whether kappa is that of the most visible gray, and larger over others (`link.strength`)."""
 
     def seen(self, kappa: int, where: Where = "block") -> float:
         """Work out the high end of visibility: 95 % of the half seconds stay below it.
@@ -119,7 +122,11 @@ class Hiding:
     @cache  # noqa: B019 - a few numbers, for one message a process
     def _seen_over(self, level: Level, kappa: int, where: Where = "block") -> float:
         viewing = self.onlooker.viewing(self.layout, self.state_hz)
-        viewing = replace(viewing, kappa=kappa, picture_level=level)
+        factor = 1.0
+        if self.even:
+            light = light_of_level(np.broadcast_to(level, 3)) @ LUMINANCE_FROM_RGB
+            factor = float(even_factor(light))
+        viewing = replace(viewing, kappa=kappa * factor, picture_level=level)
         code, rng = CODE_OF_MODULATION[self.layout.modulation], np.random.default_rng(MESSAGE_SEED)
         shown = random_message(viewing, code, rng, SECONDS)
         return contrast_over_threshold(shown, viewing, where).high

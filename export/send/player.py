@@ -60,12 +60,16 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa, loop.pyramid_level)
     pictures, changes = _Texts(_png), _Texts(_png if rule.soft else _bits)
+    steps: list[str | None] = []
     order: list[tuple[int, int]] = []
     last = None
     for carrier in loop.carriers():
         cells = rule.cells(carrier.bits)
         same = carrier.picture is last
-        picture = order[-1][0] if same else pictures.number(rule.picture(carrier.picture))
+        shown = None if same else rule.picture(carrier.picture, carrier.steps)
+        picture = order[-1][0] if shown is None else pictures.number(shown)
+        if picture == len(steps):
+            steps.append(None if carrier.steps is None else _png(carrier.steps))
         order.append((picture, changes.number(cells)))
         last = carrier.picture
         pixels = layout.width * layout.height
@@ -83,11 +87,12 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
         "stateHz": state_hz,
         "scale": scale,
         "soft": rule.soft,
-        "offsets": rule.offsets.reshape(2, -1, 3).tolist(),
+        "offsets": rule.offsets.reshape(2, 2, -1, 3).tolist(),
         "patches": _png(rule.patches) if layout.ratex else None,
         "pairs": order,
         "changes": changes.texts,
         "pictures": pictures.texts,
+        "steps": steps,
     }
     text = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(page, separators=(",", ":")))
     write_bytes(path, text.encode())

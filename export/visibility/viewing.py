@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from link.errors import ParameterError
 from link.presets import USUAL_DISTANCE_M
+from link.strength import light_of_level
 from link.types import Array
 
 PICTURE_LEVELS = (32.0, 128.0, 230.0)
@@ -146,10 +147,9 @@ class Viewing:
         Returns:
             (..., 3) linear; each channel times its share of `LUMINANCE_FROM_RGB` gives cd/m².
         """
-        shares = np.asarray(levels, np.float64) / 255
         if self.gamma is not None:
-            linear = shares**self.gamma
+            linear = np.asarray((np.asarray(levels, np.float64) / 255) ** self.gamma)
         else:
-            linear = np.where(shares <= 0.04045, shares / 12.92, ((shares + 0.055) / 1.055) ** 2.4)
+            linear = light_of_level(levels)
         span = self.white_cd_m2 - self.black_cd_m2
         return np.asarray(self.black_cd_m2 + self.ambient_cd_m2 + span * linear)

@@ -8,7 +8,6 @@ sent.
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -29,11 +28,11 @@ from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
 from link.code.framing import encode, frames_needed
-from link.embed import check_kappa, embed
+from link.embed import check_kappa
 from link.errors import ParameterError, at_least, choose, each_once
-from link.frames import Displayed
 from link.images import write_bytes
 from link.layout import Layout, make_layout
+from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 from models import shipped_checkpoint, shipped_graphs
 from models.neural.checkpoint import load_checkpoint
@@ -56,6 +55,10 @@ class FilmSettings:
     those of the other flags."""
     grid: int | None = None
     """Number of blocks along each side, 8 or 16, instead of the preset's."""
+    even: bool | None = None
+    """Whether blocks change more where the picture hides more; None for as the preset says."""
+    display_size: tuple[int, int] | None = None
+    """Width and height of the display, pixels, which the picture fills; None for the layout's."""
     redundancy: float | None = None
     """Number of coded bits for each bit of the message, on fine grids, instead of the usual one."""
     state_hz: float = 15.0
@@ -97,6 +100,8 @@ class FilmSettings:
         rates = f"{self.state_hz:g}hz_{self.fps:g}fps"
         grid = f"grid{self.layout.rows}" if self.preset == "paper" else self.preset
         grid += "" if self.redundancy is None else f"_redundancy{self.redundancy:g}"
+        grid += "" if self.even is None else "_even" if self.even else "_alike"
+        grid += "_shown{}x{}".format(*self.display_size) if self.display_size else ""
         name = f"{grid}_{rates}_kappa{self.kappa}_{self.n_bytes}B_seed{seed}"
         return "_".join([name, self.camera] if self.camera else [name])
 
@@ -207,44 +212,6 @@ class MessageFilm:
     """Frames of at most as many loops as the setting allows; they can be taken once."""
 
 
-class ShownLoop:
-    """States of a loop, the original and the embedded frame of each frame pair in turn.
-
-    They are made when they are asked for, because those of a long loop would fill the memory.
-
-    Args:
-        picture: (height, width, 3) uint8, encoded RGB, of the layout's size.
-        bits: (frames, n_bits) of 0 or 1.
-        layout: layout of the frames.
-        kappa: gray levels by which blocks change.
-        pan_px: pixels by which the picture moves to the right from one frame pair to the next; what
-            leaves it on the right comes in on the left.
-    """
-
-    def __init__(
-        self,
-        picture: NDArray[np.uint8],
-        bits: NDArray[np.integer],
-        layout: Layout,
-        kappa: int,
-        pan_px: float = 0.0,
-    ) -> None:
-        self._count = 2 * len(bits)
-
-        def pair(number: int) -> Displayed:
-            moved = np.roll(picture, round(number * pan_px), axis=1) if pan_px else picture
-            return embed(moved, bits[number], layout, kappa)
-
-        self._pair = lru_cache(2)(pair)
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __getitem__(self, number: int) -> NDArray[np.uint8]:
-        pair = self._pair(number // 2)
-        return pair.embedded if number % 2 else pair.original
-
-
 def film_message(take: Take) -> MessageFilm:
     """Draw a message, what carries it, and how it is filmed; no frame is filmed yet."""
     config = take.settings
@@ -253,17 +220,29 @@ def film_message(take: Take) -> MessageFilm:
     setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
-    source = Source(layout, "test", take.seed)
+    source = Source(layout, "test", take.seed, display_size=config.display_size)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits, config.redundancy)
-    states = ShownLoop(picture.rgb, bits, layout, config.kappa, config.pan_px)
+    shown = [picture.rgb]
+    if config.pan_px:
+        moves = [round(number * config.pan_px) for number in range(len(bits))]
+        shown = [np.roll(picture.rgb, move, axis=1) for move in moves]
+    loop = Loop(
+        layout,
+        config.kappa,
+        bits,
+        lambda: iter(shown),
+        display_size=config.display_size,
+        even=choose(PRESETS, config.preset, "preset").even if config.even is None else config.even,
+    )
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
-    frames = film(states, layout, source.pair(take.pair), take.view, settings, rng)
+    pair, shown_layout = source.pair(take.pair), source.display_layout
+    frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
     return MessageFilm(take, picture.name, message, bits, frames)
 
 

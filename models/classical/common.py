@@ -14,7 +14,7 @@ from sklearn.svm import LinearSVC
 from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
 from link.images import intensity
-from link.layout import block_index, block_mean
+from link.layout import block_grid, block_mean
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
 from link.types import Real
 
@@ -66,8 +66,8 @@ def training_samples(pair: Rectified, maps: Real, train_on: str) -> tuple[Real, 
         return means.reshape(len(means), -1).T[layout.pilot_blocks], layout.pilot_bits
     labels = np.full(layout.rows * layout.cols, -1)
     labels[layout.pilot_blocks] = layout.pilot_bits
-    block = block_index(layout.height, layout.rows)[:, None] * layout.cols
-    label = labels[block + block_index(layout.width, layout.cols)]
+    rows, cols = block_grid(layout)
+    label = labels[rows * layout.cols + cols]
     return maps[label >= 0], label[label >= 0]
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.embed import BOTTOM, TOP
-from link.equalise import uniform_mapping
 from link.errors import UnsuitedError, choose
 from link.frames import Rectified, SoftBits
 from link.images import INTENSITIES
+from link.images.equalise import uniform_mapping
 from link.layout import block_mean
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from link.frames import Rectified
 from link.images import intensity
-from link.layout import block_index
+from link.layout import block_grid
 from link.types import Array
 from models.classical.register import align_frames
 
@@ -65,8 +65,8 @@ def cut_into_tones(pair: Rectified) -> Tones:
     weights = weights * inside / (1 + (dx * dx + dy * dy) / TEXTURE**2)
 
     edges = np.quantile(i, np.arange(1, TONES) / TONES)
-    block = block_index(layout.height, layout.rows)[:, None] * layout.cols
-    block = block + block_index(layout.width, layout.cols)
+    rows, cols = block_grid(layout)
+    block = rows * layout.cols + cols
     cell = (block * TONES + np.searchsorted(edges, i, side="right")).ravel()
     message = layout.message_mask.ravel()
 

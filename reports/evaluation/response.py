@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from data_gen.frame_pair import FramePair
-from link.equalise import uniform_mapping
 from link.geometry import rectify
 from link.images import intensity
+from link.images.equalise import uniform_mapping
 from link.ratex import training_pixels
 from link.types import Real
 from models.classical.common import tile_mean

@@ -126,6 +126,27 @@ def merge_bins(parts: Iterable[Sequence[Bin]]) -> list[Bin]:
     return merged
 
 
+def information(bins: Sequence[Bin], bits: int) -> float:
+    """Work out how much the decisions say, in bits of information for each bit that was sent.
+
+    Within a bin, decisions are taken as the output of a binary symmetric channel of the bin's
+    accuracy; bits that are in no bin were erased and say nothing.
+
+    >>> all_right = confidence_bins(np.array([9.0, 9.0]), np.array([1, 1]))
+    >>> information(all_right, 4)
+    0.5
+
+    Args:
+        bins: bins of the decided bits, as `confidence_bins` makes them.
+        bits: number of the bits that were sent, of which some may be in no bin.
+    """
+    known = 0.0
+    for each in bins:
+        p = np.clip(each.accuracy, 1e-12, 1 - 1e-12)
+        known += each.count * float(1 + p * np.log2(p) + (1 - p) * np.log2(1 - p))
+    return round(known / max(1, bits), 9)
+
+
 def calibration_error(bins: Sequence[Bin]) -> float:
     """Mean |accuracy - confidence| over bins, weighted by count, in [0, 1] (Naeini et al. 2015)."""
     total = sum(b.count for b in bins)

@@ -161,7 +161,7 @@ REFUSED = [
     ("send", "--rows 2", "layout: 10 message blocks a frame"),
     ("send", "--pyramid-level 9", "--pyramid-level: 9 does not fit"),
     ("send", "--ratex 4", "--ratex: choose 0, 1, 2, 3 or 5"),
-    ("send", "--out x.mkv --width 121", "even widths and heights only, got 121x80"),
+    ("send", "--out x.mkv --size 121x80", "even widths and heights only, got 121x80"),
     ("send", "--color red", "unrecognized arguments: --color red; see --help"),
     ("send", "--colour red", "--colour: invalid choice: 'red'"),
     ("send", "--colour chroma", "layout: ratex patches are gray, bits"),

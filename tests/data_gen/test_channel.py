@@ -148,19 +148,26 @@ def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("expose", [still, still_in_a_room, frame_of_a_film])
 @pytest.mark.parametrize(
-    "name", ["emitted_light", "image_of", "collect", "pwm_gain", "moire_gain", "develop"]
+    ("holder", "name"),
+    [
+        (composition.Emission, "light"),
+        *((composition, n) for n in ("image_of", "collect", "pwm_gain", "moire_gain", "develop")),
+    ],
 )
 def test_stills_scenes_and_films_pass_through_the_same_stages(
-    expose: Callable[[Pair], NDArray[np.uint8]], name: str, monkeypatch: pytest.MonkeyPatch
+    expose: Callable[[Pair], NDArray[np.uint8]],
+    holder: Any,
+    name: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An effect that is added to a stage of the composition reaches all of them."""
-    usual, stage = expose(get_pair("canon-lg")), getattr(composition, name)
+    usual, stage = expose(get_pair("canon-lg")), getattr(holder, name)
 
     def weaker(*args: Any) -> NDArray[Any]:
         made = stage(*args)
         return np.asarray((0.5 * made).astype(made.dtype))
 
-    monkeypatch.setattr(composition, name, weaker)
+    monkeypatch.setattr(holder, name, weaker)
     changed = expose(get_pair("canon-lg"))
     assert np.abs(levels(changed) - usual).mean() > 5
 

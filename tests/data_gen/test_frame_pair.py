@@ -86,7 +86,9 @@ def test_a_frame_pair_is_drawn_and_filmed_once(monkeypatch: pytest.MonkeyPatch) 
 
     def counted(name: str) -> None:
         inner = getattr(frame_pair, name)
-        monkeypatch.setattr(frame_pair, name, lambda *a: [calls.append(name), inner(*a)][1])
+        monkeypatch.setattr(
+            frame_pair, name, lambda *a, **more: [calls.append(name), inner(*a, **more)][1]
+        )
 
     for name in ("embed", "draw_shots", "capture_through"):
         counted(name)

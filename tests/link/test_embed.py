@@ -17,6 +17,7 @@ from link.embed import (
     TOP,
     check_kappa,
     embed,
+    levels_of_steps,
     message_mask,
     split_change,
     with_head_room,
@@ -32,6 +33,7 @@ from link.layout import (
     block_mean,
     make_layout,
 )
+from link.strength import block_steps
 from link.types import Image
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
@@ -146,14 +148,6 @@ def test_head_room_maps_black_and_white_to_the_ends() -> None:
     assert (np.diff(shown) >= 0).all()
 
 
-@pytest.mark.parametrize("kappa", [1, 2, 5, 64])
-def test_head_room_of_antipodal_blocks_lies_on_either_side(kappa: int) -> None:
-    shown = with_head_room(np.arange(256, dtype=np.uint8), kappa, "antipodal").astype(int)
-    half = (kappa + 1) // 2
-    assert (shown[0], shown[-1]) == (BOTTOM + half, TOP - half)
-    assert (np.diff(shown) >= 0).all()
-
-
 # Antipodal blocks and pilots
 
 PILOTS = make_layout(8, 8, 157, 131, modulation="antipodal", pilots=16)
@@ -207,6 +201,38 @@ def test_the_mean_over_time_of_antipodal_frames_is_the_picture(
         assert abs(plane.mean()) < 0.02
 
 
+@pytest.mark.parametrize("kappa", [1, 3, 10, 64])
+def test_a_knee_bends_the_ends_of_the_tones_alone(kappa: int) -> None:
+    levels = np.arange(256, dtype=np.uint8)[None]
+    shown = with_head_room(levels, kappa, "antipodal")[0].astype(int)
+    room = -(-kappa // 2)
+    assert (shown[0], shown[-1]) == (room, 255 - room)
+    inside = slice(2 * room, 256 - 2 * room)
+    np.testing.assert_array_equal(shown[inside], levels[0, inside])
+    assert (np.diff(shown) >= 0).all()
+    np.testing.assert_array_equal(shown[::-1], 255 - shown)
+
+
+@channels_both
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kappa", [1, 2, 3])
+def test_the_mean_of_two_pairs_is_the_picture_in_every_pixel(
+    kappa: int, seed: int, channels: tuple[int, ...]
+) -> None:
+    """Where a block has the same bit twice, and between blocks where it has not."""
+    picture = noise(PILOTS, *channels)
+    steps = block_steps(picture, PILOTS) if seed else None
+    level = levels_of_steps(kappa, steps, PILOTS)
+    shown = planes(with_head_room(picture, level, "antipodal"))
+    first, second = random_bits(PILOTS, seed), random_bits(PILOTS, seed + 1)
+    total = np.zeros(shown.shape, int)
+    for bits in (first, second):
+        for turned in (False, True):
+            pair = embed(picture, bits, PILOTS, kappa, steps=steps, turned=turned)
+            total += planes(pair.original) + planes(pair.embedded)
+    np.testing.assert_array_equal(total, 8 * shown)
+
+
 @channels_both
 @pytest.mark.parametrize("level", range(4))
 @pytest.mark.parametrize("kappa", [1, 5, 10, 63, 64])
@@ -217,9 +243,8 @@ def test_antipodal_frames_stay_within_the_displays_range(
     picture = noise(SOFT, *channels)
     assert (picture.min(), picture.max()) == (0, 255)
     displayed = embed(picture, np.full(SOFT.n_bits, bit), SOFT, kappa, level)
-    for frame in (displayed.original, displayed.embedded):
-        assert frame.min() >= BOTTOM
-        assert frame.max() <= TOP
+    change = planes(displayed.embedded) - planes(displayed.original)  # less where levels overflow
+    assert np.abs(change - (kappa * message_mask(displayed.bits, SOFT, level)).round()).max() == 0
 
 
 @pytest.mark.parametrize("level", [1, 2, 3])
@@ -357,17 +382,19 @@ def test_chroma_frames_stay_within_the_displays_range(
 ) -> None:
     layout = replace(SOFT, modulation=modulation, colour="chroma")
     displayed = embed(noise(layout, 3), np.full(layout.n_bits, bit), layout, kappa, level)
+    bottom, top = (BOTTOM, TOP) if modulation == "on_off" else (0, 255)
+    change = kappa * message_mask(displayed.bits, layout, level).round()[..., None]
     for frame in (displayed.original, displayed.embedded):
-        assert frame.min() >= BOTTOM
-        assert frame.max() <= TOP
+        assert frame.min() >= bottom
+        assert frame.max() <= top
+    moved = displayed.embedded.astype(int) - displayed.original
+    if level == 0:  # no channel overflowed
+        assert np.abs(moved - change * layout.direction).max() < 1
 
 
 def test_head_room_of_chroma_keeps_grays_gray() -> None:
     ramp = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
-    for modulation, ends in (
-        ("on_off", (BOTTOM + 3, TOP - 10)),
-        ("antipodal", (BOTTOM + 5, TOP - 5)),
-    ):
+    for modulation, ends in (("on_off", (BOTTOM + 3, TOP - 10)), ("antipodal", (5, 250))):
         shown = with_head_room(ramp, 10, modulation, "chroma")
         assert (shown == shown[:, :1]).all()
         assert (shown[0, 0], shown[-1, 0]) == ends

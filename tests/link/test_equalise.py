@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from tolerances import FLOAT64, IDENTITY_LEVELS
 
-from link.equalise import equalise, uniform_mapping
+from link.images.equalise import equalise, uniform_mapping
 
 frames = arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 

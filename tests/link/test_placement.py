@@ -87,4 +87,6 @@ def test_pictures_that_would_lie_elsewhere_are_refused() -> None:
 
 def test_a_picture_that_is_too_narrow_for_the_blocks_is_refused() -> None:
     with pytest.raises(InputError, match="need a frame of at least 24x16"):
-        Placement((96, 64), "contain", (900, 60)).layout(LAYOUT)
+        Placement((36, 64), "contain", (900, 300)).layout(LAYOUT)
+    with pytest.raises(InputError, match="longer than 3:1"):
+        Placement((96, 64), "contain", (900, 60))

@@ -11,10 +11,10 @@ from sklearn.svm import SVC
 from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
 
 from link.embed import embed
-from link.equalise import equalise
 from link.errors import InputError, UnsuitedError
 from link.frames import Rectified
 from link.images import intensity
+from link.images.equalise import equalise
 from link.layout import MODULATIONS, Layout, make_layout
 from link.ratex import training_pixels
 from models import DECODERS, PRETRAINED, make_decoder

@@ -294,7 +294,7 @@ def test_few_bits_are_printed_and_many_where_scores_are(count: int) -> None:
 def test_what_covers_blocks_is_seen_at_every_grid_and_toggling_is_not(preset: Preset) -> None:
     layout = preset.layout
     rng = np.random.default_rng(4)
-    picture = np.asarray(120 + 25 * texture((layout.height, layout.width), 3), np.float32)
+    picture = np.asarray(125 + 22 * texture((layout.height, layout.width), 3), np.float32)
     occlusion = Occlusion(layout)
     for number in range(8):
         bits = rng.integers(0, 2, layout.n_bits)

@@ -1,0 +1,30 @@
+"""How much a message changes the picture: hardly with antipodal blocks, plainly with patches."""
+
+from pathlib import Path
+
+import pytest
+from conftest import slow
+
+from data_gen.pictures.library import load_pictures
+from lab.visibility.fidelity import PICTURES, Shown, difference
+
+
+def test_all_pictures_are_there_and_none_counts_twice() -> None:
+    for split, names in PICTURES.items():
+        assert set(names) <= {each.name for each in load_pictures(split, 64, 48)}
+    assert len({name for names in PICTURES.values() for name in names}) == 10
+
+
+@pytest.mark.parametrize(
+    ("preset", "most"), [("hidden", 0.5), slow("robust", 0.5), slow("paper", None)]
+)
+def test_patches_change_the_picture_and_pilots_do_not(
+    preset: str, most: float | None, tmp_path: Path
+) -> None:
+    found = difference(Shown(preset, "slide/4", "test"))
+    assert 0 <= found["mean"] <= found["high"]
+    if most is None:
+        assert found["mean"] > 2
+    else:
+        assert found["high"] <= most
+        assert found["levels"] <= 2
