@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from export.send.hiding import Hiding, Onlooker
-from export.send.pictures import open_pictures, stand_still
+from export.send.pictures import note_coarse, open_pictures, stand_still
 from export.send.write import output_kind, write_loop
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
@@ -239,6 +239,7 @@ def main() -> None:
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal" and not args.pyramid_level
     loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, size, fit, even)
+    note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     more = {
