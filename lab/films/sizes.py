@@ -21,7 +21,7 @@ from link.errors import at_least, choose, each_once
 from link.presets import PRESETS
 from reports.render.tables import Table, percent, share_interval
 from reports.score.intervals import wilson
-from reports.score.reliability import information, merge_bins
+from reports.score.reliability import binned_information, merge_bins
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def sizes_blocks(results: Mapping[str, Results[SizesContent]]) -> dict[str, str]
                 f"{came['seconds'].median():.2f}" if len(came) else "–",
                 f"{came['seconds'].max():.2f}" if len(came) else "–",
                 percent(runs["bits_wrong"].sum() / max(1, decided)),
-                f"{information(bins, decided):.3f}",
+                f"{binned_information(bins, decided):.3f}",
             ]
         )
     title = (

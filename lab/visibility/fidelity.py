@@ -30,6 +30,7 @@ and white slides, a dark map, a mostly black poster."""
 SIZE = (1920, 1080)
 """Width and height of the display, in pixels."""
 MESSAGE = b"See oorc.example/menu for the menu of today, 24 November"
+"""Message that is hidden, a sentence with an address."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Shown:
     """Split of the picture, "train" or "test"."""
 
 
-def difference(shown: Shown) -> dict[str, float]:
+def changed_colours(shown: Shown) -> dict[str, float]:
     """Hide a message in a picture, and compare the mean over time with the picture.
 
     Returns:
@@ -83,7 +84,7 @@ def measure_fidelity(flags: FidelityFlags, workshop: Workshop) -> Tables:
         for split, names in PICTURES.items()
         for picture in names
     }
-    found = workshop.each(difference, items)
+    found = workshop.each(changed_colours, items)
     table = pd.DataFrame([asdict(item) | found[name] for name, item in items.items()])
     heads = [
         "preset", "pictures", "mean", "of the pictures, least – largest", "below it 95 % of pixels",

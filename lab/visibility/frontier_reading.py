@@ -3,10 +3,11 @@
 import numpy as np
 import pandas as pd
 
-from lab.visibility.frontier_results import Lead, ReadRow, decided_information
+from lab.visibility.frontier_results import Lead, ReadRow
 from reports.engine.methods import METHODS
 from reports.score.accuracy import pool, score
 from reports.score.paired import compare_methods
+from reports.score.reliability import decided_information
 
 
 def read_rows(records: pd.DataFrame, seed: int) -> list[ReadRow]:

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from link.layout import Layout, make_layout
@@ -169,21 +168,3 @@ class FrontierResults:
     def methods(self) -> list[str]:
         """Labels of the methods in order of first appearance."""
         return list(dict.fromkeys(row.method for result in self.settings for row in result.read))
-
-
-def decided_information(accuracy: float) -> float:
-    """Work out the information of a decided bit about the sent one: of a symmetric channel, bits.
-
-    Args:
-        accuracy: share of bits that are read right, in [0, 1].
-
-    Returns:
-        a number in [0, 1]; 0 where the accuracy is at most 0.5, since nobody knows to turn bits.
-
-    >>> round(decided_information(0.9), 3), decided_information(0.4), decided_information(1.0)
-    (0.531, 0.0, 1.0)
-    """
-    if accuracy <= 0.5 or accuracy == 1:
-        return float(accuracy == 1)
-    shares = np.array([accuracy, 1 - accuracy])
-    return float(1 + (shares * np.log2(shares)).sum())

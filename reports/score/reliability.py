@@ -126,25 +126,40 @@ def merge_bins(parts: Iterable[Sequence[Bin]]) -> list[Bin]:
     return merged
 
 
-def information(bins: Sequence[Bin], bits: int) -> float:
-    """Work out how much the decisions say, in bits of information for each bit that was sent.
+def decided_information(accuracy: float) -> float:
+    """Work out the information of a decided bit about the sent one: of a symmetric channel, bits.
 
-    Within a bin, decisions are taken as the output of a binary symmetric channel of the bin's
-    accuracy; bits that are in no bin were erased and say nothing.
+    Args:
+        accuracy: share of bits that are read right, in [0, 1].
+
+    Returns:
+        a number in [0, 1]; 0 where the accuracy is at most 0.5, since nobody knows to turn bits.
+
+    >>> round(decided_information(0.9), 3), decided_information(0.4), decided_information(1.0)
+    (0.531, 0.0, 1.0)
+    """
+    if accuracy <= 0.5 or accuracy == 1:
+        return float(accuracy == 1)
+    shares = np.array([accuracy, 1 - accuracy])
+    return float(1 + (shares * np.log2(shares)).sum())
+
+
+def binned_information(bins: Sequence[Bin], bits: int) -> float:
+    """Work out how much decisions say, in bits of information for each bit that was sent.
+
+    Bits of a bin say what `decided_information` gives for its accuracy; those in no bin were erased
+    and say nothing.
 
     >>> all_right = confidence_bins(np.array([9.0, 9.0]), np.array([1, 1]))
-    >>> information(all_right, 4)
+    >>> binned_information(all_right, 4)
     0.5
 
     Args:
         bins: bins of the decided bits, as `confidence_bins` makes them.
-        bits: number of the bits that were sent, of which some may be in no bin.
+        bits: number of the bits that were sent, erased ones included.
     """
-    known = 0.0
-    for each in bins:
-        p = np.clip(each.accuracy, 1e-12, 1 - 1e-12)
-        known += each.count * float(1 + p * np.log2(p) + (1 - p) * np.log2(1 - p))
-    return round(known / max(1, bits), 9)
+    said = sum(each.count * decided_information(each.accuracy) for each in bins)
+    return said / max(1, bits)
 
 
 def calibration_error(bins: Sequence[Bin]) -> float:

@@ -6,7 +6,7 @@ import pytest
 from conftest import slow
 
 from data_gen.pictures.library import load_pictures
-from lab.visibility.fidelity import PICTURES, Shown, difference
+from lab.visibility.fidelity import PICTURES, Shown, changed_colours
 
 
 def test_all_pictures_are_there_and_none_counts_twice() -> None:
@@ -21,7 +21,7 @@ def test_all_pictures_are_there_and_none_counts_twice() -> None:
 def test_patches_change_the_picture_and_pilots_do_not(
     preset: str, most: float | None, tmp_path: Path
 ) -> None:
-    found = difference(Shown(preset, "slide/4", "test"))
+    found = changed_colours(Shown(preset, "slide/4", "test"))
     assert 0 <= found["mean"] <= found["high"]
     if most is None:
         assert found["mean"] > 2

@@ -29,10 +29,10 @@ from lab.visibility.frontier_results import (
     ReadRow,
     SettingResult,
     ShownRate,
-    decided_information,
 )
 from lab.visibility.frontier_tables import bits_table, rate_table
 from link.errors import InputError
+from reports.score.reliability import decided_information
 
 META = {"simulated": True, "seed": 0, "command": "python -m lab.visibility.frontier"}
 FINE = FrontierSetting(96, 128, "antipodal", 3)

@@ -5,7 +5,7 @@ import numpy as np
 from lab.films.sizes import SizesContent, SizeSeries, SizesFlags, check_sizes, sizes_blocks
 from lab.films.trial import Delivery
 from lab.study import Results
-from reports.score.reliability import confidence_bins, information
+from reports.score.reliability import binned_information, confidence_bins
 
 
 def test_films_can_be_run_at_the_usual_sizes() -> None:
@@ -41,5 +41,5 @@ def test_information_is_the_capacity_of_the_bins() -> None:
     right = rng.random(bits.size) < 0.9
     scores = np.where(right, 2 * bits - 1, 1 - 2 * bits) * score
     entropy = -0.9 * np.log2(0.9) - 0.1 * np.log2(0.1)
-    assert abs(information(confidence_bins(scores, bits), bits.size) - (1 - entropy)) < 0.01
-    assert information([], 9) == 0
+    assert abs(binned_information(confidence_bins(scores, bits), bits.size) - (1 - entropy)) < 0.01
+    assert binned_information([], 9) == 0
