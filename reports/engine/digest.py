@@ -8,6 +8,7 @@ not matter.
 import ast
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -57,7 +58,9 @@ def outside_digest(module: str) -> str:
     """
     if _file(module, ROOT).is_file():
         return ""
-    spec = find_spec(module.partition(".")[0])
+    spec = None
+    with suppress(ValueError):  # a module that was made on the spot has none
+        spec = find_spec(module.partition(".")[0])
     folders = list(spec.submodule_search_locations or ()) if spec else []
     files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
     return file_digest(files or [Path(spec.origin or "")] if spec else [])
