@@ -16,6 +16,7 @@ import onnxruntime
 from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
+from export.locate.pilots.evidence import pilots_toggled
 from export.onnx_file import check_onnx_file
 from export.watchdog import Watchdog
 from link.cli import add_pixel_limit, read_flags, run_cli
@@ -61,6 +62,10 @@ NOWHERE = "/dev/null/nowhere"
 DECODED_CORRELATION = 0.8
 """Smallest `link.ratex.patch_correlation` of frames that the command decodes; simulated captures up
 to 70 degrees have 0.97 and more."""
+LEAST_TOGGLED = 2.5
+"""Smallest `export.locate.pilots.evidence.pilots_toggled` of frames that the command decodes. Of
+216 simulated pairs up to 60 degrees, those below had a fifth of their bits wrong or more; of as
+many that were turned round, so that no pilot is where it should be, some 3 % are above."""
 FORMAT = "1"
 """Version of the metadata, and of the graph's inputs and outputs, that this code reads."""
 
@@ -406,6 +411,14 @@ def main() -> None:
             f"no ratex patches where the corners and the model's layout put them (correlation "
             f"{seen:.2f}); check the corners, their order, and that the display is in view"
         )
+    if decoder.layout.pilots:
+        toggled = abs(pilots_toggled(pair.original, pair.embedded, decoder.layout))
+        if toggled < LEAST_TOGGLED:
+            raise InputError(
+                f"no pilots where the corners and the model's layout put them: their known bits do "
+                f"not stand out ({toggled:.1f} standard errors, {LEAST_TOGGLED:g} needed); check "
+                "the corners, their order, the model, and that the images show both states"
+            )
     soft = decoder.decode(pair.original, pair.embedded)
     result: dict[str, Any] = {
         "bits": soft.bits.tolist(),

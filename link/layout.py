@@ -322,13 +322,17 @@ def make_layout(
 
 
 def read_layout(file: Path) -> Layout:
-    """Read a layout from a JSON file, as `Layout.to_dict` describes it.
+    """Read a layout from a JSON file, as `Layout.to_dict` describes it, or under its key "layout".
+
+    So a `sent.json` of `export.send` is a layout, too.
 
     Raises:
         InputError: the file cannot be read, or holds no layout.
     """
     try:
-        return Layout.from_dict(read_json(file))
+        data = read_json(file)
+        within = isinstance(data, dict) and isinstance(data.get("layout"), dict)
+        return Layout.from_dict(data["layout"] if within else data)
     except InputError as error:
         raise InputError(f"{file}: no layout there ({error})") from None
 

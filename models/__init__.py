@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
-from link.errors import choose
+from link.errors import InputError, choose
 from link.frames import Rectified, SoftBits
 from link.layout import Layout
 from link.presets import PRESETS
@@ -88,6 +88,34 @@ DECODERS = {
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""
 
 
+def find_card(name: str) -> Card:
+    """Find the card of a decoder by its name, or that of a class anywhere, by its place.
+
+    A class outside of `DECODERS` is named by "package.module:Class", which Python must be able to
+    import. It may have a `Card` of its own as its attribute ``card``.
+
+    Raises:
+        InputError: the name is unknown, or nothing can be imported there.
+
+    >>> find_card("models.classical.naive:Naive").llr
+    False
+    """
+    if ":" not in name:
+        return choose(DECODERS, name, "method")
+    module, _, attribute = name.partition(":")
+    try:
+        found = getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, SyntaxError, TypeError, ValueError) as error:
+        raise InputError(
+            f"method {name!r} cannot be imported: {error}; name it as package.module:Class, and "
+            "its folder in PYTHONPATH"
+        ) from None
+    if not hasattr(found, "decode"):
+        raise InputError(f"method {name!r}: has no decode; docs/extend.md says what a decoder is")
+    card = getattr(found, "card", None)
+    return card if isinstance(card, Card) else Card(name, "#55606e", marker="P")
+
+
 def shipped_graphs() -> dict[Layout, Path]:
     """Name the exported decoder that ships with the project for the layout of each preset.
 
@@ -131,7 +159,7 @@ def make_decoder(name: str, **options: Any) -> BlockDecoder:
     """Build the decoder called ``name``.
 
     Args:
-        name: a key of `DECODERS`.
+        name: a key of `DECODERS`, or "package.module:Class".
         **options: fields of that decoder's dataclass, such as ``C`` or ``checkpoint``.
 
     Raises:
@@ -140,6 +168,6 @@ def make_decoder(name: str, **options: Any) -> BlockDecoder:
     >>> make_decoder("oorc", C=10.0)
     OORC(degree=4, C=10.0, pooling='mean', train_on='tile')
     """
-    module, _, attribute = choose(DECODERS, name, "method").target.partition(":")
+    module, _, attribute = find_card(name).target.partition(":")
     decoder: BlockDecoder = getattr(import_module(module), attribute)(**options)
     return decoder

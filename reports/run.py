@@ -4,7 +4,7 @@
 |---|---|
 | config.json | the settings that decide the result; written first |
 | cells/ | predictions as they are made (`reports.engine.predict`) |
-| predictions.jsonl, metrics.json, tables.md | the main comparison |
+| predictions.jsonl, metrics.json, metrics.csv, tables.md | the main comparison |
 | sweeps.json, sweeps.jsonl | what was swept, and the predictions there |
 | stories.json, stories/ | single frame pairs as pictures |
 | response.json, cost.json | inverse responses that methods find, and their time |
@@ -28,7 +28,7 @@ from link.outside import inside, is_file, read_json
 from reports.engine.checked import Count, Number, checked
 from reports.engine.provenance import Machine, Making, commit, machine
 from reports.engine.records import read_predictions, to_lines, write_lines
-from reports.score.accuracy import read_scores, score, write_scores
+from reports.score.accuracy import read_scores, score, to_score_rows, write_scores
 
 T = TypeVar("T")
 Multiple = Annotated[float, Field(ge=1e-6, le=1e9)]
@@ -282,7 +282,7 @@ class RunFolder:
         self.settings = json.loads(json.dumps(settings, default=str))
 
     def write_comparison(self, records: pd.DataFrame, meta: dict[str, Any], tables: str) -> None:
-        """Write the main comparison: predictions.jsonl, metrics.json and tables.md.
+        """Write the main comparison: predictions.jsonl, metrics.json, its rows as CSV, tables.md.
 
         Args:
             records: predictions.
@@ -290,7 +290,10 @@ class RunFolder:
             tables: Markdown.
         """
         write_bytes(self.path / "predictions.jsonl", write_lines(to_lines(records)))
-        write_scores(self.path / "metrics.json", score(records), meta)
+        scores = score(records)
+        write_scores(self.path / "metrics.json", scores, meta)
+        rows = pd.DataFrame([asdict(row) for row in to_score_rows(scores)])
+        write_bytes(self.path / "metrics.csv", rows.to_csv(index=False).encode())
         write_bytes(self.path / "tables.md", f"{tables}\n".encode())
 
     def write_sweeps(self, sweeps: Sequence[SweepCurve], records: pd.DataFrame) -> None:

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.find import locate
 from export.receive.decoders import PairDecoder, open_decoders
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox, say
@@ -23,9 +22,11 @@ from export.receive.receiver import Receiver, ReceiverStep
 from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, CameraFrame, open_source
 from export.receive.tracking.patches import Tracked
+from export.receive.two_images import find_in_both
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
+from link.frames import check_same_size
 from link.images import make_folder, read_image, write_image
 from link.layout import Layout
 from link.presets import PRESETS
@@ -98,25 +99,23 @@ def read_two_images(
     """Decode two images in either order, with the display anywhere in each.
 
     Raises:
-        InputError: no decoder is for a layout with ratex patches, an image is unreadable or shows
-            no display, or both show one state.
+        InputError: an image is unreadable, they are of unlike size, no display is in both, or both
+            show one state.
     """
-    decoder = next((decoder for decoder in decoders if decoder.layout.ratex), None)
-    if decoder is None:
-        raise InputError(
-            "--model: the layout has pilots in place of ratex patches, which two images do not "
-            "tell from the room; give a film"
-        )
-    receiver = Receiver(decoder)
+    receivers = {decoder.layout: Receiver(decoder) for decoder in decoders}
     frames = [read_image(path, max_megapixels) for path in (first, second)]
-    corners = []
-    for path, image in zip((first, second), frames, strict=True):
-        found = locate(image, decoder.layout)
-        if found is None:
-            raise InputError(f"{path}: no display with this layout's ratex patches in view")
-        corners.append(found.corners)
-        say("display", image=path, corners=found.corners.round(2).tolist())
-    pair = receiver.decode_images(frames[0], frames[1], corners[0], corners[1])
+    check_same_size(frames[0], frames[1])
+    found = find_in_both(frames[0], frames[1], list(receivers))
+    if found is None:
+        sought = ", ".join(preset_name(layout) or "--model" for layout in receivers)
+        raise InputError(
+            f"{first}, {second}: no display is in both whose blocks change from one to the other "
+            f"({sought} looked for); take one image of each state, from one place"
+        )
+    for path, corners in zip((first, second), found.corners, strict=True):
+        what = {"preset": preset_name(found.layout), "corners": corners.round(2).tolist()}
+        say("display", image=path, **what)
+    pair = receivers[found.layout].decode_images(frames[0], frames[1], *found.corners)
     say("pair", **pair_values(pair, scores=True))
 
 

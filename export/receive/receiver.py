@@ -17,9 +17,9 @@ from export.receive.diagnosis import Observations
 from export.receive.reader import DecodedPair, DisplayReader, Sight, StageTimes
 from export.receive.repeats import Repeats
 from export.receive.states import MESH, DisplayState
-from export.receive.timing.toggles import patch_toggles
 from export.receive.tracking.patches import DisplayTracker, Tracked, Tracker
 from export.receive.tracking.pilots import PilotTracker
+from export.receive.two_images import state_change
 from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured
@@ -27,8 +27,8 @@ from link.layout import Layout
 from link.types import Corners, Image
 
 STILL = 2.0
-"""Smallest change of the toggles between two images, in standard errors over the patches, at which
-the images show different states."""
+"""Smallest change of the toggles between two images, in standard errors over patches or pilots, at
+which the images show different states."""
 
 
 @dataclass(frozen=True)
@@ -207,24 +207,17 @@ class Receiver:
             corners_second: pixels of the display in the second image.
 
         Raises:
-            InputError: images of unlike size, corners that do not fit, or patches that do not
-                differ between the images.
+            InputError: images of unlike size, corners that do not fit, or patches or pilots that do
+                not differ between the images.
         """
         frames = [as_uint8(image) for image in (first, second)]
-        if not self.layout.ratex:
-            raise InputError(
-                "two images tell their states apart by ratex patches, and the layout has none; "
-                "give a film"
-            )
         captured = Captured(frames[0], frames[1], self.layout, corners_first, corners_second)
         rectified = captured.rectified()
         images = [rectified.original, rectified.embedded]
-        before, after = (patch_toggles(image, self.layout) for image in images)
-        gain = after - before
-        gain = gain[np.isfinite(gain)]
-        if gain.size == 0 or abs(gain.mean()) <= STILL * gain.std() / np.sqrt(gain.size):
+        change = state_change(images[0], images[1], self.layout)
+        if abs(change) <= STILL:
             raise InputError("the two images show the same state; take one of each")
-        original, embedded = images if gain.mean() > 0 else images[::-1]
+        original, embedded = images if change > 0 else images[::-1]
         whole = np.ones((MESH, MESH))
         states = DisplayState(original, whole, 1), DisplayState(embedded, whole, 1)
         return DecodedPair(0, 0.0, self.decoder.decode(original, embedded), *states, 0.0)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from export.send.hiding import Hiding, Onlooker
-from export.send.pictures import open_pictures, stand_still
+from export.send.pictures import note_coarse, open_pictures, stand_still
 from export.send.write import output_kind, write_loop
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
@@ -231,15 +231,15 @@ def main() -> None:
         raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
-    bits = encode(
-        protected_message(message, args.key, args.counter), layout.n_bits, args.redundancy
-    )
+    protected = protected_message(message, args.key, args.counter)
+    bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     first = next(pictures())
     size = args.size or usual_size((first.shape[1], first.shape[0]), layout)
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal" and not args.pyramid_level
     loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, size, fit, even)
+    note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     more = {

@@ -1,5 +1,6 @@
 """The pictures that carry the message: one image, a folder of images, or a video."""
 
+import sys
 from collections.abc import Iterator
 from functools import partial
 from itertools import islice
@@ -9,10 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import IMAGE_SUFFIXES, image_files, read_image
+from link.images import IMAGE_SUFFIXES, image_files, read_picture
 from link.images.video import VideoReader, read_video
 from link.loop import Pictures
 from link.outside import is_file
+
+COARSE = 2.0
+"""Factor of enlargement from which on a picture's own pixels are seen, so that it is worth a note.
+"""
 
 
 def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = None) -> Pictures:
@@ -30,7 +35,15 @@ def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = N
     Raises:
         InputError: nothing there, or nothing readable; also later, when the stream gets there.
     """
-    read = partial(read_image, max_megapixels=max_megapixels)
+    noted: set[Path] = set()
+
+    def read(path: Path) -> NDArray[np.uint8]:
+        picture, see_through = read_picture(path, max_megapixels)
+        if see_through and not noted:
+            print(f"note: {path}: what is transparent is shown as white", file=sys.stderr)
+            noted.add(path)
+        return picture
+
     if source.is_dir():
         return partial(map, read, image_files(source))
     if not is_file(source):
@@ -40,6 +53,18 @@ def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = N
         return lambda: iter([picture])
     fps = VideoReader(source, max_megapixels).fps
     return partial(_in_time, source, max_megapixels, 1.0 if fps is None else fps / pair_hz)
+
+
+def note_coarse(given_size: tuple[int, int], shown_size: tuple[int, int]) -> None:
+    """Say on stderr where a picture is shown much larger than it is; sizes are (width, height)."""
+    factor = max(shown / given for shown, given in zip(shown_size, given_size, strict=True))
+    if factor >= COARSE:
+        given, shown = (f"{width}x{height}" for width, height in (given_size, shown_size))
+        print(
+            f"note: a picture of {given} is shown as {shown} pixels, and looks coarse; give a "
+            "larger one",
+            file=sys.stderr,
+        )
 
 
 def stand_still(pictures: Pictures) -> bool:

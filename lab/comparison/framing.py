@@ -106,7 +106,7 @@ def reads_ldpc(llr: Array, message: bytes, n_bits: int) -> bool:
     """Whether `link.code.framing` reads a message from what came of `encode_ldpc`."""
     frames = llr.reshape(-1, n_bits - SIGNATURE)
     known = np.concatenate([np.zeros((len(frames), SIGNATURE)), frames], axis=1)
-    return decode(known) == message
+    return decode(known) == (message, False)
 
 
 def encode_reed_solomon(message: bytes, n_bits: int) -> NDArray[np.integer]:
@@ -189,7 +189,7 @@ def count_decoded(batch: Batch) -> dict[str, int]:
             continue
         decoded = decode(trial.scores)
         delivered += decoded is not None
-        wrong += decoded is not None and decoded != trial.message
+        wrong += decoded is not None and decoded.data != trial.message
     return {"delivered": delivered, "wrong": wrong}
 
 

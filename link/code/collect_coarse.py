@@ -128,7 +128,7 @@ class DeliveredMessage:
         self.message = message
         self.doubt = 0.0
         """Parity bits beyond those tolerated that contradict the message, in frames; at least 0."""
-        bits = encode(message.data, n_bits)
+        bits = encode(message.data, n_bits, signed=message.signed)
         parity = parity_mask(message.frames, n_bits)
         self._signs = (2.0 * bits - 1) * parity
         self._parity_bits = np.maximum(parity.sum(axis=1), 1)
@@ -270,16 +270,17 @@ class CoarseCollector:
         assert loop is not None
         self.attempts += 1
         loop.tried = self.progress
-        data = decode(loop.sums)
-        if data is None:
+        content = decode(loop.sums)
+        if content is None:
             return None
         self._loop = None
-        if known is not None and known.message.data == data:
+        if known is not None and (known.message.data, known.message.signed) == content:
             known.doubt = 0.0
             return None
-        sent = encode(data, self.n_bits)
+        sent = encode(content.data, self.n_bits, signed=content.signed)
         weight = np.abs(loop.sums)
         agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
-        message = Message(data, loop.frames, loop.seen, agree, changed=known is not None)
+        changed = known is not None
+        message = Message(content.data, loop.frames, loop.seen, agree, changed, content.signed)
         self._delivered = DeliveredMessage(message, self.n_bits)
         return message

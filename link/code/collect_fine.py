@@ -23,7 +23,7 @@ from link.code.fine import (
     number_likelihoods,
     read_terms,
 )
-from link.code.message import MAX_SCORE, Message
+from link.code.message import MAX_SCORE, Content, Message
 from link.code.steps import Steps
 from link.code.words import NUMBERS
 from link.types import Floats
@@ -107,7 +107,7 @@ class Attempt:
 
     loop: CodedScores
     """What was collected; it may have grown since."""
-    steps: Steps[bytes | None]
+    steps: Steps[Content | None]
     """Steps of the decoding, which return the message or None."""
 
 
@@ -262,18 +262,18 @@ class FineCollector:
                     spent += next(self._attempt.steps)
                 return None
             except StopIteration as end:
-                loop, data = self._attempt.loop, end.value
+                loop, content = self._attempt.loop, end.value
                 self._attempt = None
-                if data is not None:
-                    return self._deliver(loop, data)
+                if content is not None:
+                    return self._deliver(loop, content)
 
-    def _deliver(self, loop: CodedScores, data: bytes) -> Message:
+    def _deliver(self, loop: CodedScores, content: Content) -> Message:
         """Make the message that was decoded of a loop; it ends the collection."""
-        sent = coded_bits(data, loop.terms, self.n_bits)
+        sent = coded_bits(content, loop.terms, self.n_bits)
         weight = np.abs(loop.sums)
         agree = float(weight[(loop.sums > 0) == (sent == 1)].sum() / weight.sum())
         changed = self._delivered is not None
         if self._loop is not None and self._loop.terms == loop.terms:
             self._loop, self._due, self.progress = None, False, 1.0
         self._delivered = loop.terms
-        return Message(data, loop.terms.frames, loop.seen, agree, changed)
+        return Message(content.data, loop.terms.frames, loop.seen, agree, changed, content.signed)

@@ -1,13 +1,15 @@
 """Framing for fine grids: a message becomes frames of thousands of bits, any of which help.
 
-    information   message | CRC-32 of length and message | zeros, cut into equal blocks
+    information   message | CRC-32 of header and message | zeros, cut into equal blocks
     coded bits    as many as the loop has room for, by turns from each block (`link.code.rateless`)
     frame k       a word that says k | words that say the loop's terms | coded bits k P to k P + P
 
 The *terms* are what a receiver must know before it can decode: the length of the message, the
 number of frames in the loop and a mark of the message. They make six words, of which each frame
 shows one or more by turns. So a receiver learns them within a few frames, and notices by them when
-the message changes.
+the message changes. The terms leave no bit free, so a header that is not sent but enters the CRC-32
+says whether the message is signed (`link.code.authenticate`): the length in 31 bits, after a bit
+that is 1 where it is. The receiver tries both; no message fits both.
 """
 
 import hashlib
@@ -20,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.code.ldpc import scrambled
+from link.code.message import Content
 from link.code.rateless import (
     MAX_INFORMATION,
     MIN_INFORMATION,
@@ -173,7 +176,9 @@ class Shape:
         return np.asarray(white, np.uint8)
 
 
-def encode_fine(message: bytes, n_bits: int, redundancy: float | None = None) -> NDArray[np.uint8]:
+def encode_fine(
+    message: bytes, n_bits: int, redundancy: float | None = None, signed: bool = False
+) -> NDArray[np.uint8]:
     """Turn a message into the bits of the loop that carries it.
 
     Args:
@@ -181,6 +186,7 @@ def encode_fine(message: bytes, n_bits: int, redundancy: float | None = None) ->
         n_bits: message blocks of a frame.
         redundancy: coded bits for each bit of information; None for `USUAL_REDUNDANCY`, or less
             where that would make too long a loop, or more where it would be too short.
+        signed: whether the message ends with stamp and tag, which the loop then says.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
@@ -191,7 +197,7 @@ def encode_fine(message: bytes, n_bits: int, redundancy: float | None = None) ->
     frames = fine_frames(len(message), n_bits, redundancy)
     terms = Terms(len(message), frames, mark_of(message))
     shape, pieces = Shape.of(n_bits), all_words()[terms.pieces()]
-    coded = coded_bits(message, terms, n_bits)
+    coded = coded_bits(Content(message, signed), terms, n_bits)
     bits = np.empty((frames, n_bits), np.uint8)
     for number, row in enumerate(bits):
         words = [all_words()[[number]], pieces[shape.pieces_shown(number)]]
@@ -201,15 +207,15 @@ def encode_fine(message: bytes, n_bits: int, redundancy: float | None = None) ->
     return bits
 
 
-def decode_fine(scores: NDArray[np.floating]) -> bytes | None:
+def decode_fine(scores: NDArray[np.floating]) -> Content | None:
     """Read the message of a loop from the scores of all its frames, in order.
 
     Args:
         scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
 
     Returns:
-        the message, or None where the scores do not suffice. It is never a wrong message, short of
-        a CRC-32 and three bytes of a SHA-256 that fit by chance.
+        the message and whether it is signed, or None where the scores do not suffice. It is never a
+        wrong message, short of a CRC-32 and three bytes of a SHA-256 that fit by chance.
     """
     scores = np.asarray(np.nan_to_num(scores), np.float32)
     frames, n_bits = scores.shape
@@ -315,21 +321,21 @@ def mark_of(message: bytes) -> int:
     return int.from_bytes(hashlib.sha256(message).digest()[:MARK_BYTES], "big")
 
 
-def coded_bits(message: bytes, terms: Terms, n_bits: int) -> NDArray[np.uint8]:
+def coded_bits(content: Content, terms: Terms, n_bits: int) -> NDArray[np.uint8]:
     """Encode a message: (frames, body) coded bits of its loop, before whitening."""
-    content = (message + _crc(message)).ljust(terms.information // 8, b"\0")
-    information = np.unpackbits(np.frombuffer(content, np.uint8)).reshape(terms.blocks, -1).T
+    data = (content.data + _crc(content)).ljust(terms.information // 8, b"\0")
+    information = np.unpackbits(np.frombuffer(data, np.uint8)).reshape(terms.blocks, -1).T
     size = terms.frames * Shape.of(n_bits).body
     coded = terms.code.encode(information, -(-size // terms.blocks))  # (count, blocks)
     return np.asarray(coded.reshape(-1)[:size].reshape(terms.frames, -1), np.uint8)
 
 
-def decode_coded(scores: Floats, terms: Terms) -> bytes | None:
+def decode_coded(scores: Floats, terms: Terms) -> Content | None:
     """Read a message whose terms are known, at once; `coded_decoding_steps` says the rest."""
     return run_to_end(coded_decoding_steps(scores, terms))
 
 
-def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
+def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[Content | None]:
     """Read a message whose terms are known, step by step.
 
     Args:
@@ -339,7 +345,8 @@ def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
 
     Returns:
         a generator, which yields the work of each step (`link.code.rateless.GRAPH_WORK` says its
-        unit), and returns the message, or None where the scores do not suffice.
+        unit), and returns the message and whether it is signed, or None where the scores do not
+        suffice.
     """
     count = -(-scores.size // terms.blocks)
     llr = np.zeros(count * terms.blocks, np.float32)
@@ -347,17 +354,19 @@ def coded_decoding_steps(scores: Floats, terms: Terms) -> Steps[bytes | None]:
     return _message_steps(llr.reshape(count, terms.blocks), terms)
 
 
-def _message_steps(llr: Floats, terms: Terms) -> Steps[bytes | None]:
+def _message_steps(llr: Floats, terms: Terms) -> Steps[Content | None]:
     """Decode (count, blocks) log-likelihood ratios, and check the message."""
     information, done = yield from terms.code.decoding_steps(llr)
     if not done.all():
         return None
     content = np.packbits(information.T).tobytes()
     message, rest = content[: terms.n_bytes], content[terms.n_bytes :]
-    fits = rest[:CRC_BYTES] == _crc(message) and not any(rest[CRC_BYTES:])
-    return message if fits and mark_of(message) == terms.mark else None
+    if any(rest[CRC_BYTES:]) or mark_of(message) != terms.mark:
+        return None
+    possible = (Content(message, signed) for signed in (False, True))
+    return next((content for content in possible if rest[:CRC_BYTES] == _crc(content)), None)
 
 
-def _crc(message: bytes) -> bytes:
-    length = len(message).to_bytes(4, "big")
-    return zlib.crc32(message, zlib.crc32(length)).to_bytes(CRC_BYTES, "big")
+def _crc(content: Content) -> bytes:
+    header = (content.signed << 31 | len(content.data)).to_bytes(4, "big")
+    return zlib.crc32(content.data, zlib.crc32(header)).to_bytes(CRC_BYTES, "big")

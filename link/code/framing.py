@@ -7,6 +7,8 @@ describes. What follows is the framing of coarse grids:
     codeword      information + parity, rate 1/2 (`link.code.ldpc`): N P bits for N frames
     frame k       SIGNATURE bits that say (N, k) | P bits of the codeword
 
+The highest bit of the length says that the message is signed (`link.code.authenticate`).
+
 The codeword is whitened, and interleaved over all frames and blocks, so that a covered block or a
 lost frame takes bits from everywhere; any half of the loop, or a little more, is enough.
 """
@@ -26,6 +28,7 @@ from link.code.fine import (
     fine_frames,
 )
 from link.code.ldpc import Code, make_code, scrambled
+from link.code.message import Content
 from link.errors import InputError, ParameterError
 
 FINE_BITS = 512
@@ -36,6 +39,8 @@ MAX_FRAMES = 1024
 """Largest number of frames in a loop."""
 LENGTH_BYTES, CRC_BYTES = 2, 4
 """Number of bytes that hold the length of the message, and its CRC-32."""
+SIGNED = 1 << 8 * LENGTH_BYTES - 1
+"""Bit of the length that is set where a message is signed; no loop has room for such a length."""
 MIN_BITS = 2 * SIGNATURE
 """Smallest number of message blocks that a frame may have."""
 
@@ -92,7 +97,7 @@ def longest_message(n_bits: int) -> int:
     """
     if is_fine(n_bits):
         return fine_capacity(FINE_MAX_FRAMES, n_bits, MIN_REDUNDANCY)
-    return min((1 << 8 * LENGTH_BYTES) - 1, capacity(MAX_FRAMES, n_bits))
+    return min(SIGNED - 1, capacity(MAX_FRAMES, n_bits))
 
 
 def frames_needed(
@@ -183,7 +188,9 @@ def parity_mask(frames: int, n_bits: int) -> NDArray[np.bool_]:
     return np.concatenate([np.zeros((frames, SIGNATURE), bool), parity], axis=1)
 
 
-def encode(message: bytes, n_bits: int, redundancy: float | None = None) -> NDArray[np.uint8]:
+def encode(
+    message: bytes, n_bits: int, redundancy: float | None = None, signed: bool = False
+) -> NDArray[np.uint8]:
     """Turn a message into the bits of the loop that carries it.
 
     Args:
@@ -191,6 +198,7 @@ def encode(message: bytes, n_bits: int, redundancy: float | None = None) -> NDAr
         n_bits: message blocks of a frame.
         redundancy: coded bits for each bit of information, on fine grids alone; None for what is
             usual.
+        signed: whether the message ends with stamp and tag, which the loop then says.
 
     Returns:
         (frames, n_bits) uint8, 0 or 1, row-major over the message cells.
@@ -204,10 +212,11 @@ def encode(message: bytes, n_bits: int, redundancy: float | None = None) -> NDAr
     (4, 59)
     """
     if is_fine(n_bits):
-        return encode_fine(message, n_bits, redundancy)
+        return encode_fine(message, n_bits, redundancy, signed)
     frames = frames_needed(len(message), n_bits, redundancy=redundancy)
     room = information_bytes(frames, n_bits) - CRC_BYTES
-    data = (len(message).to_bytes(LENGTH_BYTES, "big") + message).ljust(room, b"\0")
+    length = len(message) | SIGNED * signed
+    data = (length.to_bytes(LENGTH_BYTES, "big") + message).ljust(room, b"\0")
     data += zlib.crc32(data).to_bytes(CRC_BYTES, "big")
     codeword = code_of(frames, n_bits).encode(np.unpackbits(np.frombuffer(data, np.uint8)))
     order, white = _order(codeword.size)
@@ -216,15 +225,16 @@ def encode(message: bytes, n_bits: int, redundancy: float | None = None) -> NDAr
     return np.concatenate([heads, body], axis=1)
 
 
-def decode(scores: NDArray[np.floating]) -> bytes | None:
+def decode(scores: NDArray[np.floating]) -> Content | None:
     """Read the message of a loop from its scores.
 
     Args:
         scores: (frames, n_bits) log-likelihood ratios, positive for 1; 0 where nothing is known.
 
     Returns:
-        the message, or None where the scores do not suffice, or where the loop is not the one that
-        `encode` makes. It is never a wrong message, short of a CRC-32 that fits by chance.
+        the message and whether it is signed, or None where the scores do not suffice, or where the
+        loop is not the one that `encode` makes. It is never a wrong message, short of a CRC-32 that
+        fits by chance.
 
     A covered block and a lost frame do no harm:
 
@@ -232,7 +242,7 @@ def decode(scores: NDArray[np.floating]) -> bytes | None:
     >>> scores[:, 20] = 0
     >>> scores[1] = 0
     >>> decode(scores)
-    b'Hello'
+    Content(data=b'Hello', signed=False)
     """
     frames, n_bits = scores.shape
     if capacity(frames, n_bits) < 1 or not scores.any():
@@ -247,11 +257,12 @@ def decode(scores: NDArray[np.floating]) -> bytes | None:
     if codeword is None:
         return None
     data = np.packbits(codeword[: 8 * information_bytes(frames, n_bits)]).tobytes()
-    length = int.from_bytes(data[:LENGTH_BYTES], "big")
+    signed, length = divmod(int.from_bytes(data[:LENGTH_BYTES], "big"), SIGNED)
     content, crc = data[:-CRC_BYTES], data[-CRC_BYTES:]
     message = content[LENGTH_BYTES : LENGTH_BYTES + length]
     padding = content[LENGTH_BYTES + length :]
     whole = 1 <= length == len(message) and not any(padding)
     if not whole or zlib.crc32(content).to_bytes(CRC_BYTES, "big") != crc:
         return None
-    return message if frames == frames_needed(length, n_bits) else None
+    fits = frames == frames_needed(length, n_bits)
+    return Content(message, signed == 1) if fits else None

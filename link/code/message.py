@@ -1,10 +1,20 @@
 """A message as a collector returns it."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 MAX_SCORE = 8.0
 """Largest magnitude of a score, in log-likelihood units; larger ones are cut, because what covers a
 block can look certain, and no single block should decide."""
+
+
+class Content(NamedTuple):
+    """What a loop carries, as `encode` takes it."""
+
+    data: bytes
+    """The bytes that were sent."""
+    signed: bool = False
+    """Whether they end with a stamp and a tag (`link.code.authenticate`), as the framing says."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +31,8 @@ class Message:
     """Share of the scores' weight that agrees with the message, in [0, 1]."""
     changed: bool = False
     """Whether the display showed another message before, which was delivered."""
+    signed: bool = False
+    """Whether the framing says that stamp and tag end the bytes (`link.code.authenticate`)."""
 
     @property
     def text(self) -> str:

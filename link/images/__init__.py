@@ -9,7 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError
-from link.images.size import ends_early, image_size, is_animated, is_overfull
+from link.images.size import (
+    ends_early,
+    image_size,
+    is_animated,
+    is_overfull,
+    may_be_transparent,
+    unread_kind,
+)
 from link.layout import COLOURS
 from link.outside import is_file, is_no_file, read_bounded
 from link.types import Image
@@ -121,17 +128,25 @@ def check_pixels(width: int, height: int, where: Path | str, limit: int) -> None
 
 
 def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray[np.uint8]:
-    """Read an image file as encoded RGB.
+    """Read an image file as encoded RGB, as `read_picture` does."""
+    return read_picture(path, max_megapixels)[0]
 
-    16-bit files are reduced to 8 bits, gray files repeated over three channels, and the EXIF
-    orientation is applied. The size is read from the header before any pixel is decoded.
+
+def read_picture(
+    path: Path | str, max_megapixels: float | None = None
+) -> tuple[NDArray[np.uint8], bool]:
+    """Read an image file as encoded RGB, and say whether parts of it are transparent.
+
+    What is transparent in a PNG or WebP file is laid on white. 16-bit files are reduced to 8 bits,
+    gray files repeated over three channels, and the EXIF orientation is applied. The size is read
+    from the header before any pixel is decoded.
 
     Args:
         path: a PNG, JPEG, TIFF, BMP or WebP file.
         max_megapixels: largest number of pixels, in millions; see `pixel_limit`.
 
     Returns:
-        (H, W, 3) uint8, encoded, RGB.
+        (H, W, 3) uint8, encoded, RGB, and whether white shows through.
 
     Raises:
         InputError: the file is missing, is not an image or an animated one, has too many pixels, or
@@ -141,6 +156,7 @@ def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray
     if not is_file(path):
         raise InputError(f"{path}: no such image file; check the path")
     data = read_bounded(path, BYTES_PER_PIXEL * limit + SPARE_BYTES)
+    check_kind(path, data)
     if ends_early(data):
         raise InputError(f"{path}: not a readable image: it is cut off; copy it again")
     if is_animated(data):
@@ -165,7 +181,36 @@ def read_image(path: Path | str, max_megapixels: float | None = None) -> NDArray
         raise InputError(
             f"{path}: image is {width}x{height}, need at least {MIN_SIDE_PX}x{MIN_SIDE_PX} pixels"
         )
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
+    see_through = may_be_transparent(data) and _lay_on_white(image, data)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8), see_through
+
+
+def check_kind(path: Path | str, data: bytes) -> None:
+    """Raise an `InputError` where a file's first bytes are those of a kind that is not read."""
+    kind = unread_kind(data)
+    if kind is not None:
+        raise InputError(f"{path}: {kind} is not read; save it as JPEG or PNG")
+
+
+def _lay_on_white(image: NDArray[np.generic], data: bytes) -> bool:
+    """Mix an image with white, in place, where its file says that it is transparent.
+
+    Args:
+        image: (H, W, 3) uint8, as OpenCV reads the file without transparency.
+        data: the file.
+
+    Returns:
+        whether anything is transparent.
+    """
+    whole = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if whole is None or whole.shape != (*image.shape[:2], 4):
+        return False
+    alpha = whole[:, :, 3]
+    most = np.iinfo(alpha.dtype).max
+    seen = alpha < most
+    covers = alpha[seen, None].astype(np.float32) / most
+    image[seen] = np.rint(255 + covers * (image[seen].astype(np.float32) - 255))
+    return bool(seen.any())
 
 
 def as_rgb(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -26,8 +26,12 @@ MAX_SCANS = 100
 MAX_PIXEL_BYTES = 16
 """Largest number of compressed bytes of a PNG file for each pixel, twice what the largest pixels
 take without compression."""
-WEBP_ANIMATION = 2
-"""Bit of an extended WebP file's flags that an animation sets."""
+WEBP_ANIMATION, WEBP_ALPHA = 2, 16
+"""Bits of an extended WebP file's flags that an animation sets, and transparency."""
+PNG_ALPHA = (4, 6)
+"""Numbers of the kinds of PNG pixels that say how transparent they are."""
+UNREAD_BRANDS = {b"heic": "HEIC", b"heix": "HEIC", b"mif1": "HEIC", b"avif": "AVIF"}
+"""By the brand in a file's first bytes, kinds of pictures that are not read."""
 SPARE_PIXELS = 4096
 """Number of pixels by which a PNG file may seem larger than it is, so that small ones pass."""
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257
@@ -102,6 +106,29 @@ def is_animated(data: bytes) -> bool:
     if data.startswith(PNG):
         return any(name == b"acTL" for name, _ in _png_chunks(data))
     return data[8:16] == b"WEBPVP8X" and bool(data[20:21] and data[20] & WEBP_ANIMATION)
+
+
+def may_be_transparent(data: bytes) -> bool:
+    """Whether a PNG or WebP file says that it tells how transparent its pixels are."""
+    if data.startswith(PNG):
+        told = any(name == b"tRNS" for name, _ in _png_chunks(data))
+        return told or bool(data[25:26] and data[25] in PNG_ALPHA)
+    kind = data[8:16]
+    if kind == b"WEBPVP8L":
+        return bool(data[24:25] and data[24] & WEBP_ALPHA)
+    return kind == b"WEBPVP8X" and bool(data[20:21] and data[20] & WEBP_ALPHA)
+
+
+def unread_kind(data: bytes) -> str | None:
+    """Name the kind of a picture that is not read: HEIC, AVIF or SVG; None for all else.
+
+    >>> unread_kind(bytes(4) + b"ftypheic"), unread_kind(b"<svg/>"), unread_kind(PNG)
+    ('HEIC', 'SVG', None)
+    """
+    if data[4:8] == b"ftyp":
+        return UNREAD_BRANDS.get(data[8:12])
+    begins = data[:1000].removeprefix(b"\xef\xbb\xbf").lstrip()
+    return "SVG" if begins.startswith(b"<") and b"<svg" in begins else None
 
 
 def _jpeg_scans(data: bytes) -> int:

@@ -7,6 +7,7 @@ whether that is an error (`read_video`, for the sender) or a warning (`export.re
 the receiver).
 """
 
+import contextlib
 import math
 import os
 import zlib
@@ -21,7 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from link.errors import InputError
-from link.images import MIN_SIDE_PX, check_pixels, make_folder, pixel_limit, temporary_name
+from link.images import (
+    MIN_SIDE_PX,
+    check_kind,
+    check_pixels,
+    make_folder,
+    pixel_limit,
+    temporary_name,
+)
 from link.outside import is_file
 
 LOSSLESS = "FFV1"
@@ -105,6 +113,8 @@ class VideoReader:
         self.path = Path(path)
         if not is_file(self.path):
             raise InputError(f"{path}: no such video file; check the path")
+        with contextlib.suppress(OSError), self.path.open("rb") as file:
+            check_kind(path, file.read(1000))
         self._video = _open_capture(self.path)
         if not self._video.isOpened():
             raise InputError(

@@ -8,8 +8,10 @@ not matter.
 import ast
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -45,6 +47,23 @@ def code_digest(*modules: str, root: Path = ROOT) -> str:
         digest.update(_statements(_file(module, root)).encode())
         digest.update(file_digest(root / name for name in DATA.get(module, ())).encode())
     return digest.hexdigest()
+
+
+@lru_cache(maxsize=64)
+def outside_digest(module: str) -> str:
+    """SHA-256 of a module that is not ours, with all of its package; empty for one of ours.
+
+    Args:
+        module: dotted name of a module that can be imported.
+    """
+    if _file(module, ROOT).is_file():
+        return ""
+    spec = None
+    with suppress(ValueError):  # a module that was made on the spot has none
+        spec = find_spec(module.partition(".")[0])
+    folders = list(spec.submodule_search_locations or ()) if spec else []
+    files = [file for folder in folders for file in sorted(Path(folder).rglob("*.py"))]
+    return file_digest(files or [Path(spec.origin or "")] if spec else [])
 
 
 def imported_modules(modules: Sequence[str], root: Path = ROOT) -> list[str]:

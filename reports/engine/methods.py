@@ -11,10 +11,10 @@ import numpy as np
 from data_gen.frame_pair import FramePair
 from data_gen.ideal import observe_ideally
 from link.embed import embed
-from link.errors import InputError, UnsuitedError, choose
+from link.errors import InputError, UnsuitedError, choose, each_once
 from link.frames import Rectified, SoftBits
 from link.layout import Layout
-from models import DECODERS, BlockDecoder, Card, make_decoder
+from models import DECODERS, BlockDecoder, Card, find_card, make_decoder
 
 OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
     name: (
@@ -36,21 +36,21 @@ class Method:
     """A method by name, with its options: cheap to send to another process."""
 
     name: str
-    """A key of `METHODS`."""
+    """A key of `METHODS`, or "package.module:Class" for a decoder that lives elsewhere."""
     options: tuple[tuple[str, Any], ...] = ()
     """Fields of the decoder's dataclass, as (name, value)."""
     label: str = field(default="")
-    """What tables call it; the name where none is given."""
+    """What tables call it; the name where none is given, or that of the class alone."""
 
     def __post_init__(self) -> None:
-        choose(METHODS, self.name, "method")
+        assert self.card
         if not self.label:
-            object.__setattr__(self, "label", self.name)
+            object.__setattr__(self, "label", self.name.rpartition(":")[2])
 
     @property
     def card(self) -> Card:
         """All that is known of the method."""
-        return METHODS[self.name]
+        return find_card(self.name) if ":" in self.name else choose(METHODS, self.name, "method")
 
     def checkpoint(self, layout: Layout) -> Path | None:
         """Folder of its checkpoint: the one among its options, or what ships for the layout."""
@@ -72,7 +72,9 @@ class Method:
 def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Method]:
     """The named methods; ``learned`` gets the checkpoint, or takes what ships for each layout."""
     options = {"learned": (("checkpoint", checkpoint),)} if checkpoint is not None else {}
-    return [Method(name, options.get(name, ())) for name in names]
+    methods = [Method(name, options.get(name, ())) for name in names]
+    each_once(methods=[method.label for method in methods])
+    return methods
 
 
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:

@@ -24,7 +24,7 @@ from link.files.lock import locked
 from link.images import write_bytes
 from link.layout import Layout
 from reports.engine.backends import DIED, Backend, one_thread, run_tasks
-from reports.engine.digest import code_digest, file_digest, package_versions
+from reports.engine.digest import code_digest, file_digest, outside_digest, package_versions
 from reports.engine.methods import Method
 from reports.engine.records import read_sealed, seal_lines, to_line, to_records
 
@@ -242,6 +242,7 @@ def fingerprint(source: Source, frames: int, method: Method) -> str:
     parts = [
         repr((STORED_VERSION, source, frames, method.name, options)),
         code_digest("data_gen.frame_pair", method.card.target.partition(":")[0]),
+        outside_digest(method.card.target.partition(":")[0]),
         checkpoint_digest(method, source.layout),
         file_digest(sorted(source.pictures.glob("*")) if source.pictures else []),
         *package_versions(),

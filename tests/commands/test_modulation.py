@@ -19,11 +19,12 @@ import export.to_onnx as to_onnx_cli
 from data_gen.flags import LayoutFlags
 from data_gen.frame_pair import Cell, FramePair, Source
 from export.parity import Parity
+from export.runtime import Decoder
 from link.captures import load_capture, read_manifest
+from link.embed import embed
 from link.errors import InputError
 from link.images import write_image
 from link.layout import Layout, make_layout
-from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS
 from models.neural.decoder import PhiDecoder
 from reports.engine.digest import file_digest
@@ -168,13 +169,9 @@ def test_the_name_of_a_preset_stands_for_the_decoder_that_ships(
     tmp_path: Path, command: Command
 ) -> None:
     write_image(tmp_path / "gray.png", np.full((384, 512, 3), 99, np.uint8))
-    for preset in ("paper", "robust"):
+    for preset, known in (("paper", "ratex patches"), ("robust", "pilots")):
         done = command(runtime_cli.main, preset, *2 * (tmp_path / "gray.png",))
-        if preset == "paper":
-            assert "no ratex patches where the corners" in done.stderr
-        else:
-            said = Layout.from_dict(json.loads(done.stdout)["layout"])
-            assert said == PRESETS["robust"].layout
+        assert f"no {known} where the corners" in done.stderr
 
 
 def test_captures_have_layouts_of_their_own(tmp_path: Path, command: Command) -> None:
@@ -204,23 +201,20 @@ def test_what_is_sent_with_pilots_is_told(tmp_path: Path, command: Command) -> N
     assert Layout.from_dict(json.loads(done.stdout)["layout"]) == FINE_LAYOUT
 
 
-def test_the_receiver_of_two_images_needs_patches_before_it_looks(
+def test_the_runtime_says_where_no_pilots_are_seen(
     pilots_model: Path, tmp_path: Path, command: Command
 ) -> None:
-    write_image(tmp_path / "gray.png", np.full((96, 128, 3), 99, np.uint8))
-    done = command(receive_cli.main, *2 * (tmp_path / "gray.png",), "--model", pilots_model)
-    assert (done.status, done.stdout) == (2, "")
-    assert "pilots in place of ratex patches" in done.stderr
-
-
-def test_the_runtime_looks_for_no_patches_where_there_are_none(
-    pilots_model: Path, tmp_path: Path, command: Command
-) -> None:
+    layout = Decoder(pilots_model).layout
     noise = np.random.default_rng(0).integers(0, 256, (384, 512, 3), np.uint8)
-    write_image(tmp_path / "noise.png", noise)
+    shown = embed(np.full_like(noise, 99), np.arange(layout.n_bits) % 2, layout, kappa=5)
+    for name, image in (("noise", noise), ("a", shown.original), ("b", shown.embedded)):
+        write_image(tmp_path / f"{name}.png", image)
     done = command(runtime_cli.main, pilots_model, *2 * (tmp_path / "noise.png",))
+    assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+    assert "no pilots where the corners and the model's layout put them" in done.stderr
+    done = command(runtime_cli.main, pilots_model, tmp_path / "a.png", tmp_path / "b.png")
     assert (done.status, done.stderr) == (0, "")
-    assert len(json.loads(done.stdout)["bits"]) == 59
+    assert len(json.loads(done.stdout)["bits"]) == layout.n_bits
 
 
 # The comparison

@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -23,7 +24,7 @@ from PIL import Image
 import export.send.__main__ as send_cli
 import link.loop as loop_module
 from export.send.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
-from export.send.pictures import open_pictures, stand_still
+from export.send.pictures import note_coarse, open_pictures, stand_still
 from export.send.player import write_player
 from export.send.write import write_states
 from export.visibility.flicker import contrast_over_threshold, random_message
@@ -137,8 +138,13 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def notes(done: Finished) -> list[str]:
+    """What is said on stderr, but that the pictures of these tests are small."""
+    return [line for line in done.stderr.splitlines() if "looks coarse" not in line]
+
+
 def report(done: Finished) -> Any:
-    assert (done.status, done.stderr) == (0, "")
+    assert (done.status, notes(done)) == (0, [])
     assert len(done.stdout.splitlines()) == 1
     return json.loads(done.stdout)
 
@@ -215,7 +221,7 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
 ) -> None:
     send(tmp_path / "sent", *FLAGS, "--key", inputs / "key", "--counter", 5)
     signed = sign(MESSAGE.encode(), bytes(range(32)), 5)
-    bits = framing.encode(signed, LAYOUT.n_bits)
+    bits = framing.encode(signed, LAYOUT.n_bits, signed=True)
     shown = pairs_of(folder_states(tmp_path / "sent"))
     assert [read_bits(pair, LAYOUT) for pair in shown] == bits.tolist()
     before = int(time.time())
@@ -223,8 +229,8 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
     shown = pairs_of(folder_states(tmp_path / "timed"))
     scores = np.array([read_bits(pair, LAYOUT) for pair in shown]) * 16.0 - 8
     received = framing.decode(scores)
-    assert received is not None
-    found = verify(received, bytes(range(32)))
+    assert received is not None and received.signed
+    found = verify(received.data, bytes(range(32)))
     assert found is not None
     assert before <= found.stamp <= time.time()
 
@@ -356,7 +362,7 @@ def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     small = ("--rows", 24, "--cols", 32, "--width", 256, "--height", 192)
     words = (inputs / pictures, "--message", MESSAGE, "--preset", "robust", *small, "--out")
     done = command(send_cli.main, *words, tmp_path / "a.html")
-    assert (done.status, done.stderr) == (0, f"{send_cli.MOVING}\n")
+    assert (done.status, notes(done)) == (0, [send_cli.MOVING])
     report(command(send_cli.main, *words, tmp_path / "b.html", "--ratex", 2))
 
 
@@ -373,6 +379,57 @@ def test_a_picture_moves_where_several_are_shown(tmp_path: Path) -> None:
     for number in range(2):
         write_image(tmp_path / "folder" / f"{number}.png", np.full((96, 128, 3), 99, np.uint8))
         assert stand_still(open_pictures(tmp_path / "folder", 7.5)) == (number == 0)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "kind"), [(".png", np.uint8), (".png", np.uint16), (".webp", np.uint8)]
+)
+def test_what_is_transparent_is_white_and_told_once(
+    suffix: str, kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    most = np.iinfo(kind).max
+    image = np.zeros((96, 128, 4), kind)  # black beneath
+    image[:, :64, 3] = most
+    image[:48, :, 3] = most // 2
+    name = tmp_path / f"a{suffix}"
+    assert cv2.imwrite(str(name), image, [cv2.IMWRITE_WEBP_QUALITY, 101])
+    pictures = open_pictures(name, 5.0)
+    picture = next(pictures())
+    assert abs(int(picture[0, 0, 0]) - 128) <= 1
+    assert picture[90, 10].tolist() == [0, 0, 0]
+    assert picture[90, 120].tolist() == [255, 255, 255]
+    shutil.copy(name, tmp_path / f"b{suffix}")
+    assert len(list(open_pictures(tmp_path, 5.0)())) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert said == 2 * [f"note: {name}: what is transparent is shown as white"]
+    image[..., 3] = most
+    assert cv2.imwrite(str(name), image)
+    assert not next(open_pictures(name, 5.0)()).any()
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "kind"),
+    [
+        ("a.heic", bytes(4) + b"ftypheic" + bytes(500), "HEIC"),
+        ("a.jpg", bytes(4) + b"ftypmif1" + bytes(500), "HEIC"),
+        ("a.svg", b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>', "SVG"),
+    ],
+)
+def test_kinds_that_are_not_read_are_named(
+    name: str, data: bytes, kind: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(InputError, match=rf"{name}: {kind} is not read; save it as JPEG or PNG"):
+        open_pictures(tmp_path / name, 5.0)
+
+
+def test_a_picture_that_is_much_enlarged_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    note_coarse((300, 300), (512, 512))
+    assert capsys.readouterr().err == ""
+    note_coarse((50, 40), (512, 410))
+    said = capsys.readouterr().err
+    assert "a picture of 50x40 is shown as 512x410 pixels, and looks coarse" in said
 
 
 @pytest.mark.parametrize("suffix", [".webp", ".png"])

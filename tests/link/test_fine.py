@@ -125,16 +125,21 @@ def test_blocks_that_cannot_be_decoded_are_named() -> None:
 
 
 @settings(max_examples=10, deadline=None)
-@given(st.binary(min_size=1, max_size=1500), st.sampled_from(GRIDS), st.sampled_from([None, 1.5]))
+@given(
+    st.binary(min_size=1, max_size=1500),
+    st.sampled_from(GRIDS),
+    st.sampled_from([None, 1.5]),
+    st.booleans(),
+)
 def test_a_fine_loop_gives_its_message(
-    message: bytes, n_bits: int, redundancy: float | None
+    message: bytes, n_bits: int, redundancy: float | None, signed: bool
 ) -> None:
-    bits = encode(message, n_bits, redundancy)
+    bits = encode(message, n_bits, redundancy, signed)
     frames = frames_needed(len(message), n_bits, redundancy=redundancy)
     assert bits.shape == (frames, n_bits)
     assert set(np.unique(bits)) <= {0, 1}
     assert abs(bits.mean() - 0.5) < 0.05
-    assert decode(12.0 * bits - 6) == message
+    assert decode(12.0 * bits - 6) == (message, signed)
 
 
 def test_the_fine_format_is_that_of_the_golden_loop() -> None:
@@ -398,7 +403,7 @@ def test_a_noisy_fine_message_is_right_or_absent(ber: float) -> None:
     rng = np.random.default_rng(int(100 * ber))
     for _ in range(12):
         data = rng.bytes(int(rng.integers(1, 300)))
-        assert decode(noisy(encode(data, 730), ber, rng)) in (data, None)
+        assert decode(noisy(encode(data, 730), ber, rng)) in ((data, False), None)
         message, _, _ = listen(encode(data, 730), rng, ber=ber, loops=3)
         assert message is None or message.data == data
 

@@ -1,6 +1,7 @@
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,9 @@ from link.layout import (
     block_mean,
     count_pilots,
     make_layout,
+    read_layout,
 )
+from link.presets import PRESETS
 
 
 @st.composite
@@ -322,3 +325,10 @@ def test_patches_must_be_pairs(ratex: Any) -> None:
 def test_patches_must_be_whole_numbers(ratex: Any) -> None:
     with pytest.raises(InputError, match="ratex must be a list of"):
         Layout.from_dict(as_dict(ratex=ratex))
+
+
+def test_what_was_sent_is_a_layout_too(tmp_path: Path) -> None:
+    layout = PRESETS["robust"].layout
+    sent = {"frame_pairs": 3, "layout": layout.to_dict()}
+    (tmp_path / "sent.json").write_text(json.dumps(sent))
+    assert read_layout(tmp_path / "sent.json") == layout

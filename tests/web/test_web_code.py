@@ -11,7 +11,7 @@ from tolerances import FLOAT32_SUM
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
 from link.code.framing import code_of, decode, encode, parity_mask, signatures
 from link.code.ldpc import make_code, scrambled
-from link.code.message import Message
+from link.code.message import Content, Message
 from link.code.rateless import make_rateless
 from link.code.words import weigh_words
 
@@ -55,8 +55,7 @@ def test_texts_and_their_sums(port: Port, data: bytes) -> None:
     crc32, bits = port("link/code/crc.js").crc32, port("link/code/bits.js")
     assert crc32(data) == crc32(data[3:], crc32(data[:3])) == zlib.crc32(data)
     assert port("link/code/fine.js").markOf(data) == mark_of(data)
-    for module in ("link/code/message.js", "page/text.js"):
-        assert port(module).textOf(data) == Message(data, 1, 1, 1.0).text
+    assert port("link/code/message.js").textOf(data) == Message(data, 1, 1, 1.0).text
     same(bits.unpackBits(data), np.unpackbits(np.frombuffer(data, np.uint8)))
     assert bytes(bits.packBits(bits.unpackBits(data))) == data
 
@@ -89,15 +88,16 @@ def test_codewords_are_found_where_python_finds_them(port: Port) -> None:
 def test_loops_of_coarse_grids(port: Port, n_bytes: int, n_bits: int) -> None:
     rng, ported = np.random.default_rng(1), port("link/code/framing.js")
     message = rng.bytes(n_bytes)
-    bits = encode(message, n_bits)
+    signed = n_bytes > 20
+    bits = encode(message, n_bits, signed=signed)
     assert ported.framesNeeded(n_bytes, n_bits) == len(bits)
-    same(ported.encode(message, n_bits), bits)
+    same(ported.encode({"data": message, "signed": signed}, n_bits), bits)
     same(ported.signatures(len(bits)), signatures(len(bits)))
     same(ported.parityMask(len(bits), n_bits), parity_mask(len(bits), n_bits))
     for ber in (0.001, 0.03, 0.3):
         scores = noisy(bits, ber, rng).astype(float)
         found, known = ported.decode(scores, n_bits), decode(scores)
-        assert (found if found is None else bytes(found)) == known
+        assert (found and (bytes(found.data), found.signed)) == known
     assert ported.decode(np.zeros(bits.size), n_bits) is None
 
 
@@ -156,12 +156,15 @@ def test_coded_bits_and_their_message(port: Port) -> None:
     run_to_end = port("link/code/steps.js").runToEnd
     terms = Terms(len(message), 9, mark_of(message))
     ported = module.Terms(terms.n_bytes, terms.frames, terms.mark)
-    coded = coded_bits(message, terms, 2918)
-    same(module.codedBits(message, ported, 2918), coded)
-    scores = 8 * coded.reshape(-1).astype(np.float32) - 4
+    for signed in (False, True):
+        coded = coded_bits(Content(message, signed), terms, 2918)
+        same(module.codedBits({"data": message, "signed": signed}, ported, 2918), coded)
+        scores = 8 * coded.reshape(-1).astype(np.float32) - 4
+        found = run_to_end(module.codedDecodingSteps(scores, ported))
+        assert (bytes(found.data), found.signed) == (message, signed)
     other_mark = module.Terms(terms.n_bytes, terms.frames, terms.mark ^ 1)
-    other = 8 * module.codedBits(b"\7" * len(message), ported, 2918).astype(np.float32) - 4
-    assert bytes(run_to_end(module.codedDecodingSteps(scores, ported))) == message
+    wrong = {"data": b"\7" * len(message), "signed": False}
+    other = 8 * module.codedBits(wrong, ported, 2918).astype(np.float32) - 4
     assert run_to_end(module.codedDecodingSteps(scores, other_mark)) is None
     assert run_to_end(module.codedDecodingSteps(other, ported)) is None
 

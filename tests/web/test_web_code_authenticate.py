@@ -77,12 +77,14 @@ def test_messages_are_delivered_alike(
     ported, message = port("receive/inbox.js").Inbox(verifier), port("link/code/message.js").Message
     for text, stamp in texts:
         data = sign(text, bytes(16) if text == b"x" else KEY, stamp)
-        delivered = inbox.take(Message(data, 4, 3, 0.9, changed=stamp > 5))
-        delivery = ported.take(message(data, 4, 3, 0.9, stamp > 5), NOW)
+        flagged = stamp % 2 == 1
+        delivered = inbox.take(Message(data, 4, 3, 0.9, stamp > 5, flagged))
+        delivery = ported.take(message(data, 4, 3, 0.9, stamp > 5, flagged), NOW)
         assert (delivery.refused is None) == delivered
         assert inbox.last is not None
         assert bytes(ported.last.data) == inbox.last.data
         assert ported.last.changed == inbox.last.changed
+        assert ported.last.signed == inbox.last.signed
         assert ported.refused == inbox.refused
         assert not delivered or delivery.message == ported.last
     capsys.readouterr()

@@ -64,8 +64,12 @@ def compare(
         if known is not None:
             messages += 1
             assert bytes(found.data) == known.data
-            numbers = [known.frames, known.seen, known.agreement, known.changed]
-            same([found.frames, found.seen, found.agreement, found.changed], numbers, FLOAT32)
+            numbers = [known.frames, known.seen, known.agreement, known.changed, known.signed]
+            same(
+                [found.frames, found.seen, found.agreement, found.changed, found.signed],
+                numbers,
+                FLOAT32,
+            )
     return messages
 
 
@@ -82,7 +86,7 @@ def test_coarse_messages_that_change(port: Port) -> None:
     rng = np.random.default_rng(1)
     first = rng.bytes(12)
     texts = [first, rng.bytes(12), first[:-1] + bytes([first[-1] ^ 1]), rng.bytes(30), first]
-    loops = [encode(text, 59) for text in texts]
+    loops = [encode(text, 59, signed=at == 1) for at, text in enumerate(texts)]
     rows = np.concatenate([shown(bits, rng, 4 * len(bits)) for bits in loops])
     assert compare(port, rows) == 5
 
@@ -127,7 +131,7 @@ def test_a_fine_loop_is_joined_at_every_start(port: Port, n_bits: int, ber: floa
 def test_fine_messages_that_change(port: Port) -> None:
     rng = np.random.default_rng(5)
     texts = [rng.bytes(340), rng.bytes(340), rng.bytes(100)]
-    loops = [encode(texts[number], 730) for number in (0, 1, 2, 0)]
+    loops = [encode(texts[number], 730, signed=number > 0) for number in (0, 1, 2, 0)]
     rows = np.concatenate([shown(bits, rng, 2 * len(bits)) for bits in loops])
     assert compare(port, rows) == 4
 

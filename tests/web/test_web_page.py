@@ -590,7 +590,7 @@ def test_only_messages_with_the_key_are_shown(browser, address, tmp_path) -> Non
     (tmp_path / "other").write_bytes(bytes(32))
     (tmp_path / "short").write_bytes(bytes(3))
     layout = PRESETS["paper"].layout
-    bits = encode(sign(b"Hi", bytes(range(32)), 7), layout.n_bits)
+    bits = encode(sign(b"Hi", bytes(range(32)), 7), layout.n_bits, signed=True)
     rng = np.random.default_rng(0)
     picture = cv2.resize(rng.uniform(60, 200, (7, 9, 3)), (layout.width, layout.height))
     loop = Loop(layout, 5, bits, lambda: iter([picture.astype(np.uint8)]))
@@ -607,8 +607,10 @@ def test_only_messages_with_the_key_are_shown(browser, address, tmp_path) -> Non
         assert age.is_disabled()  # only a message with a key has an age
         page.locator("#key").set_input_files(tmp_path / "short")
         assert text_of(page, "status") == "This file is no key"
-        page.locator("#key").set_input_files(tmp_path / "other")
         page.locator("#film").set_input_files(tmp_path / "film.y4m")
+        wait_for(page, lambda: text_of(page, "message") == "Hi")
+        assert text_of(page, "seal") == "It is signed, not checked: that needs its key."
+        page.locator("#key").set_input_files(tmp_path / "other")
         wait_for(page, lambda: text_of(page, "status") == "A message was refused")
         assert "tag does not fit" in text_of(page, "advice")
         page.locator("#key").set_input_files(tmp_path / "key")

@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.waves import MOST_SPAN, span_of, waves
-from link.images import as_gray
+from link.images import as_gray, intensity
 from link.layout import Layout
 from link.types import Array, Image
 
 LEAST_DEVIATION = 0.3
 """Gray levels added to a block's standard deviation over time before values are divided by it."""
+OUTLIER = 2.5
+"""Largest change of a pilot from one photograph to another that counts, in medians over the pilots,
+so that a few edges of a picture that moved do not hide the others."""
 SLOWEST = 2
 """Number of periods in a window below which a frequency is not looked at: motion and exposure drift
 slowly, the display does not."""
@@ -84,6 +87,33 @@ def pilot_values(view: Image, layout: Layout) -> NDArray[np.float32]:
     """
     blocks = standing_out(as_gray(view), layout)
     return blocks.reshape(-1)[layout.pilot_blocks]  # (rows, cols) -> (blocks,)
+
+
+def pilots_toggled(original: Image, embedded: Image, layout: Layout) -> float:
+    """Tell how surely the pilots of one frame pair changed as their bits say.
+
+    Args:
+        original: an `Image`, the rectified display.
+        embedded: an `Image` of the shape of ``original``.
+        layout: layout with pilots.
+
+    Returns:
+        mean change along the pilots' signs, in its standard errors: by chance within 3 of 0 but for
+        one pair in a few hundred; below 0 where the frames are in the other order.
+
+    >>> from link.embed import embed
+    >>> from link.layout import make_layout
+    >>> layout = make_layout(16, 16, modulation="antipodal", pilots=40)
+    >>> gray = np.full((layout.height, layout.width, 3), 128, np.uint8)
+    >>> shown = embed(gray, np.arange(layout.n_bits) % 2, layout, kappa=3)
+    >>> pilots_toggled(shown.original, shown.embedded, layout) > 10
+    True
+    """
+    change = 255 * (intensity(embedded, layout.colour) - intensity(original, layout.colour))
+    changes = standing_out(change, layout).reshape(-1)[layout.pilot_blocks]
+    most = OUTLIER * float(np.median(np.abs(changes)))
+    along = np.clip(changes, -most, most) * pilot_signs(layout)
+    return float(along.mean() / (along.std() / np.sqrt(along.size) + 1e-9))
 
 
 @lru_cache(maxsize=16)

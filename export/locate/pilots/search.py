@@ -75,6 +75,8 @@ class PilotDisplay:
     """Pixels of the newest frame, from the top left of the displayed picture on."""
     evidence: float
     """Natural logarithm of the odds against chance, after paying for everything that was tried."""
+    first_corners: Corners
+    """Pixels of the frame with which the search began."""
 
 
 class PilotSearch:
@@ -179,7 +181,7 @@ class PilotSearch:
         self._failed = 0
         proposal = settled.proposal
         corners = newest.corners(proposal.corners)
-        return PilotDisplay(proposal.layout, corners, settled.evidence)
+        return PilotDisplay(proposal.layout, corners, settled.evidence, proposal.corners)
 
     def _begin(self) -> None:
         """Propose quadrilaterals in the reference, now that the film can be held still."""

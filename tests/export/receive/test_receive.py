@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +15,15 @@ from numpy.typing import NDArray
 from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
+from export.receive.inbox import Inbox
 from export.receive.reader import PAIRS_A_FRAME
 from export.receive.receiver import Receiver, as_uint8
 from export.receive.sources import open_source
 from export.receive.timing.synchronise import MAX_SAMPLES, Synchroniser
 from export.receive.timing.toggles import PatchToggles
 from export.runtime import Decoder
-from link.code.authenticate import sign
+from link.code.authenticate import Verifier, sign
+from link.code.message import Message
 from link.errors import InputError
 from link.images import write_image
 from link.images.video import VideoReader, read_video, write_video
@@ -189,6 +192,24 @@ def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, comman
     done = command(receive_cli.main, *words, "--max-age", 3600)
     assert done.status == 2
     assert "every message was refused (3)" in done.stderr
+
+
+def test_who_has_no_key_sees_a_signed_message_without_stamp_and_tag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    signed = Message(sign(b"new", KEY, 1001), 4, 3, 0.9, signed=True)
+    assert Inbox(tmp_path / "text", None).take(signed)
+    (said,) = events_of(capsys.readouterr().out)
+    assert (said["text"], said["hex"], said["signed"]) == ("new", b"new".hex(), "not checked")
+    assert (tmp_path / "text").read_bytes() == b"new"
+    assert Inbox(None, Verifier(KEY)).take(signed)
+    assert not Inbox(None, Verifier(KEY)).take(replace(signed, data=b"obey" + bytes(12)))
+    assert Inbox(None, None).take(replace(signed, signed=False))  # of a sender without the flag
+    checked, refused, old = events_of(capsys.readouterr().out)
+    assert (checked["text"], checked["stamp"], "signed" in checked) == ("new", 1001, False)
+    assert "tag does not fit" in refused["reason"]
+    assert bytes.fromhex(old["hex"]) == signed.data
+    assert "signed" not in old
 
 
 @pytest.mark.parametrize("name", ["²", "٣", "9" * 23, "film"])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from conftest import Command
 from numpy.typing import NDArray
-from pilot_films import BlockMeans, filmed, texture
+from pilot_films import CORNERS, BlockMeans, filmed, texture
 from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
@@ -110,10 +110,10 @@ def test_pilots_share_a_tracker_and_patches_have_one_each() -> None:
     assert [type(tracker) for tracker in make_trackers([PAPER, other], 30.0)] == [Tracker] * 2
 
 
-def test_two_images_need_patches() -> None:
-    image = np.zeros((100, 100), np.uint8)
-    with pytest.raises(InputError, match="give a film"):
-        receiver_of(ROBUST).decode_images(image, image, np.zeros((4, 2)), np.zeros((4, 2)))
+def test_two_images_must_show_both_states() -> None:
+    first, *_ = filmed(ROBUST, 2, seed=1, hold=1)[0]
+    with pytest.raises(InputError, match="the two images show the same state"):
+        receiver_of(ROBUST).decode_images(first, first, CORNERS, CORNERS)
 
 
 # the command
@@ -228,8 +228,26 @@ def test_two_images_of_pilots_give_one_line(
     images = (tmp_path / "a.png", tmp_path / "a.png")
     done = command(receive_cli.main, *images, "--model", "pilots.onnx")
     assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
-    assert "--model: the layout has pilots in place of ratex patches" in done.stderr
-    assert "give a film" in done.stderr
+    assert "no display is in both whose blocks change" in done.stderr
+    assert "(robust looked for)" in done.stderr
+
+
+def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: Command) -> None:
+    message = np.random.default_rng(0).integers(0, 2, (1, ROBUST.n_bits))
+    images, corners = filmed(ROBUST, 2, seed=1, hold=1, message=message)
+    for name, image in zip("ab", images, strict=True):
+        write_image(tmp_path / f"{name}.png", image)
+    found = []
+    for names in ("ab", "ba"):
+        done = command(receive_cli.main, *(tmp_path / f"{name}.png" for name in names))
+        assert (done.status, done.stderr) == (0, "")
+        *displays, pair = events_of(done.stdout)
+        assert [line["preset"] for line in displays] == ["robust", "robust"]
+        for line, name in zip(displays, names, strict=True):
+            assert np.abs(np.array(line["corners"]) - corners["ab".index(name)]).max() < 1.5
+        found.append(pair["bits"])
+    assert found[0] == found[1]
+    assert np.mean(np.array([int(bit) for bit in found[0]]) == message[0]) > 0.98
 
 
 @pytest.mark.slow

@@ -1,13 +1,14 @@
 /** The page: what is shown, and what its buttons do. Reading happens in the worker. */
 
 import { codeAuthenticate } from "../generated/constants.js";
+import { textOf, utf8Of } from "../link/code/message.js";
 import { adviceFor, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
 import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
-import { linkOf, noteOf, textOf, utf8Of } from "./text.js";
+import { linkOf, noteOf } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
 /** @import { Arrival, Step } from "./protocol.js" */
@@ -146,12 +147,15 @@ function sentence(text) {
 }
 
 /** @param {Arrival} arrival */
-function showMessage({ data, stamp }) {
+function showMessage({ data, signed, stamp }) {
   shown = data;
   const text = textOf(data);
   byId("message").textContent = text;
-  byId("seal").hidden = stamp === null;
-  byId("seal").textContent = stamp === null ? "" : `It was sent with your key; stamp ${stamp}.`;
+  byId("seal").hidden = stamp === null && !signed;
+  byId("seal").textContent =
+    stamp === null
+      ? "It is signed, not checked: that needs its key."
+      : `It was sent with your key; stamp ${stamp}.`;
   const note = noteOf(data, text);
   byId("note").hidden = note === "";
   byId("note").textContent = note;

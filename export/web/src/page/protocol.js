@@ -7,6 +7,7 @@
  *
  * @typedef {object} Arrival
  * @property {Uint8Array} data - the bytes that were sent
+ * @property {boolean} signed - whether it came with stamp and tag, which may not be checked
  * @property {string | null} refused - why the message is not to be shown, or null
  * @property {boolean} stale - whether it is authentic but too old, as in a recording shown again
  * @property {number | null} stamp - of a message with a key, seconds since 1970 or a counter

@@ -1,38 +1,4 @@
-/** Messages as text, and links in them. */
-
-/**
- * Read bytes as UTF-8; bytes that are no UTF-8 are shown as \xff, as Python shows them.
- *
- * @param {Uint8Array} data
- * @returns {string}
- */
-export function textOf(data) {
-  const whole = utf8Of(data);
-  if (whole !== null) return whole;
-  let text = "";
-  for (let at = 0; at < data.length; ) {
-    const lead = data[at];
-    const length = lead < 0x80 ? 1 : lead < 0xe0 ? 2 : lead < 0xf0 ? 3 : 4;
-    const letter = utf8Of(data.subarray(at, at + length));
-    text += letter ?? `\\x${lead.toString(16).padStart(2, "0")}`;
-    at += letter === null ? 1 : length;
-  }
-  return text;
-}
-
-/**
- * Read bytes as UTF-8.
- *
- * @param {Uint8Array} data
- * @returns {string | null} null where they are no UTF-8
- */
-export function utf8Of(data) {
-  try {
-    return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(data);
-  } catch {
-    return null;
-  }
-}
+/** What is said of a message, and links in it. */
 
 /** Number of bytes of a message that a note shows. */
 const SHOWN_BYTES = 16;

@@ -198,6 +198,7 @@ function report(corners, message, last) {
     explanation: explainSilence(observations),
     arrival: delivery && {
       data: delivery.message.data,
+      signed: delivery.message.signed,
       refused: delivery.refused,
       stale: delivery.stale,
       stamp: delivery.stamp,

@@ -1,12 +1,13 @@
 /** What becomes of a message that arrived whole: it is delivered, or refused and said why. */
 
+import { unchecked } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";
 import { Message } from "../link/code/message.js";
 
 /** @typedef {import("../link/code/authenticate.js").Verifier} Verifier */
 
 /**
- * A message that was judged: without stamp and tag where they fit; the stamp, or null where there
+ * A message that was judged: without stamp and tag where they fit or nobody has a key; the stamp, or null where there
  * is none that counts; why it is not delivered, or null where it is; and whether it is authentic
  * but too old, as it is where a recording is shown again.
  *
@@ -40,11 +41,13 @@ export class Inbox {
   take(message, now) {
     const judged = this.#verifier?.judge(message.data, now) ?? null;
     const signed = judged?.signed ?? null;
-    let taken = message;
+    let { data, changed } = message;
     if (signed !== null) {
-      const changed = this.last !== null && !equalBytes(this.last.data, signed.data);
-      taken = new Message(signed.data, message.frames, message.seen, message.agreement, changed);
-    }
+      data = signed.data;
+      changed = this.last !== null && !equalBytes(this.last.data, data);
+    } else if (this.#verifier === null && message.signed) data = unchecked(data);
+    const { frames, seen, agreement } = message;
+    const taken = new Message(data, frames, seen, agreement, changed, message.signed);
     const refused = judged?.refused ?? null;
     if (refused === null) this.last = taken;
     else this.refused += 1;

@@ -149,7 +149,7 @@ class DeliveredMessage {
     /** Parity bits beyond those tolerated that contradict the message, in frames; at least 0. */
     this.doubt = 0;
     this.#nBits = nBits;
-    const bits = encode(message.data, nBits);
+    const bits = encode(message, nBits);
     this.#signs = new Int8Array(bits.length);
     this.#parityBits = new Int32Array(message.frames);
     parityMask(message.frames, nBits).forEach((parity, at) => {
@@ -322,15 +322,17 @@ export class CoarseCollector {
     const known = this.#delivered;
     this.attempts += 1;
     loop.tried = this.progress;
-    const data = decode(loop.sums, this.nBits);
-    if (data === null) return null;
+    const content = decode(loop.sums, this.nBits);
+    if (content === null) return null;
+    const { data, signed } = content;
     this.#loop = null;
-    if (known && equalBytes(known.message.data, data)) {
+    if (known?.message.signed === signed && equalBytes(known.message.data, data)) {
       known.doubt = 0;
       return null;
     }
-    const agreement = agreementOf(loop.sums, encode(data, this.nBits));
-    const message = new Message(data, loop.frames, loop.seen, agreement, known !== null);
+    const agreement = agreementOf(loop.sums, encode(content, this.nBits));
+    const changed = known !== null;
+    const message = new Message(data, loop.frames, loop.seen, agreement, changed, signed);
     this.#delivered = new DeliveredMessage(message, this.nBits);
     return message;
   }

@@ -24,6 +24,8 @@ import { Message } from "./message.js";
 import { agreementOf, cutScores, informationOf, remainder } from "./scores.js";
 import { NUMBERS, largestAt, logSumExp } from "./words.js";
 
+/** @import { Content } from "./message.js" */
+
 const {
   UNSURE, JUMP, MAX_WAITING, TERMS_MEMORY, CONTRADICTIONS, SCORES_MEMORY, FIRST_TRY, NEXT_TRY, LATE,
   LATE_TRY,
@@ -86,7 +88,7 @@ class CodedScores {
 /**
  * Decoding that is under way: what was collected, which may have grown since, and the steps.
  *
- * @typedef {{ loop: CodedScores, steps: Steps<Uint8Array | null> }} Attempt
+ * @typedef {{ loop: CodedScores, steps: Steps<Content | null> }} Attempt
  */
 
 /** Collects frames of a fine grid (`Collector` of collect.js). */
@@ -330,14 +332,15 @@ export class FineCollector {
    * Make the message that was decoded of a loop; it ends the collection.
    *
    * @param {CodedScores} loop
-   * @param {Uint8Array} data
+   * @param {Content} content
    */
-  #deliver(loop, data) {
-    const agreement = agreementOf(loop.sums, codedBits(data, loop.terms, this.nBits));
+  #deliver(loop, content) {
+    const { data, signed } = content;
+    const agreement = agreementOf(loop.sums, codedBits(content, loop.terms, this.nBits));
     const changed = this.#delivered !== null;
     if (this.#loop?.terms.equals(loop.terms)) this.#forgetLoop();
     this.#delivered = loop.terms;
-    return new Message(data, loop.terms.frames, loop.seen, agreement, changed);
+    return new Message(data, loop.terms.frames, loop.seen, agreement, changed, signed);
   }
 }
 

@@ -1,13 +1,14 @@
 /**
  * Framing for fine grids: a message becomes frames of thousands of bits, any of which help.
  *
- *     information   message | CRC-32 of length and message | zeros, cut into equal blocks
+ *     information   message | CRC-32 of header and message | zeros, cut into equal blocks
  *     coded bits    as many as the loop has room for, by turns from each block (`rateless.js`)
  *     frame k       a word that says k | words that say terms | coded bits k P to k P + P
  *
  * The *terms* are what a receiver must know before it can decode: the length of the message, the
  * number of frames in the loop and a mark of the message. They make six words, of which each frame
- * shows one or more by turns (link/code/fine.py). Only the receiver's side is here.
+ * shows one or more by turns (link/code/fine.py). The header is the length, after a bit that says
+ * whether the message is signed; it is not sent, so the receiver tries both. Only the receiver's side is here.
  */
 
 import { codeFine } from "../../generated/constants.js";
@@ -19,6 +20,8 @@ import { MAX_INFORMATION, MIN_INFORMATION, makeRateless } from "./rateless.js";
 import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
 import { NUMBERS, WORD, weighWord } from "./words.js";
+
+/** @import { Content } from "./message.js" */
 
 export const { PIECES } = codeFine;
 const { MIN_FRAMES, MAX_CODED, HEADER_SHARE, CRC_BYTES } = codeFine;
@@ -232,15 +235,15 @@ export function numberLikelihoods(scores) {
 /**
  * Encode a message: all coded bits of its loop, frame by frame, before whitening.
  *
- * @param {Uint8Array} message
+ * @param {Content} message
  * @param {Terms} terms
  * @param {number} nBits - message blocks of a frame
  * @returns {Uint8Array} (frames * body) bits
  */
 export function codedBits(message, terms, nBits) {
   const content = new Uint8Array(terms.information / 8);
-  content.set(message);
-  new DataView(content.buffer).setUint32(message.length, crcOf(message));
+  content.set(message.data);
+  new DataView(content.buffer).setUint32(message.data.length, crcOf(message));
   const size = terms.frames * Shape.of(nBits).body;
   const coded = terms.code.encode(unpackBits(content), Math.ceil(size / terms.blocks));
   return coded.subarray(0, size);
@@ -252,7 +255,7 @@ export function codedBits(message, terms, nBits) {
  * @param {Float32Array} scores - (frames * body) log-likelihood ratios of the coded bits, positive
  *   for 1; 0 where nothing is known. They are copied, and may change between steps.
  * @param {Terms} terms - terms of the loop
- * @returns {Steps<Uint8Array | null>} the message, or null where the scores do not suffice
+ * @returns {Steps<Content | null>} the message, or null where the scores do not suffice
  */
 export function codedDecodingSteps(scores, terms) {
   const llr = new Float32Array(Math.ceil(scores.length / terms.blocks) * terms.blocks);
@@ -265,17 +268,18 @@ export function codedDecodingSteps(scores, terms) {
  *
  * @param {Float32Array} llr
  * @param {Terms} terms
- * @returns {Steps<Uint8Array | null>}
+ * @returns {Steps<Content | null>}
  */
 function* messageSteps(llr, terms) {
   const information = yield* terms.code.decodingSteps(llr, terms.blocks);
   if (information === null) return null;
   const content = packBits(information);
-  const message = content.slice(0, terms.nBytes);
+  const data = content.slice(0, terms.nBytes);
   const crc = new DataView(content.buffer).getUint32(terms.nBytes);
   const padding = content.subarray(terms.nBytes + CRC_BYTES);
-  const fits = crc === crcOf(message) && padding.every((byte) => byte === 0);
-  return fits && markOf(message) === terms.mark ? message : null;
+  if (padding.some((byte) => byte !== 0) || markOf(data) !== terms.mark) return null;
+  const possible = [false, true].map((signed) => ({ data, signed }));
+  return possible.find((message) => crc === crcOf(message)) ?? null;
 }
 
 /**
@@ -288,9 +292,10 @@ export function markOf(message) {
   return (digest[0] << 16) | (digest[1] << 8) | digest[2];
 }
 
-/** @param {Uint8Array} message */
-function crcOf(message) {
-  const length = new DataView(new ArrayBuffer(4));
-  length.setUint32(0, message.length);
-  return crc32(message, crc32(new Uint8Array(length.buffer)));
+/** @param {Content} message */
+function crcOf({ data, signed }) {
+  const header = new DataView(new ArrayBuffer(4));
+  header.setUint32(0, data.length);
+  header.setUint8(0, signed ? 0x80 : 0);
+  return crc32(data, crc32(new Uint8Array(header.buffer)));
 }

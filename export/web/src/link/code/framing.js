@@ -8,6 +8,7 @@
  *     codeword      information + parity, rate 1/2 (`ldpc.js`): N P bits for N frames
  *     frame k       SIGNATURE bits that say (N, k) | P bits of the codeword
  *
+ * The highest bit of the length says that the message is signed (`authenticate.js`).
  * The codeword is whitened, and interleaved over all frames and blocks.
  */
 
@@ -20,7 +21,9 @@ import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
 
 export const { SIGNATURE, MAX_FRAMES } = codeFraming;
-const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, MIN_BITS } = codeFraming;
+const { FINE_BITS, LENGTH_BYTES, CRC_BYTES, SIGNED, MIN_BITS } = codeFraming;
+
+/** @import { Content } from "./message.js" */
 
 /**
  * Tell whether frames with a number of message blocks have the framing of fine grids.
@@ -126,15 +129,15 @@ function placeOf(at, nBits) {
 /**
  * Turn a message into the bits of the loop of a coarse grid that carries it.
  *
- * @param {Uint8Array} message - at least 1 byte, and short enough for `MAX_FRAMES`
+ * @param {Content} content - at least 1 byte, and short enough for `MAX_FRAMES`
  * @param {number} nBits - message blocks of a frame
  * @returns {Uint8Array} (frames * nBits) bits, frame by frame
  */
-export function encode(message, nBits) {
+export function encode({ data: message, signed }, nBits) {
   const frames = framesNeeded(message.length, nBits);
   const data = new Uint8Array(informationBytes(frames, nBits));
   const view = new DataView(data.buffer);
-  view.setUint16(0, message.length);
+  view.setUint16(0, message.length | (signed ? SIGNED : 0));
   data.set(message, LENGTH_BYTES);
   const room = data.length - CRC_BYTES;
   view.setUint32(room, crc32(data.subarray(0, room)));
@@ -157,7 +160,7 @@ export function encode(message, nBits) {
  * @param {Float64Array} scores - (frames * nBits) log-likelihood ratios, positive for 1; 0 where
  *   nothing is known
  * @param {number} nBits - message blocks of a frame
- * @returns {Uint8Array | null} the message, or null where the scores do not suffice, or where the
+ * @returns {Content | null} the message, or null where the scores do not suffice, or where the
  *   loop is not the one that `encode` makes. It is never a wrong message, short of a CRC-32 that
  *   fits by chance.
  */
@@ -176,9 +179,10 @@ export function decode(scores, nBits) {
   if (codeword === null) return null;
   const data = packBits(codeword.subarray(0, code.information));
   const view = new DataView(data.buffer);
-  const length = view.getUint16(0);
+  const length = view.getUint16(0) % SIGNED;
   const end = LENGTH_BYTES + length;
   const whole = length >= 1 && end <= room && data.subarray(end, room).every((byte) => byte === 0);
   if (!whole || crc32(data.subarray(0, room)) !== view.getUint32(room)) return null;
-  return frames === framesNeeded(length, nBits) ? data.slice(LENGTH_BYTES, end) : null;
+  if (frames !== framesNeeded(length, nBits)) return null;
+  return { data: data.slice(LENGTH_BYTES, end), signed: view.getUint16(0) >= SIGNED };
 }

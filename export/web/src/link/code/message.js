@@ -4,6 +4,13 @@ import { codeMessage } from "../../generated/constants.js";
 
 export const { MAX_SCORE } = codeMessage;
 
+/**
+ * What a loop carries: the bytes that were sent, and whether they end with a stamp and a tag
+ * (authenticate.js), as the framing says.
+ *
+ * @typedef {{ data: Uint8Array, signed: boolean }} Content
+ */
+
 /** A message that arrived whole. */
 export class Message {
   /**
@@ -13,13 +20,15 @@ export class Message {
    * @param {number} agreement - share of the scores' weight that agrees with the message, 0 to 1
    * @param {boolean} [changed] - whether the display showed another message before, which was
    *   delivered
+   * @param {boolean} [signed] - whether the framing says that stamp and tag end the bytes
    */
-  constructor(data, frames, seen, agreement, changed = false) {
+  constructor(data, frames, seen, agreement, changed = false, signed = false) {
     this.data = data;
     this.frames = frames;
     this.seen = seen;
     this.agreement = agreement;
     this.changed = changed;
+    this.signed = signed;
   }
 
   /** The message read as UTF-8, with bytes that are no UTF-8 escaped, such as `\xff`. */
@@ -29,42 +38,35 @@ export class Message {
 }
 
 /**
- * Read bytes as UTF-8, and escape those that are none.
+ * Read bytes as UTF-8; bytes that are no UTF-8 are shown as \xff, as Python shows them.
  *
  * @param {Uint8Array} data
  * @returns {string}
  */
 export function textOf(data) {
-  const decoder = new TextDecoder("utf-8", { ignoreBOM: true });
-  const parts = [];
-  let begin = 0;
+  const whole = utf8Of(data);
+  if (whole !== null) return whole;
+  let text = "";
   for (let at = 0; at < data.length; ) {
-    const length = characterAt(data, at);
-    if (length === 0) {
-      parts.push(decoder.decode(data.subarray(begin, at)));
-      parts.push(`\\x${data[at].toString(16).padStart(2, "0")}`);
-      begin = at + 1;
-    }
-    at += Math.max(length, 1);
+    const lead = data[at];
+    const length = lead < 0x80 ? 1 : lead < 0xe0 ? 2 : lead < 0xf0 ? 3 : 4;
+    const letter = utf8Of(data.subarray(at, at + length));
+    text += letter ?? `\\x${lead.toString(16).padStart(2, "0")}`;
+    at += letter === null ? 1 : length;
   }
-  parts.push(decoder.decode(data.subarray(begin)));
-  return parts.join("");
+  return text;
 }
 
 /**
- * Count the bytes of the UTF-8 character that begins at a place; 0 where none does.
+ * Read bytes as UTF-8.
  *
  * @param {Uint8Array} data
- * @param {number} at
+ * @returns {string | null} null where they are no UTF-8
  */
-function characterAt(data, at) {
-  const lead = data[at];
-  if (lead < 0x80) return 1;
-  const length = lead >= 0xf0 ? 4 : lead >= 0xe0 ? 3 : 2;
-  if (lead < 0xc2 || lead > 0xf4 || at + length > data.length) return 0;
-  for (let next = at + 1; next < at + length; next++) if (data[next] >> 6 !== 2) return 0;
-  const second = data[at + 1];
-  const tooLong = (lead === 0xe0 && second < 0xa0) || (lead === 0xf0 && second < 0x90);
-  const noCharacter = (lead === 0xed && second > 0x9f) || (lead === 0xf4 && second > 0x8f);
-  return tooLong || noCharacter ? 0 : length;
+export function utf8Of(data) {
+  try {
+    return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(data);
+  } catch {
+    return null;
+  }
 }
