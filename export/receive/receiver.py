@@ -30,8 +30,8 @@ STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over the patches, at which
 the images show different states."""
 STILL_S, STILL_FRAMES = 2.0, 60
-"""Time, in seconds, and number of frames for which a display with patches is followed without a
-clock before others are looked for, too: a picture that shows patches may stand still."""
+"""Time, in seconds, and number of frames for which a display with patches is followed without
+anything to read before others are looked for, too: a picture that shows patches may stand still."""
 
 
 @dataclass(frozen=True)
@@ -207,8 +207,11 @@ class Receiver:
         return None
 
     def _stands_still(self, followed: DisplayTracker, time: float) -> bool:
-        """Tell whether a display with patches has been followed in vain for long."""
-        if self.synchronised or not followed.layout.ratex:
+        """Tell whether a display with patches has been followed in vain for long.
+
+        What toggles around it or across it may give it a clock, and then no bit of a message.
+        """
+        if (self.synchronised and self.progress > 0) or not followed.layout.ratex:
             self._toggled = time, self.frames
         since, frames = self._toggled
         return time - since > STILL_S and self.frames - frames > STILL_FRAMES

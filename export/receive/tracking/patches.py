@@ -133,6 +133,7 @@ class Tracker:
         if corners is not None:
             kept = [(at, place) for at, place in self._aside if not is_at(corners, [place])]
             self._aside, self._elsewhere = [*kept, (time, corners)], True
+            self._vain = max(self._vain, PATIENCE + 1)  # which leaves time for other trackers
         if forget:
             self._forget()
 
