@@ -130,13 +130,17 @@ def search_steps(
         spots = yield from spot_steps(gray, layout)
         quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
         yield COMBINE_WORK
-        found = yield from _best_on_patches(image, pyramid, layout, list(quads), ALL_TURNS[:1], avoid)
+        found = yield from _best_on_patches(
+            image, pyramid, layout, list(quads), ALL_TURNS[:1], avoid
+        )
         if found is None and partly:
             bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
             yield COMBINE_WORK
             found = yield from _best_partial(image, pyramid, layout, bent, avoid)
     if found is None:
-        found = yield from _best_on_patches(image, pyramid, layout, corners[LIKELY:], ALL_TURNS, avoid)
+        found = yield from _best_on_patches(
+            image, pyramid, layout, corners[LIKELY:], ALL_TURNS, avoid
+        )
     if found is None and partly:
         small, scale = small_copy(image)
         gray = as_gray(small)
