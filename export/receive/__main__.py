@@ -28,7 +28,7 @@ from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.images import make_folder, read_image, write_image
 from link.layout import Layout
-from link.presets import PRESETS
+from link.presets import preset_name
 from models import find_graph
 
 OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
@@ -170,11 +170,6 @@ def read_stream(decoders: Sequence[PairDecoder], args: argparse.Namespace, inbox
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
     print_end(receiver, inbox, last)
-
-
-def preset_name(layout: Layout) -> str | None:
-    """Name of the preset that shows a layout, or None where none does."""
-    return next((name for name, preset in PRESETS.items() if preset.layout == layout), None)
 
 
 def write_pictures(

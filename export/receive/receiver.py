@@ -24,6 +24,7 @@ from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured
 from link.layout import Layout
+from link.presets import preset_name
 from link.types import Corners, Image
 
 STILL = 2.0
@@ -137,6 +138,7 @@ class Receiver:
         """What was seen so far, from which `explain_silence` tells why no message came."""
         sight = self._sight
         measured = max(sight.measured, 1)
+        layouts = [self.layout] if self.found else list(self._readers)
         return Observations(
             fps=self._fps,
             frames=self.frames,
@@ -150,6 +152,7 @@ class Receiver:
             decoded=self.decoded,
             mixed=sight.mixed / max(self.decoded, 1),
             progress=self.progress,
+            presets=[name for name in map(preset_name, layouts) if name],
         )
 
     def push(self, image: NDArray[np.generic], time: float) -> ReceiverStep:

@@ -101,6 +101,9 @@ SILENCES = [
     Observations(30, **FOUND, toggling=WEAK),
     Observations(30, **FOUND, decoded=7, progress=0.413),
     Observations(25, **FOUND, decoded=7, progress=0.1, state_hz=24.2, mixed=0.8),
+    Observations(60, **FOUND, decoded=91, state_hz=59.49, presets=["hidden"]),
+    Observations(30, **FOUND, decoded=7, state_hz=29.0, presets=["hidden"]),
+    Observations(29.97, frames=90, level=9.0, presets=["paper", "fast", "hidden"]),
 ]
 
 
