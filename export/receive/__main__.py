@@ -149,7 +149,8 @@ def read_stream(decoders: Sequence[PairDecoder], args: argparse.Namespace, inbox
         for frame in source.frames:
             step = receiver.push(frame.image, frame.time)
             last = frame
-            if (step.tracked is not None) != in_view:
+            elsewhere = in_view and step.tracked is not None and step.tracked.anew
+            if (step.tracked is not None) != in_view or elsewhere:
                 in_view = step.tracked is not None
                 place = step.tracked.corners.round(2).tolist() if step.tracked else None
                 what = {"preset": preset_name(receiver.layout)} if in_view else {}

@@ -93,7 +93,8 @@ def wait_for(page, condition, patience=PATIENCE_S) -> None:
 WORKER = """
 let answers = %s;
 const usual = { last: false, width: 64, height: 48, corners: null, preset: null,
-  synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "", found: 0, slow: "",
+  synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
+  found: 0, slow: "",
   arrival: null };
 async function answered(last) {
   const answer = answers.length > 1 ? answers.shift() : answers[0];

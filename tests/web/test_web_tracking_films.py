@@ -58,7 +58,7 @@ def test_what_was_set_aside_is_passed_over_for_a_time(port: Port) -> None:
     """Two displays hang side by side, and neither toggles."""
     shown, width = picture(PATCHES, 0), SIZE[0]
     image = np.hstack([photographed(shown, WHOLE, 1), photographed(shown, WHOLE, 2)])
-    places = [WHOLE, WHOLE + [width, 0]]
+    places = [WHOLE, WHOLE + np.array([width, 0])]
 
     def found_by(follow: Callable[..., Any], set_aside: Callable[..., None]) -> list[int]:
         """Which of the two is found, in turn, until both are aside and one is not any more."""

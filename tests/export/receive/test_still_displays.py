@@ -42,7 +42,7 @@ def test_a_place_that_was_set_aside_is_passed_over_for_a_time() -> None:
         if tracked.anew or not found:
             found.append(tracked.corners)
         tracker.set_aside(number / 30, forget=False)
-    both = [UPRIGHT + [60, 48], UPRIGHT + [700, 48]]
+    both = [UPRIGHT + np.array([left, 48]) for left in (60, 700)]
     assert len(found) == 2
     assert all(any(is_at(corners, [place]) for corners in found) for place in both)
     tracker.set_aside(4.0, forget=True)
@@ -65,7 +65,7 @@ def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
         view = np.full((480, 1200), 60, np.uint8)
         view[:, :640] = image
         if not within:
-            place = UPRIGHT + [670, 50] + (there - CORNERS)
+            place = UPRIGHT + np.array([670, 50]) + (there - CORNERS)
             H = homography_from_corners(place, PAPER.width, PAPER.height)
             cv2.warpPerspective(shown, H, (1200, 480), view, borderMode=cv2.BORDER_TRANSPARENT)
         step = receiver.push(view, number / 30)
