@@ -109,6 +109,22 @@ def filmed(
     return images, corners
 
 
+def beside_print(
+    images: list[NDArray[np.uint8]], corners: NDArray[np.float64], shown: NDArray[np.uint8]
+) -> list[NDArray[np.uint8]]:
+    """Frames of `filmed`, 1200 x 480, of a wall that goes on to the right, where a print hangs."""
+    height, width = shown.shape
+    wide = []
+    for image, there in zip(images, corners, strict=True):
+        view = np.full((480, 1200), 60, np.uint8)
+        view[:, :640] = image
+        place = frame_corners(width, height) + [[670, 50]] + (there - CORNERS)
+        H = homography_from_corners(place, width, height)
+        cv2.warpPerspective(shown, H, (1200, 480), view, borderMode=cv2.BORDER_TRANSPARENT)
+        wide.append(view)
+    return wide
+
+
 def panned_to(images: list[NDArray[np.uint8]], frames: int) -> list[NDArray[np.uint8]]:
     """Frames of a camera that turns within ``frames`` frames from a wall to what images show."""
     height, width = images[0].shape

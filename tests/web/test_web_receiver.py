@@ -5,7 +5,7 @@ from dataclasses import asdict, astuple, dataclass
 import cv2
 import numpy as np
 import pytest
-from pilot_films import filmed, texture
+from pilot_films import beside_print, filmed, texture
 from port import differences, same
 from streams import Stream, states_of
 from tolerances import (
@@ -140,6 +140,15 @@ def robust_film():
     return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
 
 
+def printed_film():
+    """The same with a still print beside, which shows the layout of the preset paper."""
+    loop = encode(TEXT, ROBUST.n_bits)
+    images, corners = filmed(ROBUST, 150, seed=3, message=loop)
+    shown = cv2.cvtColor(states_of(TEXT, PAPER, np.random.default_rng(5))[1], cv2.COLOR_RGB2GRAY)
+    images = beside_print(images, corners, shown)
+    return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
+
+
 def still_film():
     """One gray frame of each state, too few for a clock."""
     states = states_of(TEXT, PAPER, np.random.default_rng(5))
@@ -193,7 +202,7 @@ def bits_alike(scores, others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("film", [paper_film, robust_film, still_film, empty_film])
+@pytest.mark.parametrize("film", [paper_film, robust_film, printed_film, still_film, empty_film])
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]

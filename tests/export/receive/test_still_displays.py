@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from drawn_scenes import content
 from numpy.typing import NDArray
-from pilot_films import CORNERS, BlockMeans, filmed
+from pilot_films import BlockMeans, beside_print, filmed
 
 from export.locate.find import is_at
 from export.receive.receiver import STILL_S, Receiver
 from export.receive.tracking.patches import ASIDE_S, Tracker
 from link.code.framing import encode
-from link.geometry import frame_corners, homography_from_corners
+from link.geometry import frame_corners
 from link.images import as_gray
 from link.layout import make_layout
 from link.presets import PRESETS
@@ -61,14 +61,8 @@ def test_a_still_print_keeps_no_display_from_being_read(where: str) -> None:
     images, corners = filmed(ROBUST, 180, 3, message=loop, inset=inset if within else None)
     receiver = Receiver([BlockMeans(PAPER), BlockMeans(ROBUST)], 30.0)
     first, message = None, None
-    for number, (image, there) in enumerate(zip(images, corners, strict=True)):
-        view = np.full((480, 1200), 60, np.uint8)
-        view[:, :640] = image
-        if not within:
-            place = UPRIGHT + np.array([670, 50]) + (there - CORNERS)
-            H = homography_from_corners(place, PAPER.width, PAPER.height)
-            cv2.warpPerspective(shown, H, (1200, 480), view, borderMode=cv2.BORDER_TRANSPARENT)
-        step = receiver.push(view, number / 30)
+    for number, image in enumerate(images if within else beside_print(images, corners, shown)):
+        step = receiver.push(image, number / 30)
         first = first or (step.tracked and receiver.layout)
         if step.message is not None:
             message = step.message.data
