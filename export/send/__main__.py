@@ -35,8 +35,6 @@ MOVING = (
     "less well than those with patches, which --preset paper shows"
 )
 """What is said of several pictures on a layout with pilots (docs/receiver.md)."""
-MAX_SCALE = 64
-"""Largest number of display pixels that the player may give to each picture pixel and axis."""
 
 
 def message_of(text: str | None, file: Path | None) -> bytes:
@@ -207,7 +205,6 @@ def send_parser() -> argparse.ArgumentParser:
     add("--size", type=display_size, help="of the display, as in 1920x1080 (the layout's)")
     fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
     add("--fit", choices=list(FITS), help=fits)
-    add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser
 
@@ -226,8 +223,6 @@ def main() -> None:
     layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID_FLAGS})
     distance = preset.distance_m if args.distance is None else args.distance
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
-    if not 0 <= args.scale <= MAX_SCALE:
-        raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
     bits = encode(
@@ -244,7 +239,7 @@ def main() -> None:
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
-    report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
+    report = write_loop(loop, args.out, len(message), state_hz, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     if layout.pilots and not stand_still(pictures):
         print(MOVING, file=sys.stderr)

@@ -254,9 +254,9 @@ def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> N
 
 def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
     out = tmp_path / "sent.html"
-    send(out, *FLAGS, "--hold", 6, "--scale", 2)
+    send(out, *FLAGS, "--hold", 6)
     loop = read_player(out)
-    assert [loop[key] for key in ("width", "height", "stateHz", "scale")] == [120, 80, 10, 2]
+    assert [loop[key] for key in ("width", "height", "stateHz")] == [120, 80, 10]
     assert len(loop["pictures"]) == 1
     assert len(loop["changes"]) == len({tuple(bits) for bits in SENT.tolist()})
     assert [picture for picture, _ in loop["pairs"]] == [0] * len(SENT)
