@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.send.compact import Compact
+from export.send.compact import TILE, Compact
 from link.errors import InputError
 from link.images import write_bytes
 from link.loop import Loop
@@ -86,7 +86,7 @@ def write_player(path: Path, loop: Loop, state_hz: float) -> None:
         "cols": layout.cols,
         "stateHz": state_hz,
         "soft": rule.soft,
-        "offsets": rule.offsets.reshape(2, 2, -1, 3).tolist(),
+        "offsets": _png(np.asarray(128 + rule.offsets.reshape(-1, TILE * TILE, 3), np.uint8)),
         "patches": _png(rule.patches) if layout.ratex else None,
         "pairs": order,
         "changes": changes.texts,

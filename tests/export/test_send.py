@@ -94,7 +94,8 @@ def player_states(file: Path) -> list[NDArray[np.uint8]]:
     loop = read_player(file)
     width, height = loop["width"], loop["height"]
     y, x = np.indices((height, width))
-    offsets = np.array(loop["offsets"])
+    offsets = np.atleast_3d(read_png(loop["offsets"])).astype(int) - 128
+    offsets = offsets.reshape(2, 2, -1, offsets.shape[2])
     patches = read_png(loop["patches"]) if loop["patches"] else np.zeros((height, width), int)
     states = []
     for number, (picture, changes) in enumerate(loop["pairs"]):
