@@ -40,8 +40,6 @@ NEEDED = (
     "reads them best; preset robust is for slow cameras"
 )
 """What is said of the camera that reads what was written."""
-MAX_SCALE = 64
-"""Largest number of display pixels that the player may give to each picture pixel and axis."""
 
 
 def message_of(text: str | None, file: Path | None) -> bytes:
@@ -213,7 +211,6 @@ def send_parser() -> argparse.ArgumentParser:
     add("--size", type=display_size, help=sizes)
     fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
     add("--fit", choices=list(FITS), help=fits)
-    add("--scale", type=int, default=0, help="of the player; 0: largest that fits (0)")
     add_pixel_limit(parser)
     return parser
 
@@ -232,8 +229,6 @@ def main() -> None:
     layout = choose_layout(preset, args.layout, {name: getattr(args, name) for name in GRID_FLAGS})
     distance = preset.distance_m if args.distance is None else args.distance
     onlooker = Onlooker(args.diagonal, args.luminance, distance)
-    if not 0 <= args.scale <= MAX_SCALE:
-        raise InputError(f"--scale: need 0 to {MAX_SCALE}, got {args.scale}")
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
     protected = protected_message(message, args.key, args.counter)
@@ -254,7 +249,7 @@ def main() -> None:
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
-    report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
+    report = write_loop(loop, args.out, len(message), state_hz, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     print(NEEDED.format(state_hz, camera_fps, better_fps), file=sys.stderr)
     if layout.pilots and not stand_still(pictures):

@@ -2,7 +2,8 @@
 
 The page holds each picture once, and for each frame pair no more than the bits of its blocks, or
 the change of its pixels where blocks have soft edges. It computes the states itself, by the rule of
-`export.send.compact`, exact to the gray level.
+`export.send.compact`, exact to the gray level: on the graphics card, at the size at which they are
+shown, or where that is not exact by the processor, at the picture's own size.
 """
 
 import base64
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from export.send.compact import Compact
+from export.send.compact import TILE, Compact
 from link.errors import InputError
 from link.images import write_bytes
 from link.loop import Loop
@@ -24,7 +25,7 @@ from link.loop import Loop
 TEMPLATE = Path(__file__).with_name("player.html")
 """Page of the player, with `__LOOP__` where the loop goes as JSON."""
 MAX_DECODED_BYTES = 2**30
-"""Largest memory for pictures and changes as a browser holds them: 4 bytes for each pixel of a
+"""Largest memory for pictures and changes as a browser holds them: 3 bytes for each pixel of a
 picture, and 1 byte for each cell of a frame pair's changes."""
 
 
@@ -45,7 +46,7 @@ class _Texts:
         return self._numbers[key]
 
 
-def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> None:
+def write_player(path: Path, loop: Loop, state_hz: float) -> None:
     """Write the player, one HTML file that needs no other.
 
     Args:
@@ -53,7 +54,6 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
         loop: what to show; all its carriers are taken.
         state_hz: states a second. The page holds each state for as many whole refreshes of the
             display that it meets as come closest, at least one, and says so if the rate is another.
-        scale: display pixels for each picture pixel and axis; 0 for the largest that fits.
 
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
@@ -76,7 +76,7 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
         order.append((picture, changes.number(cells)))
         last = carrier.picture
         pixels = layout.width * layout.height
-        if 4 * len(pictures.texts) * pixels + len(changes.texts) * cells.size > MAX_DECODED_BYTES:
+        if 3 * len(pictures.texts) * pixels + len(changes.texts) * cells.size > MAX_DECODED_BYTES:
             raise InputError(
                 f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
                 "write a video, or use fewer pictures or a smaller size"
@@ -88,9 +88,8 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
         "rows": layout.rows,
         "cols": layout.cols,
         "stateHz": state_hz,
-        "scale": scale,
         "soft": rule.soft,
-        "offsets": rule.offsets.reshape(2, 2, -1, 3).tolist(),
+        "offsets": _png(np.asarray(128 + rule.offsets.reshape(-1, TILE * TILE, 3), np.uint8)),
         "patches": _png(rule.patches) if layout.ratex else None,
         "pairs": order,
         "changes": changes.texts,

@@ -89,7 +89,6 @@ def write_loop(
     message_bytes: int,
     state_hz: float,
     *,
-    scale: int,
     more: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write a loop to a file or folder.
@@ -100,8 +99,6 @@ def write_loop(
         message_bytes: length of the message.
         state_hz: states shown in a second, by a video, or by the player where the display's
             refreshes allow it.
-        scale: display pixels for each picture pixel and axis in the player; 0 for the largest that
-            fits.
         more: values of JSON's types that are reported beside the loop's own.
 
     Returns:
@@ -119,7 +116,7 @@ def write_loop(
         if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
         if kind == ".html":
-            write_player(out, loop, state_hz, scale)
+            write_player(out, loop, state_hz)
         elif kind:
             write_video(out, states, state_hz)
         else:

@@ -149,7 +149,6 @@ REFUSED = [
     ("send", "--out many", "--out: many is already there"),
     ("send", "--out /", "--out: / has no name"),
     ("send", "--out text.png/x", "text.png: cannot be made a folder"),
-    ("send", "--scale 65", "--scale: need 0 to 64, got 65"),
     ("send", "--hold 0", "--hold: need at least 1, got 0"),
     ("send", "--refresh nan", "--refresh: need -1000000 to 1000000, got nan"),
     ("send", "--refresh 1e5 --hold 4", "need up to 1000 states a second, got 25000"),

@@ -1,7 +1,11 @@
-"""The player in a real browser: screenshots taken while it plays show exactly what was sent."""
+"""The player in a real browser: screenshots taken while it plays show exactly what was sent.
+
+A browser without a graphics card runs WebGL2 on the processor, by the same rules.
+"""
 
 import base64
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +18,11 @@ from playwright.sync_api import Page
 
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
+from export.send.compact import Compact
 from export.send.player import write_player
 from link.code import framing
 from link.code.collect import make_collector
-from link.layout import Layout, make_layout
+from link.layout import Layout, block_index, make_layout
 from link.loop import Loop
 
 PRETRAINED = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
@@ -25,17 +30,19 @@ MESSAGE = b"Hi"
 PATIENCE_S = 60.0
 
 
-def make_loop(layout: Layout, kappa: int, picture: NDArray[np.uint8]) -> Loop:
+def make_loop(layout: Layout, kappa: int, *pictures: NDArray[np.uint8], **more: Any) -> Loop:
     bits = framing.encode(MESSAGE, layout.n_bits)
-    return Loop(layout, kappa, bits, lambda: iter([picture]))
+    return Loop(layout, kappa, bits, lambda: iter(pictures), **more)
+
+
+def noise(height: int, width: int) -> NDArray[np.uint8]:
+    """A picture in which every wrong pixel shows."""
+    return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
 @pytest.fixture(scope="module")
 def small() -> Loop:
-    """Noise, in which every wrong pixel shows."""
-    layout = make_layout(5, 6, 120, 80, 2)
-    picture = np.random.default_rng(0).integers(0, 256, (80, 120, 3), dtype=np.uint8)
-    return make_loop(layout, 5, picture)
+    return make_loop(make_layout(5, 6, 120, 80, 2), 5, noise(80, 120))
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +67,18 @@ def load(page: Page, player: Path) -> None:
 
 
 def start(page: Page, player: Path) -> None:
-    """Open a player and play without waiting for the reader."""
+    """Open a player that plays with nothing over the picture."""
     load(page, player)
-    page.evaluate("player.play()")
+    page.evaluate("document.body.classList.add('rest')")
+
+
+WITHOUT_CARD = """
+    const given = HTMLCanvasElement.prototype.getContext;
+    HTMLCanvasElement.prototype.getContext = function (kind, how) {
+        return kind === "webgl2" ? null : given.call(this, kind, how);
+    };
+"""
+"""Script that takes WebGL2 away."""
 
 
 def screenshot(page: Page) -> NDArray[np.uint8]:
@@ -72,31 +88,30 @@ def screenshot(page: Page) -> NDArray[np.uint8]:
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def cut_out(page: Page, layout: Layout, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The picture in a screenshot, in device pixels; around it all but a line below is black."""
-    script = """(() => {
-        const [{ x, y }, below] = [canvas, line].map((part) => part.getBoundingClientRect());
-        return [x, y, player.scale, devicePixelRatio, below.height ? below.y : innerHeight];
-    })()"""
-    x, y, scale, ratio, below = page.evaluate(script)
-    left, top = round(x * ratio), round(y * ratio)
-    box = slice(top, top + scale * layout.height), slice(left, left + scale * layout.width)
-    assert below * ratio >= box[0].stop
+def cut_out(page: Page, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The picture in a screenshot, in device pixels; around it all is black."""
+    script = "(({ x, y, width, height }) => [x, y, width, height])(canvas.getBoundingClientRect())"
+    ratio = page.evaluate("devicePixelRatio")
+    left, top, width, height = (round(ratio * length) for length in page.evaluate(script))
+    box = slice(top, top + height), slice(left, left + width)
     around = shot.copy()
     around[box] = 0
-    around[int(below * ratio) :] = 0
     assert not around.any()
     return shot[box]
 
 
 WINDOWS = {
-    "desktop": (300, 200, 1.0, 2),
-    "dense": (300, 200, 2.0, 5),
-    "125 %": (400, 300, 1.25, 4),
-    "phone upright": (205, 365, 2.625, 4),
-    "phone on its side": (240, 135, 3.0, 5),
+    "desktop": (120, 90, 1.0, 1),
+    "dense": (70, 40, 2.0, 1),
+    "125 %": (96, 64, 1.25, 1),
+    "phone upright": (40, 80, 3.0, 1),
+    "desktop, by the processor": (300, 200, 1.0, 2),
+    "125 %, by the processor": (400, 300, 1.25, 4),
+    "phone upright, by the processor": (205, 365, 2.625, 4),
+    "phone on its side, by the processor": (240, 135, 3.0, 5),
 }
-QUICK = ("desktop", "phone upright")
+"""Width and height in CSS pixels, device pixels for each of them, and for each of the picture's."""
+QUICK = ("125 %", "phone upright", "phone upright, by the processor")
 
 
 @pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in WINDOWS])
@@ -105,53 +120,49 @@ def test_screenshots_while_it_plays_are_the_states_bit_for_bit(
 ) -> None:
     width, height, ratio, scale = WINDOWS[name]
     page = open_window(width, height, ratio, mobile="phone" in name)
+    if "processor" in name:
+        page.add_init_script(WITHOUT_CARD)
     start(page, player)
-    assert page.evaluate("player.scale") == scale
+    assert ("without" in page.evaluate("painter.word")) == ("processor" in name)
     enlarged = [np.kron(s, np.ones((scale, scale, 1), np.uint8)) for s in small.states()]
     wanted = {state.tobytes() for state in enlarged}
     seen: set[bytes] = set()
     deadline = time.monotonic() + PATIENCE_S
     while seen != wanted and time.monotonic() < deadline:
-        shown = cut_out(page, small.layout, screenshot(page)).tobytes()
+        shown = cut_out(page, screenshot(page)).tobytes()
         assert shown in wanted, "a screenshot shows no state that was sent"
         seen.add(shown)
     assert seen == wanted
 
 
-def test_an_upright_picture_is_shown_upright(open_window: OpenWindow, tmp_path: Path) -> None:
-    """The grid lies on its side beneath it; every pixel is where the states have it."""
-    layout = make_layout(5, 6, 120, 80, 2)
-    picture = np.random.default_rng(0).integers(0, 256, (120, 80, 3), dtype=np.uint8)
-    bits = framing.encode(MESSAGE, layout.n_bits)
-    loop = Loop(layout, 5, bits, lambda: iter([picture]), 0, (80, 120), "contain")
-    write_player(tmp_path / "player.html", loop, 15)
-    page = open_window(200, 300, 1.25)
-    start(page, tmp_path / "player.html")
-    scale = page.evaluate("player.scale")
-    wanted = [np.kron(state, np.ones((scale, scale, 1), np.uint8)) for state in loop.states()]
-    page.evaluate("player.pause()")
-    for number in (0, 1, len(wanted) - 1):
-        page.evaluate(f"player.show({number}), document.body.classList.add('clear')")
-        shown = cut_out(page, layout.resized(80, 120), screenshot(page))
-        np.testing.assert_array_equal(shown, wanted[number])
-
-
 CANVAS = """() => {
-    const { data } = context.getImageData(0, 0, loop.width, loop.height);
+    const { width, height } = canvas, { gl } = painter, row = 4 * width;
+    const read = gl ? new Uint8Array(row * height) : context().data;
+    function context() { return canvas.getContext("2d").getImageData(0, 0, width, height); }
+    if (gl) gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, read);
     let text = "";
-    for (let i = 0; i < data.length; i += 4096) {
-        text += String.fromCharCode(...data.subarray(i, i + 4096));
+    for (let y = 0; y < height; y++) {
+        const at = row * (gl ? height - 1 - y : y);
+        text += String.fromCharCode(...read.subarray(at, at + row));
     }
     return btoa(text);
 }"""
-"""Script that gives what the canvas holds."""
+"""Script that gives what the canvas holds, before the browser takes it to the display."""
 
 
 def pixels_of(page: Page, texts: list[str]) -> list[NDArray[np.uint8]]:
     """What `CANVAS` gave, as images (H, W, 3)."""
-    width, height = page.evaluate("[loop.width, loop.height]")
+    width, height = page.evaluate("[canvas.width, canvas.height]")
     images = [np.frombuffer(base64.b64decode(text), np.uint8) for text in texts]
     return [image.reshape(height, width, 4)[:, :, :3] for image in images]
+
+
+def drawn_states(page: Page, player: Path, count: int) -> list[NDArray[np.uint8]]:
+    """Open a player, and draw its first ``count`` states."""
+    page.goto(player.resolve().as_uri())
+    wait_for(page, "window.player && painter && room")
+    script = f"Array.from({{ length: {count} }}, (_, k) => (player.show(k), ({CANVAS})()))"
+    return pixels_of(page, page.evaluate(script))
 
 
 def assert_shown(shown: list[NDArray[np.uint8]], wanted: list[NDArray[np.uint8]]) -> None:
@@ -165,38 +176,135 @@ def ramp(height: int, width: int) -> NDArray[np.uint8]:
     return np.stack([np.tile(row, (height, 1)), np.tile(row[::-1], (height, 1))] * 2, 2)[:, :, :3]
 
 
-EXACT: dict[str, tuple[int, int, dict[str, Any]]] = {
-    "on_off, ratex": (5, 0, {"ratex": 5}),
-    "antipodal, ratex, odd": (5, 0, {"ratex": 2, "modulation": "antipodal"}),
-    "antipodal, pilots, least": (1, 0, {"pilots": 4, "modulation": "antipodal"}),
-    "antipodal, pilots, most": (64, 0, {"pilots": 4, "modulation": "antipodal"}),
-    "antipodal, chroma": (9, 0, {"pilots": 4, "modulation": "antipodal", "colour": "chroma"}),
-    "on_off, chroma": (3, 0, {"pilots": 4, "colour": "chroma"}),
-    "antipodal, ratex, soft": (9, 1, {"ratex": 2, "modulation": "antipodal"}),
-    "on_off, soft": (6, 1, {"pilots": 4}),
+EXACT: dict[str, tuple[int, dict[str, Any], dict[str, Any]]] = {
+    "on_off, ratex": (5, {"ratex": 5}, {}),
+    "antipodal, ratex, odd": (5, {"ratex": 2, "modulation": "antipodal"}, {}),
+    "antipodal, pilots, least": (1, {"pilots": 4, "modulation": "antipodal"}, {}),
+    "antipodal, pilots, most": (64, {"pilots": 4, "modulation": "antipodal"}, {}),
+    "antipodal, chroma": (9, {"pilots": 4, "modulation": "antipodal", "colour": "chroma"}, {}),
+    "on_off, chroma": (3, {"pilots": 4, "colour": "chroma"}, {}),
+    "antipodal, ratex, soft": (9, {"ratex": 2, "modulation": "antipodal"}, {"pyramid_level": 1}),
+    "on_off, soft": (6, {"pilots": 4}, {"pyramid_level": 1}),
+    "antipodal, even": (5, {"pilots": 4, "modulation": "antipodal"}, {"even": True}),
+    "antipodal, ratex, even": (5, {"ratex": 2, "modulation": "antipodal"}, {"even": True}),
+    "antipodal, even, most": (64, {"pilots": 4, "modulation": "antipodal"}, {"even": True}),
 }
-"""Kappa, pyramid level and what else a layout has, by what the page must show exactly."""
-SOON = ("antipodal, chroma", "antipodal, ratex, soft")
+"""Kappa, and what else a layout and a loop have, by what the page must show exactly."""
+SOON = ("antipodal, chroma", "antipodal, ratex, soft", "antipodal, ratex, even")
 
 
+def exact_loop(case: str, *, upright: bool = False) -> Loop:
+    """A loop of `EXACT` over three pictures, with no whole blocks."""
+    kappa, words, more = EXACT[case]
+    layout = make_layout(5, 6, 121, 83, **words)
+    height, width = (121, 83) if upright else (83, 121)
+    random = noise(height, width)
+    gray = np.repeat(random[:, :, :1], 3, axis=2)
+    size = (width, height)
+    pictures = random, ramp(height, width), gray
+    return make_loop(layout, kappa, *pictures, display_size=size, fit="contain", **more)
+
+
+@pytest.mark.parametrize("by", ["by the graphics card", "without the graphics card"])
+@pytest.mark.parametrize("upright", [False, True])
 @pytest.mark.parametrize("case", [name if name in SOON else slow(name) for name in EXACT])
 def test_the_page_computes_what_is_embedded_to_the_gray_level(
-    case: str, open_window: OpenWindow, tmp_path: Path
+    case: str, upright: bool, by: str, open_window: OpenWindow, tmp_path: Path
 ) -> None:
-    kappa, level, more = EXACT[case]
-    layout = make_layout(5, 6, 121, 83, **more)  # no whole blocks
-    noise = np.random.default_rng(0).integers(0, 256, (83, 121, 3), dtype=np.uint8)
-    gray = np.repeat(noise[:, :, :1], 3, axis=2)
-    bits = framing.encode(b"!", layout.n_bits)
-    loop = Loop(layout, kappa, bits, lambda: iter([noise, ramp(83, 121), gray]), level)
+    loop = exact_loop(case, upright=upright)
     write_player(tmp_path / "player.html", loop, 15)
-    page = open_window(300, 200)
-    page.goto((tmp_path / "player.html").as_uri())
-    wait_for(page, "states.number === 0")
+    page = open_window(*loop.placement.display_size)
+    if "without" in by:
+        page.add_init_script(WITHOUT_CARD)
     sent = list(loop.states())
     assert len(sent) > 6
-    script = f"Array.from({{ length: {len(sent)} }}, (_, k) => (player.show(k), ({CANVAS})()))"
-    assert_shown(pixels_of(page, page.evaluate(script)), sent)
+    assert_shown(drawn_states(page, tmp_path / "player.html", len(sent)), sent)
+    assert by in page.evaluate("painter.word")
+
+
+def offsets_at(loop: Loop, width: int, height: int) -> Iterator[NDArray[np.intp]]:
+    """What is added to the picture in each state that is shown at another size, (H, W, 3)."""
+    rule = Compact(loop.shown_layout, loop.kappa, loop.pyramid_level)
+
+    def spread(numbers: NDArray[Any]) -> NDArray[np.intp]:
+        rows, cols = numbers.shape
+        return np.asarray(
+            numbers[block_index(height, rows)[:, None], block_index(width, cols)], np.intp
+        )
+
+    patches = spread(rule.patches)
+    y, x = np.indices((height, width)) % 4
+    for carrier in loop.carriers():
+        cells = rule.cells(carrier.bits)
+        cells = cells if carrier.steps is None else 2 * carrier.steps + cells
+        numbers = np.where(patches > 0, patches, spread(cells))
+        for offsets in rule.offsets[int(carrier.turned)]:
+            yield offsets[numbers, y, x]
+
+
+def resized(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.float64]:
+    """A picture at another size, by a triangle as wide as the larger of both sizes' pixels."""
+
+    def weights(given: int, wanted: int) -> NDArray[np.float64]:
+        ratio = given / wanted
+        centres = (np.arange(wanted) + 0.5) * ratio - 0.5
+        reach = np.ceil(max(ratio, 1))
+        near = np.arange(-reach, given + reach)
+        rows = np.maximum(1 - np.abs(near - centres[:, None]) / max(ratio, 1), 0)
+        matrix = np.zeros((wanted, given))
+        np.add.at(matrix.T, np.clip(near, 0, given - 1).astype(int), rows.T)
+        return matrix / matrix.sum(axis=1, keepdims=True)
+
+    tall, wide = weights(picture.shape[0], height), weights(picture.shape[1], width)
+    return np.asarray(np.einsum("ij,jkc,lk->ilc", tall, picture, wide, optimize=True))
+
+
+@pytest.mark.parametrize("window", [(300, 200), slow((97, 73)), slow((121, 82))])
+@pytest.mark.parametrize("upright", [False, True])
+@pytest.mark.parametrize("case", [name if name in SOON else slow(name) for name in EXACT])
+def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
+    case: str, upright: bool, window: tuple[int, int], open_window: OpenWindow, tmp_path: Path
+) -> None:
+    """All states of a picture lie around one resized picture, exactly."""
+    loop = exact_loop(case, upright=upright)
+    write_player(tmp_path / "player.html", loop, 15)
+    page = open_window(*(window[::-1] if upright else window))
+    carriers = list(loop.carriers())
+    states = drawn_states(page, tmp_path / "player.html", 2 * len(carriers))
+    states = [np.rot90(state, -1) if upright else state for state in states]
+    height, width = states[0].shape[:2]
+    assert width == window[0] or height == window[1]
+    rule = Compact(loop.shown_layout, loop.kappa, loop.pyramid_level)
+    offsets = list(offsets_at(loop, width, height))
+    for number in range(3):
+        chosen = [k for k in range(len(states)) if k // 2 % 3 == number]
+        lowest = np.min([offsets[k] for k in chosen], axis=0)
+        highest = np.max([offsets[k] for k in chosen], axis=0)
+        around = [states[k].astype(int) - offsets[k] for k in chosen]
+        carrier = carriers[number]
+        wanted = resized(rule.picture(carrier.picture, carrier.steps), width, height)
+        wanted = np.clip(wanted, -lowest, 255 - highest)
+        assert np.abs(around[0] - wanted).max() < 0.51
+        assert_shown(around, [around[0]] * len(around))
+
+
+def test_a_graphics_card_that_changes_levels_is_not_used(
+    open_window: OpenWindow, player: Path, small: Loop
+) -> None:
+    page = open_window(300, 200)
+    page.add_init_script("""
+        const read = WebGL2RenderingContext.prototype.readPixels;
+        WebGL2RenderingContext.prototype.readPixels = function (...given) {
+            read.apply(this, given);
+            given[6][40] ^= 1;
+        };
+    """)
+    sent = list(small.states())
+    assert_shown(drawn_states(page, player, len(sent)), sent)
+    wait_for(page, "player.ready")
+    page.keyboard.press("i")
+    said = "120 × 80 pixels, drawn without the graphics card (it changes gray levels)"
+    assert said in page.evaluate("line.textContent")
 
 
 # The clock, on displays whose refreshes the test makes
@@ -217,11 +325,11 @@ def at_display(page: Page, player: Path, hz: float, state_hz: float) -> None:
     """Open a player on a display of ``hz`` refreshes a second, ask for a rate, and play."""
     page.add_init_script(REFRESHES)
     page.goto(player.resolve().as_uri())
-    wait_for(page, "asked.length > 0")
+    wait_for(page, "asked.length > 0 && room")
     page.evaluate(
-        f"loop.stateHz = {state_hz}; for (let k = 0; k < 1.2 * {hz}; k++) refresh(1000 / {hz})"
+        f"loop.stateHz = {state_hz}; while (!player.ready) refresh(1000 / {hz});"
+        "stats.refreshes = stats.dropped = 0; player.show(0);"
     )
-    page.evaluate("player.play()")
 
 
 def after_refreshes(page: Page, gaps: list[float]) -> list[NDArray[np.uint8]]:
@@ -234,7 +342,7 @@ def after_refreshes(page: Page, gaps: list[float]) -> list[NDArray[np.uint8]]:
 def test_each_refresh_shows_the_next_state(
     open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
-    page = open_window(300, 200)
+    page = open_window(120, 80)
     at_display(page, player, 60, state_hz=60)
     sent = list(small.states())
     assert page.evaluate("[player.hold, player.rate, player.kept]") == [1, pytest.approx(60), True]
@@ -243,10 +351,10 @@ def test_each_refresh_shows_the_next_state(
     assert page.evaluate("stats.dropped") == 0
 
 
-def test_a_late_refresh_is_told_below_the_picture_and_the_states_keep_time(
+def test_a_late_refresh_is_told_and_the_states_keep_time(
     open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
-    page = open_window(300, 200)
+    page = open_window(120, 80)
     at_display(page, player, 60, state_hz=60)
     sent = list(small.states())
     late = [*[1000 / 60] * 4, 50.0, *[1000 / 60] * 3, 34.0, *[1000 / 60] * 40]
@@ -256,46 +364,43 @@ def test_a_late_refresh_is_told_below_the_picture_and_the_states_keep_time(
         wanted.append(sent[number % len(sent)])
     assert_shown(after_refreshes(page, late), wanted)
     assert page.evaluate("stats.dropped") == 3
-    said = "60.0 states/s, 3 refreshes skipped"
-    assert page.evaluate("[line.textContent, getComputedStyle(line).display]") == [said, "block"]
-    assert page.evaluate("getComputedStyle(note).display") == "none"
-    boxes = "[canvas, line].map((part) => part.getBoundingClientRect())"
-    script = f"{boxes}.map(({{ top, bottom }}) => [top, bottom])"
-    (_, bottom), (top, end) = page.evaluate(script)
-    assert bottom <= top < end <= 200
+    assert page.evaluate("getComputedStyle(line).display") == "none"
+    page.keyboard.press("I")
+    assert page.evaluate("getComputedStyle(line).display") == "block"
+    assert "/ 1 = 59.98 states/s, 3 refreshes skipped" in page.evaluate("line.textContent")
 
 
 @pytest.mark.parametrize(
     ("hz", "asked", "hold", "word"),
     [
         (120, 120, 1, ""),
-        (60, 120, 1, "60.0 states/s, not 120 as asked"),
+        (60, 120, 1, "60.0 states a second, not 120 as asked"),
         slow(120, 60, 2, ""),
         slow(59.94, 60, 1, ""),
         slow(60, 15, 4, ""),
         slow(240, 15, 16, ""),
-        slow(30, 60, 1, "30.0 states/s, not 60 as asked"),
-        slow(144, 60, 2, "72.0 states/s, not 60 as asked"),
+        slow(30, 60, 1, "30.0 states a second, not 60 as asked"),
+        slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
     ],
 )
 def test_the_rate_is_the_nearest_that_the_display_has(
     hz: float, asked: float, hold: int, word: str, open_window: OpenWindow, player: Path
 ) -> None:
-    page = open_window(300, 200)
+    page = open_window(120, 80)
     at_display(page, player, hz, asked)
     assert page.evaluate("player.hold") == hold
     page.evaluate(f"for (let k = 0; k < {6 * hold}; k++) refresh(1000 / {hz})")
     assert page.evaluate("[player.count, stats.dropped]") == [6, 0]
-    said, told = page.evaluate("[line.textContent, note.textContent]")
+    said = page.evaluate("note.textContent")
     assert word in said
-    assert ("as asked" in told) == ("as asked" in said) == bool(word)
+    assert ("as asked" in said) == bool(word)
 
 
 @pytest.mark.slow
 def test_on_another_display_the_loop_goes_on_where_it_is(
     open_window: OpenWindow, player: Path
 ) -> None:
-    page = open_window(300, 200)
+    page = open_window(120, 80)
     at_display(page, player, 60, state_hz=60)
     page.evaluate("for (let k = 0; k < 7; k++) refresh(1000 / 60); player.pause()")
     page.evaluate("for (let k = 0; k < 300; k++) refresh(1000 / 120); player.play()")
@@ -304,7 +409,7 @@ def test_on_another_display_the_loop_goes_on_where_it_is(
     assert page.evaluate("player.count") == 10
 
 
-# The clock, on the browser's own refreshes
+# The clock, on the browser's own refreshes, which are few in windows of less than 100 x 100 pixels
 
 
 @pytest.mark.slow
@@ -312,7 +417,7 @@ def test_at_60_states_a_second_canvas_and_screenshots_are_the_states_in_order(
     open_window: OpenWindow, small: Loop, tmp_path: Path
 ) -> None:
     write_player(tmp_path / "player.html", small, 60)
-    page = open_window(300, 200)
+    page = open_window(120, 160)
     start(page, tmp_path / "player.html")
     sent = list(small.states())
     page.evaluate(f"""window.log = [], window.read = {CANVAS}, (function look() {{
@@ -326,9 +431,9 @@ def test_at_60_states_a_second_canvas_and_screenshots_are_the_states_in_order(
     assert len(set(refreshes)) == len(refreshes)  # every refresh counts
     skipped = refreshes[-1] - refreshes[0] + 1 - len(refreshes)
     assert skipped <= page.evaluate("stats.dropped")
-    wanted = {np.kron(state, np.ones((2, 2, 1), np.uint8)).tobytes() for state in sent}
+    wanted = {state.tobytes() for state in sent}
     for _ in range(5):
-        assert cut_out(page, small.layout, screenshot(page)).tobytes() in wanted
+        assert cut_out(page, screenshot(page)).tobytes() in wanted
 
 
 @pytest.mark.slow
@@ -348,7 +453,7 @@ def test_a_page_of_a_fine_grid_is_small(tmp_path: Path, monkeypatch: pytest.Monk
 def test_each_state_stays_for_its_refreshes(
     open_window: OpenWindow, player: Path, small: Loop
 ) -> None:
-    page = open_window(300, 200)
+    page = open_window(120, 160)
     start(page, player)
     page.evaluate("window.log = [], player.draw = player.show, 0")
     page.evaluate("player.show = (k) => { log.push([stats.refreshes, k]); player.draw(k); }, 0")
@@ -368,7 +473,7 @@ def test_each_state_stays_for_its_refreshes(
 def test_a_skipped_refresh_is_counted_and_the_rate_kept(
     open_window: OpenWindow, player: Path
 ) -> None:
-    page = open_window(300, 200)
+    page = open_window(120, 160)
     start(page, player)
     wait_for(page, "stats.refreshes > 20")
     script = """new Promise((done) => requestAnimationFrame((first) => {
@@ -385,31 +490,116 @@ def test_a_skipped_refresh_is_counted_and_the_rate_kept(
     assert passed == pytest.approx(seconds * after["hz"], abs=4)
 
 
+# People
+
+
 @pytest.mark.slow
-def test_it_starts_by_itself_and_nothing_covers_the_picture(
+def test_it_starts_by_itself_and_text_and_pointer_go_when_nothing_moves(
     open_window: OpenWindow, player: Path
 ) -> None:
     page = open_window(300, 200)
     load(page, player)
-    assert "states/s" in page.evaluate("document.querySelector('p').textContent")
-    wait_for(page, "player.playing")
-    script = "getComputedStyle(document.querySelector('p')).display"
-    assert page.evaluate(script) == "none"
-    page.evaluate("player.pause()")
-    assert page.evaluate(script) == "block"
-    at = page.evaluate("player.count")
-    time.sleep(0.2)
-    assert page.evaluate("player.count") == at
+    assert page.evaluate("player.playing")
+    assert "point its camera at the picture" in page.evaluate("note.textContent")
+    assert page.title() == "OORC: hidden camera–display communication"
+    seen = "[getComputedStyle(note).display, getComputedStyle(document.body).cursor]"
+    for move in (
+        lambda: (page.mouse.move(50, 60), page.mouse.move(60, 60)),
+        lambda: page.keyboard.press("a"),
+        lambda: page.keyboard.press("Space"),
+    ):
+        wait_for(page, f"{seen}.join() === 'none,none'")
+        move()
+        assert page.evaluate(seen) == ["block", "auto"]
+    assert "Paused" in page.evaluate("note.textContent")
+    wait_for(page, f"{seen}.join() === 'none,none'")
 
 
-@pytest.mark.slow
-def test_a_window_that_is_too_small_is_told(open_window: OpenWindow, player: Path) -> None:
-    page = open_window(100, 200)
+def test_keys_work_with_caps_lock_and_arrows_show_the_states_one_after_another(
+    open_window: OpenWindow, player: Path, small: Loop
+) -> None:
+    page = open_window(120, 160)
+    at_display(page, player, 60, state_hz=15)
+    sent = list(small.states())
+    page.keyboard.press("I")
+    assert "= 15.00 states/s" in page.evaluate("line.textContent")
+    page.keyboard.press("Shift+I")
+    assert page.evaluate("line.hidden")
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("player.count") == 0  # only while it pauses
+    page.keyboard.press("Space")
+    assert page.evaluate("note.checkVisibility()")
+    for key, number in [("Left", -1), ("Left", -2), ("Right", -1), ("Right", 0), ("Right", 1)]:
+        page.keyboard.press(f"Arrow{key}")
+        assert not page.evaluate("note.checkVisibility()")
+        assert page.evaluate("shown") == number % len(sent)
+        np.testing.assert_array_equal(cut_out(page, screenshot(page)), sent[number])
+    page.keyboard.press("Space")
+    page.evaluate("for (let k = 0; k < 4; k++) refresh(1000 / 60)")
+    assert page.evaluate("shown") == 2
+    page.keyboard.press("F")
+    wait_for(page, "document.fullscreenElement")
+
+
+def test_a_picture_is_as_large_as_a_turned_window_allows_and_survives_the_card_s_loss(
+    open_window: OpenWindow, player: Path
+) -> None:
+    page = open_window(300, 150, 2)
     start(page, player)
-    assert "needs 120 × 80 pixels" in page.evaluate("document.querySelector('p').textContent")
-    assert page.evaluate("stats.refreshes") == 0
-    page.set_viewport_size({"width": 300, "height": 200})
-    wait_for(page, "stats.refreshes > 0")
+    sizes = "[canvas.width, canvas.height, document.documentElement.scrollWidth]"
+    assert page.evaluate(sizes) == [450, 300, 300]
+    page.set_viewport_size({"width": 150, "height": 300})
+    wait_for(page, "canvas.width === 300")
+    assert page.evaluate(sizes) == [300, 200, 150]
+    assert cut_out(page, screenshot(page)).std() > 20
+    page.evaluate("window.lost = painter.gl.getExtension('WEBGL_lose_context'), lost.loseContext()")
+    wait_for(page, "painter.gl.isContextLost()")
+    page.evaluate("lost.restoreContext()")
+    wait_for(page, "!painter.gl.isContextLost()")
+    wait_for(page, "canvas.width === 300")
+    page.evaluate("player.pause(), document.body.classList.add('rest')")
+    assert cut_out(page, screenshot(page)).std() > 20
+
+
+COUNT_BYTES = """
+    window.moved = 0;
+    const to = WebGL2RenderingContext.prototype;
+    for (const name of ["texImage2D", "texSubImage2D", "bufferData", "bufferSubData"]) {
+        const original = to[name];
+        to[name] = function (...given) {
+            moved += given.find((each) => ArrayBuffer.isView(each))?.byteLength ?? 0;
+            return original.apply(this, given);
+        };
+    }
+"""
+"""Script that counts the bytes that go to the graphics card."""
+
+
+def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
+    open_window: OpenWindow, tmp_path: Path
+) -> None:
+    """At 3840 x 2160; the time is only printed, as a processor stands in for the card."""
+    layout = make_layout(24, 32, 3840, 2160, modulation="antipodal", pilots="auto")
+    picture = cv2.resize(ramp(9, 16), (3840, 2160))
+    write_player(tmp_path / "player.html", make_loop(layout, 2, picture, even=True), 60)
+    page = open_window(3840, 2160)
+    page.add_init_script(REFRESHES + COUNT_BYTES)
+    page.goto((tmp_path / "player.html").as_uri())
+    wait_for(page, "asked.length > 0 && room && canvas.width === 3840")
+    script = """() => {
+        const pixel = new Uint8Array(4), { gl } = painter, taken = [], bytes = [];
+        for (let k = 2; k < 14; k++) {
+            const [before, start] = [moved, performance.now()];
+            player.show(k);
+            gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // when it is drawn
+            taken.push(performance.now() - start);
+            bytes.push(moved - before);
+        }
+        return [taken.sort((a, b) => a - b)[6], bytes];
+    }"""
+    milliseconds, moved = page.evaluate(script)
+    print(f"{milliseconds:.1f} ms a state at 3840 x 2160")
+    assert moved == [24 * 32, 0] * 6
 
 
 @pytest.fixture(scope="module")
@@ -432,7 +622,7 @@ def decoder() -> Decoder:
 def test_screenshots_decode_to_the_message(
     open_window: OpenWindow, slow_player: Path, decoder: Decoder
 ) -> None:
-    page = open_window(640, 480)
+    page = open_window(decoder.layout.width, decoder.layout.height)
     start(page, slow_player)
     collector, message = make_collector(decoder.layout.n_bits), None
     shots: dict[int, NDArray[np.uint8]] = {}
@@ -442,7 +632,7 @@ def test_screenshots_decode_to_the_message(
         shot = screenshot(page)
         if page.evaluate("player.count") != before or before in shots:
             continue  # taken while the state changed
-        shots[before] = cut_out(page, decoder.layout, shot)
+        shots[before] = cut_out(page, shot)
         if before % 2 == 1 and before - 1 in shots:
             soft = decoder.decode(shots[before - 1], shots[before])
             message = collector.add(soft.scores, before // 2)
@@ -461,7 +651,7 @@ def test_the_receiver_reads_a_film_of_screenshots(
     deadline = time.monotonic() + PATIENCE_S
     while message is None and time.monotonic() < deadline:
         before = page.evaluate("performance.now()")
-        shot = screenshot(page)
+        shot = np.pad(screenshot(page), ((60, 60), (60, 60), (0, 0)))
         middle = (before + page.evaluate("performance.now()")) / 2
         message = receiver.push(shot, middle / 1000).message
     message = message or receiver.finish().message

@@ -95,7 +95,8 @@ def player_states(file: Path) -> list[NDArray[np.uint8]]:
     loop = read_player(file)
     width, height = loop["width"], loop["height"]
     y, x = np.indices((height, width))
-    offsets = np.array(loop["offsets"])
+    offsets = np.atleast_3d(read_png(loop["offsets"])).astype(int) - 128
+    offsets = offsets.reshape(2, 2, -1, offsets.shape[2])
     patches = read_png(loop["patches"]) if loop["patches"] else np.zeros((height, width), int)
     states = []
     for number, (picture, changes) in enumerate(loop["pairs"]):
@@ -261,9 +262,9 @@ def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> N
 
 def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
     out = tmp_path / "sent.html"
-    send(out, *FLAGS, "--hold", 6, "--scale", 2)
+    send(out, *FLAGS, "--hold", 6)
     loop = read_player(out)
-    assert [loop[key] for key in ("width", "height", "stateHz", "scale")] == [120, 80, 10, 2]
+    assert [loop[key] for key in ("width", "height", "stateHz")] == [120, 80, 10]
     assert len(loop["pictures"]) == 1
     assert len(loop["changes"]) == len({tuple(bits) for bits in SENT.tolist()})
     assert [picture for picture, _ in loop["pairs"]] == [0] * len(SENT)
