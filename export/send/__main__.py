@@ -40,6 +40,13 @@ NEEDED = (
     "reads them best; preset robust is for slow cameras"
 )
 """What is said of the camera that reads what was written."""
+FLICKER = {
+    "seen": "note: the flicker is seen ({:.3g} times the threshold of sight), which may disturb "
+    "people who are sensitive to it",
+    "flashes": "warning: the blocks flash more strongly than WCAG 2.2 (2.3.1) allows, which may "
+    "cause seizures; choose a smaller --kappa",
+}
+"""What is said of flicker, by what `Hiding.flicker` finds."""
 
 
 def message_of(text: str | None, file: Path | None) -> bytes:
@@ -243,15 +250,19 @@ def main() -> None:
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
     camera_fps, better_fps = needed_camera_fps(state_hz), needed_camera_fps(2 * state_hz)
+    flicker = hiding.flicker(loop.kappa)
     more = {
         "preset": args.preset,
         "needs_camera_fps": camera_fps,
+        "flicker": flicker,
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
-    report = write_loop(loop, args.out, len(message), state_hz, more=more)
+    report = write_loop(loop, args.out, len(message), state_hz, flicker=flicker, more=more)
     print(json.dumps({"out": str(args.out), **report}))
     print(NEEDED.format(state_hz, camera_fps, better_fps), file=sys.stderr)
+    if flicker:
+        print(FLICKER[flicker].format(hiding.seen(loop.kappa)), file=sys.stderr)
     if layout.pilots and not stand_still(pictures):
         print(MOVING, file=sys.stderr)
 

@@ -22,6 +22,11 @@ from link.errors import ParameterError
 from link.layout import LUMINANCE_FROM_RGB, Layout
 from link.strength import even_factor, light_of_level
 
+MOST_FLASHES, FLASH_LIGHT, FLASH_DARKER = 3, 0.1, 0.8
+"""WCAG 2.2 (definition of the general flash and red flash thresholds): number of flashes a second
+that is safe, the least change of relative luminance that counts as one, and the relative luminance
+below which the darker of both states then is."""
+
 Level = float | tuple[float, float, float]
 """Gray level of a picture, or its red, green and blue."""
 SECONDS = 20.0
@@ -113,6 +118,25 @@ class Hiding:
             contrast over threshold at the most visible level; 1 is just seen.
         """
         return max(self._seen_over(level, kappa, where) for level in self._levels)
+
+    def flicker(self, kappa: int) -> str:
+        """Say whether the message's flicker may disturb or harm somebody who looks at it.
+
+        Args:
+            kappa: gray levels by which blocks change.
+
+        Returns:
+            "flashes" where it exceeds the general flash threshold of WCAG 2.2 (success criterion
+            2.3.1) over some gray: more than `MOST_FLASHES` pairs of opposite changes a second by at
+            least `FLASH_LIGHT`; else "seen" where it is above the threshold of sight, or "".
+        """
+        dark = np.arange(256)
+        dark = dark[light_of_level(dark) < FLASH_DARKER]
+        factor = even_factor(light_of_level(dark)) if self.even else 1.0
+        change = light_of_level(np.minimum(dark + kappa * factor, 255)) - light_of_level(dark)
+        if self.state_hz / 2 > MOST_FLASHES and change.max() >= FLASH_LIGHT:
+            return "flashes"
+        return "seen" if self.seen(kappa) > 1 else ""
 
     @property
     def _levels(self) -> tuple[Level, ...]:

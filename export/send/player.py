@@ -46,7 +46,7 @@ class _Texts:
         return self._numbers[key]
 
 
-def write_player(path: Path, loop: Loop, state_hz: float) -> None:
+def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> None:
     """Write the player, one HTML file that needs no other.
 
     Args:
@@ -54,6 +54,7 @@ def write_player(path: Path, loop: Loop, state_hz: float) -> None:
         loop: what to show; all its carriers are taken.
         state_hz: states a second. The page holds each state for as many whole refreshes of the
             display that it meets as come closest, at least one, and says so if the rate is another.
+        flicker: "seen" or "flashes", of which the page warns before it plays; "" for neither.
 
     Raises:
         InputError: more pixels than a browser can be asked to hold, or the file is not writable.
@@ -88,6 +89,7 @@ def write_player(path: Path, loop: Loop, state_hz: float) -> None:
         "rows": layout.rows,
         "cols": layout.cols,
         "stateHz": state_hz,
+        "flicker": flicker,
         "soft": rule.soft,
         "offsets": _png(np.asarray(128 + rule.offsets.reshape(-1, TILE * TILE, 3), np.uint8)),
         "patches": _png(rule.patches) if layout.ratex else None,

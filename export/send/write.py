@@ -89,6 +89,7 @@ def write_loop(
     message_bytes: int,
     state_hz: float,
     *,
+    flicker: str = "",
     more: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write a loop to a file or folder.
@@ -99,6 +100,7 @@ def write_loop(
         message_bytes: length of the message.
         state_hz: states shown in a second, by a video, or by the player where the display's
             refreshes allow it.
+        flicker: what the player asks before it plays, as `Hiding.flicker` says it.
         more: values of JSON's types that are reported beside the loop's own.
 
     Returns:
@@ -116,7 +118,7 @@ def write_loop(
         if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
         if kind == ".html":
-            write_player(out, loop, state_hz)
+            write_player(out, loop, state_hz, flicker)
         elif kind:
             write_video(out, states, state_hz)
         else:

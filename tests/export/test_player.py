@@ -657,3 +657,16 @@ def test_the_receiver_reads_a_film_of_screenshots(
     message = message or receiver.finish().message
     assert message is not None
     assert message.data == MESSAGE
+
+
+def test_flicker_that_is_seen_is_played_when_somebody_agrees(
+    open_window: OpenWindow, small: Loop, tmp_path: Path
+) -> None:
+    write_player(tmp_path / "player.html", small, 15, "seen")
+    page = open_window(300, 200)
+    load(page, tmp_path / "player.html")
+    assert not page.evaluate("player.playing")
+    assert "flickers visibly" in page.inner_text("p")
+    page.keyboard.press(" ")
+    assert page.evaluate("player.playing")
+    assert "flickers" not in page.inner_text("p")

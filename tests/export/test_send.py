@@ -140,8 +140,9 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def notes(done: Finished) -> list[str]:
-    """What is said on stderr, but that the pictures of these tests are small."""
-    return [line for line in done.stderr.splitlines() if "looks coarse" not in line]
+    """What is said on stderr, but of flicker, and that the pictures of these tests are small."""
+    usual = ("looks coarse", "the flicker is seen", "the blocks flash")
+    return [line for line in done.stderr.splitlines() if not any(map(line.__contains__, usual))]
 
 
 def report(done: Finished) -> Any:
@@ -584,6 +585,18 @@ def test_the_largest_kappa_below_a_visibility_is_taken(
     assert hiding.seen(kappa + 1) > limit
     same = send(tmp_path / "b", *words, "--kappa", kappa)
     assert {**same, "out": said["out"]} == said
+
+
+@pytest.mark.parametrize(
+    ("name", "kappa", "found"),
+    [("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes")],
+)
+def test_flicker_is_warned_of(name: str, kappa: int, found: str) -> None:
+    preset = PRESETS[name]
+    onlooker = Onlooker(distance=preset.distance_m)
+    assert Hiding(preset.layout, preset.state_hz, onlooker, preset.even).flicker(kappa) == found
+    if found == "flashes":  # six states are three flashes a second, which is safe
+        assert Hiding(preset.layout, 6, onlooker).flicker(kappa) == "seen"
 
 
 def test_every_kappa_is_taken_where_nothing_is_seen() -> None:
