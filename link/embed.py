@@ -102,6 +102,29 @@ def _knee(room: int) -> NDArray[np.uint8]:
     return np.concatenate([low, 255 - low[::-1]])
 
 
+def block_changes(bits: ArrayLike, layout: Layout) -> NDArray[np.float32]:
+    """Work out by which share of kappa each block changes between the two frames.
+
+    Args:
+        bits: (n_bits,) 0 or 1.
+        layout: the grid; its pilots get their known bits, its ratex cells 0.
+
+    Returns:
+        (rows, cols) float32, the shares of `Layout.change_of_bits`.
+
+    Raises:
+        InputError: wrong number or values of bits.
+    """
+    values = np.asarray(bits)
+    if values.shape != (layout.n_bits,) or not np.isin(values, (0, 1)).all():
+        raise InputError(f"message: need {layout.n_bits} bits of 0 or 1, got {values.shape}")
+    low, high = layout.change_of_bits
+    grid = np.zeros((layout.rows, layout.cols), np.float32)
+    grid[layout.message_mask] = np.where(values, high, low)
+    grid.reshape(-1)[layout.pilot_blocks] = np.where(layout.pilot_bits, high, low)
+    return grid
+
+
 def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDArray[np.float32]:
     """Work out by which share of kappa each pixel changes between the two frames.
 
@@ -119,9 +142,7 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
     Raises:
         InputError: wrong number or values of bits, or a level too coarse for the blocks.
     """
-    values = np.asarray(bits)
-    if values.shape != (layout.n_bits,) or not np.isin(values, (0, 1)).all():
-        raise InputError(f"message: need {layout.n_bits} bits of 0 or 1, got {values.shape}")
+    grid = block_changes(bits, layout)
     block_px = min(layout.width // layout.cols, layout.height // layout.rows)
     if not 0 <= pyramid_level < (block_px // 4).bit_length():  # 2**pyramid_level <= block_px // 4
         raise ParameterError(
@@ -130,9 +151,6 @@ def message_mask(bits: ArrayLike, layout: Layout, pyramid_level: int = 0) -> NDA
             f"2**level may be at most a quarter of the block",
         )
     low, high = layout.change_of_bits
-    grid = np.zeros((layout.rows, layout.cols), np.float32)
-    grid[layout.message_mask] = np.where(values, high, low)
-    grid.reshape(-1)[layout.pilot_blocks] = np.where(layout.pilot_bits, high, low)
     mask = grid[block_grid(layout)]
     sizes = []
     for _ in range(pyramid_level):

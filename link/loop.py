@@ -19,9 +19,9 @@ from link.strength import block_steps
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
-MEASURED_PIXELS = 100 * 512 * 384
-"""Number of pixels of the frame pairs, from a loop's first on, of which PSNR and SSIM are taken.
-That takes longer than making a pair."""
+MEASURED_PIXELS = 2 * 1920 * 1080
+"""Number of pixels of the frame pairs, from a loop's first on, of which PSNR and SSIM are taken:
+at least two pairs, one with each turn of the dither. That takes longer than making a pair."""
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
@@ -115,7 +115,7 @@ class Loop:
                 steps = block_steps(laid, self.shown_layout) if self.even else None
             bits = self.bits[number % len(self.bits)]
             carrier = Carrier(laid, bits, steps, bool(number % 2), self)
-            if number * laid[..., 0].size < MEASURED_PIXELS:
+            if number < 2 or number * laid[..., 0].size < MEASURED_PIXELS:
                 self._measure(carrier)
             self.given += 1
             yield carrier

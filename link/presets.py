@@ -11,6 +11,26 @@ from link.layout import Layout, make_layout
 USUAL_DISTANCE_M = 0.6
 """Distance of the eye from a display on a desk, in metres."""
 
+CAMERA_FPS = (30.0, 60.0, 120.0, 240.0)
+"""Numbers of frames that phones' cameras take in a second."""
+
+
+def needed_camera_fps(state_hz: float) -> float:
+    """Choose the slowest usual camera that takes a frame or more of each state.
+
+    One frame is enough where the display is large in view, and two are better.
+
+    Args:
+        state_hz: number of states that the display shows in a second.
+
+    Returns:
+        one of `CAMERA_FPS`, or ``state_hz`` where all of these are slower.
+
+    >>> needed_camera_fps(15.0), needed_camera_fps(60.0)
+    (30.0, 60.0)
+    """
+    return next((fps for fps in CAMERA_FPS if fps >= state_hz), state_hz)
+
 
 @dataclass(frozen=True)
 class Preset:
@@ -35,6 +55,11 @@ class Preset:
     """Distance of the eye, in metres, for which the sender says how visible the message is."""
     even: bool = False
     """Whether blocks change by what makes all of them equally visible (`link.strength`)."""
+
+    @property
+    def needs_camera_fps(self) -> float:
+        """Smallest usual number of frames a second of a camera by which the preset is read."""
+        return needed_camera_fps(self.state_hz)
 
     def changed(self, **given: Any) -> Layout:
         """Make the layout of the preset with some of its numbers or names changed.
@@ -97,5 +122,12 @@ PRESETS = {
     ),
 }
 """Presets by name; docs/hidden.md says why they have these numbers."""
+
+
+def preset_name(layout: Layout) -> str | None:
+    """Name of the preset that shows a layout, or None where none does."""
+    return next((name for name, preset in PRESETS.items() if preset.layout == layout), None)
+
+
 DEFAULT_PRESET = "hidden"
 """Name of the preset that is sent where no other is asked for."""

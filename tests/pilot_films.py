@@ -51,6 +51,7 @@ def filmed(
     message: NDArray[np.integer] | None = None,
     pan: float = 0.0,
     parallax: float = 0.0,
+    inset: NDArray[np.uint8] | None = None,
 ) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
     """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
 
@@ -59,7 +60,7 @@ def filmed(
     for ``hold`` frames. The blocks of a pair show the next row of ``message``, (rows, n_bits), or
     random bits. From one pair to the next the picture moves right by ``pan`` pixels. The wall moves
     by the share ``parallax`` less than the display, as before a camera that moves sideways, and has
-    most of the clear points.
+    most of the clear points. An ``inset`` is a part of the picture, in its middle.
     """
     rng = np.random.default_rng(seed)
     wall = 60 + (40 * texture((480, 640), seed, 2) if parallax else 8 * texture((480, 640), seed))
@@ -72,6 +73,9 @@ def filmed(
             picture[60:90, x : x + 20] = picture[200:215, x : x + 30] = 1700
         for y in range(60, 460, 40):
             wall[y : y + 20, 560:600] = 2000
+    if inset is not None:
+        top, left = (np.array(picture.shape) - inset.shape) // 2
+        picture[top : top + inset.shape[0], left : left + inset.shape[1]] = inset
     H = homography_from_corners(CORNERS, layout.width, layout.height)
     images, corners = [], np.zeros((0, 4, 2))
     for number in range(frames):
@@ -103,6 +107,22 @@ def filmed(
         images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
         corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
     return images, corners
+
+
+def beside_print(
+    images: list[NDArray[np.uint8]], corners: NDArray[np.float64], shown: NDArray[np.uint8]
+) -> list[NDArray[np.uint8]]:
+    """Frames of `filmed`, 1200 x 480, of a wall that goes on to the right, where a print hangs."""
+    height, width = shown.shape
+    wide = []
+    for image, there in zip(images, corners, strict=True):
+        view = np.full((480, 1200), 60, np.uint8)
+        view[:, :640] = image
+        place = frame_corners(width, height) + [[670, 50]] + (there - CORNERS)
+        H = homography_from_corners(place, width, height)
+        cv2.warpPerspective(shown, H, (1200, 480), view, borderMode=cv2.BORDER_TRANSPARENT)
+        wide.append(view)
+    return wide
 
 
 def panned_to(images: list[NDArray[np.uint8]], frames: int) -> list[NDArray[np.uint8]]:

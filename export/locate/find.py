@@ -36,7 +36,7 @@ from export.locate.spots import (
 from link.code.steps import Steps, run_to_end
 from link.images import as_gray
 from link.layout import Layout
-from link.types import Image
+from link.types import Corners, Image
 
 SMALL_ERROR_PX = 2.0
 """Error of a candidate's side, in pixels of the small copy; farther off, another edge may be
@@ -60,6 +60,9 @@ PROMISING_PARTLY = 0.65
 """Mean correlation of the patches in view that is worth aligning where some are out of view."""
 REFINE_WORK, COMBINE_WORK = 20, 15
 """Units of work (`link.code.steps`) of an alignment, and of combining patches."""
+SAME_PLACE = 0.15
+"""Mean distance of two displays' corners, as a share of the diagonal, below which they are at one
+place."""
 MAX_ASPECT = 40
 """Largest ratio of an image's longer to its shorter side at which a display is sought; beyond it
 the small copy has fewer than 16 rows or columns."""
@@ -91,8 +94,15 @@ def locate(image: Image, layout: Layout | None = None) -> Located | None:
     return run_to_end(search_steps(image, layout))
 
 
+def is_at(corners: Corners, places: Sequence[Corners]) -> bool:
+    """Tell whether a display is at about one of some places, the same way up."""
+    apart = [np.linalg.norm(corners - place, axis=1).mean() for place in places]
+    diagonal = np.linalg.norm(corners[0] - corners[2])
+    return bool(min(apart, default=np.inf) < SAME_PLACE * diagonal)
+
+
 def search_steps(
-    image: Image, layout: Layout | None = None, partly: bool = True
+    image: Image, layout: Layout | None = None, partly: bool = True, avoid: Sequence[Corners] = ()
 ) -> Steps[Located | None]:
     """Find the lit display in an image step by step.
 
@@ -101,6 +111,7 @@ def search_steps(
         layout: layout of what is displayed; its ratex patches tell the orientation.
         partly: whether a display that is partly in view, or whose patches are partly covered, is
             sought, too.
+        avoid: pixels of displays with patches that are not to be found.
 
     Returns:
         what `locate` returns.
@@ -112,26 +123,30 @@ def search_steps(
         return _likeliest(image, candidates)
     pyramid = image_pyramid(as_gray(image))
     corners = [candidate.corners for candidate in candidates]
-    found = yield from _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS)
+    found = yield from _best_on_patches(image, pyramid, layout, corners[:LIKELY], ALL_TURNS, avoid)
     if found is None and corner_cells(layout):
         small, scale = small_copy(image)
         gray = as_gray(small)
         spots = yield from spot_steps(gray, layout)
         quads = on_full_image(whole_quads(spots, layout, gray.shape, SPOT_QUADS), scale)
         yield COMBINE_WORK
-        found = yield from _best_on_patches(image, pyramid, layout, list(quads), ALL_TURNS[:1])
+        found = yield from _best_on_patches(
+            image, pyramid, layout, list(quads), ALL_TURNS[:1], avoid
+        )
         if found is None and partly:
             bent = on_full_image(partial_quads(spots, layout, gray.shape, PARTIAL_QUADS), scale)
             yield COMBINE_WORK
-            found = yield from _best_partial(image, pyramid, layout, bent)
+            found = yield from _best_partial(image, pyramid, layout, bent, avoid)
     if found is None:
-        found = yield from _best_on_patches(image, pyramid, layout, corners[LIKELY:], ALL_TURNS)
+        found = yield from _best_on_patches(
+            image, pyramid, layout, corners[LIKELY:], ALL_TURNS, avoid
+        )
     if found is None and partly:
         small, scale = small_copy(image)
         gray = as_gray(small)
         leaving = on_full_image(from_lines(gray, LEAVING_QUADS, OUTSIDE), scale)
         yield LINES_WORK
-        found = yield from _best_on_patches(image, pyramid, layout, list(leaving), ALL_TURNS)
+        found = yield from _best_on_patches(image, pyramid, layout, list(leaving), ALL_TURNS, avoid)
     return found
 
 
@@ -152,6 +167,7 @@ def _best_on_patches(
     layout: Layout,
     quads: Sequence[NDArray[np.float64]],
     turns: tuple[int, ...],
+    avoid: Sequence[Corners],
 ) -> Steps[Located | None]:
     """Where the patches are seen best, or the first place where they surely are, or None."""
     best: Located | None = None
@@ -164,7 +180,8 @@ def _best_on_patches(
                 continue
             corners, seen = corners_on_patches(image, pyramid, turned[turn], layout)
             work += REFINE_WORK
-            if seen >= needed_correlation(layout) and (best is None or seen > best.score):
+            better = seen >= needed_correlation(layout) and (best is None or seen > best.score)
+            if better and not is_at(corners, avoid):
                 best = Located(corners, min(1.0, seen))
         yield work
         if best is not None and best.score >= SURE_CORRELATION:
@@ -173,7 +190,11 @@ def _best_on_patches(
 
 
 def _best_partial(
-    image: Image, pyramid: Pyramid, layout: Layout, bent: NDArray[np.float64]
+    image: Image,
+    pyramid: Pyramid,
+    layout: Layout,
+    bent: NDArray[np.float64],
+    avoid: Sequence[Corners],
 ) -> Steps[Located | None]:
     """Where the patches of a display that is partly in view are seen best, or None.
 
@@ -182,6 +203,7 @@ def _best_partial(
         pyramid: `export.locate.patches.image_pyramid` of its gray levels.
         layout: layout with patches.
         bent: (N, M, 4, 2) pixels, M guesses of the perspective of each of N quadrilaterals.
+        avoid: pixels of displays that are not to be found.
     """
     best: Located | None = None
     for guesses in bent:
@@ -193,7 +215,8 @@ def _best_partial(
             chosen = sound[int(np.argmax(promise))]
             corners, seen = corners_on_patches(image, pyramid, chosen, layout)
             work += REFINE_WORK
-            if seen >= needed_correlation(layout) and (best is None or seen > best.score):
+            better = seen >= needed_correlation(layout) and (best is None or seen > best.score)
+            if better and not is_at(corners, avoid):
                 best = Located(corners, min(1.0, seen))
         yield work
         if best is not None:

@@ -29,7 +29,7 @@ from link.errors import InputError, ParameterError, at_least
 from link.frames import check_same_size
 from link.images import make_folder, read_image, write_image
 from link.layout import Layout
-from link.presets import PRESETS
+from link.presets import preset_name
 from models import find_graph
 
 OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
@@ -149,7 +149,8 @@ def read_stream(decoders: Sequence[PairDecoder], args: argparse.Namespace, inbox
         for frame in source.frames:
             step = receiver.push(frame.image, frame.time)
             last = frame
-            if (step.tracked is not None) != in_view:
+            elsewhere = in_view and step.tracked is not None and step.tracked.anew
+            if (step.tracked is not None) != in_view or elsewhere:
                 in_view = step.tracked is not None
                 place = step.tracked.corners.round(2).tolist() if step.tracked else None
                 what = {"preset": preset_name(receiver.layout)} if in_view else {}
@@ -170,11 +171,6 @@ def read_stream(decoders: Sequence[PairDecoder], args: argparse.Namespace, inbox
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
     print_end(receiver, inbox, last)
-
-
-def preset_name(layout: Layout) -> str | None:
-    """Name of the preset that shows a layout, or None where none does."""
-    return next((name for name, preset in PRESETS.items() if preset.layout == layout), None)
 
 
 def write_pictures(

@@ -1,8 +1,11 @@
 """Say why no message came: what was seen, and what to try, in one line."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from export.receive.timing.fit import MAX_STATES
 from export.receive.timing.synchronise import MIN_FRAMES, MIN_TOGGLE, Toggling
+from link.presets import PRESETS, needed_camera_fps
 
 DARK, BRIGHT = 25.0, 0.3
 """Mean gray level of the display below which there is too little light, and share of its pixels at
@@ -19,17 +22,26 @@ CUT = 0.97
 """Share of the display within the image below which it counts as partly in view."""
 OFTEN = 0.2
 """Share of the frames with the display from which a fault counts as that of the film."""
-
+PRESET_HZ = {name: preset.state_hz for name, preset in PRESETS.items()}
+"""Number of states a second of each preset."""
+PRESET_FPS = {
+    name: (preset.needs_camera_fps, needed_camera_fps(2 * preset.state_hz))
+    for name, preset in PRESETS.items()
+}
+"""Smallest usual number of frames a second of a camera that reads each preset, and a better one."""
 
 WORDS = {
     "refused": "every message was refused ({refused}); is it the sender's key?",
     "nothing": "no display that is looked for in any of {frames} frames",
-    "nothing, dark": ", which are dark (mean level {level:.0f} of 255): more light or a longer "
-    "exposure",
+    "nothing, dark": ", which are dark (mean level {level:.0f} of 255): come closer, or turn the "
+    "display brighter",
     "nothing, bright": ", {clipped:.0%} of whose pixels are at the camera's limit: a shorter "
     "exposure",
     "nothing, else": "; check preset or --model, focus, exposure, that most of the display is in "
     "view, and that the film is not mirrored",
+    "slow": "; this camera takes {fps:.0f} frames a second, and a display with preset {fast} "
+    "({fast_hz:g} states a second) needs at least {needed_fps:g}, better {better_fps:g}: ask for "
+    "robust, or for fewer states a second",
     "view": "the display is in view in {found} of {frames} frames",
     "dark": ", dark there (mean level {level:.0f} of 255; more light)",
     "bright": ", {clipped:.0%} of it at the camera's limit (a shorter exposure)",
@@ -51,6 +63,8 @@ WORDS = {
     "too fast": ": the display shows {state_hz:.1f} states a second and the camera takes {fps:g} "
     "frames, so most exposures mix two states; send at {half_fps:g} states a second or film at a "
     "higher rate",
+    "many states": "; the display shows {state_hz:.1f} states a second, and the camera takes "
+    "{fps:g} frames: film closer or at a higher rate, or send at {half_fps:g} states a second",
     "too little": "; film longer or closer, or send with a larger --kappa",
 }
 """Parts of the line by what was seen, with places for numbers as `str.format` takes them. The page
@@ -88,6 +102,8 @@ class Observations:
     """Information received for the message, as a share of what is needed."""
     refused: int = 0
     """Number of messages that were refused."""
+    presets: Sequence[str] = ()
+    """Names of the presets that are looked for, or of the one alone that was found last."""
 
 
 def explain_silence(seen: Observations) -> str:
@@ -95,12 +111,18 @@ def explain_silence(seen: Observations) -> str:
 
     >>> explain_silence(Observations(fps=30, frames=90, level=9.0))
     'no display that is looked for in any of 90 frames, which are dark (mean level 9 \
-of 255): more light or a longer exposure'
+of 255): come closer, or turn the display brighter'
     """
     toggling = seen.toggling or Toggling(0.0, 0.0, 0.0, 0.0)
+    fast = too_fast(seen) or ""
+    needed_fps, better_fps = PRESET_FPS.get(fast, (0.0, 0.0))
     values = {
         **vars(seen),
         "half_fps": seen.fps / 2,
+        "fast": fast,
+        "fast_hz": PRESET_HZ.get(fast),
+        "needed_fps": needed_fps,
+        "better_fps": better_fps,
         "least_frames": MIN_FRAMES,
         "least_toggle": MIN_TOGGLE,
         "strength": toggling.strength,
@@ -110,21 +132,30 @@ of 255): more light or a longer exposure'
     return "".join(WORDS[part].format(**values) for part in reasons(seen))
 
 
+def too_fast(seen: Observations) -> str | None:
+    """Name the preset with the most states a second, where the camera is too slow for it."""
+    rates = {PRESET_HZ[name]: name for name in seen.presets}
+    return rates[max(rates)] if rates and max(rates) > MAX_STATES * seen.fps else None
+
+
 def reasons(seen: Observations) -> list[str]:
     """Find what explains that no message came: keys of `WORDS`, in the order of the line."""
     dark = seen.level is not None and seen.level < DARK
     bright = seen.clipped > BRIGHT
     if seen.refused:
         return ["refused"]
+    slow = ["slow"] if too_fast(seen) else []
     if seen.found == 0:
         cause = "nothing, dark" if dark else "nothing, bright" if bright else "nothing, else"
-        return ["nothing", cause]
+        return ["nothing", cause, *slow]
     parts = ["view"]
     parts += ["dark"] * dark + ["bright"] * bright + ["cut"] * (seen.cut > OFTEN * seen.found)
     if seen.decoded > 0:
-        rate = seen.state_hz
-        mixed = rate is not None and rate > TOO_FAST * seen.fps and seen.mixed > MIXED
-        return [*parts, "pairs", "too fast" if mixed else "too little"]
+        if slow or seen.state_hz is None or seen.state_hz <= TOO_FAST * seen.fps:
+            return [*parts, "pairs", *(slow or ["too little"])]
+        return [*parts, "pairs", "too fast" if seen.mixed > MIXED else "many states"]
+    if slow:
+        return [*parts, *slow]
     if seen.state_hz is not None:
         return [*parts, "no pair"]
     if seen.toggling is None:

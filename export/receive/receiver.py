@@ -24,11 +24,15 @@ from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured
 from link.layout import Layout
+from link.presets import preset_name
 from link.types import Corners, Image
 
 STILL = 2.0
 """Smallest change of the toggles between two images, in standard errors over patches or pilots, at
 which the images show different states."""
+STILL_S, STILL_FRAMES = 2.0, 60
+"""Time, in seconds, and number of frames for which a display with patches is followed without
+anything to read before others are looked for, too: a picture that shows patches may stand still."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,7 @@ class Receiver:
         }
         self._reader = self._readers[layouts[0]]
         self._following: DisplayTracker | None = None
+        self._toggled = 0.0, 0
 
     @property
     def layout(self) -> Layout:
@@ -133,6 +138,7 @@ class Receiver:
         """What was seen so far, from which `explain_silence` tells why no message came."""
         sight = self._sight
         measured = max(sight.measured, 1)
+        layouts = [self.layout] if self.found else list(self._readers)
         return Observations(
             fps=self._fps,
             frames=self.frames,
@@ -146,6 +152,7 @@ class Receiver:
             decoded=self.decoded,
             mixed=sight.mixed / max(self.decoded, 1),
             progress=self.progress,
+            presets=[name for name in map(preset_name, layouts) if name],
         )
 
     def push(self, image: NDArray[np.generic], time: float) -> ReceiverStep:
@@ -177,19 +184,40 @@ class Receiver:
         return ReceiverStep(tracked, pairs, message)
 
     def _find(self, frame: NDArray[np.uint8], time: float) -> Tracked | None:
-        """Follow the display, or look for all layouts until one is found."""
+        """Follow the display, or look for all layouts until one is found.
+
+        What is followed and stands still comes last, so that it keeps no other from being found.
+        """
         followed, self._following = self._following, None
-        trackers = [tracker for tracker in self._trackers if tracker is not followed]
-        for tracker in [followed, *trackers] if followed is not None else trackers:
+        still = followed is not None and self._stands_still(followed, time)
+        if followed is not None and still:
+            followed.set_aside(time, forget=False)
+        trackers = sorted(self._trackers, key=lambda tracker: (tracker is followed) == still)
+        for tracker in trackers:
             tracked = tracker.follow(frame, time)
-            if tracked is not None:
-                self._following = tracker
-                self._readers[tracker.layout].decoder.prepare()
-                if tracker.layout != self._reader.layout:
-                    self._reader = self._readers[tracker.layout]
-                    self._reader.restart()
-                return tracked
+            if tracked is None:
+                continue
+            self._following = tracker
+            self._readers[tracker.layout].decoder.prepare()
+            if followed is not None and tracker is not followed:
+                followed.set_aside(time, forget=True)
+            if tracker is not followed or (still and tracked.anew):
+                self._toggled = time, self.frames
+            if tracker.layout != self._reader.layout or (still and tracked.anew):
+                self._reader = self._readers[tracker.layout]
+                self._reader.restart()
+            return tracked
         return None
+
+    def _stands_still(self, followed: DisplayTracker, time: float) -> bool:
+        """Tell whether a display with patches has been followed in vain for long.
+
+        What toggles around it or across it may give it a clock, and then no bit of a message.
+        """
+        if (self.synchronised and self.progress > 0) or not followed.layout.ratex:
+            self._toggled = time, self.frames
+        since, frames = self._toggled
+        return time - since > STILL_S and self.frames - frames > STILL_FRAMES
 
     def decode_images(
         self,

@@ -24,7 +24,7 @@ from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, r
 from link.loop import Loop
 from link.outside import read_bounded
 from link.placement import FITS, usual_size
-from link.presets import DEFAULT_PRESET, PRESETS, Preset
+from link.presets import DEFAULT_PRESET, PRESETS, Preset, needed_camera_fps
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
 """Flags that describe a layout; those that are absent have the preset's values."""
@@ -35,6 +35,11 @@ MOVING = (
     "less well than those with patches, which --preset paper shows"
 )
 """What is said of several pictures on a layout with pilots (docs/receiver.md)."""
+NEEDED = (
+    "note: {:g} states a second need a camera of {:g} frames a second at least, and one of {:g} "
+    "reads them best; preset robust is for slow cameras"
+)
+"""What is said of the camera that reads what was written."""
 MAX_SCALE = 64
 """Largest number of display pixels that the player may give to each picture pixel and axis."""
 
@@ -248,13 +253,16 @@ def main() -> None:
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
+    camera_fps, better_fps = needed_camera_fps(state_hz), needed_camera_fps(2 * state_hz)
     more = {
         "preset": args.preset,
+        "needs_camera_fps": camera_fps,
         "visibility_block": round(hiding.seen(loop.kappa), 3),
         "visibility_screen": round(hiding.seen(loop.kappa, "screen"), 3),
     }
     report = write_loop(loop, args.out, len(message), state_hz, scale=args.scale, more=more)
     print(json.dumps({"out": str(args.out), **report}))
+    print(NEEDED.format(state_hz, camera_fps, better_fps), file=sys.stderr)
     if layout.pilots and not stand_still(pictures):
         print(MOVING, file=sys.stderr)
 

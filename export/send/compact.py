@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from link.embed import (
     BEFORE,
     THRESHOLDS,
+    block_changes,
     levels_by_step,
     levels_of_steps,
     message_mask,
@@ -115,12 +116,10 @@ class Compact:
         Returns:
             (rows, cols) 0 or 1 where edges are hard, (height, width) where they are soft.
         """
+        if not self.soft:
+            return np.asarray(block_changes(bits, self.layout) > 0, np.uint8)
         mask = message_mask(bits, self.layout, self.pyramid_level)
-        if self.soft:
-            return np.asarray((self.kappa * mask).round() - self.changes[0], np.uint8)
-        top = [self.layout.cell_box(row, 0)[0] for row in range(self.layout.rows)]
-        left = [self.layout.cell_box(0, col)[2] for col in range(self.layout.cols)]
-        return np.asarray(mask[np.ix_(top, left)] > 0, np.uint8)
+        return np.asarray((self.kappa * mask).round() - self.changes[0], np.uint8)
 
     def picture(self, picture: Image, steps: NDArray[np.uint8] | None = None) -> Image:
         """Prepare a picture, to which the offsets are added: with room for them, and with patches.

@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from export.send.compact import Compact
 from link.errors import InputError
@@ -63,7 +64,9 @@ def write_player(path: Path, loop: Loop, state_hz: float, scale: int = 0) -> Non
     steps: list[str | None] = []
     order: list[tuple[int, int]] = []
     last = None
-    for carrier in loop.carriers():
+    for carrier in tqdm(
+        loop.carriers(), total=len(loop.bits), unit="pair", disable=None, leave=False
+    ):
         cells = rule.cells(carrier.bits)
         same = carrier.picture is last
         shown = None if same else rule.picture(carrier.picture, carrier.steps)
@@ -108,5 +111,5 @@ def _png(image: NDArray[np.uint8]) -> str:
     if image.ndim == 3 and (image == image[:, :, :1]).all():
         image = image[:, :, 0]
     bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 6])
     return base64.b64encode(bytes(data)).decode()

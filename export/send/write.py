@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from export.send.likeness import colour_difference
 from export.send.player import write_player
 from link.errors import InputError, ParameterError
@@ -113,16 +115,18 @@ def write_loop(
             already; nothing is left behind.
     """
     kind = output_kind(out)
+    count = 2 * len(loop.bits)
+    states = tqdm(loop.states(), total=count, unit="state", disable=None, leave=False)
     with locked(out.parent, out.name):
         if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
         if kind == ".html":
             write_player(out, loop, state_hz, scale)
         elif kind:
-            write_video(out, loop.states(), state_hz)
+            write_video(out, states, state_hz)
         else:
             with unfinished(out) as folder:
-                write_states(folder, loop.states())
+                write_states(folder, states)
                 report = {**loop.report(message_bytes, state_hz), **changed(loop), **more}
                 write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
     return {**loop.report(message_bytes, state_hz), **changed(loop), **more}

@@ -58,6 +58,7 @@ SHARED = (
     "export.receive.unseen",
     "export.receive.occlusion",
     "export.receive.reader",
+    "export.receive.receiver",
     "export.receive.repeats",
     "export.receive.states",
     "export.receive.timing.fit",

@@ -144,7 +144,8 @@ def notes(done: Finished) -> list[str]:
 
 
 def report(done: Finished) -> Any:
-    assert (done.status, notes(done)) == (0, [])
+    assert (done.status, notes(done)[1:]) == (0, [])
+    assert re.match(r"note: [\d.]+ states a second need a camera of \d+ frames", notes(done)[0])
     assert len(done.stdout.splitlines()) == 1
     return json.loads(done.stdout)
 
@@ -288,6 +289,7 @@ def test_a_preset_says_all_and_no_flag_is_needed(
     assert said["layout"] == preset.layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
     assert read_player(tmp_path / "sent.html")["stateHz"] == preset.state_hz
+    assert said["needs_camera_fps"] == (60 if preset is PRESETS["hidden"] else 30)
     assert (said["visibility_block"] <= 1) == (preset is PRESETS["hidden"])
     assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]
 
@@ -362,7 +364,7 @@ def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     small = ("--rows", 24, "--cols", 32, "--width", 256, "--height", 192)
     words = (inputs / pictures, "--message", MESSAGE, "--preset", "robust", *small, "--out")
     done = command(send_cli.main, *words, tmp_path / "a.html")
-    assert (done.status, notes(done)) == (0, [send_cli.MOVING])
+    assert (done.status, notes(done)[1:]) == (0, [send_cli.MOVING])
     report(command(send_cli.main, *words, tmp_path / "b.html", "--ratex", 2))
 
 

@@ -94,6 +94,7 @@ WORKER = """
 let answers = %s;
 const usual = { last: false, width: 64, height: 48, corners: null, preset: null,
   synchronised: false, progress: 0, level: 120, clipped: 0, cut: false, explanation: "",
+  found: 0, slow: "",
   arrival: null };
 async function answered(last) {
   const answer = answers.length > 1 ? answers.shift() : answers[0];
@@ -149,7 +150,7 @@ addEventListener("DOMContentLoaded", () => {
 
 
 def test_the_page_says_what_is_going_on(browser, short_film) -> None:
-    found = {"corners": CORNERS, "preset": "paper"}
+    found = {"corners": CORNERS, "preset": "paper", "found": 15}
     answers = [{}] * 5 + [found] * 8 + [{**found, "synchronised": True, "progress": 0.42}] * 8
     with open_page(browser, worker=answering(*answers, arrived("done"))) as page:
         page.add_init_script(WATCH)
@@ -159,8 +160,8 @@ def test_the_page_says_what_is_going_on(browser, short_film) -> None:
         outline = "10,8 50,6 52,40 9,41"
         expected = [
             ("Looking for the display", "0 %", ""),
-            ("Display found, waiting for its rhythm", "0 %", outline),
-            ("Receiving the message", "42 %", outline),
+            ("Display found, hold still", "15 %", outline),
+            ("Receiving the message", "43 %", outline),
         ]
         assert [seen for seen in dict.fromkeys(said) if seen in expected] == expected
         assert text_of(page, "status") == "Message received"

@@ -5,7 +5,7 @@ from dataclasses import asdict, astuple, dataclass
 import cv2
 import numpy as np
 import pytest
-from pilot_films import filmed, texture
+from pilot_films import beside_print, filmed, texture
 from port import differences, same
 from streams import Stream, states_of
 from tolerances import (
@@ -101,6 +101,9 @@ SILENCES = [
     Observations(30, **FOUND, toggling=WEAK),
     Observations(30, **FOUND, decoded=7, progress=0.413),
     Observations(25, **FOUND, decoded=7, progress=0.1, state_hz=24.2, mixed=0.8),
+    Observations(60, **FOUND, decoded=91, state_hz=59.49, presets=["hidden"]),
+    Observations(30, **FOUND, decoded=7, state_hz=29.0, presets=["hidden"]),
+    Observations(29.97, frames=90, level=9.0, presets=["paper", "fast", "hidden"]),
 ]
 
 
@@ -134,6 +137,15 @@ def robust_film():
     """Gray frames of the preset robust, whose states are shown for two frames each."""
     loop = encode(TEXT, ROBUST.n_bits)
     images, corners = filmed(ROBUST, 70, seed=3, message=loop)
+    return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
+
+
+def printed_film():
+    """The same with a still print beside, which shows the layout of the preset paper."""
+    loop = encode(TEXT, ROBUST.n_bits)
+    images, corners = filmed(ROBUST, 150, seed=3, message=loop)
+    shown = cv2.cvtColor(states_of(TEXT, PAPER, np.random.default_rng(5))[1], cv2.COLOR_RGB2GRAY)
+    images = beside_print(images, corners, shown)
     return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
 
 
@@ -190,7 +202,7 @@ def bits_alike(scores, others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("film", [paper_film, robust_film, still_film, empty_film])
+@pytest.mark.parametrize("film", [paper_film, robust_film, printed_film, still_film, empty_film])
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]

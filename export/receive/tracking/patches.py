@@ -5,7 +5,7 @@ frames, so it goes in steps (`link.code.steps`), of which each frame takes some.
 in the frame with which it began is then looked for once more in the frame at hand.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import cv2
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.candidates import Located
-from export.locate.find import search_steps
+from export.locate.find import is_at, search_steps
 from export.locate.patches import image_pyramid, patches_in_view, seen_correlation
 from export.locate.refine import corners_on_patches, needed_correlation
 from export.receive.tracking.follow import Follower
@@ -40,6 +40,10 @@ CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
 pixels at which the image counts as changed: the smallest display that is found covers as much."""
 
 
+ASIDE_S = 10.0
+"""Time, in seconds, for which a place that was set aside is not found again."""
+
+
 @dataclass(frozen=True)
 class Tracked:
     """The display in one camera frame."""
@@ -49,8 +53,8 @@ class Tracked:
     rectified: Image
     """An `Image`, of the layout's size."""
     anew: bool = False
-    """Whether pilots have just given the display away, so that nothing is known of its corners from
-    the frames before."""
+    """Whether the display was just found at a place of which nothing is known from the frames
+    before: by its pilots, or elsewhere than what was followed so far."""
 
 
 class DisplayTracker(Protocol):
@@ -70,6 +74,15 @@ class DisplayTracker(Protocol):
 
         Returns:
             the display, or None where it is not in view.
+        """
+        ...
+
+    def set_aside(self, time: float, *, forget: bool) -> None:
+        """Look elsewhere, too, with the next frame, because what is followed does not toggle.
+
+        Args:
+            time: time of the frame, seconds.
+            forget: whether it is followed no more, because another display was found.
         """
         ...
 
@@ -106,6 +119,28 @@ class Tracker:
         self._searched: tuple[int, ...] = ()
         self._vain = 0
         self._thumbnail: NDArray[np.float32] | None = None
+        self._aside: list[tuple[float, Corners]] = []
+        self._elsewhere = False
+
+    def set_aside(self, time: float, *, forget: bool) -> None:
+        """Look elsewhere, too, with the next frame, because what is followed does not toggle.
+
+        Args:
+            time: time of the frame, seconds.
+            forget: whether it is followed no more, because another display was found.
+        """
+        corners = self._follower.corners
+        if corners is not None:
+            kept = [(at, place) for at, place in self._aside if not is_at(corners, [place])]
+            self._aside, self._elsewhere = [*kept, (time, corners)], True
+            self._vain = max(self._vain, PATIENCE + 1)  # which leaves time for other trackers
+        if forget:
+            self._forget()
+
+    def _forget(self) -> None:
+        """Follow nothing any more."""
+        self._follower.forget()
+        self._search, self._vain = None, 0
 
     def correct(self, H_old_from_new: Homography) -> None:
         """Do nothing: the patches are seen in each frame, and say where the display lies.
@@ -119,19 +154,23 @@ class Tracker:
 
         Args:
             image: an `Image`.
-            time: time of the frame, seconds, which has no effect: each frame tells by itself where
-                the patches lie.
+            time: time of the frame, seconds; rising from frame to frame.
 
         Returns:
             the display, or None where it is not in view.
         """
+        elsewhere, self._elsewhere = self._elsewhere, False
+        self._aside = [(at, place) for at, place in self._aside if time - at < ASIDE_S]
         if self._follower.corners is not None:
             step = self._follower.step(image)
-            found = None if step is None else self._accept(image, step[0], fresh=step[1])
+            found = None
+            if step is not None:
+                self._follower.advance(step[0])
+                found = self._accept(image, step[0], fresh=step[1])
             if found is not None:
-                return found
-            self._follower.forget()
-            self._search, self._vain = None, 0
+                other = self._look(image) if elsewhere else None
+                return found if other is None else replace(other, anew=True)
+            self._forget()
         return self._look(image)
 
     def _look(self, image: NDArray[np.uint8]) -> Tracked | None:
@@ -142,10 +181,10 @@ class Tracker:
         if self._search is None:
             self._searched = image.shape[:2]
             whole = frame_corners(image.shape[1], image.shape[0])  # a screenshot, or rectified
-            found = self._accept(image, whole, fresh=True)
+            found = None if self._is_aside(whole) else self._accept(image, whole, fresh=True)
             if found is not None:
                 return found
-            self._search = search_steps(image.copy(), self.layout)
+            self._search = self._begun(image)
         limit, work = self._work_limit(image), 0
         try:
             while work < limit:
@@ -162,8 +201,16 @@ class Tracker:
                 corners, seen = corners_on_patches(image, pyramid, corners, self.layout)
                 if seen < needed_correlation(self.layout):
                     return None
-            return self._accept(image, corners, fresh=True)
+            return None if self._is_aside(corners) else self._accept(image, corners, fresh=True)
         return None
+
+    def _begun(self, image: NDArray[np.uint8]) -> Steps[Located | None]:
+        """Begin a search in a frame, for what was not set aside."""
+        return search_steps(image.copy(), self.layout, avoid=[place for _, place in self._aside])
+
+    def _is_aside(self, corners: Corners) -> bool:
+        """Tell whether a place was set aside."""
+        return is_at(corners, [place for _, place in self._aside])
 
     def _work_limit(self, image: NDArray[np.uint8]) -> int:
         """Say after how many units of work this frame takes no further step of the search."""
@@ -183,7 +230,7 @@ class Tracker:
             self._thumbnail = before
             return SLOW_WORK
         # what was looked at is no longer what is seen
-        self._search, self._vain = search_steps(image.copy(), self.layout), 1
+        self._search, self._vain = self._begun(image), 1
         return WORK
 
     def _accept(
@@ -197,8 +244,6 @@ class Tracker:
         seen = seen_correlation(match_patches(rectified, self.layout).correlation, in_view)
         if seen < FOLLOWED_CORRELATION:
             return None
-        if self._follower.corners is not None:
-            self._follower.advance(corners)
         if fresh:
             self._follower.begin(image, corners, rectified)
         return Tracked(corners, rectified)

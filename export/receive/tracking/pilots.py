@@ -66,6 +66,14 @@ class PilotTracker:
         H = self._H_followed_from_shown @ H_old_from_new
         self._H_followed_from_shown = H / H[2, 2]
 
+    def set_aside(self, time: float, *, forget: bool) -> None:
+        """Do nothing: pilots are found where they toggle, and are lost where they no longer do.
+
+        Args:
+            time: of no effect.
+            forget: of no effect.
+        """
+
     def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame.
 

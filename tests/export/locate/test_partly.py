@@ -1,5 +1,6 @@
 """A display partly in view: found, followed and decoded; and what a search in vain may cost."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import process_time
 
@@ -29,6 +30,7 @@ from link.geometry import (
     transform,
 )
 from link.layout import Layout, make_layout
+from link.types import Array
 from models import PRETRAINED
 
 TEXT = b"hidden"
@@ -108,7 +110,9 @@ class Counted:
     each: int = 18
     work: int = 0
 
-    def __call__(self, image: NDArray[np.uint8], layout: Layout) -> Steps[Located | None]:
+    def __call__(
+        self, image: NDArray[np.uint8], layout: Layout, avoid: Sequence[Array]
+    ) -> Steps[Located | None]:
         for _ in range(self.steps):
             self.work += self.each
             yield self.each
@@ -139,9 +143,11 @@ class Noted(Counted):
         self.now = 0
         self.searches: list[tuple[int, int]] = []
 
-    def __call__(self, image: NDArray[np.uint8], layout: Layout) -> Steps[Located | None]:
+    def __call__(
+        self, image: NDArray[np.uint8], layout: Layout, avoid: Sequence[Array]
+    ) -> Steps[Located | None]:
         begun = self.now
-        yield from super().__call__(image, layout)
+        yield from super().__call__(image, layout, avoid)
         self.searches.append((begun, self.now))
         return None
 

@@ -11,6 +11,7 @@ from export.receive.states import MESH, points_in_view
 from export.receive.timing.synchronise import Toggling
 from export.runtime import Decoder
 from link.geometry import frame_corners
+from link.presets import PRESETS
 from models import PRETRAINED
 
 STILL = Toggling(strength=0.0, amplitude=0.0, state_hz=0.0, deviation=0.04)
@@ -58,6 +59,27 @@ def test_each_reason_names_what_was_seen(seen: Observations, says: list[str]) ->
     assert len(line.splitlines()) == 1
     for words in says:
         assert words in line
+
+
+SLOW = "30 frames a second, and a display with preset hidden (60 states a second) needs at least 60"
+
+
+@pytest.mark.parametrize("found", [0, 40])
+def test_a_camera_that_is_too_slow_for_a_preset_is_named(found: int) -> None:
+    seen = Observations(30, 90, found, level=9.0, presets=("hidden",))
+    assert f"{SLOW}, better 120: ask for robust" in explain_silence(seen)
+    assert "exposure" not in explain_silence(seen)
+    among = replace(seen, found=0, presets=tuple(PRESETS))
+    assert SLOW in explain_silence(among)
+    for fitting in (replace(seen, fps=60), replace(seen, presets=("robust", "fast"))):
+        assert "needs at least" not in explain_silence(fitting)
+
+
+def test_a_rate_that_only_just_fits_is_named() -> None:
+    seen = replace(FOUND, fps=60, state_hz=59.5, decoded=91, presets=("hidden",))
+    line = explain_silence(seen)
+    assert "91 frame pairs gave 0%" in line
+    assert "shows 59.5 states a second, and the camera takes 60 frames" in line
 
 
 def test_a_good_view_is_not_called_dark_bright_or_cut() -> None:

@@ -15,7 +15,7 @@ from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
-from export.receive.__main__ import MAX_PRINTED_BITS, pair_values, preset_name
+from export.receive.__main__ import MAX_PRINTED_BITS, pair_values
 from export.receive.decoders import ShippedDecoder
 from export.receive.occlusion import Occlusion
 from export.receive.reader import DecodedPair
@@ -30,7 +30,7 @@ from link.errors import InputError
 from link.frames import SoftBits
 from link.images import write_image
 from link.layout import Layout, block_mean, make_layout
-from link.presets import PRESETS, Preset
+from link.presets import PRESETS, Preset, preset_name
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout

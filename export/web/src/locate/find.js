@@ -24,7 +24,7 @@ import { runToEnd } from "../link/code/steps.js";
 
 const {
   SMALL_ERROR_PX, LIKELY, SPOT_QUADS, PARTIAL_QUADS, ALL_TURNS, SURE_CORRELATION, PROMISING,
-  LEAVING_QUADS, PROMISING_PARTLY, MAX_ASPECT, MIN_SCORE,
+  LEAVING_QUADS, PROMISING_PARTLY, SAME_PLACE, MAX_ASPECT, MIN_SCORE,
 } = locateFind;
 
 /** Largest number of turns of one quadrilateral that are aligned. */
@@ -48,14 +48,15 @@ export function locate(image, layout = null) {
  * @param {Layout | null} [layout] - of what is displayed; its ratex patches tell the orientation
  * @param {boolean} [partly] - whether a display that is partly in view, or whose patches are partly
  *   covered, is sought, too
+ * @param {Point[][]} [avoid] - pixels of displays with patches that are not to be found
  * @returns {Steps<Located | null>} what `locate` returns
  */
-export function* searchSteps(image, layout = null, partly = true) {
+export function* searchSteps(image, layout = null, partly = true, avoid = []) {
   const { width, height } = image;
   if (Math.max(width, height) > MAX_ASPECT * Math.min(width, height)) return null;
   const candidates = yield* candidateSteps(image);
   if (!layout?.ratex.length) return likeliest(image, candidates);
-  const seek = new PatchSearch(image, layout);
+  const seek = new PatchSearch(image, layout, avoid);
   const corners = candidates.map((candidate) => candidate.corners);
   let found = yield* seek.best(corners.slice(0, LIKELY), ALL_TURNS);
   if (found) return found;
@@ -77,6 +78,22 @@ export function* searchSteps(image, layout = null, partly = true) {
   if (found || !partly) return found;
   const leaving = yield* lineSteps(copy, LEAVING_QUADS, OUTSIDE);
   return yield* seek.best(leaving.map((quad) => onFullImage(quad, scale)), ALL_TURNS);
+}
+
+/**
+ * Tell whether a display is at about one of some places, the same way up.
+ *
+ * @param {Point[]} corners
+ * @param {Point[][]} places
+ * @returns {boolean}
+ */
+export function isAt(corners, places) {
+  const apart = (/** @type {Point} */ one, /** @type {Point} */ other) =>
+    Math.hypot(one[0] - other[0], one[1] - other[1]);
+  const near = SAME_PLACE * corners.length * apart(corners[0], corners[2]);
+  return places.some(
+    (place) => corners.reduce((sum, corner, i) => sum + apart(corner, place[i]), 0) < near,
+  );
 }
 
 /**
@@ -103,12 +120,15 @@ class PatchSearch {
   #pyramid;
   /** @type {Layout} */
   #layout;
+  #avoid;
 
   /**
    * @param {BytePlane} image
    * @param {Layout} layout
+   * @param {Point[][]} avoid - places that are not to be found
    */
-  constructor(image, layout) {
+  constructor(image, layout, avoid) {
+    this.#avoid = avoid;
     this.#image = image;
     this.#pyramid = imagePyramid(image);
     this.#layout = layout;
@@ -174,6 +194,7 @@ class PatchSearch {
     const aligned = yield* cornersOnPatchesSteps(this.#image, this.#pyramid, corners, this.#layout);
     if (aligned.seen < neededCorrelation(this.#layout)) return best;
     if (best && aligned.seen <= best.score) return best;
+    if (isAt(aligned.corners, this.#avoid)) return best;
     return { corners: aligned.corners, score: Math.min(1, aligned.seen) };
   }
 }

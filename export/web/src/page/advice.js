@@ -1,15 +1,22 @@
 /** Plain words for what the receiver sees, and for what to do about it. */
 
 import { BRIGHT, DARK } from "../receive/diagnosis.js";
+import { MIN_FRAMES } from "../receive/timing/synchronise.js";
 
 /** Seconds of vain search after which the page gives advice. */
 export const PATIENCE_S = 4;
+/** Share of the bar that is left to the frames which the display's clock is found in. */
+const FINDING = 0.3;
+/** Largest share of the bar before the message is there. */
+const NEARLY = 0.99;
 
 /**
  * What the page is told after each frame that the receiver took.
  *
  * @typedef {object} Sight
  * @property {number[][] | null} corners - of the display in pixels, or null
+ * @property {number} found - number of frames in which the display was found
+ * @property {string} slow - which preset the camera is too slow for, or empty
  * @property {boolean} synchronised - whether the display's clock is known
  * @property {number} progress - share of the message that was received
  * @property {number | null} level - mean gray level of the display, else of all frames
@@ -26,7 +33,18 @@ export const PATIENCE_S = 4;
 export function stateOf({ corners, synchronised, progress }) {
   if (!corners) return progress > 0 ? "Display lost, looking again" : "Looking for the display";
   if (synchronised) return "Receiving the message";
-  return "Display found, waiting for its rhythm";
+  return "Display found, hold still";
+}
+
+/**
+ * Say how far reading has come: it counts frames of the display first, and then information.
+ *
+ * @param {Sight} sight
+ * @returns {number} from 0 to less than 1
+ */
+export function barOf({ found, progress }) {
+  const finding = FINDING * Math.min(1, found / MIN_FRAMES);
+  return finding + (NEARLY - FINDING) * Math.min(1, progress);
 }
 
 /**
@@ -40,16 +58,16 @@ export function stateOf({ corners, synchronised, progress }) {
 export function adviceFor(sight, waiting, image) {
   if (waiting < PATIENCE_S) return "";
   const { corners, synchronised, level } = sight;
-  if (level !== null && level < DARK) {
-    return "It is too dark. Turn the display brighter, or add light.";
-  }
+  const isDark = level !== null && level < DARK;
+  if (isDark && corners) return "It is too dark. Turn the display brighter, or add light.";
   if (sight.clipped > BRIGHT) {
     return "It is too bright. Avoid reflections, or lower the exposure.";
   }
   if (!corners) {
     return (
       "Fit the whole display into the frame, as large as you can, and hold the camera still. " +
-      "If it is far away, come closer."
+      (isDark ? "It is dark: come closer, or turn the display brighter. " : "") +
+      (sight.slow ? `T${sight.slow.slice(1)}.` : "If it is far away, come closer.")
     );
   }
   if (sight.cut) return "A part of the display is outside the picture. Move back a little.";

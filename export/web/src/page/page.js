@@ -2,7 +2,7 @@
 
 import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../link/code/message.js";
-import { adviceFor, cameraTrouble, stateOf } from "./advice.js";
+import { adviceFor, barOf, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
 import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
@@ -108,8 +108,8 @@ function showStep(step) {
   lastStep = step;
   overlay.resize(step.width, step.height);
   overlay.show(step.corners, step.synchronised);
-  byId("progress").value = Math.min(1, step.progress);
-  byId("percent").textContent = `${Math.min(100, Math.floor(100 * step.progress))} %`;
+  byId("progress").value = barOf(step);
+  byId("percent").textContent = `${Math.floor(100 * barOf(step))} %`;
   byId("received").hidden = false;
   byId("details").textContent = detailsOf(step);
   if (step.arrival && step.arrival.refused === null) {

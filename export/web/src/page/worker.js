@@ -9,7 +9,7 @@ import { Verifier } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";
 import { Layout } from "../link/layout.js";
 import { FRAME_MS } from "../locate/pilots/search.js";
-import { explainSilence, OFTEN } from "../receive/diagnosis.js";
+import { explainSilence, explainSlowness, OFTEN } from "../receive/diagnosis.js";
 import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";
 import { warmUp } from "../receive/warm.js";
@@ -183,18 +183,23 @@ function report(corners, message, last) {
   const { receiver, inbox, width, height } = film;
   if (!receiver) throw new Error("a frame of no film");
   const delivery = message && inbox.take(message, Date.now() / 1000);
-  const observations = { ...receiver.observations, refused: inbox.refused };
+  const seen = receiver.observations;
+  const preset = seen.found ? (presets.get(receiver.layout) ?? null) : null;
+  const known = preset === null ? [...presets.values()] : [preset];
+  const observations = { ...seen, refused: inbox.refused, presets: known };
   return {
     last,
     width,
     height,
     corners,
-    preset: observations.found ? (presets.get(receiver.layout) ?? null) : null,
+    preset,
+    found: seen.found,
     synchronised: receiver.synchronised,
     progress: receiver.progress,
     level: observations.level,
     clipped: observations.clipped,
     cut: observations.cut > OFTEN * observations.found,
+    slow: explainSlowness(observations),
     explanation: explainSilence(observations),
     arrival: delivery && {
       data: delivery.message.data,

@@ -1,10 +1,11 @@
 /** Say why no message came: what was seen, and what to try, in one line. */
 
 import { receiveDiagnosis } from "../generated/constants.js";
+import { MAX_STATES } from "./timing/fit.js";
 import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
 export const {
-  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, CUT, OFTEN, WORDS,
+  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, CUT, OFTEN, PRESET_HZ, PRESET_FPS, WORDS,
 } = receiveDiagnosis;
 
 /**
@@ -26,6 +27,8 @@ export const {
  * @property {number} mixed - share of the blocks' scores that exposures over two states have cost
  * @property {number} progress - information received, as a share of what is needed
  * @property {number} [refused] - number of messages that were refused
+ * @property {string[]} [presets] - names of those that are looked for, or of the one alone that was
+ *   found last
  */
 
 /**
@@ -35,8 +38,30 @@ export const {
  * @returns {string}
  */
 export function explainSilence(seen) {
+  return told(reasons(seen), seen);
+}
+
+/**
+ * Say which preset the camera is too slow for; empty where it is for none.
+ *
+ * @param {Observations} seen
+ * @returns {string}
+ */
+export function explainSlowness(seen) {
+  return tooFast(seen) ? told(["slow"], seen).slice("; ".length) : "";
+}
+
+/**
+ * Fill in parts of the line.
+ *
+ * @param {string[]} parts - keys of `WORDS`
+ * @param {Observations} seen
+ * @returns {string}
+ */
+function told(parts, seen) {
   const { toggling } = seen;
-  /** @type {Record<string, number | null | undefined>} */
+  const fast = tooFast(seen) ?? "";
+  /** @type {Record<string, number | string | null | undefined>} */
   const values = {
     frames: seen.frames,
     found: seen.found,
@@ -49,6 +74,10 @@ export function explainSilence(seen) {
     refused: seen.refused,
     fps: seen.fps,
     half_fps: seen.fps / 2,
+    fast,
+    fast_hz: PRESET_HZ.get(fast),
+    needed_fps: PRESET_FPS.get(fast)?.[0],
+    better_fps: PRESET_FPS.get(fast)?.[1],
     state_hz: seen.stateHz,
     least_frames: MIN_FRAMES,
     least_toggle: MIN_TOGGLE,
@@ -56,12 +85,23 @@ export function explainSilence(seen) {
     amplitude: toggling?.amplitude,
     toggle_hz: toggling?.stateHz,
   };
-  const line = reasons(seen)
+  return parts
     .map((part) => WORDS.get(part))
-    .join("");
-  return line
-    .replace(/\{(\w+):?([^}]*)\}/g, (_, name, form) => written(values[name] ?? NaN, form))
+    .join("")
+    .replace(/\{(\w+):?([^}]*)\}/g, (_, name, form) => written(values[name], form))
     .replaceAll(" --", " "); // the page has no flags
+}
+
+/**
+ * Name the preset with the most states a second, where the camera is too slow for it.
+ *
+ * @param {Observations} seen
+ * @returns {string | null}
+ */
+function tooFast({ presets = [], fps }) {
+  const rateOf = (/** @type {string} */ name) => PRESET_HZ.get(name) ?? 0;
+  const [fast] = [...presets].sort((one, other) => rateOf(other) - rateOf(one));
+  return fast && rateOf(fast) > MAX_STATES * fps ? fast : null;
 }
 
 /**
@@ -74,8 +114,10 @@ function reasons(seen) {
   const dark = seen.level !== null && seen.level < DARK;
   const bright = seen.clipped > BRIGHT;
   if (seen.refused) return ["refused"];
+  const slow = tooFast(seen) ? ["slow"] : [];
   if (seen.found === 0) {
-    return ["nothing", dark ? "nothing, dark" : bright ? "nothing, bright" : "nothing, else"];
+    const cause = dark ? "nothing, dark" : bright ? "nothing, bright" : "nothing, else";
+    return ["nothing", cause, ...slow];
   }
   const parts = ["view"];
   if (dark) parts.push("dark");
@@ -83,9 +125,12 @@ function reasons(seen) {
   if (seen.cut > OFTEN * seen.found) parts.push("cut");
   const { toggling, stateHz } = seen;
   if (seen.decoded > 0) {
-    const mixed = stateHz !== null && stateHz > TOO_FAST * seen.fps && seen.mixed > MIXED;
-    return [...parts, "pairs", mixed ? "too fast" : "too little"];
+    if (slow.length || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
+      return [...parts, "pairs", ...(slow.length ? slow : ["too little"])];
+    }
+    return [...parts, "pairs", seen.mixed > MIXED ? "too fast" : "many states"];
   }
+  if (slow.length) return [...parts, ...slow];
   if (stateHz !== null) return [...parts, "no pair"];
   if (toggling === null) return [...parts, "short"];
   if (toggling.deviation < MIN_TOGGLE) return [...parts, "still"];
@@ -95,11 +140,12 @@ function reasons(seen) {
 /**
  * Write a number as Python's `str.format` does.
  *
- * @param {number} value
+ * @param {number | string | null | undefined} given
  * @param {string} form - ".1f" for one decimal, ".0%" for per cent, "g" for six digits at most
  */
-function written(value, form) {
+function written(given, form) {
+  const value = Number(given);
   if (form.endsWith("%")) return `${(100 * value).toFixed(0)}%`;
   if (form.endsWith("f")) return value.toFixed(Number(form.slice(1, -1)));
-  return String(form === "g" ? Number(value.toPrecision(6)) : value);
+  return String(form === "g" ? Number(value.toPrecision(6)) : given);
 }

@@ -7,7 +7,7 @@
  * decodes too, are left out.
  */
 
-import { images } from "../generated/constants.js";
+import { images, receiveReceiver } from "../generated/constants.js";
 import { MISSING } from "../locate/pilots/search.js";
 import { DisplayReader, Sight, StageTimes } from "./reader.js";
 import { Repeats } from "./repeats.js";
@@ -20,6 +20,7 @@ import { PilotTracker } from "./tracking/pilots.js";
 /** @typedef {import("./tracking/patches.js").DisplayTracker} DisplayTracker */
 
 export const { MIN_SIDE_PX } = images;
+export const { STILL_S, STILL_FRAMES } = receiveReceiver;
 
 /**
  * What one camera frame brought: the display, or null where it was not found, frame pairs that
@@ -46,6 +47,8 @@ export class Receiver {
   #reader;
   /** @type {DisplayTracker | null} */
   #following = null;
+  /** When what is followed was last found, or gave something to read, and number of that frame. */
+  #toggled = { time: 0, frames: 0 };
 
   /**
    * @param {PairDecoder[]} decoders - one for each layout that is looked for
@@ -167,6 +170,8 @@ export class Receiver {
   /**
    * Follow the display, or look for all layouts until one is found.
    *
+   * What is followed and stands still comes last, so that it keeps no other from being found.
+   *
    * @param {BytePlane} frame
    * @param {number} time
    * @returns {Tracked | null}
@@ -174,14 +179,20 @@ export class Receiver {
   #find(frame, time) {
     const followed = this.#following;
     this.#following = null;
+    const isStill = followed !== null && this.#standsStill(followed, time);
+    if (isStill) followed.setAside(time, false);
     const others = this.#trackers.filter((tracker) => tracker !== followed);
-    for (const tracker of followed !== null ? [followed, ...others] : others) {
+    const first = followed === null || isStill ? [] : [followed];
+    for (const tracker of [...first, ...others, ...(isStill ? [followed] : [])]) {
       const tracked = tracker.follow(frame, time, this.#isLate);
       if (tracked === null) continue;
       this.#following = tracker;
       const reader = this.#readers.get(tracker.layout);
       if (reader === undefined) throw new Error("a tracker found a layout that has no decoder");
-      if (reader !== this.#reader) {
+      if (tracker !== followed) followed?.setAside(time, true);
+      const isElsewhere = isStill && tracked.anew === true;
+      if (tracker !== followed || isElsewhere) this.#toggled = { time, frames: this.frames };
+      if (reader !== this.#reader || isElsewhere) {
         this.#reader = reader;
         reader.restart();
       }
@@ -190,6 +201,23 @@ export class Receiver {
       return tracked;
     }
     return null;
+  }
+
+  /**
+   * Tell whether a display with patches has been followed in vain for long.
+   *
+   * What toggles around it or across it may give it a clock, and then no bit of a message.
+   *
+   * @param {DisplayTracker} followed
+   * @param {number} time - seconds
+   * @returns {boolean}
+   */
+  #standsStill(followed, time) {
+    if ((this.synchronised && this.progress > 0) || followed.layout.ratex.length === 0) {
+      this.#toggled = { time, frames: this.frames };
+    }
+    const since = this.#toggled;
+    return time - since.time > STILL_S && this.frames - since.frames > STILL_FRAMES;
   }
 
   /**

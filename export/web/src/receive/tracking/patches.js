@@ -11,14 +11,14 @@ import { resizeArea } from "../../image/shrink.js";
 import { InputError } from "../../link/errors.js";
 import { frameCorners } from "../../link/geometry.js";
 import { matchPatches } from "../../link/ratex.js";
-import { searchSteps } from "../../locate/find.js";
+import { isAt, searchSteps } from "../../locate/find.js";
 import { imagePyramid, patchesInView, seenCorrelation } from "../../locate/patches.js";
 import { cornersOnPatches, neededCorrelation } from "../../locate/refine.js";
 import { Follower } from "./follow.js";
 
 const {
   FOLLOWED_CORRELATION, FIRST_WORK, WORK, SLOW_WORK, PATIENCE, THUMBNAIL_PX, CHANGED_LEVELS,
-  CHANGED_SHARE,
+  CHANGED_SHARE, ASIDE_S,
 } = receiveTrackingPatches;
 
 /**
@@ -34,8 +34,8 @@ const THUMBNAIL_STEP = 4;
 
 /**
  * The display in one camera frame: its corners in pixels of the frame, in corner order, and its
- * rectified image, of the layout's size. `anew` says that pilots have just given the display away, so
- * that nothing is known of its corners from the frames before.
+ * rectified image, of the layout's size. `anew` says that the display was just found at a place of
+ * which nothing is known from the frames before: by its pilots, or elsewhere than what was followed.
  *
  * @typedef {{ corners: Point[], rectified: BytePlane, anew?: boolean }} Tracked
  */
@@ -44,12 +44,15 @@ const THUMBNAIL_STEP = 4;
  * Finds a display, and follows it from frame to frame. `layout` is that of the display that was
  * found last. `follow` takes the next frame, its time in seconds, and whether frames were missed, as
  * happens where a camera does not wait; it gives the display, or null where it is not in view.
- * `correct` moves the display within its rectified image, from the next frame on.
+ * `correct` moves the display within its rectified image, from the next frame on. `setAside` has it
+ * look elsewhere, too, with the next frame, because what is followed does not toggle, and is followed
+ * no more where another display was found.
  *
  * @typedef {object} DisplayTracker
  * @property {Layout} layout
  * @property {(image: BytePlane, time: number, isLate?: boolean) => Tracked | null} follow
  * @property {(HOldFromNew: Float64Array) => void} correct
+ * @property {(time: number, forget: boolean) => void} setAside
  */
 
 /** Finds a display by its ratex patches, and follows it as long as these are seen. */
@@ -67,6 +70,9 @@ export class Tracker {
   #vain = 0;
   /** @type {Uint8Array | null} */
   #thumbnail = null;
+  /** @type {{ time: number, corners: Point[] }[]} */
+  #aside = [];
+  #elsewhere = false;
 
   /**
    * @param {Layout} layout - with at least one ratex patch
@@ -86,23 +92,53 @@ export class Tracker {
   correct() {}
 
   /**
+   * Look elsewhere, too, with the next frame, because what is followed does not toggle.
+   *
+   * @param {number} time - of the frame, seconds
+   * @param {boolean} forget - whether it is followed no more, because another display was found
+   */
+  setAside(time, forget) {
+    const { corners } = this.#follower;
+    if (corners !== null) {
+      this.#aside = this.#aside.filter((place) => !isAt(corners, [place.corners]));
+      this.#aside.push({ time, corners });
+      this.#elsewhere = true;
+      this.#vain = Math.max(this.#vain, PATIENCE + 1); // which leaves time for other trackers
+    }
+    if (forget) this.#forget();
+  }
+
+  /** Follow nothing any more. */
+  #forget() {
+    this.#follower.forget();
+    this.#search = null;
+    this.#vain = 0;
+  }
+
+  /**
    * Find the display in the next frame.
    *
    * @param {BytePlane} image - gray; a search may keep it, so it must not change afterwards
-   * @param {number} _time - of the frame; of no effect
+   * @param {number} time - of the frame, seconds; rising from frame to frame
    * @param {boolean} [isLate] - whether frames were missed, so that the search must not take long
    * @returns {Tracked | null} the display, or null where it is not in view
    */
-  follow(image, _time, isLate = false) {
+  follow(image, time, isLate = false) {
+    const elsewhere = this.#elsewhere;
+    const frameMs = isLate ? this.#frameMs : Infinity;
+    this.#elsewhere = false;
+    this.#aside = this.#aside.filter((place) => time - place.time < ASIDE_S);
     if (this.#follower.corners !== null) {
       const step = this.#follower.step(image);
-      const found = step === null ? null : this.#accept(image, step.corners, step.fresh);
-      if (found !== null) return found;
-      this.#follower.forget();
-      this.#search = null;
-      this.#vain = 0;
+      if (step !== null) this.#follower.advance(step.corners);
+      const found = step && this.#accept(image, step.corners, step.fresh);
+      if (found !== null) {
+        const other = elsewhere ? this.#look(image, frameMs) : null;
+        return other ? { ...other, anew: true } : found;
+      }
+      this.#forget();
     }
-    return this.#look(image, isLate ? this.#frameMs : Infinity);
+    return this.#look(image, frameMs);
   }
 
   /**
@@ -122,7 +158,7 @@ export class Tracker {
       this.#searchedWidth = image.width;
       this.#searchedHeight = image.height;
       const whole = frameCorners(image.width, image.height); // a screenshot, or rectified
-      const found = this.#accept(image, whole, true);
+      const found = this.#isAside(whole) ? null : this.#accept(image, whole, true);
       if (found !== null) return found;
     }
     this.#search ??= this.#begun(image);
@@ -136,7 +172,7 @@ export class Tracker {
       if (found.seen < neededCorrelation(this.layout)) return null;
       ({ corners } = found);
     }
-    return this.#accept(image, corners, true);
+    return this.#isAside(corners) ? null : this.#accept(image, corners, true);
   }
 
   /**
@@ -176,7 +212,16 @@ export class Tracker {
    */
   #begun(image) {
     this.#done = 0;
-    return searchSteps(image, this.layout);
+    return searchSteps(image, this.layout, true, this.#aside.map(({ corners }) => corners));
+  }
+
+  /**
+   * Tell whether a place was set aside.
+   *
+   * @param {Point[]} corners
+   */
+  #isAside(corners) {
+    return isAt(corners, this.#aside.map((place) => place.corners));
   }
 
   /**
@@ -221,7 +266,6 @@ export class Tracker {
     const inView = patchesInView(corners, this.layout, image.width, image.height);
     const seen = seenCorrelation(matchPatches(rectified, this.layout).correlation, inView);
     if (seen < FOLLOWED_CORRELATION) return null;
-    if (this.#follower.corners !== null) this.#follower.advance(corners);
     if (fresh) this.#follower.begin(image, corners, rectified);
     return { corners, rectified };
   }

@@ -53,6 +53,9 @@ export class PilotTracker {
     this.#HFollowedFromShown = H.map((value) => value / H[8]);
   }
 
+  /** Do nothing: pilots are found where they toggle, and are lost where they no longer do. */
+  setAside() {}
+
   /**
    * Find the display in the next frame.
    *
