@@ -206,7 +206,8 @@ class Loop:
             "pairs": pairs,
             "bits_per_frame": self.layout.n_bits,
             "message_bytes": message_bytes,
-            "capacity_bytes": capacity(frames, self.layout.n_bits),
+            # with the usual redundancy, of which a long message has less
+            "capacity_bytes": max(message_bytes, capacity(frames, self.layout.n_bits)),
             "state_hz": round(state_hz, 3),
             "message_seconds": round(message_s, 3),
             "loop_seconds": round(2 * pairs / state_hz, 3),

@@ -39,7 +39,11 @@ def main() -> None:
     known.add_argument(
         "--model", type=find_graph, help="an .onnx decoder, which carries its layout, or a preset"
     )
-    known.add_argument("--layout", type=Path, help="a JSON file with the layout displayed")
+    known.add_argument(
+        "--layout",
+        type=Path,
+        help="a JSON file with the layout, or sent.json",
+    )
     add_pixel_limit(parser)
     parser.add_argument("--show", type=Path, metavar="DIR", help="write images with the outline")
     args = read_flags(parser.parse_args)

@@ -1,4 +1,4 @@
-"""Read a message from camera frames: python -m export.receive INPUT --model M.
+"""Read a message from camera frames: python -m export.receive INPUT.
 
 INPUT is a folder of images, a video file or a camera's number; two images are one frame pair.
 Prints JSON lines: display, clock, pair, message, refused, end.
@@ -44,7 +44,8 @@ stream fits a disk."""
 def main() -> None:
     """Print JSON lines until the message is whole or the frames end."""
     parser = argparse.ArgumentParser(prog="python -m export.receive", description=__doc__)
-    parser.add_argument("input", nargs="+", metavar="INPUT")
+    kinds = "folder of images, video, or camera's number such as 0; or two images of a frame pair"
+    parser.add_argument("input", nargs="+", metavar="INPUT", help=kinds)
     parser.add_argument(
         "--model",
         type=find_graph,

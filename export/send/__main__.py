@@ -17,7 +17,7 @@ from export.send.write import output_kind, write_loop
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
 from link.code.fine import MAX_MESSAGE, USUAL_REDUNDANCY
-from link.code.framing import encode
+from link.code.framing import encode, frames_needed
 from link.embed import check_kappa
 from link.errors import InputError, ParameterError, at_least
 from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
@@ -192,8 +192,15 @@ def send_parser() -> argparse.ArgumentParser:
     add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
     add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
-    preset = f"settings that the other flags change ({DEFAULT_PRESET})"
+    purposes = "; ".join(f"{name}: {preset.purpose[:-1]}" for name, preset in PRESETS.items())
+    preset = f"settings that the other flags change ({DEFAULT_PRESET}). {purposes}"
     add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
+    sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
+    add("--size", type=display_size, help=sizes)
+    fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
+    add("--fit", choices=list(FITS), help=fits)
+    add_pixel_limit(parser)
+    add = parser.add_argument_group("strength, and who looks on").add_argument
     add("--kappa", type=int, help="gray levels added for a 1, instead of the preset's")
     evened = "stronger where the picture hides more (as the preset)"
     add("--even", action=argparse.BooleanOptionalAction, help=evened)
@@ -201,24 +208,21 @@ def send_parser() -> argparse.ArgumentParser:
     add("--diagonal", type=float, default=usual.diagonal, help="of the shown picture, inches (24)")
     add("--luminance", type=float, default=usual.luminance, help="of white, cd/m2 (200)")
     add("--distance", type=float, help="of the eye, metres, instead of the preset's")
+    add = parser.add_argument_group("the layout, in place of the preset's").add_argument
     for name in ("rows", "cols", "width", "height"):
-        add(f"--{name}", type=int, help="of the layout, instead of the preset's")
+        add(f"--{name}", type=int, help="in blocks" if name[0] in "rc" else "in pixels")
     add("--ratex", type=int, help="patches: 0, 1, 2, 3 or 5, instead of pilots")
     add("--modulation", choices=list(MODULATIONS), help="how bits change blocks")
     add("--pilots", help="share of blocks with known bits in place of patches, or auto")
     add("--colour", choices=list(COLOURS), help="in which direction blocks change")
-    add("--layout", type=Path, help="JSON file with a layout, instead of these eight")
+    add("--layout", type=Path, help="JSON file with a layout, or sent.json, instead of these eight")
+    add = parser.add_argument_group("rates and coding, in place of the preset's").add_argument
     add("--pyramid-level", type=int, default=0, help="soften the edges of blocks (0)")
     add("--hold", type=int, help="refreshes that a state stays, instead of the preset's rate")
     add("--refresh", type=float, default=USUAL_REFRESH, help="of the display, Hz (60)")
     add("--state-hz", type=float, help="states a second, instead of the preset's rate")
     coded = f"coded bits a message bit, on fine grids ({USUAL_REDUNDANCY:g})"
     add("--redundancy", type=float, help=coded)
-    sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
-    add("--size", type=display_size, help=sizes)
-    fits = "how the picture lies on it: contain (with --size), cover (without) or stretch"
-    add("--fit", choices=list(FITS), help=fits)
-    add_pixel_limit(parser)
     return parser
 
 
@@ -239,6 +243,8 @@ def main() -> None:
     state_hz = states_per_second(preset.state_hz, args.hold, args.refresh, args.state_hz, kind)
     pictures = open_pictures(args.pictures, state_hz / 2, args.max_megapixels)
     protected = protected_message(message, args.key, args.counter)
+    given = "message" if args.file is None else "file"
+    frames_needed(len(protected), layout.n_bits, given, args.redundancy)  # refuses what is too long
     bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
     first = next(pictures())

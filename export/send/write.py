@@ -41,7 +41,9 @@ def output_kind(out: Path) -> str:
         raise ParameterError("out", f"{out} has no name; choose a new file or folder")
     if kind not in KINDS:
         raise ParameterError(
-            "out", f"{out} must end in .html, .avi or .mkv, or be a folder with no dot in its name"
+            "out",
+            f"{out} must end in .html, .avi or .mkv, which lose nothing, or be a folder with no "
+            "dot in its name",
         )
     return kind
 

@@ -132,7 +132,7 @@ def frames_needed(
         raise ParameterError(
             name,
             f"{n_bytes} bytes, a loop of {MAX_FRAMES} frames with {n_bits} bits each "
-            f"carries {longest}; shorten it or use a finer grid",
+            f"carries {longest}; shorten it or use a finer grid, such as that of the preset robust",
         )
     needed = n_bytes + LENGTH_BYTES + CRC_BYTES
     return -(-16 * needed // (n_bits - SIGNATURE))

@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import importlib
+import re
 import subprocess
 import sys
 import typing
@@ -15,7 +16,9 @@ import tyro
 from conftest import ROOT, Command, slow
 
 from lab.__main__ import STUDIES
+from link import __version__
 from link.cli import read_flags
+from link.cli.help import usual_help
 from link.errors import InputError
 
 NASTY = ("nan", "inf", "-inf", "1e400", "9" * 23, "9" * 31, "1" + 400 * "0", "9" * 5000)
@@ -198,6 +201,26 @@ def test_help_is_printed(module: str, command: Command) -> None:
     done = command(importlib.import_module(module).main, "--help")
     assert (done.status, done.stderr) == (0, "")
     assert "--kappa" in done.stdout and done.stdout.count("\n") > 20
+    assert not re.search(r"\{None\}|\(default: \)|-----", done.stdout)
+
+
+def test_flags_of_the_layout_come_last_and_those_that_must_be_given_first() -> None:
+    printed = (
+        "usage: x.py [-h] [OPTIONS]\n\nDoes\n100 % of it.\n\n options   \n -------------------- \n"
+        "  -h, --help   show this help\n  --rows INT   Rows. (default: 8)\n"
+        "  --names {None}|{[STR [STR ...]]}   \n      Names, as in\n      'a'. (default: None)\n"
+        "  --out PATH   Folder. (required)\n"
+    )
+    said = usual_help(printed)
+    order = ["Does 100 % of it.", "options:\n", "--out PATH", "--help", "--names [STR ...]"]
+    order += ["in other commands", "--rows INT"]
+    assert sorted(order, key=said.index) == order
+    assert "Names, as in 'a'." in said and "None" not in said
+
+
+def test_every_command_says_its_version(command: Command) -> None:
+    done = command(importlib.import_module("export.locate.__main__").main, "--version")
+    assert (done.status, done.stdout) == (0, f"{__version__}\n")
 
 
 @pytest.mark.parametrize(

@@ -132,6 +132,7 @@ REFUSED = [
     ("send what", "picture.png --file empty.txt", "empty; give at least one byte"),
     ("send what", "picture.png --file gone.txt", "--file: gone.txt: no such file"),
     ("send what", "picture.png --file /dev/zero", "--file: /dev/zero: no such"),
+    ("send what", "picture.png --file clip.avi", "error: --file: "),
     ("send what", "picture.png --file clip.avi", f"carries {MOST_BYTES}; shorten"),
     ("send what", "picture.png --message=", "--message: empty"),
     ("send nothing", "picture.png --message hi", "arguments are required: --out; see --help"),

@@ -222,6 +222,7 @@ def test_without_html_nothing_is_drawn(tmp_path: Path, command: Command) -> None
         "cells",
         "config.json",
         "metrics.json",
+        "metrics.csv",
         "predictions.jsonl",
         "tables.md",
     }

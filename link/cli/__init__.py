@@ -13,6 +13,8 @@ from typing import TypeVar
 
 import cv2
 
+from link import __version__
+from link.cli.help import usual_help
 from link.code.authenticate import MAX_STAMP
 from link.errors import InputError, ParameterError
 from link.images import MAX_MEGAPIXELS
@@ -39,6 +41,8 @@ PLAIN_WORDS = (
 """Patterns of what argparse and tyro say, each with what is said instead: the flag comes first."""
 RULE = re.compile(r"^ *-* *$", re.MULTILINE)
 """Pattern of a line that ends a paragraph: it is blank, or a rule that tyro draws."""
+RULE_OF_TYRO = re.compile(r"^ -{20,} *$", re.MULTILINE)
+"""Pattern of the rule below a title in the help of tyro."""
 NO_MEMORY = re.compile(r"Insufficient memory|can't allocate memory|bad_?alloc", re.IGNORECASE)
 """Pattern of what OpenCV and torch say where memory is used up; they raise no `MemoryError`."""
 
@@ -99,7 +103,7 @@ def read_flags(read: Callable[[], T]) -> T:
 
     Refused beside what the parser refuses are texts that are empty or not UTF-8, negative whole
     numbers, and numbers that are not finite or are beyond `MAX_NUMBER`. --help prints and exits as
-    usual.
+    usual, in the style of argparse, and so does --version.
 
     Args:
         read: ``parser.parse_args`` of argparse, or a call of ``tyro.cli``.
@@ -118,6 +122,9 @@ def read_flags(read: Callable[[], T]) -> T:
     ...
     link.errors.InputError: --frames: need a whole number, got 'many'; see --help
     """
+    if sys.argv[1:] == ["--version"]:
+        print(__version__)
+        sys.exit(0)
     _refuse_empty_words(sys.argv)
     printed, answer = io.StringIO(), io.StringIO()  # no terminals, so tyro writes plain text
     try:
@@ -125,7 +132,8 @@ def read_flags(read: Callable[[], T]) -> T:
             flags = read()
     except SystemExit as end:
         if end.code in (None, 0):
-            sys.stdout.write(answer.getvalue())  # argparse hides that it cannot be written
+            said = answer.getvalue()  # argparse hides that it cannot be written
+            sys.stdout.write(usual_help(said) if RULE_OF_TYRO.search(said) else said)
             raise
         raise InputError(f"{_complaint(printed.getvalue())}; see --help") from None
     sys.stderr.write(printed.getvalue())  # warnings of a parser that went on
