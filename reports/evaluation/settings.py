@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
-from data_gen.flags import LayoutFlags
+from data_gen.flags import LayoutFlags, SourceFlags
 from link.layout import Layout
 from reports.engine.methods import Method
 from reports.engine.predict import checkpoint_digest
@@ -17,9 +17,10 @@ UNDECISIVE = ("out", "jobs", "backend", "scheduler", "show", "html", "report", "
 """Flags that decide no number, and so are no part of a run's settings."""
 REFERENCE = ("pairs", "views", "kappas", "pictures", "without", "set")
 """Flags that the reference comparison, with the paper's 36 cells, leaves as they usually are."""
-
 OF_SIMULATION = (*REFERENCE, "frames", "sweeps", "quick", "ratex")
 """Settings that say what is simulated. They say nothing of captures from a folder."""
+LATER = ("display_size", "even")
+"""Flags that runs of before have always been without, so that their defaults are not named."""
 
 
 def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str, ...]:
@@ -38,7 +39,7 @@ def chosen_sweeps(config: LayoutFlags, named: Sequence[str] | None) -> tuple[str
 
 
 def decisive_settings(
-    config: LayoutFlags, methods: Sequence[Method], layouts: Sequence[Layout]
+    config: SourceFlags, methods: Sequence[Method], layouts: Sequence[Layout]
 ) -> dict[str, Any]:
     """Name all that decides the result: flags, and digests of the checkpoints.
 
@@ -50,6 +51,9 @@ def decisive_settings(
     layout, usual = config.layout(), type(config)().layout()
     flags = {field.name for field in fields(LayoutFlags)}
     settings = {k: v for k, v in asdict(config).items() if k not in (*UNDECISIVE, *flags)}
+    for flag in LATER:
+        if settings[flag] == getattr(type(config)(), flag):
+            del settings[flag]
     settings["ratex"] = len(layout.ratex)
     for flag in sorted(flags - {"ratex"}):  # runs of the usual grid have always been without them
         if getattr(layout, flag) != getattr(usual, flag):
