@@ -100,4 +100,5 @@ class EndEvent(TypedDict):
     milliseconds: Annotated[dict[str, float], "mean time of each stage, by its name"]
 
 
-Event = DisplayEvent | PlacedEvent | ClockEvent | PairEvent | MessageEvent | RefusedEvent | EndEvent
+FilmEvent = DisplayEvent | ClockEvent | PairEvent | MessageEvent | RefusedEvent | EndEvent
+Event = FilmEvent | PlacedEvent

@@ -7,9 +7,11 @@ came, and `show` draws what was decided.
 """
 
 import os
+import sys
 
 # The receiver multiplies many small matrices. OpenBLAS would share each of them among threads,
 # which then keep the processor busy with waiting for the next one, and take it from the decoder.
 # numpy reads this when it is loaded: it serves the commands of this package, and no program that
-# has numpy already.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# has numpy already, whose environment stays as it is.
+if "numpy" not in sys.modules:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

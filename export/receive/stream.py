@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from export.events import ClockEvent, DisplayEvent, EndEvent, Event, PairEvent
+from export.events import ClockEvent, DisplayEvent, EndEvent, FilmEvent, PairEvent
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox
@@ -50,7 +50,7 @@ class EventStream:
         self._in_view = self._clocked = False
         self._time = 0.0
 
-    def push(self, image: NDArray[np.generic], time: float, name: str) -> list[Event]:
+    def push(self, image: NDArray[np.generic], time: float, name: str) -> list[FilmEvent]:
         """Take the next camera frame.
 
         Args:
@@ -65,7 +65,7 @@ class EventStream:
         self.step = receiver.push(image, time)
         self._time = time
         tracked = self.step.tracked
-        events: list[Event] = []
+        events: list[FilmEvent] = []
         if (tracked is not None) != self._in_view:
             self._in_view = tracked is not None
             seen = DisplayEvent(event="display", time=round(time, 4), frame=name, corners=None)
@@ -80,13 +80,13 @@ class EventStream:
             events.append(ClockEvent(event="clock", time=round(time, 4), state_hz=state_hz))
         return events + self._decoded()
 
-    def finish(self) -> list[Event]:
+    def finish(self) -> list[FilmEvent]:
         """Decode what is left when the frames have ended."""
         self.step = self.receiver.finish()
         return self._decoded()
 
-    def _decoded(self) -> list[Event]:
-        events: list[Event] = [pair_event(pair, self._scores) for pair in self.step.pairs]
+    def _decoded(self) -> list[FilmEvent]:
+        events: list[FilmEvent] = [pair_event(pair, self._scores) for pair in self.step.pairs]
         if self.step.message is not None:
             events.append(self.inbox.take(self.step.message))
         return events
