@@ -41,6 +41,7 @@ Requires-Python: {python}
 Description-Content-Type: text/markdown
 
 {description}"""
+"""Content of the wheel's file METADATA, with names in place of what changes."""
 TAGS = "Wheel-Version: 1.0\nGenerator: export.package\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
 """Content of the wheel's file WHEEL."""
 

@@ -55,8 +55,8 @@ def film(data: bytes = TEXT.encode(), signed: bool = False) -> list[NDArray[np.u
     return filmed(ROBUST, 70, seed=3, message=encode(data, ROBUST.n_bits, signed=signed))[0]
 
 
-def test_the_schema_of_the_docs_is_that_of_the_events() -> None:
-    written = json.loads((ROOT / "docs" / "events.schema.json").read_text("utf-8"))
+def test_the_schema_in_the_repository_is_that_of_the_events() -> None:
+    written = json.loads((ROOT / "export" / "package" / "events.schema.json").read_text("utf-8"))
     assert written == events_schema(), "take it from python -m export.package --only wheel --out"
     Draft202012Validator.check_schema(written)
 
