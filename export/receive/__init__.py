@@ -1,15 +1,17 @@
 """The receiver turns camera frames into a message.
 
-`sources` opens a folder, video or camera, and `receiver` takes its frames. `tracking` keeps the
-display in sight, and `reader` reads it: `timing` finds when it changes states, `states` puts the
-states together, `unseen` and `occlusion` erase what is not seen. `diagnosis` says why no message
-came, and `show` draws what was decided.
+`sources` opens a folder, video or camera, `receiver` takes its frames, and `stream` says what each
+of them brought. `tracking` keeps the display in sight, and `reader` reads it: `timing` finds when
+it changes states, `states` puts the states together, `unseen` and `occlusion` erase what is not
+seen. `diagnosis` says why no message came, and `show` draws what was decided.
 """
 
 import os
+import sys
 
 # The receiver multiplies many small matrices. OpenBLAS would share each of them among threads,
 # which then keep the processor busy with waiting for the next one, and take it from the decoder.
 # numpy reads this when it is loaded: it serves the commands of this package, and no program that
-# has numpy already.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# has numpy already, whose environment stays as it is.
+if "numpy" not in sys.modules:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

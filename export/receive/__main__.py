@@ -5,37 +5,33 @@ Prints JSON lines: display, clock, pair, message, refused, end.
 """
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from export.events import Event, PlacedEvent
 from export.receive.decoders import PairDecoder, open_decoders
-from export.receive.diagnosis import explain_silence
-from export.receive.inbox import Inbox, say
-from export.receive.reader import DecodedPair
-from export.receive.receiver import Receiver, ReceiverStep
+from export.receive.receiver import Receiver
 from export.receive.show import draw_decoded_pair
-from export.receive.sources import FPS_HELP, CameraFrame, open_source
+from export.receive.sources import FPS_HELP, open_source
+from export.receive.stream import EventStream, pair_event
 from export.receive.tracking.patches import Tracked
 from export.receive.two_images import find_in_both
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least
 from link.frames import check_same_size
-from link.images import make_folder, read_image, write_image
-from link.layout import Layout
+from link.images import make_folder, read_image, write_bytes, write_image
+from link.outside import is_no_file
 from link.presets import preset_name
 from models import find_graph
 
 OF_FILMS = ("fps", "show", "out", "keep_on", "key", "max_age")
 """Flags that have no meaning for two images."""
-MAX_PRINTED_BITS = 256
-"""Largest number of bits of a frame pair that are printed without --scores."""
 KEPT_PICTURES = 50
 """Number of annotated pictures that are kept; later ones replace the oldest, so that an endless
 stream fits a disk."""
@@ -74,11 +70,13 @@ def main() -> None:
                 raise ParameterError(flag, "two images are one frame pair, and hold no message")
         decoders = open_decoders(args.model, args.threads)
         return read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
-    inbox = Inbox(args.out, make_verifier(args.key, args.max_age))
+    if args.out is not None and (not args.out.name or is_no_file(args.out)):
+        raise ParameterError("out", f"{args.out} is a folder or a device; name a file")
+    verifier = make_verifier(args.key, args.max_age)
     decoders = open_decoders(args.model, args.threads)
     if args.show is not None:
         make_folder(args.show)
-    read_stream(decoders, args, inbox)
+    read_stream(decoders, args, verifier)
 
 
 def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
@@ -114,123 +112,87 @@ def read_two_images(
             f"({sought} looked for); take one image of each state, from one place"
         )
     for path, corners in zip((first, second), found.corners, strict=True):
-        what = {"preset": preset_name(found.layout), "corners": corners.round(2).tolist()}
-        say("display", image=path, **what)
+        place: list[list[float]] = corners.round(2).tolist()
+        preset = preset_name(found.layout)
+        say([PlacedEvent(event="display", image=path, preset=preset, corners=place)])
     pair = receivers[found.layout].decode_images(frames[0], frames[1], *found.corners)
-    say("pair", **pair_values(pair, scores=True))
+    say([pair_event(pair, scores=True)])
 
 
-def pair_values(pair: DecodedPair, scores: bool) -> dict[str, Any]:
-    """Collect what is printed of a pair, with its scores where ``scores`` is true."""
-    entry: dict[str, Any] = {
-        "pair": pair.number,
-        "time": round(pair.time, 4),
-        "erased": int((pair.soft.scores == 0).sum()),
-        "confidence": round(float(np.mean(1 / (1 + np.exp(-np.abs(pair.soft.scores))))), 4),
-        "frames": [pair.original.frames, pair.embedded.frames],
-        "progress": round(pair.progress, 4),
-    }
-    if scores or pair.soft.scores.size <= MAX_PRINTED_BITS:
-        entry["bits"] = "".join(map(str, pair.soft.bits))
-    if scores:
-        entry["scores"] = [round(float(score), 3) for score in pair.soft.scores]
-    return entry
+def read_stream(
+    decoders: Sequence[PairDecoder], args: argparse.Namespace, verifier: Verifier | None
+) -> None:
+    """Receive from a folder, a video or a camera until the message is whole or frames end.
 
-
-def read_stream(decoders: Sequence[PairDecoder], args: argparse.Namespace, inbox: Inbox) -> None:
-    """Receive from a folder, a video or a camera until the message is whole or frames end."""
+    Raises:
+        InputError: there is no message; says why.
+    """
     source = open_source(args.input[0], args.fps, args.max_megapixels)
-    receiver = Receiver(decoders, source.fps)
-    in_view = clocked = False
-    last: CameraFrame | None = None
+    stream = EventStream(decoders, source.fps, verifier, args.scores)
+    image: NDArray[np.uint8] | None = None
     view: Tracked | None = None
     shown = 0
     try:
         for frame in source.frames:
-            step = receiver.push(frame.image, frame.time)
-            last = frame
-            elsewhere = in_view and step.tracked is not None and step.tracked.anew
-            if (step.tracked is not None) != in_view or elsewhere:
-                in_view = step.tracked is not None
-                place = step.tracked.corners.round(2).tolist() if step.tracked else None
-                what = {"preset": preset_name(receiver.layout)} if in_view else {}
-                say("display", time=round(frame.time, 4), frame=frame.name, corners=place, **what)
-            if receiver.synchronised != clocked:
-                clocked = receiver.synchronised
-                rate = receiver.state_hz
-                say("clock", time=round(frame.time, 4), state_hz=rate and round(rate, 3))
-            view = step.tracked or view
-            shown = write_pictures(args.show, shown, step, frame.image, view, receiver.layout)
-            if print_step(step, args.scores, inbox) and not args.keep_on:
+            image = frame.image
+            is_delivered = say(stream.push(image, frame.time, frame.name), args.out)
+            view = stream.step.tracked or view
+            shown = write_pictures(args.show, shown, stream, image, view)
+            if is_delivered and not args.keep_on:
                 break
         else:
-            step = receiver.finish()
-            if last is not None:
-                write_pictures(args.show, shown, step, last.image, view, receiver.layout)
-            print_step(step, args.scores, inbox)
+            say(stream.finish(), args.out)
+            if image is not None:
+                write_pictures(args.show, shown, stream, image, view)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
-    print_end(receiver, inbox, last)
+    say([stream.end()])
+    if stream.inbox.last is None:
+        raise InputError(stream.explanation)
+
+
+def say(events: Sequence[Event], out: Path | None = None) -> bool:
+    """Print events, and write the bytes of a message to a file; true where there was a message.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    is_delivered = False
+    for event in events:
+        print(json.dumps(event), flush=True)
+        if event["event"] == "message":
+            is_delivered = True
+            if out is not None:
+                write_bytes(out, bytes.fromhex(event["hex"]))
+    return is_delivered
 
 
 def write_pictures(
     folder: Path | None,
     number: int,
-    step: ReceiverStep,
+    stream: EventStream,
     image: NDArray[np.uint8],
     view: Tracked | None,
-    layout: Layout,
 ) -> int:
     """Write an annotated picture of each pair that a camera frame brought.
 
     Args:
         folder: folder of the pictures; None for no pictures.
         number: number of the next picture.
-        step: what the camera frame brought.
+        stream: what has read the camera frame.
         image: the camera frame.
         view: the display where it was last seen, or None.
-        layout: layout of the display.
 
     Returns:
         the number of the next picture.
     """
     if folder is None or view is None:
         return number
-    for pair in step.pairs:
-        picture = draw_decoded_pair(image, view, pair, layout)
+    for pair in stream.step.pairs:
+        picture = draw_decoded_pair(image, view, pair, stream.receiver.layout)
         write_image(folder / f"pair_{number % KEPT_PICTURES:03d}.png", picture)
         number += 1
     return number
-
-
-def print_step(step: ReceiverStep, scores: bool, inbox: Inbox) -> bool:
-    """Print what a camera frame brought; true where a message was delivered."""
-    for pair in step.pairs:
-        say("pair", **pair_values(pair, scores))
-    return step.message is not None and inbox.take(step.message)
-
-
-def print_end(receiver: Receiver, inbox: Inbox, last: CameraFrame | None) -> None:
-    """Print the closing line.
-
-    Raises:
-        InputError: there is no message; says why.
-    """
-    timing = {
-        stage: round(1e3 * seconds / receiver.timing.count[stage], 2)
-        for stage, seconds in receiver.timing.spent.items()
-    }
-    say(
-        "end",
-        frames=receiver.frames,
-        frames_with_display=receiver.found,
-        seconds=round(last.time, 3) if last else 0.0,
-        message=inbox.last.text if inbox.last else None,
-        milliseconds=timing,
-    )
-    if inbox.last is not None:
-        return
-    raise InputError(explain_silence(replace(receiver.observations, refused=inbox.refused)))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Write the constants that the page shares with Python: src/generated/constants.js.
+"""Write what the page shares with Python: src/generated/constants.js, and events.d.ts beside it.
 
 Every constant of `SHARED` stands in Python alone. The file has one object for each module, with its
 constants under their Python names, each with its docstring as its comment. The page's build and
@@ -15,10 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from export.package.schema import events_types
 from link.images import write_bytes
 
 GENERATED = Path(__file__).parent / "src" / "generated" / "constants.js"
-"""The file that is written."""
+"""The file of constants."""
+EVENTS = GENERATED.with_name("events.d.ts")
+"""The file of the types of events."""
 SHARED = (
     "link.code.authenticate",
     "link.code.collect_coarse",
@@ -61,6 +64,7 @@ SHARED = (
     "export.receive.receiver",
     "export.receive.repeats",
     "export.receive.states",
+    "export.receive.stream",
     "export.receive.timing.fit",
     "export.receive.timing.synchronise",
     "export.receive.timing.toggles",
@@ -77,7 +81,7 @@ types; longer ones are arrays of any length."""
 
 
 def write_constants() -> None:
-    """Write the file anew, unless it holds these constants already."""
+    """Write constants and the types of events anew, unless the files hold them already."""
     parts = [
         "/**",
         " * Constants that the page shares with Python, by the module that defines them.",
@@ -93,9 +97,10 @@ def write_constants() -> None:
             parts += ["   *", f"   * @type {{{js_type(value)}}}", "   */"]
             parts.append(f"  {name}: {js_value(value)},")
         parts.append("};")
-    text = "\n".join(parts) + "\n"
-    if not GENERATED.is_file() or GENERATED.read_text() != text:
-        write_bytes(GENERATED, text.encode())
+    written = {GENERATED: "\n".join(parts) + "\n", EVENTS: events_types()}
+    for file, text in written.items():
+        if not file.is_file() or file.read_text() != text:
+            write_bytes(file, text.encode())
 
 
 def object_name(module: str) -> str:

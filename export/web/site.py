@@ -131,14 +131,7 @@ def run_node(command: Sequence[str]) -> str:
 
 def write_inputs(folder: Path) -> None:
     """Write what Python gives the page: graphs, the table of presets, first films, and icons."""
-    names = {preset.layout: name for name, preset in PRESETS.items()}
-    tables = []
-    for layout, graph in shipped_graphs().items():
-        name = names[layout]
-        model = f"models/{name}.onnx"
-        write_bytes(folder / model, graph.read_bytes())
-        tables.append(page_preset(name, PRESETS[name], model))
-    write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
+    write_presets(folder)
     films = []
     for kind, name in WARM_PRESETS.items():
         film = draw_warm_film(PRESETS[name].layout)
@@ -149,6 +142,18 @@ def write_inputs(folder: Path) -> None:
     write_bytes(folder / "warm.json", json.dumps(films, separators=(",", ":")).encode())
     for side in ICON_SIDES:
         write_image(folder / f"icon-{side}.png", draw_icon(side))
+
+
+def write_presets(folder: Path) -> None:
+    """Write the graphs of the presets, and the table of what the receiver knows of each."""
+    names = {preset.layout: name for name, preset in PRESETS.items()}
+    tables = []
+    for layout, graph in shipped_graphs().items():
+        name = names[layout]
+        model = f"models/{name}.onnx"
+        write_bytes(folder / model, graph.read_bytes())
+        tables.append(page_preset(name, PRESETS[name], model))
+    write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
 
 
 def draw_icon(side: int) -> NDArray[np.uint8]:

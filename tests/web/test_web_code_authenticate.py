@@ -65,27 +65,25 @@ def test_keys_and_ages_have_bounds(port: Port) -> None:
 
 @pytest.mark.parametrize("key", [None, KEY], ids=["without a key", "with a key"])
 def test_messages_are_delivered_alike(
-    port: Port,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    key: bytes | None,
+    port: Port, monkeypatch: pytest.MonkeyPatch, key: bytes | None
 ) -> None:
     monkeypatch.setattr("time.time", lambda: float(NOW))
     texts = [(b"door open", 5), (b"door shut", 6), (b"door open", 5), (b"door shut", 7), (b"x", 8)]
-    inbox = Inbox(None, None if key is None else Verifier(key))
+    inbox = Inbox(None if key is None else Verifier(key))
     verifier = key and port("link/code/authenticate.js").Verifier(key)
     ported, message = port("receive/inbox.js").Inbox(verifier), port("link/code/message.js").Message
     for text, stamp in texts:
         data = sign(text, bytes(16) if text == b"x" else KEY, stamp)
         flagged = stamp % 2 == 1
-        delivered = inbox.take(Message(data, 4, 3, 0.9, stamp > 5, flagged))
+        event = inbox.take(Message(data, 4, 3, 0.9, stamp > 5, flagged))
+        delivered = event["event"] == "message"
         delivery = ported.take(message(data, 4, 3, 0.9, stamp > 5, flagged), NOW)
         assert (delivery.refused is None) == delivered
+        assert vars(port("../npm/events.js").messageEvent(delivery)) == event
         assert inbox.last is not None
         assert bytes(ported.last.data) == inbox.last.data
         assert ported.last.changed == inbox.last.changed
         assert ported.last.signed == inbox.last.signed
         assert ported.refused == inbox.refused
         assert not delivered or delivery.message == ported.last
-    capsys.readouterr()
     assert inbox.refused == (0 if key is None else 2)

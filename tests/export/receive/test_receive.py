@@ -198,16 +198,17 @@ def test_who_has_no_key_sees_a_signed_message_without_stamp_and_tag(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     signed = Message(sign(b"new", KEY, 1001), 4, 3, 0.9, signed=True)
-    assert Inbox(tmp_path / "text", None).take(signed)
+    assert receive_cli.say([Inbox(None).take(signed)], tmp_path / "text")
     (said,) = events_of(capsys.readouterr().out)
     assert (said["text"], said["hex"], said["signed"]) == ("new", b"new".hex(), "not checked")
     assert (tmp_path / "text").read_bytes() == b"new"
-    assert Inbox(None, Verifier(KEY)).take(signed)
-    assert not Inbox(None, Verifier(KEY)).take(replace(signed, data=b"obey" + bytes(12)))
-    assert Inbox(None, None).take(replace(signed, signed=False))  # of a sender without the flag
-    checked, refused, old = events_of(capsys.readouterr().out)
+    checked = Inbox(Verifier(KEY)).take(signed)
+    assert checked["event"] == "message"
     assert (checked["text"], checked["stamp"], "signed" in checked) == ("new", 1001, False)
+    refused = Inbox(Verifier(KEY)).take(replace(signed, data=b"obey" + bytes(12)))
+    assert refused["event"] == "refused"
     assert "tag does not fit" in refused["reason"]
+    old = Inbox(None).take(replace(signed, signed=False))  # of a sender without the flag
     assert bytes.fromhex(old["hex"]) == signed.data
     assert "signed" not in old
 

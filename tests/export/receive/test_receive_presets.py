@@ -15,12 +15,12 @@ from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
-from export.receive.__main__ import MAX_PRINTED_BITS, pair_values
 from export.receive.decoders import ShippedDecoder
 from export.receive.occlusion import Occlusion
 from export.receive.reader import DecodedPair
 from export.receive.receiver import Receiver, make_trackers
 from export.receive.states import DisplayState
+from export.receive.stream import MAX_PRINTED_BITS, pair_event
 from export.receive.tracking.patches import Tracker
 from export.receive.tracking.pilots import PilotTracker
 from export.runtime import Decoder
@@ -282,7 +282,7 @@ def test_few_bits_are_printed_and_many_where_scores_are(count: int) -> None:
     scores = np.resize([2.0, -2.0, 0.0], count)
     state = DisplayState(np.zeros((8, 8), np.uint8), np.ones((2, 2)), 3)
     pair = DecodedPair(7, 1.25, SoftBits(scores), state, state, 0.5)
-    plain, whole = pair_values(pair, scores=False), pair_values(pair, scores=True)
+    plain, whole = pair_event(pair, scores=False), pair_event(pair, scores=True)
     assert ("bits" in plain) == (count <= MAX_PRINTED_BITS)
     assert "scores" not in plain
     assert whole["bits"] == "".join("1" if score > 0 else "0" for score in scores)
