@@ -14,7 +14,7 @@ Preset = Annotated[str | None, "name of the preset whose layout is shown; null f
 
 
 class DisplayEvent(TypedDict):
-    """The display came into view of a film, or left it."""
+    """The display came into view of a film, or left it, or another one took its place."""
 
     event: Literal["display"]
     time: Annotated[float, "of the camera frame, seconds"]

@@ -105,7 +105,7 @@ export class Receiver {
       /** @type {FilmEvent[]} */
       const events = [];
       const seen = step.tracked;
-      if ((seen !== null) !== this.#inView) {
+      if ((seen !== null) !== this.#inView || (this.#inView && seen?.anew)) {
         this.#inView = seen !== null;
         const corners = seen && seen.corners.map((point) => point.map((at) => rounded(at, 2)));
         const preset = [...decoders].find(([, { layout }]) => layout === this.#receiver.layout);
