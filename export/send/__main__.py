@@ -35,13 +35,11 @@ MOVING = (
     "less well than those with patches, which --preset paper shows"
 )
 """What is said of several pictures on a layout with pilots (docs/receiver.md)."""
-NEEDED = (
-    "note: {:g} states a second need a camera of {:g} frames a second at least, and one of {:g} "
-    "reads them best; preset robust is for slow cameras"
-)
+NEEDED = "note: {:g} states a second need a camera of {:g} frames a second{}"
+BETTER = ", and one of {:g} reads them better; preset robust is for slow cameras"
 """What is said of the camera that reads what was written."""
 FLICKER = {
-    "seen": "note: the flicker is seen ({:.3g} times the threshold of sight), which may disturb "
+    "seen": "note: the flicker is plain to see ({:.3g} times the threshold of sight), which may disturb "
     "people who are sensitive to it",
     "flashes": "warning: the blocks flash more strongly than WCAG 2.2 (2.3.1) allows, which may "
     "cause seizures; choose a smaller --kappa",
@@ -266,7 +264,8 @@ def main() -> None:
     }
     report = write_loop(loop, args.out, len(message), state_hz, flicker=flicker, more=more)
     print(json.dumps({"out": str(args.out), **report}))
-    print(NEEDED.format(state_hz, camera_fps, better_fps), file=sys.stderr)
+    better = BETTER.format(better_fps) if better_fps > camera_fps else ""
+    print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)
     if flicker:
         print(FLICKER[flicker].format(hiding.seen(loop.kappa)), file=sys.stderr)
     if layout.pilots and not stand_still(pictures):

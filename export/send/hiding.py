@@ -22,6 +22,8 @@ from link.errors import ParameterError
 from link.layout import LUMINANCE_FROM_RGB, Layout
 from link.strength import even_factor, light_of_level
 
+PLAIN = 2.0
+"""Contrast over threshold above which flicker is called plain to see; 1 is just seen."""
 MOST_FLASHES, FLASH_LIGHT, FLASH_DARKER = 3, 0.1, 0.8
 """WCAG 2.2 (definition of the general flash and red flash thresholds): number of flashes a second
 that is safe, the least change of relative luminance that counts as one, and the relative luminance
@@ -128,7 +130,7 @@ class Hiding:
         Returns:
             "flashes" where it exceeds the general flash threshold of WCAG 2.2 (success criterion
             2.3.1) over some gray: more than `MOST_FLASHES` pairs of opposite changes a second by at
-            least `FLASH_LIGHT`; else "seen" where it is above the threshold of sight, or "".
+            least `FLASH_LIGHT`; else "seen" where it is above `PLAIN`, or "".
         """
         dark = np.arange(256)
         dark = dark[light_of_level(dark) < FLASH_DARKER]
@@ -136,7 +138,7 @@ class Hiding:
         change = light_of_level(np.minimum(dark + kappa * factor, 255)) - light_of_level(dark)
         if self.state_hz / 2 > MOST_FLASHES and change.max() >= FLASH_LIGHT:
             return "flashes"
-        return "seen" if self.seen(kappa) > 1 else ""
+        return "seen" if self.seen(kappa) > PLAIN else ""
 
     @property
     def _levels(self) -> tuple[Level, ...]:

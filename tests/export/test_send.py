@@ -141,7 +141,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def notes(done: Finished) -> list[str]:
     """What is said on stderr, but of flicker, and that the pictures of these tests are small."""
-    usual = ("looks coarse", "the flicker is seen", "the blocks flash")
+    usual = ("looks coarse", "the flicker is plain to see", "the blocks flash")
     return [line for line in done.stderr.splitlines() if not any(map(line.__contains__, usual))]
 
 
