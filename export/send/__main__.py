@@ -39,8 +39,8 @@ NEEDED = "note: {:g} states a second need a camera of {:g} frames a second{}"
 BETTER = ", and one of {:g} reads them better; preset robust is for slow cameras"
 """What is said of the camera that reads what was written."""
 FLICKER = {
-    "seen": "note: the flicker is plain to see ({:.3g} times the threshold of sight), which may disturb "
-    "people who are sensitive to it",
+    "seen": "note: the flicker is plain to see ({:.3g} times the threshold of sight), which may "
+    "disturb people who are sensitive to it",
     "flashes": "warning: the blocks flash more strongly than WCAG 2.2 (2.3.1) allows, which may "
     "cause seizures; choose a smaller --kappa",
 }
