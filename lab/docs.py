@@ -93,7 +93,7 @@ STEPS |= {
         "robust": "--presets robust",
         "fast": "--presets fast",
         "aspects": "--presets robust hidden --pairs canon-lg nikon-samsung sony-imac canon-imac "
-        "nikon-lg --sizes 2520 1080 1920 1080 1440 1080 1080 1080 1080 1440 1080 1920",
+        "nikon-lg --sizes 1260 540 960 540 720 540 540 540 540 720 540 960",
         "strength": "--presets hidden --sizes 1920 1080 --even True False --n-bytes 20000 "
         "--seconds 1.5",
     }.items()

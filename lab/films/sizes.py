@@ -89,13 +89,14 @@ def sizes_blocks(results: Mapping[str, Results[SizesContent]]) -> dict[str, str]
     """Tabulate all series of all stored results."""
     heads = (
         "preset", "display", "strength", "view", "read", "95 % interval", "wrong messages",
-        "seconds, median", "longest", "bits wrong %", "information, bits a block and pair",
+        "seconds, median", "longest", "bits wrong %", "median film", "information, bits a block and pair",
     )  # fmt: skip
     words = {None: "preset's", True: "even", False: "alike"}
     rows = []
     for series in (each for stored in results.values() for each in stored.content.series):
         runs = pd.DataFrame([vars(run) for run in series.runs])
         came, decided = runs[runs["delivered"]], int(runs["bits"].sum())
+        read = runs[runs["bits"] > 0]
         bins = merge_bins([run.bins for run in series.runs])
         rows.append(
             [
@@ -109,6 +110,7 @@ def sizes_blocks(results: Mapping[str, Results[SizesContent]]) -> dict[str, str]
                 f"{came['seconds'].median():.2f}" if len(came) else "–",
                 f"{came['seconds'].max():.2f}" if len(came) else "–",
                 percent(runs["bits_wrong"].sum() / max(1, decided)),
+                percent((read["bits_wrong"] / read["bits"]).median()) if len(read) else "–",
                 f"{binned_information(bins, decided):.3f}",
             ]
         )
