@@ -89,7 +89,8 @@ def sizes_blocks(results: Mapping[str, Results[SizesContent]]) -> dict[str, str]
     """Tabulate all series of all stored results."""
     heads = (
         "preset", "display", "strength", "view", "read", "95 % interval", "wrong messages",
-        "seconds, median", "longest", "bits wrong %", "median film", "information, bits a block and pair",
+        "seconds, median", "longest", "bits wrong %", "median film",
+        "information, bits a block and pair",
     )  # fmt: skip
     words = {None: "preset's", True: "even", False: "alike"}
     rows = []
