@@ -87,4 +87,4 @@ def typescript_of(schema: dict[str, Any]) -> str:
         "array": f"{typescript_of(schema['items'])}[]" if "items" in schema else "",
         "object": "Record<string, number>",
     }
-    return " | ".join(names.get(kind, kind) for kind in kinds)
+    return " | ".join(str(names.get(kind, kind)) for kind in kinds)
