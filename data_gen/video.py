@@ -43,7 +43,7 @@ FILMED_PRESET = "paper"
 """Name of the preset that is filmed where no other is asked for: the quickest to simulate."""
 FILMED = VideoSettings(scene=replace(VideoSettings().scene, coverage=0.35), seconds=10.0)
 """Stream where flags are absent. The display covers a third of the image, as where somebody wants
-its message; so large, the receiver reads every preset at 0°, even below a mostly black picture."""
+its message; so large, the receiver reads every preset at 0°."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +64,9 @@ class FilmConfig(CellFlags):
     """Gray levels of [0, 255] added where a bit is 1."""
     shown: int = 1
     """Pictures that the display shows in turn, a frame pair each; 1 for a static picture."""
-    first: int = 0
-    """Number of the first picture that the display shows."""
+    first: int = 3
+    """Number of the first picture that the display shows; the first of all is a mostly black poster,
+    which carries little."""
     stream: OmitArgPrefixes[VideoSettings] = FILMED
     """Rates, camera, room, and what disturbs the stream; None is drawn at random."""
     codec: CodecSettings = field(default_factory=CodecSettings)

@@ -29,6 +29,10 @@ message would vanish. Displays may clip the top 4 % of grays (a Samsung SyncMast
 contrast does). At black, kappa is worth a twentieth of what it is at 16, while 16 emits just 0.2 %
 of white, about an LCD's black."""
 
+BLACK = 5
+"""Least level to which the knee of antipodal pictures lifts black, about 0.9 CIEDE2000. The same
+change gives a quarter of the light there that it gives over `BOTTOM`, and over level 1 a thirtieth.
+"""
 BEFORE = {"on_off": 0.0, "antipodal": 0.5}
 """By the name of a modulation the share of a block's change by which the original frame lies below
 the picture; the embedded frame lies above the picture by the rest."""
@@ -67,8 +71,8 @@ def with_head_room(
     With "on_off" all levels are scaled to those from which kappa leads to none outside
     [BOTTOM, TOP]. With "antipodal" a soft knee bends the ends alone: let m be half the change,
     rounded up; a level v below 2 m becomes m + v² / 4 m, levels near white likewise, and all others
-    stay as they are. All channels get the room that the one with the largest change needs, so that
-    grays stay gray.
+    stay as they are. Near black, where displays emit next to nothing, m is at least `BLACK`. All
+    channels get the room that the one with the largest change needs, so that grays stay gray.
 
     Args:
         picture: (height, width) or (height, width, 3) uint8, encoded.
@@ -81,7 +85,7 @@ def with_head_room(
         uint8 of the same shape.
 
     >>> with_head_room(np.array([[0, 2, 128, 255]], np.uint8), 3, "antipodal").tolist()
-    [[2, 2, 128, 253]]
+    [[5, 5, 128, 253]]
     """
     if modulation == "on_off":
         changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
@@ -95,11 +99,13 @@ def with_head_room(
 
 
 def _knee(room: int) -> NDArray[np.uint8]:
-    """Array (256,) of levels that keep a distance, `room`, from black and white; 1 to 64."""
-    dark = np.arange(128)
-    bent = dark if room == 0 else np.where(dark < 2 * room, room + dark**2 / (4 * room), dark)
-    low = bent.round().astype(np.uint8)
-    return np.concatenate([low, 255 - low[::-1]])
+    """Array (256,) of levels that keep a distance, ``room`` up to 64, from black and white."""
+    levels = np.arange(128)
+    dark, bright = (
+        np.where(levels < 2 * m, m + levels**2 / (4 * max(m, 1)), levels).round().astype(np.uint8)
+        for m in (max(room, BLACK), room)
+    )
+    return np.concatenate([dark, 255 - bright[::-1]])
 
 
 def block_changes(bits: ArrayLike, layout: Layout) -> NDArray[np.float32]:
