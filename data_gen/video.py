@@ -65,7 +65,7 @@ class FilmConfig(CellFlags):
     shown: int = 1
     """Pictures that the display shows in turn, a frame pair each; 1 for a static picture."""
     first: int = 3
-    """Number of the first picture that the display shows; the first of all is a mostly black poster,
+    """Number of the first picture that the display shows; number 0 is a mostly black poster,
     which carries little."""
     stream: OmitArgPrefixes[VideoSettings] = FILMED
     """Rates, camera, room, and what disturbs the stream; None is drawn at random."""
