@@ -44,6 +44,8 @@ THREE = "--pairs canon-lg nikon-imac sony-samsung"
 """Flags of the deliveries that are measured with three camera-display pairs."""
 RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
 """Flags of the rates that are measured with three camera-display pairs."""
+SHOWN = "--sizes 512 384 1920 1080 1080 1920"
+"""Flags of the films of displays of three sizes."""
 STEPS = {
     "table": "",
     "channel": "lab channel --keep",
@@ -89,11 +91,10 @@ STEPS |= {
 STEPS |= {
     f"sizes_{name}": f"lab sizes {flags} --keep"
     for name, flags in {
-        "hidden": "--presets hidden",
-        "robust": "--presets robust",
-        "fast": "--presets fast",
-        "aspects": "--presets robust hidden --pairs canon-lg nikon-samsung sony-imac canon-imac "
-        "nikon-lg --sizes 1260 540 960 540 720 540 540 540 540 720 540 960",
+        "hidden": f"--presets hidden {SHOWN}",
+        "robust": f"--presets robust {SHOWN}",
+        "aspects": "--presets robust hidden --sizes 1260 540 960 540 720 540 540 540 540 720 540 "
+        "960 --pairs canon-lg nikon-samsung sony-imac canon-imac nikon-lg",
         "strength": "--presets hidden --sizes 1920 1080 --even True False --n-bytes 20000 "
         "--seconds 1.5",
     }.items()

@@ -30,9 +30,9 @@ contrast does). At black, kappa is worth a twentieth of what it is at 16, while 
 of white, about an LCD's black."""
 
 BLACK = 5
-"""Least level to which the knee of antipodal pictures lifts black, about 0.9 CIEDE2000. The same
-change gives a quarter of the light there that it gives over `BOTTOM`, and over level 1 a thirtieth.
-"""
+"""Levels to which the knee of antipodal pictures lifts black, times kappa; at most `BOTTOM`. With a
+kappa of 1 that is about 0.9 CIEDE2000, and a quarter of the light that a change over `BOTTOM` gives,
+where over level 1 it is a thirtieth. A larger kappa is seen anyway."""
 BEFORE = {"on_off": 0.0, "antipodal": 0.5}
 """By the name of a modulation the share of a block's change by which the original frame lies below
 the picture; the embedded frame lies above the picture by the rest."""
@@ -71,7 +71,7 @@ def with_head_room(
     With "on_off" all levels are scaled to those from which kappa leads to none outside
     [BOTTOM, TOP]. With "antipodal" a soft knee bends the ends alone: let m be half the change,
     rounded up; a level v below 2 m becomes m + v² / 4 m, levels near white likewise, and all others
-    stay as they are. Near black, where displays emit next to nothing, m is at least `BLACK`. All
+    stay as they are. Near black, where displays emit next to nothing, m is at least `BLACK` κ. All
     channels get the room that the one with the largest change needs, so that grays stay gray.
 
     Args:
@@ -85,7 +85,7 @@ def with_head_room(
         uint8 of the same shape.
 
     >>> with_head_room(np.array([[0, 2, 128, 255]], np.uint8), 3, "antipodal").tolist()
-    [[5, 5, 128, 253]]
+    [[15, 15, 128, 253]]
     """
     if modulation == "on_off":
         changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
@@ -93,17 +93,23 @@ def with_head_room(
         levels = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
         return levels[picture]
     room = np.ceil(np.asarray(kappa) * np.abs(COLOURS[colour]).max() / 2).astype(np.intp)
-    knees = np.stack([_knee(levels) for levels in range(int(room.max()) + 1)])
+    black = min(BOTTOM, round(BLACK * float(np.min(kappa))))
+    knees = np.stack([_knee(levels, black) for levels in range(int(room.max()) + 1)])
     wide = room[..., None] if room.ndim and picture.ndim == 3 else room
     return np.asarray(knees[wide, picture])
 
 
-def _knee(room: int) -> NDArray[np.uint8]:
-    """Array (256,) of levels that keep a distance, ``room`` up to 64, from black and white."""
+def _knee(room: int, black: int) -> NDArray[np.uint8]:
+    """Array (256,) of levels that keep a distance, ``room`` up to 64, from black and white.
+
+    Args:
+        room: levels, at most 64.
+        black: least level, at most 64.
+    """
     levels = np.arange(128)
     dark, bright = (
         np.where(levels < 2 * m, m + levels**2 / (4 * max(m, 1)), levels).round().astype(np.uint8)
-        for m in (max(room, BLACK), room)
+        for m in (max(room, black), room)
     )
     return np.concatenate([dark, 255 - bright[::-1]])
 

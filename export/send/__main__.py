@@ -36,8 +36,9 @@ MOVING = (
 )
 """What is said of several pictures on a layout with pilots (docs/receiver.md)."""
 NEEDED = "note: {:g} states a second need a camera of {:g} frames a second{}"
-BETTER = ", and one of {:g} reads them better; preset robust is for slow cameras"
 """What is said of the camera that reads what was written."""
+BETTER = ", and one of {:g} reads them better; preset robust is for slow cameras"
+"""What is said where a quicker camera helps."""
 FLICKER = {
     "seen": "note: the flicker is plain to see ({:.3g} times the threshold of sight), which may "
     "disturb people who are sensitive to it",

@@ -175,7 +175,7 @@ def test_parts_of_runs_refuse_a_folder_that_is_being_written(tmp_path: Path) -> 
         assert files_in(tmp_path) == before
 
 
-SEND = f"{ROOT / 'docs' / 'overview.jpg'} --message a"
+SEND = f"{ROOT / 'docs' / 'framing.png'} --message a"
 FILM_OF_ONE_FRAME = "--message a --seconds 0.02 --size 160 120"
 EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods naive"
 
