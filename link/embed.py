@@ -31,8 +31,8 @@ of white, about an LCD's black."""
 
 BLACK = 5
 """Levels to which the knee of antipodal pictures lifts black, times kappa; at most `BOTTOM`. With a
-kappa of 1 that is about 0.9 CIEDE2000, and a quarter of the light that a change over `BOTTOM` gives,
-where over level 1 it is a thirtieth. A larger kappa is seen anyway."""
+kappa of 1 that is about 0.9 CIEDE2000, and a change gives a quarter of the light that it gives over
+`BOTTOM`, where over level 1 it gives a thirtieth. A larger kappa is seen anyway."""
 BEFORE = {"on_off": 0.0, "antipodal": 0.5}
 """By the name of a modulation the share of a block's change by which the original frame lies below
 the picture; the embedded frame lies above the picture by the rest."""
