@@ -33,6 +33,8 @@ BLACK = 5
 """Levels to which the knee of antipodal pictures lifts black, times kappa; at most `BOTTOM`. With a
 kappa of 1 that is about 0.9 CIEDE2000, and a change gives a quarter of the light that it gives over
 `BOTTOM`, where over level 1 it gives a thirtieth. A larger kappa is seen anyway."""
+WHITE = 5
+"""Levels by which the knee lowers white, times kappa less 1; at most to `TOP`."""
 BEFORE = {"on_off": 0.0, "antipodal": 0.5}
 """By the name of a modulation the share of a block's change by which the original frame lies below
 the picture; the embedded frame lies above the picture by the rest."""
@@ -62,54 +64,54 @@ def check_kappa(kappa: int, name: str = "kappa") -> int:
 
 def with_head_room(
     picture: NDArray[np.uint8],
-    kappa: float | NDArray[np.floating],
+    kappa: int,
     modulation: str = "on_off",
     colour: str = "gray",
+    levels: NDArray[np.floating] | None = None,
 ) -> NDArray[np.uint8]:
     """Change a picture so that no change of its blocks leads out of the levels of a display.
 
     With "on_off" all levels are scaled to those from which kappa leads to none outside
     [BOTTOM, TOP]. With "antipodal" a soft knee bends the ends alone: let m be half the change,
     rounded up; a level v below 2 m becomes m + v² / 4 m, levels near white likewise, and all others
-    stay as they are. Near black, where displays emit next to nothing, m is at least `BLACK` κ. All
-    channels get the room that the one with the largest change needs, so that grays stay gray.
+    stay as they are. Near black, where displays emit next to nothing, m is at least `BLACK` κ; near
+    white, where some displays clip, at least `WHITE` (κ - 1). All channels get the room that the
+    one with the largest change needs, so that grays stay gray.
 
     Args:
         picture: (height, width) or (height, width, 3) uint8, encoded.
-        kappa: gray levels by which blocks will change; (height, width) where it differs from pixel
-            to pixel, which "antipodal" alone allows.
+        kappa: gray levels by which blocks will change, at least.
         modulation: a key of `link.layout.MODULATIONS`.
         colour: key of `link.layout.COLOURS`; where it darkens a channel, that needs room as well.
+        levels: (height, width) by which each pixel's block will change, which "antipodal" alone
+            allows; None where all change by ``kappa``.
 
     Returns:
         uint8 of the same shape.
 
     >>> with_head_room(np.array([[0, 2, 128, 255]], np.uint8), 3, "antipodal").tolist()
-    [[15, 15, 128, 253]]
+    [[15, 15, 128, 245]]
     """
     if modulation == "on_off":
         changes = kappa * np.outer(MODULATIONS[modulation], COLOURS[colour])
         below, above = (int(np.ceil(max(0, side))) for side in (-changes.min(), changes.max()))
-        levels = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
-        return levels[picture]
-    room = np.ceil(np.asarray(kappa) * np.abs(COLOURS[colour]).max() / 2).astype(np.intp)
-    black = min(BOTTOM, round(BLACK * float(np.min(kappa))))
-    knees = np.stack([_knee(levels, black) for levels in range(int(room.max()) + 1)])
+        scaled = np.linspace(BOTTOM + below, TOP - above, 256).round().astype(np.uint8)
+        return scaled[picture]
+    room = np.ceil(
+        np.asarray(kappa if levels is None else levels) * np.abs(COLOURS[colour]).max() / 2
+    ).astype(np.intp)
+    black, white = min(BOTTOM, BLACK * kappa), min(255 - TOP, WHITE * (kappa - 1))
+    knees = np.stack([_knee(max(m, black), max(m, white)) for m in range(int(room.max()) + 1)])
     wide = room[..., None] if room.ndim and picture.ndim == 3 else room
     return np.asarray(knees[wide, picture])
 
 
-def _knee(room: int, black: int) -> NDArray[np.uint8]:
-    """Array (256,) of levels that keep a distance, ``room`` up to 64, from black and white.
-
-    Args:
-        room: levels, at most 64.
-        black: least level, at most 64.
-    """
+def _knee(black: int, white: int) -> NDArray[np.uint8]:
+    """Array (256,) of levels that keep distances, up to 64 levels, from black and from white."""
     levels = np.arange(128)
     dark, bright = (
         np.where(levels < 2 * m, m + levels**2 / (4 * max(m, 1)), levels).round().astype(np.uint8)
-        for m in (max(room, black), room)
+        for m in (black, white)
     )
     return np.concatenate([dark, 255 - bright[::-1]])
 
@@ -225,7 +227,7 @@ def levels_by_step(kappa: int) -> NDArray[np.float64]:
 
 def levels_of_steps(
     kappa: int, steps: NDArray[np.uint8] | None, layout: Layout
-) -> float | NDArray[np.float64]:
+) -> NDArray[np.float64] | None:
     """Turn steps of strength into gray levels by which each pixel's block changes.
 
     Args:
@@ -234,11 +236,9 @@ def levels_of_steps(
         layout: grid of the blocks.
 
     Returns:
-        ``kappa``, or (height, width) levels of at most `MAX_KAPPA`.
+        (height, width) levels of at most `MAX_KAPPA`, or None where there are no steps.
     """
-    if steps is None:
-        return float(kappa)
-    return np.asarray(levels_by_step(kappa)[steps][block_grid(layout)])
+    return None if steps is None else levels_by_step(kappa)[steps][block_grid(layout)]
 
 
 def embed(
@@ -291,9 +291,9 @@ def embed(
             f"picture has one channel, colour {layout.colour!r} needs three; give an RGB picture"
         )
     levels = levels_of_steps(kappa, steps, layout)
-    shown = with_head_room(picture, levels, layout.modulation, layout.colour)
-    change = levels * message_mask(bits, layout, pyramid_level)
-    change = (change.round() if steps is None else change).astype(np.float64)
+    shown = with_head_room(picture, kappa, layout.modulation, layout.colour, levels)
+    mask = message_mask(bits, layout, pyramid_level)
+    change = ((kappa * mask).round() if levels is None else levels * mask).astype(np.float64)
     if picture.ndim == 3:
         change = change[:, :, None] * ((1.0,) if layout.colour == "gray" else layout.direction)
     below, above = split_change(change, BEFORE[layout.modulation], turned)

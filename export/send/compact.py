@@ -133,7 +133,7 @@ class Compact:
         """
         layout = self.layout
         levels = levels_of_steps(self.kappa, steps, layout)
-        shown = with_head_room(picture, levels, layout.modulation, layout.colour)
+        shown = with_head_room(picture, self.kappa, layout.modulation, layout.colour, levels)
         draw_patches(shown, layout, self.kappa, embedded=False)
         return shown
 

@@ -16,6 +16,7 @@ from link.embed import (
     BOTTOM,
     MAX_KAPPA,
     TOP,
+    WHITE,
     check_kappa,
     embed,
     levels_of_steps,
@@ -208,11 +209,12 @@ def test_a_knee_bends_the_ends_of_the_tones_alone(kappa: int) -> None:
     shown = with_head_room(levels, kappa, "antipodal")[0].astype(int)
     room = -(-kappa // 2)
     low = max(room, min(BOTTOM, BLACK * kappa))
-    assert (shown[0], shown[-1]) == (low, 255 - room)
-    inside = slice(2 * low, 256 - 2 * room)
+    high = max(room, min(255 - TOP, WHITE * (kappa - 1)))
+    assert (shown[0], shown[-1]) == (low, 255 - high)
+    inside = slice(2 * low, 256 - 2 * high)
     np.testing.assert_array_equal(shown[inside], levels[0, inside])
     assert (np.diff(shown) >= 0).all()
-    assert np.abs(shown - levels[0]).max() <= low
+    assert np.abs(shown - levels[0]).max() <= max(low, high)
 
 
 @channels_both
@@ -224,8 +226,8 @@ def test_the_mean_of_two_pairs_is_the_picture_in_every_pixel(
     """Where a block has the same bit twice, and between blocks where it has not."""
     picture = noise(PILOTS, *channels)
     steps = block_steps(picture, PILOTS) if seed else None
-    level = levels_of_steps(kappa, steps, PILOTS)
-    shown = planes(with_head_room(picture, level, "antipodal"))
+    levels = levels_of_steps(kappa, steps, PILOTS)
+    shown = planes(with_head_room(picture, kappa, "antipodal", "gray", levels))
     first, second = random_bits(PILOTS, seed), random_bits(PILOTS, seed + 1)
     total = np.zeros(shown.shape, int)
     for bits in (first, second):
@@ -396,7 +398,7 @@ def test_chroma_frames_stay_within_the_displays_range(
 
 def test_head_room_of_chroma_keeps_grays_gray() -> None:
     ramp = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
-    for modulation, ends in (("on_off", (BOTTOM + 3, TOP - 10)), ("antipodal", (BOTTOM, 250))):
+    for modulation, ends in (("on_off", (BOTTOM + 3, TOP - 10)), ("antipodal", (BOTTOM, TOP))):
         shown = with_head_room(ramp, 10, modulation, "chroma")
         assert (shown == shown[:, :1]).all()
         assert (shown[0, 0], shown[-1, 0]) == ends
