@@ -232,7 +232,7 @@ class LoopStates:
     A state is made when it is asked for, because those of a long loop would fill the memory.
 
     >>> gray = np.full((48, 64, 3), 128, np.uint8)
-    >>> loop = Loop(Layout(4, 4, 64, 48), 3, np.ones((2, 16), np.uint8), lambda: iter([gray]))
+    >>> loop = Loop(Layout(4, 4, 64, 48, ()), 3, np.ones((2, 16), np.uint8), lambda: iter([gray]))
     >>> states = LoopStates(loop)
     >>> len(states), int(states[2].max()), int(states[3].max())
     (4, 129, 132)
