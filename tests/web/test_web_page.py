@@ -553,7 +553,7 @@ def test_a_camera_that_sees_no_display_keeps_looking(browser, address, wall) -> 
     with open_page(browser, camera_flags(wall)) as page:
         page.goto(address[0])
         wait_for(page, lambda: text_of(page, "status") == "Looking for the display")
-        wait_for(page, lambda: "come closer" in text_of(page, "advice"))
+        wait_for(page, lambda: "Fit the whole display" in text_of(page, "advice"))
         for _ in range(30):
             assert text_of(page, "status") == "Looking for the display"
             assert text_of(page, "message") == ""
