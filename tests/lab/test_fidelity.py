@@ -1,12 +1,11 @@
 """How much a message changes the picture: hardly with antipodal blocks, plainly with patches."""
 
-from pathlib import Path
-
 import pytest
 from conftest import slow
 
 from data_gen.pictures.library import load_pictures
 from lab.visibility.fidelity import PICTURES, Shown, changed_colours
+from link.embed import BLACK
 
 
 def test_all_pictures_are_there_and_none_counts_twice() -> None:
@@ -16,15 +15,14 @@ def test_all_pictures_are_there_and_none_counts_twice() -> None:
 
 
 @pytest.mark.parametrize(
-    ("preset", "most"), [("hidden", 0.5), slow("robust", 0.5), slow("paper", None)]
+    ("preset", "most"), [("hidden", BLACK), slow("robust", 3 * BLACK), slow("paper", None)]
 )
-def test_patches_change_the_picture_and_pilots_do_not(
-    preset: str, most: float | None, tmp_path: Path
-) -> None:
+def test_patches_change_the_picture_and_pilots_do_not(preset: str, most: int | None) -> None:
     found = changed_colours(Shown(preset, "slide/4", "test"))
     assert 0 <= found["mean"] <= found["high"]
     if most is None:
         assert found["mean"] > 2
     else:
-        assert found["high"] <= most
-        assert found["levels"] <= 2
+        assert found["levels"] <= most
+    if preset == "hidden":
+        assert found["high"] <= 1  # which is just noticeable
