@@ -225,7 +225,7 @@ class FramePair:
 
     @property
     def _display_layout(self) -> Layout:
-        return replace(self.source.display_layout, ratex=self.layout.ratex)
+        return self.layout.resized(*self.source.shown_size)
 
     def _generators(self) -> tuple[np.random.Generator, np.random.Generator]:
         """Return new generators of the message and of the channel."""
