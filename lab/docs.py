@@ -51,17 +51,12 @@ STEPS = {
     "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
     "fidelity": "lab fidelity --keep",
-    "prediction": "lab prediction --keep",
     "ablation": "lab ablation --keep",
     "ideal": (
         "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
         "--frames 8 --label ideal --keep"
     ),
     "paper": ("lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"),
-    "repeats": "lab repeats --frames 6 --keep",
-    "frontier": "lab frontier --keep",
-    "pilots": "lab pilots --keep",
-    "framing": "lab framing --wrong --keep",
     "codecs": "lab codecs --variants lossless h264-8000 h264-4000 --runs 3 --keep",
     "delivery": "lab delivery --runs 6 --keep",
 }

@@ -7,12 +7,9 @@ from typing import Any
 
 from lab.comparison.ablation.results import AblationEntry
 from lab.comparison.ablation.study import STUDY as ABLATION
-from lab.comparison.framing import STUDY as FRAMING
-from lab.comparison.repeats import STUDY as REPEATS
 from lab.study import Results, Study, stored_results
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
-from reports.score.intervals import wilson
 
 HARDER = {
     "kappa1": "κ 1, 45°",
@@ -55,51 +52,19 @@ def harder_table(docs: Path) -> str:
     return Table(["bits wrong, %", *HARDER.values()], rows).markdown()
 
 
-def measured_table(docs: Path) -> str:
-    """Show single results with their number of bits, and the command that measured each."""
-    answers = (against_oorc, repeated, wrong_messages)
-    heads = ["question", "measured (simulated)", "by", "bits"]
-    return Table(heads, [answer(docs) for answer in answers], left=3).markdown()
-
-
-def against_oorc(docs: Path) -> list[str]:
-    """Compare `learned` with OORC in the paper's cells."""
+def against_oorc(docs: Path) -> str:
+    """Compare `learned` with OORC in the paper's cells, with the command that did it."""
     results = stored(ABLATION, docs, "paper")
     entries = by_place(results)
     ours, theirs = entries["learned", "paper"], entries["oorc", "paper"]
     paired = ours.against["oorc"]
     cells = [cell for cell in results.content.behind_oorc if cell.row == "learned"]
-    result = (
-        f"{ours.errors:,} wrong bits to {theirs.errors:,}: {percent(paired.ratio, 1)} % "
-        f"({share_interval(paired.ratio_low, paired.ratio_high or 0.0, 1)}); behind in "
-        f"{len(cells)} of 36 cells"
+    return (
+        f"Of {ours.bits:,} simulated bits in the paper’s cells `learned` reads {ours.errors:,} "
+        f"wrong and `oorc` {theirs.errors:,}. That is {percent(paired.ratio, 1)} % of them "
+        f"(95 % interval {share_interval(paired.ratio_low, paired.ratio_high or 0.0, 1)}), and "
+        f"`learned` is behind in {len(cells)} of 36 cells (`{results.meta['command']}`)."
     )
-    asked = "`learned` against `oorc` in the paper’s cells"
-    return [asked, result, made_by(results), f"{ours.bits:,}"]
-
-
-def repeated(docs: Path) -> list[str]:
-    """State what several captures of one frame pair bring."""
-    results = stored(REPEATS, docs)
-    content = results.content
-    row = next(r for r in content.rows if (r.layout, r.condition) == ("ratex", "kappa1"))
-    parts = [
-        f"{percent(wrong / row.bits, 1)} % ({share_interval(*wilson(wrong, row.bits), 1)}) "
-        f"after {count}"
-        for count, wrong in zip(content.captures, row.wrong["one fit"], strict=True)
-    ]
-    asked = "κ 1, 45°: wrong bits after several captures of one frame pair, in one fit"
-    return [asked, ", ".join(parts), made_by(results), f"{row.bits:,}"]
-
-
-def wrong_messages(docs: Path) -> list[str]:
-    """State how many messages came that were not sent."""
-    results = stored(FRAMING, docs)
-    parts = [
-        f"{row.wrong} of {row.decodes:,} decodes (scores: {row.scores})"
-        for row in results.content.wrong
-    ]
-    return ["messages delivered that were not sent", "; ".join(parts), made_by(results), ""]
 
 
 def stored(study: Study[Any, Any], docs: Path, label: str = "") -> Results[Any]:
@@ -110,11 +75,6 @@ def stored(study: Study[Any, Any], docs: Path, label: str = "") -> Results[Any]:
 def by_place(results: Results[Any]) -> dict[tuple[str, str], AblationEntry]:
     """Entries of an ablation by row and condition."""
     return {(entry.row, entry.condition): entry for entry in results.content.entries}
-
-
-def made_by(results: Results[Any]) -> str:
-    """Write the command that made results, as code."""
-    return f"`{results.meta['command']}`"
 
 
 @dataclass(frozen=True)
@@ -131,7 +91,7 @@ README, RESULTS = Path("README.md"), Path("docs/results.md")
 """Pages that hold more than one study's numbers."""
 BLOCKS = {
     "table": Block(README, main_table),
-    "measured": Block(RESULTS, measured_table),
+    "measured": Block(RESULTS, against_oorc),
     "harder": Block(RESULTS, harder_table),
 }
 """Blocks by the name in their markers; those of single studies are written with their results."""

@@ -322,7 +322,7 @@ import_module("export.send.__main__").main()
 
 
 def test_sender_and_receiver_do_without_locks_where_the_system_has_none(tmp_path: Path) -> None:
-    result = run_without(["fcntl"], SEND_UNLOCKED, tmp_path, ROOT / "docs" / "framing.png")
+    result = run_without(["fcntl"], SEND_UNLOCKED, tmp_path, ROOT / "docs" / "ablation.png")
     assert result.returncode == 0, result.stderr
     assert [file.name for file in tmp_path.iterdir()] == ["x.html"]
 

@@ -175,7 +175,7 @@ def test_parts_of_runs_refuse_a_folder_that_is_being_written(tmp_path: Path) -> 
         assert files_in(tmp_path) == before
 
 
-SEND = f"{ROOT / 'docs' / 'framing.png'} --message a"
+SEND = f"{ROOT / 'docs' / 'ablation.png'} --message a"
 FILM_OF_ONE_FRAME = "--message a --seconds 0.02 --size 160 120"
 EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods naive"
 
@@ -185,7 +185,7 @@ EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods 
     [
         ("evaluate", EVALUATE, "run", ""),
         ("train", "--episodes 1 --jobs 1", "run", ""),
-        ("lab.__main__", "repeats --frames 1", "run", ""),
+        ("lab.__main__", "channel --frames 2", "run", ""),
         ("data_gen.__main__", "--frames 1", "captures", ""),
         ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
         ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),

@@ -116,9 +116,9 @@ def test_results_that_something_else_wrote_are_refused(content: str, tmp_path: P
     ("words", "says"),
     [
         (["x"], "unknown study 'x'; choose one of: "),
-        (["pilots", "--jobs", "0"], "--jobs: need at least 1"),
-        (["pilots", "--seed", "-1"], "--seed: need 0 to"),
-        (["pilots", "--nothing"], "Unrecognized options: --nothing"),
+        (["channel", "--jobs", "0"], "--jobs: need at least 1"),
+        (["channel", "--seed", "-1"], "--seed: need 0 to"),
+        (["channel", "--nothing"], "Unrecognized options: --nothing"),
     ],
 )
 def test_a_wrong_word_is_refused_before_any_work(
