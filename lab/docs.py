@@ -89,8 +89,6 @@ STEPS |= {
         "hidden": f"--presets hidden {SHOWN}",
         "robust": f"--presets robust {SHOWN}",
         "fast": f"--presets fast {SHOWN} {RATES_THREE}",
-        "aspects": "--presets robust hidden --sizes 1260 540 960 540 720 540 540 540 540 720 540 "
-        "960 --pairs canon-lg nikon-samsung sony-imac canon-imac nikon-lg",
         "strength": "--presets hidden --sizes 1920 1080 --even True False --n-bytes 20000 "
         "--seconds 1.5",
     }.items()

@@ -89,7 +89,7 @@ def sizes_blocks(results: Mapping[str, Results[SizesContent]]) -> dict[str, str]
     """Tabulate all series of all stored results."""
     heads = (
         "preset", "display", "strength", "view", "read", "95 % interval", "wrong messages",
-        "seconds, median", "longest", "bits wrong %", "median film",
+        "seconds, median", "longest", "bits wrong %, median film",
         "information, bits a block and pair",
     )  # fmt: skip
     words = {None: "preset's", True: "even", False: "alike"}
@@ -110,7 +110,6 @@ def sizes_blocks(results: Mapping[str, Results[SizesContent]]) -> dict[str, str]
                 str(int(runs["wrong"].sum())),
                 f"{came['seconds'].median():.2f}" if len(came) else "–",
                 f"{came['seconds'].max():.2f}" if len(came) else "–",
-                percent(runs["bits_wrong"].sum() / max(1, decided)),
                 percent((read["bits_wrong"] / read["bits"]).median()) if len(read) else "–",
                 f"{binned_information(bins, decided):.3f}",
             ]
