@@ -61,8 +61,8 @@ class EvaluateConfig(SourceFlags):
     """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three
     minutes on two cores."""
     protocol: str = "fair"
-    """How thresholds are set: "fair" (in each frame pair), "paper", or another of
-    reports/engine/protocols.py."""
+    """How thresholds are set: "fair" (in each frame pair), or "paper" (fixed, as the paper has
+    them)."""
     out: Path = Path("runs/evaluation")
     """Folder for predictions.jsonl, metrics.json, tables.md and report.html. A run of the same
     settings that was cut off goes on there; a folder that holds another run is refused, and so is
@@ -176,8 +176,8 @@ def check(config: EvaluateConfig) -> None:
 
 def comparison_of(config: EvaluateConfig) -> Condition:
     """Return the main comparison that the flags describe, or raise an `InputError`."""
-    protocol = choose(PROTOCOLS, config.protocol, "protocol")
-    source = replace(config.source(), ratex_kappa=protocol.ratex_kappa)
+    choose(PROTOCOLS, config.protocol, "protocol")
+    source = config.source()
     for pair in config.pairs:
         source.pair(pair)
     cells = paper_cells(config.pairs, config.views, config.kappas)

@@ -24,15 +24,11 @@ from link.errors import at_least
 from link.frames import Rectified
 from link.images import as_batch, intensity
 from models import find_graph
-from models.classical.common import training_samples
+from models.classical.common import require_ratex
 from models.classical.oorc import OORC, explicit_map
 
 REFERENCE = "two warpPerspective"
 """Name of what all times are divided by."""
-MAX_SVM_SAMPLES = 3000
-"""Largest number of pixels on which scikit-learn's SVMs are timed; five ratex patches have 2,880.
-Pilots have as many as 50,000, on which `SVC` takes minutes. The table says where there were
-more."""
 CAPTURE = (720, 960)
 """Rows and columns of the capture that the two reference warps rectify."""
 
@@ -93,28 +89,30 @@ def timed_actions(
     H_captured_from_display = np.array([[1.6, 0.1, 40], [0.05, 1.6, 30], [1e-4, 1e-4, 1]])
     size = (layout.width, layout.height)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    maps = explicit_map(intensity(pair.original), intensity(pair.embedded))
-    u, labels = training_samples(pair, maps, "pixel")
-    u = u / np.sqrt((u**2).mean(axis=0))
-    samples = "fit alone"
-    if len(u) > MAX_SVM_SAMPLES:
-        samples = f"fit alone, {MAX_SVM_SAMPLES} of {len(u)} pixels"
-        some = np.linspace(0, len(u) - 1, MAX_SVM_SAMPLES).astype(np.intp)
-        u, labels = u[some], labels[some]
     batches = as_batch(pair.original), as_batch(pair.embedded)
 
     def two_warps() -> None:
         for _ in range(2):
             cv2.warpPerspective(capture, H_captured_from_display, size, flags=flags)
 
-    return {
+    actions: dict[str, Callable[[], object]] = {
         REFERENCE: two_warps,
         "decoder.onnx, fit and decision": lambda: decoder.run(*batches),
-        f"scikit-learn LinearSVC, {samples}": lambda: LinearSVC(
-            loss="squared_hinge", dual=False, tol=1e-6, max_iter=5000
-        ).fit(u, labels),
-        f"scikit-learn SVC (linear), {samples}": lambda: SVC(kernel="linear").fit(u, labels),
         "method oorc, fit and decision": lambda: OORC().decode(pair),
+    }
+    return actions | (fits_of_svms(pair) if layout.ratex else {})
+
+
+def fits_of_svms(pair: Rectified) -> dict[str, Callable[[], object]]:
+    """Prepare fits of scikit-learn's SVMs to the single pixels of a frame pair's ratex patches."""
+    pixels = require_ratex(pair)
+    maps = explicit_map(intensity(pair.original), intensity(pair.embedded))
+    u = maps[pixels.y, pixels.x]
+    u = u / np.sqrt((u**2).mean(axis=0))
+    linear = LinearSVC(loss="squared_hinge", dual=False, tol=1e-6, max_iter=5000)
+    return {
+        "scikit-learn LinearSVC, fit alone": lambda: linear.fit(u, pixels.label),
+        "scikit-learn SVC (linear), fit alone": lambda: SVC(kernel="linear").fit(u, pixels.label),
     }
 
 

@@ -166,7 +166,7 @@ def make_decoder(name: str, **options: Any) -> BlockDecoder:
         InputError: the name is unknown; the message lists the valid ones.
 
     >>> make_decoder("oorc", C=10.0)
-    OORC(degree=4, C=10.0, pooling='mean', train_on='tile')
+    OORC(degree=4, C=10.0)
     """
     module, _, attribute = find_card(name).target.partition(":")
     decoder: BlockDecoder = getattr(import_module(module), attribute)(**options)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 
-from link.errors import UnsuitedError, choose
+from link.errors import UnsuitedError
 from link.frames import Rectified, SoftBits
 from link.images import intensity
-from link.layout import block_grid, block_mean
+from link.layout import block_mean
 from link.ratex import SAMPLES, TrainingPixels, training_pixels
 from link.types import Real
 
@@ -38,14 +38,15 @@ def require_ratex(pair: Rectified) -> TrainingPixels:
     return training_pixels(pair.layout, pair.ratex_toggle or 0)
 
 
-def training_samples(pair: Rectified, maps: Real, train_on: str) -> tuple[Real, NDArray[np.intp]]:
+def training_samples(pair: Rectified, maps: Real) -> tuple[Real, NDArray[np.intp]]:
     """Take the samples with known labels from feature maps: ratex tiles, or else pilots.
+
+    A sample is the mean over the inner half of a tile, or over a pilot. A mean over 36 pixels has a
+    36th of their noise variance.
 
     Args:
         pair: rectified frames, for their layout.
         maps: (H, W, D) features of every pixel.
-        train_on: "tile" averages over the inner half of each ratex tile, or over each pilot;
-            "pixel" takes single pixels.
 
     Returns:
         (N, D) features and (N,) labels, 0 or 1.
@@ -54,21 +55,13 @@ def training_samples(pair: Rectified, maps: Real, train_on: str) -> tuple[Real, 
         UnsuitedError: the layout has neither ratex patches nor pilots.
     """
     layout = pair.layout
-    averaged = choose({"tile": True, "pixel": False}, train_on, "train_on")
     if layout.ratex:
         pixels = require_ratex(pair)
-        u = maps[pixels.y, pixels.x]
-        return (tile_mean(u), pixels.label[:: SAMPLES * SAMPLES]) if averaged else (u, pixels.label)
+        return tile_mean(maps[pixels.y, pixels.x]), pixels.label[:: SAMPLES * SAMPLES]
     if not layout.pilots:
         raise UnsuitedError("it trains on ratex patches or pilots and the layout has none")
-    if averaged:
-        means = block_mean(np.moveaxis(maps, -1, 0), layout.rows, layout.cols)
-        return means.reshape(len(means), -1).T[layout.pilot_blocks], layout.pilot_bits
-    labels = np.full(layout.rows * layout.cols, -1)
-    labels[layout.pilot_blocks] = layout.pilot_bits
-    rows, cols = block_grid(layout)
-    label = labels[rows * layout.cols + cols]
-    return maps[label >= 0], label[label >= 0]
+    means = block_mean(np.moveaxis(maps, -1, 0), layout.rows, layout.cols)
+    return means.reshape(len(means), -1).T[layout.pilot_blocks], layout.pilot_bits
 
 
 @dataclass(frozen=True)
@@ -97,52 +90,26 @@ def fit_svm(features: Real, labels: NDArray[np.intp], C: float) -> LinearHead:
     return LinearHead(svm.coef_[0] / scale, float(svm.intercept_[0]))
 
 
-def pixel_vote(scores: Real, rows: int, cols: int) -> Real:
-    """Let the pixels of each block vote on its bit.
-
-    Args:
-        scores: (H, W) scores of the pixels, positive for bit 1.
-        rows: number of rows of blocks.
-        cols: number of columns of blocks.
-
-    Returns:
-        (rows, cols) share of pixels that vote 1, minus a half.
-    """
-    return block_mean((scores > 0).astype(np.float64), rows, cols) - 0.5
-
-
-POOLINGS = {"mean": block_mean, "vote": pixel_vote}
-"""Ways of making one score of a block's pixels, by name."""
-
-
-def decode_with_threshold(
-    pair: Rectified, difference: Real, threshold: float, pooling: str
-) -> SoftBits:
+def decode_with_threshold(pair: Rectified, difference: Real, threshold: float) -> SoftBits:
     """Score every message block by its difference above a threshold that was fixed beforehand.
 
     Args:
         pair: rectified frames, for their layout.
         difference: (H, W) difference of the frames, larger where a bit is 1.
         threshold: threshold, in units of the difference.
-        pooling: a key of `POOLINGS`.
     """
     layout = pair.layout
-    blocks = choose(POOLINGS, pooling, "pooling")(difference - threshold, layout.rows, layout.cols)
+    blocks = block_mean(difference - threshold, layout.rows, layout.cols)
     return SoftBits(np.asarray(blocks[layout.message_mask], np.float64))
 
 
-def decode_with_svm(
-    pair: Rectified, features: Features, C: float, pooling: str, train_on: str
-) -> SoftBits:
+def decode_with_svm(pair: Rectified, features: Features, C: float) -> SoftBits:
     """Train an SVM on the ratex pixels or pilots of a frame pair and score its message blocks.
 
     Args:
         pair: rectified frames.
         features: the method's feature function u(i_o, i_e).
         C: weight of the SVM's squared hinge loss.
-        pooling: a key of `POOLINGS`: average the pixels' scores, or let the pixels vote.
-        train_on: "tile" trains on the mean features of each ratex tile or pilot, "pixel" on single
-            pixels; a mean over 36 pixels has a 36th of their noise variance.
 
     Returns:
         scores of the message blocks, and the head: (D + 1,) weights, then the bias.
@@ -150,10 +117,9 @@ def decode_with_svm(
     Raises:
         UnsuitedError: the layout has neither ratex patches nor pilots.
     """
-    pool = choose(POOLINGS, pooling, "pooling")
     i_o, i_e = (intensity(f, pair.layout.colour) for f in (pair.original, pair.embedded))
     maps = features(i_o, i_e)
-    head = fit_svm(*training_samples(pair, maps, train_on), C)
+    head = fit_svm(*training_samples(pair, maps), C)
     scores = maps @ head.weights + head.bias
-    blocks = pool(scores, pair.layout.rows, pair.layout.cols)[pair.layout.message_mask]
+    blocks = block_mean(scores, pair.layout.rows, pair.layout.cols)[pair.layout.message_mask]
     return SoftBits(np.asarray(blocks, np.float64), np.append(head.weights, head.bias))

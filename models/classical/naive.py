@@ -19,10 +19,6 @@ class Naive:
 
     C: float = 10.0
     """Weight of the SVM's squared hinge loss."""
-    pooling: str = "mean"
-    """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
-    train_on: str = "tile"
-    """What a training sample is: the mean over a ratex "tile" or pilot, or a single "pixel"."""
     threshold: float | None = None
     """Fixed threshold in captured gray levels; None learns one on each pair's ratex patches or
     pilots."""
@@ -36,5 +32,5 @@ class Naive:
         if self.threshold is not None:
             colour = pair.layout.colour
             change = intensity(pair.embedded, colour) - intensity(pair.original, colour)
-            return decode_with_threshold(pair, change, self.threshold / 255, self.pooling)
-        return decode_with_svm(pair, difference, self.C, self.pooling, self.train_on)
+            return decode_with_threshold(pair, change, self.threshold / 255)
+        return decode_with_svm(pair, difference, self.C)

@@ -121,10 +121,6 @@ class OORC:
     """Degree of the inverse response g; the paper's is 4."""
     C: float = 1.0
     """Weight of the SVM's squared hinge loss."""
-    pooling: str = "mean"
-    """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
-    train_on: str = "tile"
-    """What a training sample is: the mean over a ratex "tile" or pilot, or a single "pixel"."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair.
@@ -136,4 +132,4 @@ class OORC:
         def phi(i_o: Real, i_e: Real) -> Real:
             return explicit_map(i_o, i_e, self.degree)
 
-        return decode_with_svm(pair, phi, self.C, self.pooling, self.train_on)
+        return decode_with_svm(pair, phi, self.C)

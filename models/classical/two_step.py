@@ -47,16 +47,8 @@ class TwoStep:
     """Degree of the polynomial g; the paper's is 4."""
     C: float = 100.0
     """Weight of the SVM's squared hinge loss."""
-    pooling: str = "mean"
-    """How a block's pixels decide: "mean" averages their scores, "vote" counts them."""
-    train_on: str = "tile"
-    """What a training sample is: the mean over a ratex "tile", or a single "pixel"."""
     threshold: float | None = None
     """Fixed threshold in displayed gray levels; None learns one on each pair's ratex patches."""
-    threshold_kappa: float | None = None
-    """Fixed threshold in place of ``threshold``: the share of the way from the change that a bit 0
-    makes to the change that a bit 1 makes, so that for on-off it is a share of kappa. None sets
-    none."""
 
     def decode(self, pair: Rectified) -> SoftBits:
         """Score every message block of a frame pair.
@@ -66,17 +58,11 @@ class TwoStep:
         """
         pixels = require_ratex(pair)
         g = fit_inverse_response(pair, pixels, self.degree)
-        threshold = self.threshold
-        if self.threshold_kappa is not None:
-            if pair.kappa is None:
-                raise UnsuitedError("its threshold is a share of kappa: it needs kappa")
-            low, high = pair.layout.change_of_bits
-            threshold = pair.kappa * (low + self.threshold_kappa * (high - low))
-        if threshold is not None:
+        if self.threshold is not None:
             change = g(intensity(pair.embedded)) - g(intensity(pair.original))
-            return decode_with_threshold(pair, change, threshold, self.pooling)
+            return decode_with_threshold(pair, change, self.threshold)
 
         def calibrated_difference(i_o: Real, i_e: Real) -> Real:
             return np.asarray(g(i_e) - g(i_o))[..., None]
 
-        return decode_with_svm(pair, calibrated_difference, self.C, self.pooling, self.train_on)
+        return decode_with_svm(pair, calibrated_difference, self.C)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from reports.render.charts import Point, Series, draw_series, in_style, new_panels
 from reports.render.tables import Table
-from reports.score.reliability import ALL, BINS, Curves, calibration_error
+from reports.score.reliability import BINS, Curves, calibration_error
 
 SHOWN_BITS = 20
 """Bins with fewer bits are left out of the diagram, though not of the error."""
@@ -26,33 +26,6 @@ def calibration_table(curves: Curves) -> Table:
         f"(aim: at most {TARGET:g}; simulated):"
     )
     return Table(["method", *names], rows, title)
-
-
-def bin_tables(curves: Curves) -> list[Table]:
-    """Make a table of the bins over all conditions for each method."""
-    heads = ["confidence", "bits", "mean confidence", "accuracy", "95 % interval"]
-    return [
-        Table(
-            heads,
-            [
-                [
-                    f"{b.low:.2f} – {b.high:.2f}",
-                    f"{b.count}",
-                    f"{b.confidence:.4f}",
-                    f"{b.accuracy:.4f}",
-                    f"{b.ci_low:.4f} – {b.ci_high:.4f}",
-                ]
-                for b in by_name[ALL]
-            ],
-            f"{method}, all conditions; Wilson's 95 % interval, as if bits were independent:",
-        )
-        for method, by_name in curves.items()
-    ]
-
-
-def reliability_tables(curves: Curves) -> list[Table]:
-    """Make the calibration error's table, and then a table of bins for each method."""
-    return [calibration_table(curves), *bin_tables(curves)]
 
 
 @in_style

@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
+from lab.__main__ import STUDIES
+
 TAG = "results-2026-11"
 """Tag of the commit that measured what the repository no longer measures."""
 COMMAND = re.compile(r"python -m ([a-z_][\w.]*\w)")
@@ -19,6 +21,7 @@ def test_every_command_exists(page: Path) -> None:
     text = page.read_text("utf-8")
     missing = {name for name in COMMAND.findall(text) if not is_command(name)}
     assert not missing or TAG in text, f"{page.name}: no module {sorted(missing)}"
+    assert set(re.findall(r"python -m lab ([a-z_]+)", text)) <= set(STUDIES), page.name
 
 
 def is_command(name: str) -> bool:

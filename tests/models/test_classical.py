@@ -18,7 +18,7 @@ from link.images.equalise import equalise
 from link.layout import MODULATIONS, Layout, make_layout
 from link.ratex import training_pixels
 from models import DECODERS, PRETRAINED, make_decoder
-from models.classical.common import POOLINGS, fit_svm, training_samples
+from models.classical.common import fit_svm, training_samples
 from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
 from models.classical.oorc import (
     explicit_map,
@@ -85,16 +85,6 @@ def test_every_method_reads_a_noise_free_pair_through_a_curved_cdtf(
     assert errors(name, pair, bits) == 0
 
 
-@pytest.mark.parametrize("name", WITH_RATEX)
-@pytest.mark.parametrize("train_on", ["tile", "pixel"])
-@pytest.mark.parametrize("pooling", POOLINGS)
-def test_every_way_to_train_and_pool_reads_the_noise_free_pair(
-    name: str, train_on: str, pooling: str
-) -> None:
-    pair, bits = make_pair()
-    assert errors(name, pair, bits, train_on=train_on, pooling=pooling) == 0
-
-
 # Pilots and antipodal blocks
 
 both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
@@ -106,15 +96,14 @@ def differs(pair: Rectified, scores: NDArray[np.float64], name: str, **options: 
 
 @both_modulations
 @pytest.mark.parametrize("name", ["naive", "oorc"])
-@pytest.mark.parametrize("train_on", ["tile", "pixel"])
 @pytest.mark.parametrize("grid", [(8, 8, 16), (16, 16, 32), (24, 32, 38)])
 def test_methods_that_learn_from_pilots_read_the_noise_free_pair(
-    name: str, train_on: str, grid: tuple[int, int, int], modulation: str
+    name: str, grid: tuple[int, int, int], modulation: str
 ) -> None:
     rows, cols, pilots = grid
     layout = make_layout(rows, cols, modulation=modulation, pilots=pilots)
     pair, bits = make_pair(layout=layout)
-    assert errors(name, pair, bits, train_on=train_on) == 0
+    assert errors(name, pair, bits) == 0
 
 
 @both_modulations
@@ -144,14 +133,6 @@ def test_two_step_finds_what_the_display_showed_in_either_modulation(modulation:
     g = fit_inverse_response(pair, training_pixels(pair.layout, KAPPA), degree=4)
     i = np.linspace(0, 1, 50)
     np.testing.assert_allclose(g(i), 255 * i, rtol=0, atol=255 * FLOAT32)
-
-
-def test_half_the_way_between_antipodal_bits_is_no_change() -> None:
-    pair, bits = make_pair(layout=make_layout(modulation="antipodal"))
-    assert errors("two_step", pair, bits, threshold_kappa=0.5) == 0
-    half = make_decoder("two_step", threshold_kappa=0.5).decode(pair).scores
-    zero = make_decoder("two_step", threshold=0.0).decode(pair).scores
-    np.testing.assert_array_equal(half, zero)
 
 
 def test_two_step_needs_patches_and_pilots_are_none() -> None:
@@ -222,19 +203,13 @@ def test_training_samples_are_the_pixels_of_the_pilots(modulation: str) -> None:
     layout = make_layout(3, 5, 53, 47, modulation=modulation, pilots=6)
     pair = Rectified(*np.zeros((2, 47, 53), np.uint8), layout)
     maps = np.random.default_rng(0).normal(size=(47, 53, 2))
-    u, labels = training_samples(pair, maps, "tile")
+    u, labels = training_samples(pair, maps)
     means = []
     for block in layout.pilot_blocks:
         top, bottom, left, right = layout.cell_box(*divmod(int(block), 5))
         means.append(maps[top:bottom, left:right].mean(axis=(0, 1)))
     np.testing.assert_allclose(u, means, rtol=0, atol=FLOAT64)
     np.testing.assert_array_equal(labels, layout.pilot_bits)
-    pixels, of_pixels = training_samples(pair, maps, "pixel")
-    boxes = [layout.cell_box(*divmod(int(block), 5)) for block in layout.pilot_blocks]
-    areas = np.array([(b - t) * (r - left) for t, b, left, r in boxes])
-    assert len(pixels) == len(of_pixels) == areas.sum()
-    assert of_pixels.sum() == areas[1::2].sum()
-    np.testing.assert_allclose(pixels.sum(axis=0), areas @ np.array(means), atol=FLOAT64)
 
 
 def step_pair(changes: NDArray[np.intp], ratex_kappa: int | None = None) -> Rectified:
@@ -259,19 +234,11 @@ def test_naive_with_a_fixed_threshold_scores_the_distance_from_it(threshold: flo
 
 
 @pytest.mark.parametrize("ratex_kappa", [None, 20])
-@pytest.mark.parametrize(
-    ("options", "levels"),
-    [
-        ({"threshold": 2.5}, 2.5),
-        ({"threshold": -0.5}, -0.5),
-        ({"threshold_kappa": 0.1}, 0.1 * KAPPA),
-        ({"threshold_kappa": 0.5}, 0.5 * KAPPA),
-    ],
-)
-def test_two_step_counts_a_fixed_threshold_in_displayed_levels_or_shares_of_kappa(
-    options: dict[str, float], levels: float, ratex_kappa: int | None
+@pytest.mark.parametrize("levels", [2.5, -0.5])
+def test_two_step_counts_a_fixed_threshold_in_displayed_levels(
+    levels: float, ratex_kappa: int | None
 ) -> None:
-    soft = make_decoder("two_step", **options).decode(step_pair(CHANGES, ratex_kappa))
+    soft = make_decoder("two_step", threshold=levels).decode(step_pair(CHANGES, ratex_kappa))
     np.testing.assert_allclose(soft.scores, CHANGES - levels, atol=255 * FLOAT32)
 
 
@@ -280,19 +247,6 @@ def test_two_step_undoes_the_cdtf_before_its_fixed_threshold() -> None:
     dimmed = replace(pair, original=pair.original // 2, embedded=pair.embedded // 2)
     soft = make_decoder("two_step", threshold=2.5).decode(dimmed)
     assert np.abs(soft.scores - (CHANGES - 2.5)).max() < 1.1  # halves are rounded down
-
-
-@pytest.mark.parametrize("name", ["naive", "two_step"])
-def test_fixed_thresholds_vote_by_pixel_too(name: str) -> None:
-    decoder = make_decoder(name, threshold=2.5, pooling="vote")
-    expected = np.where(CHANGES > 2.5, 0.5, -0.5)
-    np.testing.assert_array_equal(decoder.decode(step_pair(CHANGES)).scores, expected)
-
-
-def test_a_share_of_an_unknown_kappa_is_refused() -> None:
-    pair = replace(step_pair(CHANGES, 20), kappa=None)
-    with pytest.raises(InputError, match="needs kappa"):
-        make_decoder("two_step", threshold_kappa=0.5).decode(pair)
 
 
 @pytest.mark.parametrize("options", [("naive", 5.0), ("two_step", 4.0)])
@@ -441,18 +395,6 @@ def test_svm_weights_are_for_features_as_they_are() -> None:
     np.testing.assert_allclose(u @ plain.weights, u * [1e-3, 1e3] @ scaled.weights, atol=1e-4)
 
 
-def test_mean_pools_scores_and_vote_counts_pixels() -> None:
-    scores = np.array([[3.0, -1, 0, 0], [-1, -1, 5, 0], [-2, -2, 1, 1], [-2, 9, 1, 1]])
-    np.testing.assert_allclose(POOLINGS["mean"](scores, 2, 2), [[0, 1.25], [0.75, 1]])
-    np.testing.assert_allclose(POOLINGS["vote"](scores, 2, 2), [[-0.25, -0.25], [-0.25, 0.5]])
-
-
-def test_votes_lie_within_a_half_of_zero() -> None:
-    pair, _ = make_pair()
-    scores = make_decoder("oorc", pooling="vote").decode(pair).scores
-    assert np.abs(scores).max() <= 0.5
-
-
 @pytest.mark.parametrize("ones", [2, 10, 30, 50, 57])
 @pytest.mark.parametrize("spread", [(0.3, 0.3), (0.1, 1.0), (1.0, 0.1)])
 def test_the_cut_lies_between_two_clusters_however_uneven(
@@ -489,9 +431,6 @@ def test_unknown_names_list_the_valid_ones() -> None:
     with pytest.raises(InputError) as error:
         make_decoder("ooorc")
     assert all(name in str(error.value) for name in ("'ooorc'", *DECODERS))
-    for option, valid in (("pooling", "mean, vote"), ("train_on", "tile, pixel")):
-        with pytest.raises(InputError, match=rf"unknown {option} 'median'.*{valid}"):
-            make_decoder("oorc", **{option: "median"}).decode(pair)
     with pytest.raises(InputError, match=r"unknown threshold 'otsu'.*clusters, constant"):
         make_decoder("hidden_ratex", threshold="otsu").decode(pair)
 

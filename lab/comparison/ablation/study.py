@@ -22,7 +22,7 @@ from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
 from models.neural.checkpoint import load_checkpoint
 from reports.engine.conditions import SETTINGS, named_condition
-from reports.render.reliability import reliability_figure, reliability_tables
+from reports.render.reliability import calibration_table, reliability_figure
 from reports.render.tables import Table
 from reports.score.accuracy import pool, score
 from reports.score.paired import COUNTS, cells_behind, compare, tally
@@ -152,8 +152,7 @@ def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
     tables = [f"## {table.markdown()}" for table in ablation_tables(ablation, frames)]
     blocks = {"ablation": "\n\n".join([describe_study(shown.meta), *tables])}
     if ablation.curves:
-        tables = [table.markdown() for table in reliability_tables(ablation.curves)]
-        blocks["reliability"] = "\n\n".join(tables)
+        blocks["reliability"] = calibration_table(ablation.curves).markdown()
     return blocks
 
 
