@@ -5,7 +5,7 @@ restarted command goes on where it was cut off.
 """
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -53,28 +53,6 @@ def each_result(
     if failed:
         total = done + len(names)
         raise InputError(f"{title}: {len(failed)} of {total} failed: {'; '.join(failed)}")
-
-
-def all_results(
-    task: Callable[[T], R], items: Sequence[T], backend: Backend, title: str
-) -> list[R]:
-    """Run a task for each item, in parallel, and return the results in the order of the items.
-
-    >>> all_results(abs, [-1, -2], Backend(), title="count")
-    [1, 2]
-
-    Args:
-        task: function that is called with an item; picklable, as are items and results.
-        items: arguments of the task.
-        backend: processes of this machine, or a Dask cluster.
-        title: words before the progress bar.
-
-    Raises:
-        InputError: some tasks failed.
-    """
-    named = {str(number): item for number, item in enumerate(items)}
-    found = dict(each_result(task, named, backend, title))
-    return [found[name] for name in named]
 
 
 def resume(

@@ -23,7 +23,7 @@ from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
-from reports.engine.stored import all_results, each_result, resume
+from reports.engine.stored import each_result, resume
 from reports.score.reliability import confidence_bins
 
 STORED = stored_results(delivery.STUDY, ROOT / DOCS / "delivery")
@@ -40,8 +40,10 @@ def double(number: int) -> int:
 
 
 @pytest.mark.parametrize("jobs", [1, slow(2)])
-def test_results_come_in_the_order_of_the_items(jobs: int) -> None:
-    assert all_results(double, [3, 1, 2], Backend(jobs), title="double") == [6, 2, 4]
+def test_results_come_in_the_order_of_the_items(jobs: int, tmp_path: Path) -> None:
+    items = {"three": 3, "one": 1, "two": 2}
+    found = resume(double, items, tmp_path / "double.jsonl", Backend(jobs), "double")
+    assert list(found.items()) == [("three", 6), ("one", 2), ("two", 4)]
 
 
 def test_what_is_stored_is_not_computed_again(tmp_path: Path) -> None:
