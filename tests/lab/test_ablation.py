@@ -164,7 +164,7 @@ def test_the_command_writes_tables_numbers_and_pictures(
     assert "Simulated captures" in written and "seed 0" in written
     assert "| learned | jpeg |" in written and "| full-refine |" in written
     assert written.splitlines()[0] in done.stdout
-    assert "full, all conditions" in written
+    assert "Expected calibration error" in written
     for name in ("ablation.png", "reliability.png"):
         assert (out / name).stat().st_size > 5000
 
