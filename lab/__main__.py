@@ -29,6 +29,7 @@ STUDIES = {
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
     "repeats": ("lab.comparison.repeats", "what several captures of a static frame pair bring"),
     "sizes": ("lab.films.sizes", "whether displays of any size and proportions are read"),
+    "today": ("lab.films.today", "what cameras and displays of today read, and what disturbs them"),
     "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""

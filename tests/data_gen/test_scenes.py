@@ -25,7 +25,7 @@ from data_gen.channel.optics import (
 from data_gen.channel.stills import draw_shots
 from data_gen.film.passer import draw_passer
 from data_gen.film.rooms import ROOMS
-from data_gen.film.scenes import Scene, SceneSettings, draw_scene, photograph
+from data_gen.film.scenes import PaintedRoom, Scene, SceneSettings, draw_scene, photograph
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import Picture
 from link.geometry import frame_corners, transform
@@ -95,18 +95,18 @@ def test_rooms_are_as_bright_as_they_say(room: str) -> None:
 def test_the_background_has_the_image_size_and_is_light() -> None:
     made = drawn(1, 30.0, replace(SMALL, pictures=PICTURES))
     assert made.background.shape == (180, 320, 3)
-    assert made.canvas.shape == (196, 336, 3)
+    assert made.painted.light.shape == (196, 336, 3)
     assert made.background.dtype == np.float32
-    assert np.isfinite(made.canvas).all()
-    assert (made.canvas >= 0).all()
+    assert np.isfinite(made.painted.light).all()
+    assert (made.painted.light >= 0).all()
 
 
 def test_a_seed_gives_the_same_scene_and_still() -> None:
     first, again, other = (
         drawn(seed, 20.0, replace(SMALL, pictures=PICTURES)) for seed in (5, 5, 6)
     )
-    assert np.array_equal(first.canvas, again.canvas)
-    assert not np.array_equal(first.canvas, other.canvas)
+    assert np.array_equal(first.painted.light, again.painted.light)
+    assert not np.array_equal(first.painted.light, other.painted.light)
     stills = [
         photograph(even(90), s, np.random.default_rng(seed)) for s, seed in ((first, 1), (again, 1))
     ]
@@ -161,7 +161,8 @@ def test_a_viewpoint_sees_the_display_as_the_channel_of_stills_does(name: str) -
     canvas = np.full((*size[::-1], 3), SURROUNDINGS, np.float32)
     pose = Pose(30.0, 0.0, 0.0, 2.5)
     H = shot.H_captured_from_display
-    made = Scene(LAYOUT, still, 30.0, pose, "dark", 0.01, size, H, canvas, 0)
+    painted = PaintedRoom(canvas, canvas, np.zeros(size[::-1], np.float32), 1.0, 0)
+    made = Scene(LAYOUT, still, 30.0, pose, "dark", 0.01, size, H, np.eye(3, 4), painted)
     view = made.viewpoint(np.random.default_rng(0))
     view = replace(view, room=shot.viewpoint.room, theta=shot.viewpoint.theta)
     picture = scene(LAYOUT).original
