@@ -113,7 +113,7 @@ class PaintedRoom:
     """Light of all but the picture, in whose place the casing or the surround goes on:
     (height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1."""
     wall: Light
-    """The same without what stands before the wall."""
+    """Light of the room, of the same shape, without what stands before the wall."""
     cover: Light
     """Share of each pixel, (height + 2 margin, width + 2 margin) float32, that stands before the
     wall."""
