@@ -15,7 +15,7 @@ import tyro
 
 from data_gen.flags import SourceFlags
 from data_gen.frame_pair import shuffled_pictures
-from data_gen.pairs import PAIRS
+from data_gen.pairs import PAIRS, pair_names
 from link.captures import read_layouts
 from link.cli import read_flags, run_cli
 from link.errors import InputError, at_least, choose, each_once
@@ -43,7 +43,7 @@ class EvaluateConfig(SourceFlags):
     """The paper's protocol on simulated captures, or your own captures with --captures."""
 
     pairs: tuple[str, ...] = tuple(PAIRS)
-    """Camera-display pairs."""
+    """Camera-display pairs, or "today" for all of data_gen/today.py."""
     views: tuple[float, ...] = (0.0, 45.0)
     """Angles of observation, degrees."""
     kappas: tuple[int, ...] = (5, 3)
@@ -98,6 +98,7 @@ def main() -> None:
         text, page = compare_runs(*config.compare)
         print(f"{text}\n\nwritten: {page}")
         return
+    config = replace(config, pairs=pair_names(config.pairs))
     check(config)
     if config.quick:
         config = replace(config, frames=min(config.frames, QUICK.frames))

@@ -41,6 +41,15 @@ EFFECTS: dict[str, dict[str, Any]] = {
 
 With all of them absent the channel is the identity.
 """
+FILM_EFFECTS: dict[str, dict[str, Any]] = {
+    "scan": {"scan": "none"},
+    "response": {"rise_s": (0.0, 0.0, 0.0), "fall_s": (0.0, 0.0, 0.0)},
+    "frame_rate_control": {"frc_bits": 0},
+    "auto_exposure": {"auto_exposure": False},
+    "parallax": {"sway": 0.0},
+    "distortion": {"distortion": 0.0},
+}
+"""Effects that films have beside those of `EFFECTS`, and the values with which each is absent."""
 
 
 def switch_off(pair: Pair, effects: Iterable[str]) -> Pair:
@@ -53,13 +62,13 @@ def switch_off(pair: Pair, effects: Iterable[str]) -> Pair:
 
     Args:
         pair: camera and display.
-        effects: names of the effects, keys of `EFFECTS`.
+        effects: names of the effects, keys of `EFFECTS` or `FILM_EFFECTS`.
 
     Raises:
-        InputError: an effect is unknown; the message lists those of `EFFECTS`.
+        InputError: an effect is unknown; the message lists all of them.
     """
     for effect in effects:
-        for name, value in choose(EFFECTS, effect, "effect").items():
+        for name, value in choose(EFFECTS | FILM_EFFECTS, effect, "effect").items():
             pair = with_parameter(pair, name, value)
     return pair
 

@@ -20,10 +20,12 @@ Exposure assumed: f/5.6, 1/60 s, ISO 400, or the equal f/4, ISO 200 for Sony. A 
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from data_gen.parameters import Camera, Curve, Display, Matrix, Nuisance, Pair, Setup
+from data_gen.today import TODAY
 from link.errors import choose
 
 
@@ -214,7 +216,9 @@ def _pair(camera: str, display: str) -> Pair:
 
 
 PAIRS = {f"{c}-{d}": _pair(c, d) for c in CAMERAS for d in DISPLAYS}
-"""The nine camera-display pairs by name, such as "canon-lg"."""
+"""The nine camera-display pairs of the paper by name, such as "canon-lg"."""
+GROUPS = {"paper": tuple(PAIRS), "today": tuple(TODAY)}
+"""Names of groups of pairs, which stand for the names of all their pairs."""
 
 
 def get_pair(name: str) -> Pair:
@@ -226,4 +230,22 @@ def get_pair(name: str) -> Pair:
     Raises:
         InputError: no pair has this name; the message lists those that there are.
     """
-    return choose(PAIRS, name, "pair")
+    return choose(PAIRS | TODAY, name, "pair")
+
+
+def pair_names(names: Sequence[str], flag: str = "--pairs") -> tuple[str, ...]:
+    """Return the names of pairs, with those of its pairs in place of a group's.
+
+    >>> pair_names(["canon-lg", "today"])[:3]
+    ('canon-lg', 'phone-laptop', 'phone-sixbit')
+
+    Args:
+        names: names of pairs and of `GROUPS`.
+        flag: command-line flag that the error names.
+
+    Raises:
+        InputError: a name is neither a pair's nor a group's; the message lists all of them.
+    """
+    single = {name: (name,) for name in PAIRS | TODAY}
+    found = [choose(GROUPS | single, name, f"name in {flag}") for name in names]
+    return tuple(name for group in found for name in group)

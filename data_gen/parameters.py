@@ -19,6 +19,21 @@ LINEAR: Curve = ((0.0, 0.0), (1.0, 1.0))
 """Tone curve that leaves light as it is."""
 ENCODINGS = {"srgb": "IEC 61966-2-1", "linear": "none"}
 """Transfer functions of stored images by name, and the standard that defines each."""
+PANELS = {
+    "TN": "twisted nematic",
+    "VA": "vertical alignment",
+    "IPS": "in-plane switching",
+    "OLED": "organic light-emitting diodes",
+}
+"""Kinds of panel by name, and what the name stands for."""
+SCANS = {
+    "down": "rows from the top one to the bottom one",
+    "up": "rows from the bottom one to the top one",
+    "right": "columns from the left one to the right one",
+    "left": "columns from the right one to the left one",
+    "none": "the whole picture at once",
+}
+"""Orders in which a panel may write the picture, by name, and what each means."""
 
 
 class Limits(NamedTuple):
@@ -82,7 +97,7 @@ class Display(Limited):
     name: str
     """Maker's name of the display."""
     panel: str
-    """Liquid-crystal type: "TN", "VA" or "IPS"."""
+    """Kind of panel, a key of `PANELS`."""
     gamma: Annotated[RGB, Limits(1.0, 4.0)]
     """Exponents of R, G and B; frontal light is (rho / 255) ** gamma."""
     black: Annotated[float, Limits(0.0, 0.1)]
@@ -113,10 +128,28 @@ class Display(Limited):
     """Amplitude over mean of the stripes' fundamental; 2 sinc(1/3) = 1.65 for RGB stripes."""
     native_height: Annotated[int, Limits(100, 10_000)]
     """Number of rows of the panel; the picture is shown over all of them."""
+    white_cd: Annotated[float, Limits(1.0, 1e4)] = 250.0
+    """Luminance of frontal white, cd/m^2, for cameras that choose their exposure."""
+    refresh_hz: Annotated[float, Limits(1.0, 1000.0)] = 60.0
+    """Number of times a second that the panel writes the picture, in a film."""
+    scan: str = "down"
+    """Order in which the panel writes the picture, a key of `SCANS`."""
+    rise_s: Annotated[RGB, Limits(0.0, 1.0)] = (0.004, 0.004, 0.004)
+    """Time constants, in seconds, with which pixels near black, near level 128 and near white
+    become brighter; 2.2 of them pass from 10 to 90 per cent."""
+    fall_s: Annotated[RGB, Limits(0.0, 1.0)] = (0.004, 0.004, 0.004)
+    """Time constants, in seconds, with which these pixels become darker."""
+    frc_bits: Annotated[int, Limits(0, 2)] = 0
+    """Number of a level's eight bits that frame-rate control shows by turns of two neighbouring
+    levels: 2 for a six-bit panel, 0 for a panel that shows all bits."""
+    pwm_scans: bool = False
+    """Whether pulses of the light run over the panel as its scan does, as an OLED's do, and do not
+    come everywhere at once, as a backlight's do."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        choose(dict.fromkeys(("TN", "VA", "IPS")), self.panel, f"panel of {self.name}")
+        choose(PANELS, self.panel, f"panel of {self.name}")
+        choose(SCANS, self.scan, f"scan of {self.name}")
 
 
 @dataclass(frozen=True)
@@ -159,6 +192,17 @@ class Camera(Limited):
     """Delay from the first row to the last, seconds; 0 for a global shutter."""
     jpeg_quality: Annotated[int, Limits(0, 100)]
     """Quality of the stored frame on libjpeg's scale, 1 to 100; 0 stores it without loss."""
+    auto_exposure: bool = False
+    """Whether the camera of a film chooses shutter and ISO itself (`data_gen.film.exposure`)."""
+    f_number: Annotated[float, Limits(0.5, 64.0)] = 5.6
+    """Focal length over the aperture's diameter, which stays as it is."""
+    iso: Annotated[float, Limits(1.0, 1e6)] = 400.0
+    """ISO at which ``full_well_e`` is stated; automatic exposure chooses none below."""
+    anti_banding_hz: Annotated[float, Limits(0.0, 1000.0)] = 0.0
+    """Rate, in Hz, of the light of lamps, of whose periods automatic exposure takes whole numbers:
+    100 or 120; 0 for any shutter."""
+    distortion: Annotated[float, Limits(-0.12, 0.12)] = 0.0
+    """Coefficient k of the lens in a film, as `data_gen.film.phone.distort` takes it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -173,12 +217,12 @@ class Camera(Limited):
         if not all(a[0] < b[0] and a[1] < b[1] for a, b in pairwise(curve)):
             raise InputError(f"{self.name}: tone_curve must increase strictly in both coordinates")
 
-    def filming(self, fps: float) -> Self:
+    def filming(self, fps: float, shutter: float | None = None) -> Self:
         """Return this camera as it is set to film.
 
         The shutter is open, and the rows are read, for no longer than a frame lasts. A higher ISO
         makes up for a shorter exposure, so that fewer electrons fill the scale and noise is
-        stronger.
+        stronger. A lower ISO makes up for a longer one.
 
         >>> from data_gen.pairs import get_pair
         >>> camera = get_pair("canon-lg").camera
@@ -190,8 +234,9 @@ class Camera(Limited):
 
         Args:
             fps: number of frames a second, above 0.
+            shutter: exposure time, seconds; None for the camera's own.
         """
-        shutter_s = min(self.shutter_s, 1 / fps)
+        shutter_s = min(shutter or self.shutter_s, 1 / fps)
         return replace(
             self,
             shutter_s=shutter_s,
@@ -217,6 +262,9 @@ class Setup(Limited):
     resolution: Annotated[float, Limits(0.2, 1.0)] = 1.0
     """Number of pixels of the stored image along an axis, relative to the usual capture. With fewer
     pixels the same picture is reduced, and more native pixels are pooled in one."""
+    sway: Annotated[float, Limits(0.0, 1.0)] = 0.0
+    """Standard deviation, in a film, of the camera's way sideways, up and down, in longer sides of
+    the picture. The camera stays aimed, and what lies behind the display moves by parallax."""
 
 
 @dataclass(frozen=True)

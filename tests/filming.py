@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
-from data_gen.effects import EFFECTS, switch_off
+from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
 from data_gen.film.scenes import SceneSettings
 from data_gen.pairs import CAMERAS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
@@ -60,8 +60,9 @@ def even_scene(level: int, layout: Layout = SMALL) -> Displayed:
 
 
 def only(name: str, *effects: str) -> Pair:
-    """The pair with all effects off but these."""
-    return switch_off(get_pair(name), [effect for effect in EFFECTS if effect not in effects])
+    """The pair with all effects off but these, in stills and films."""
+    known = EFFECTS | FILM_EFFECTS
+    return switch_off(get_pair(name), [effect for effect in known if effect not in effects])
 
 
 def film(pair: Pair, displayed: Displayed, view_deg: float = 0.0, seed: int = 0) -> Captured:

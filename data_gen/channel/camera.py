@@ -98,9 +98,9 @@ def develop(
     linear += np.float32(0.5)
     index = linear.astype(np.uint16)
     if camera.sharpening > 0:
-        pixels = unsharp_mask(table.take(index), camera.sharpening)
+        pixels = unsharp_mask(table[index], camera.sharpening)
     else:
-        pixels = (table + np.float32(0.5)).astype(np.uint8).take(index)
+        pixels = (table + np.float32(0.5)).astype(np.uint8)[index]
     return jpeg(pixels, camera.jpeg_quality) if camera.jpeg_quality else pixels
 
 

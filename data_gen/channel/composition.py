@@ -13,9 +13,9 @@ films, the ideal observer and the analysis of errors all expose through `Shot`, 
 channel is added here once.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, reduce
+from itertools import zip_longest
 
 import cv2
 import numpy as np
@@ -37,42 +37,59 @@ BLUR_REACH = 4.0
 
 
 @dataclass(frozen=True, eq=False)
-class Surroundings:
-    """The room around a display, as the sensor collects it before vignetting and exposure."""
+class Layer:
+    """What of the room lies on one plane, as the sensor collects it before any gain."""
 
     light: Light
-    """Collected light, (H + 2 margin, W + 2 margin, 3) float32; 1 saturates the sensor."""
+    """Collected light times cover, (H + 2 margin, W + 2 margin, 3) float32; 1 saturates the
+    sensor."""
+    cover: Light | None
+    """Share of each pixel that the layer hides of those behind it, (H + 2 margin, W + 2 margin)
+    float32 in [0, 1]; None for a layer that hides everything."""
     margin: int
     """Number of pixels that are known beyond each side of the image, for a camera that moves."""
 
     @classmethod
-    def collected(cls, canvas: Light, margin: int, pair: Pair) -> "Surroundings":
-        """Blur and collect (H + 2 margin, W + 2 margin, 3) float32 linear light of a room."""
+    def collected(cls, light: Light, cover: Light | None, margin: int, pair: Pair) -> "Layer":
+        """Blur and collect a layer from linear light times cover, and its cover."""
         if pair.camera.blur_px > 0.1:
-            canvas = cv2.GaussianBlur(canvas, (0, 0), pair.camera.blur_px)
-        return cls(collect(canvas, pair.camera, pair.crosstalk), margin)
+            light = cv2.GaussianBlur(light, (0, 0), pair.camera.blur_px)
+            cover = None if cover is None else cv2.GaussianBlur(cover, (0, 0), pair.camera.blur_px)
+        return cls(collect(light, pair.camera, pair.crosstalk), cover, margin)
 
-    def seen(self, motion: Homography | None, size: tuple[int, int]) -> Light:
-        """Return a fresh image, (H, W, 3) float32, of a camera that may have moved.
+    @cached_property
+    def box(self) -> tuple[int, int, int, int]:
+        """Left, top, right and bottom of the pixels that the layer covers at all."""
+        if self.cover is None:
+            return 0, 0, self.light.shape[1], self.light.shape[0]
+        left, top, width, height = cv2.boundingRect((self.cover > 0).astype(np.uint8))
+        return left, top, left + width, top + height
+
+    def lay_over(self, image: Light, motion: Homography | None) -> None:
+        """Draw the layer into (H, W, 3), in place, as a camera sees it that may have moved.
 
         Args:
+            image: light of what lies behind.
             motion: homography from the resting camera's pixels to this image's; None for a
                 camera at rest.
-            size: width and height of the image in pixels.
         """
-        margin, (width, height) = self.margin, size
-        if motion is None:
-            return self.light[margin : margin + height, margin : margin + width].copy()
-        inward = np.array([[1, 0, -margin], [0, 1, -margin], [0, 0, 1.0]])
-        return np.asarray(
-            cv2.warpPerspective(
-                self.light,
-                motion @ inward,
-                (width, height),
-                flags=cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REFLECT_101,
-            )
-        )
+        left, top, right, bottom = self.box
+        H = np.array([[1, 0, left - self.margin], [0, 1, top - self.margin], [0, 0, 1.0]])
+        H = H if motion is None else motion @ H
+        size = image.shape[1], image.shape[0]
+        if self.cover is None:
+            cv2.warpPerspective(self.light, H, size, image, borderMode=cv2.BORDER_REFLECT_101)
+            return
+        points = transform(H, frame_corners(right - left, bottom - top))
+        low = np.clip(np.floor(points.min(axis=0)) - 1, 0, size).astype(int)
+        high = np.clip(np.ceil(points.max(axis=0)) + 2, 0, size).astype(int)
+        if (high <= low).any():
+            return
+        H = np.array([[1, 0, -low[0]], [0, 1, -low[1]], [0, 0, 1.0]]) @ H
+        part = image[low[1] : high[1], low[0] : high[0]]
+        inside = np.s_[top:bottom, left:right]
+        part *= 1 - cv2.warpPerspective(repeat_channels(self.cover[inside]), H, part.shape[1::-1])
+        part += cv2.warpPerspective(self.light[inside], H, part.shape[1::-1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +140,11 @@ class Viewpoint:
     """Amplification relative to the ISO of `Camera.full_well_e`, at least 1; it sets the noise."""
     noise_scale: float
     """Standard deviation of the noise relative to that of a single native pixel."""
-    surroundings: Surroundings | None = None
-    """The room around the display; None for an even dark of `optics.SURROUNDINGS`, which shares
-    every gain of the display's light."""
+    lamp: NDArray[np.float64]
+    """Where a lamp is mirrored in the display, as `display.room_light` takes it, (2,)."""
+    surroundings: tuple[Layer, ...] = ()
+    """The room around the display, from the farthest layer to the nearest; nothing for an even dark
+    of `optics.SURROUNDINGS`, which shares every gain of the display's light."""
 
     def emitted(self, frame: Image) -> Light:
         """Return the light that leaves the display for the camera, room light included.
@@ -136,9 +155,13 @@ class Viewpoint:
         Returns:
             (height, width, 3) float32, linear; frontal white at the centre is 1.
         """
-        light = self._emission.light(as_rgb(frame))
+        light = self.own_light(frame)
         light += self.room
         return light
+
+    def own_light(self, frame: Image) -> Light:
+        """Return what `emitted` does, without the light of the room."""
+        return self._emission.light(as_rgb(frame))
 
     @cached_property
     def _emission(self) -> Emission:
@@ -172,11 +195,14 @@ class Shot:
     """Homography from display pixels to pixels of the stored image."""
     exposure: float = 1.0
     """Exposure relative to that of `Viewpoint.lens`."""
-    phase: float = 0.0
-    """Phase of the backlight, in periods, when the first row opens."""
-    motion: Homography | None = None
-    """Homography from the resting camera's pixels to this image's, by which the
-    surroundings move; None for no motion."""
+    phase: float | None = 0.0
+    """Phase of the backlight, in periods, when the first row opens; None where its pulses are in
+    the display's light already."""
+    motions: tuple[Homography, ...] = ()
+    """Homographies from the resting camera's pixels to this image's, by which each layer of the
+    surroundings moves; nothing for no motion."""
+    iso: float | None = None
+    """Amplification of this exposure; None for that of the viewpoint."""
     foreground: tuple[Foreground, float, float] | None = None
     """Collected light of who stands before the display, and the x and y of its top-left corner;
     it needs a viewpoint with surroundings."""
@@ -189,7 +215,7 @@ class Shot:
         reaches, blur included. The region is empty where the display lies outside the image.
         """
         view, (width, height) = self.viewpoint, self.viewpoint.size
-        if view.surroundings is None:
+        if not view.surroundings:
             return 0, 0, width, height
         outline = frame_corners(view.layout.width, view.layout.height)
         points = transform(self.H_captured_from_display, outline)
@@ -204,8 +230,10 @@ class Shot:
         view, pair = self.viewpoint, self.viewpoint.pair
         width, height = view.size
         left, top, right, bottom = self.region
-        rows = pwm_gain(pair.display, pair.camera, height, self.phase)[top:bottom]
-        display = [rows[:, None, None]]
+        display: list[Light] = []
+        if self.phase is not None:
+            rows = pwm_gain(pair.display, pair.camera, height, self.phase)[top:bottom]
+            display = [rows[:, None, None]]
         size = right - left, bottom - top
         if pair.display.grid_contrast > 0 and min(size) > 0:
             H = self.H_captured_from_display
@@ -221,30 +249,29 @@ class Shot:
         Returns:
             (H, W, 3) float32 in [0, 1], linear; 1 is saturation.
         """
-        return self.expose_lights([self.viewpoint.emitted(frame)])
+        return self.expose_light(self.viewpoint.emitted(frame))
 
-    def expose_lights(
-        self, lights: Sequence[Light], shares: NDArray[np.float32] | None = None
-    ) -> Light:
-        """Return what the sensor collects of one or several frames' light, before noise.
+    def expose_light(self, light: Light) -> Light:
+        """Return what the sensor collects of light that leaves the display, before noise.
 
         Args:
-            lights: S results of `Viewpoint.emitted`, in the order in which the display shows them.
-            shares: (S, h, 1) or (S, h, w) float32, share of each light in the exposure of the rows
-                or pixels of `region`; None for the first light alone.
+            light: (height, width, 3) float32, as `Viewpoint.emitted` gives it, or a mean of several
+                such lights over the exposure.
 
         Returns:
             (H, W, 3) float32 in [0, 1], linear; 1 is saturation.
         """
         view = self.viewpoint
-        if view.surroundings is None:
-            display = self._display_image(lights, shares)
+        if not view.surroundings:
+            display = self._project(light)
             exposure = collect(display, view.pair.camera, view.pair.crosstalk, self._whole_gain)
         else:
-            exposure = view.surroundings.seen(self.motion, view.size)
+            exposure = np.empty((view.size[1], view.size[0], 3), np.float32)
+            for layer, motion in zip_longest(view.surroundings, self.motions):
+                layer.lay_over(exposure, motion)
             left, top, right, bottom = self.region
             if right > left and bottom > top:
-                self._lay_display(exposure[top:bottom, left:right], lights, shares)
+                self._lay_display(exposure[top:bottom, left:right], light)
             if self.foreground is not None:
                 figure, x, y = self.foreground
                 figure.lay_over(exposure, x, y)
@@ -261,53 +288,31 @@ class Shot:
         """
         view = self.viewpoint
         noise_scale = 0.0 if rng is None else view.noise_scale
-        return develop(exposure, view.pair.camera, rng, noise_scale, view.iso)
+        iso = view.iso if self.iso is None else self.iso
+        return develop(exposure, view.pair.camera, rng, noise_scale, iso)
 
     @cached_property
     def _whole_gain(self) -> Light:
         """Product of all gains where the dark beside the display shares those of its light."""
         return self.gains.product()
 
-    def _lay_display(
-        self, part: Light, lights: Sequence[Light], shares: NDArray[np.float32] | None
-    ) -> None:
+    def _lay_display(self, part: Light, light: Light) -> None:
         """Put the display into its region of the surroundings, in place."""
         camera, crosstalk = self.viewpoint.pair.camera, self.viewpoint.pair.crosstalk
-        cover = self._display_image([np.ones(lights[0].shape[:2], np.float32)], None)
-        first, *others = self.gains.display
-        shown = collect(self._display_image(lights, shares), camera, crosstalk, first)
-        for gain in others:
+        cover = self._project(np.ones(light.shape[:2], np.float32))
+        shown = collect(self._project(light), camera, crosstalk)
+        for gain in self.gains.display:
             shown *= gain
         part *= repeat_channels(1 - cover)
         part += shown
 
-    def _display_image(self, lights: Sequence[Light], shares: NDArray[np.float32] | None) -> Light:
-        """Return the image (h, w, 3) of the display in its region: the lights' weighted mean."""
-        left, top, right, bottom = self.region
-        width, height = right - left, bottom - top
-        if shares is None or len(lights) == 1:
-            return self._project(lights[0], (width, height))
-        mixed = np.zeros((height, width, 3), np.float32)
-        reach = 2 + int(BLUR_REACH * self.viewpoint.pair.camera.blur_px)
-        for light, share in zip(lights, shares, strict=True):
-            rows = np.flatnonzero(share.any(axis=1))
-            if rows.size:
-                first, last = int(rows[0]), int(rows[-1]) + 1
-                low, high = max(0, first - reach), min(height, last + reach)
-                image = self._project(light, (width, high - low), low)
-                image = image[first - low : last - low]
-                image *= repeat_channels(np.broadcast_to(share[first:last], image.shape[:2]))
-                mixed[first:last] += image
-        return mixed
-
-    def _project(self, light: Light, size: tuple[int, int], first_row: int = 0) -> Light:
-        """Return the blurred image of a light in ``size`` pixels of the region from a row on."""
-        view, (left, top, _, _) = self.viewpoint, self.region
+    def _project(self, light: Light) -> Light:
+        """Return the blurred image of the display's light in the pixels of the region."""
+        view, (left, top, right, bottom) = self.viewpoint, self.region
         to_region = np.array([[1, 0, -left], [0, 1, -top], [0, 0, 1.0]])
-        to_rows = np.array([[1, 0, 0], [0, 1, -first_row], [0, 0, 1.0]])
-        H = to_rows @ (to_region @ self.H_captured_from_display)
-        beside = SURROUNDINGS if view.surroundings is None else 0.0
-        return image_of(light, H, view.pair.camera.blur_px, size, beside)
+        H = to_region @ self.H_captured_from_display
+        beside = 0.0 if view.surroundings else SURROUNDINGS
+        return image_of(light, H, view.pair.camera.blur_px, (right - left, bottom - top), beside)
 
 
 def repeat_channels(plane: Light) -> Light:

@@ -112,19 +112,19 @@ GLARE_SIZE = 0.25
 """Standard deviation of the spot of a mirrored lamp, in widths of the picture."""
 
 
-def room_light(display: Display, height: int, width: int, rng: np.random.Generator) -> Light:
-    """Draw a mirrored lamp, and return the room light that the surface sends to the camera.
+def room_light(display: Display, height: int, width: int, lamp: NDArray[np.float64]) -> Light:
+    """Return the room light that the display's surface sends to the camera.
 
     Args:
-        display: haze, which is even, and the glare of the lamp.
+        display: haze, which is even, and the glare of a mirrored lamp.
         height: height of the picture, pixels.
         width: width of the picture, pixels.
-        rng: draws where the lamp is mirrored.
+        lamp: (2,) x and y at which the lamp is mirrored, in widths and heights of the picture.
 
     Returns:
         (height, width) float32; frontal white is 1.
     """
-    spot_x, spot_y = rng.uniform(0, 1, 2)
+    spot_x, spot_y = lamp
     x = (np.arange(width) / width - spot_x) / GLARE_SIZE
     y = (np.arange(height) / height - spot_y) * height / width / GLARE_SIZE
     spot = np.exp(-0.5 * x**2) * np.exp(-0.5 * y**2)[:, None]

@@ -25,7 +25,23 @@ def pwm_gain(
         (rows,) float32; 1 where the shutter spans whole periods.
     """
     start = phase + display.pwm_hz * camera.readout_s * np.arange(rows) / rows
-    span = display.pwm_hz * camera.shutter_s
+    return pulsed_gain(display, camera.shutter_s, start)
+
+
+def pulsed_gain(
+    display: Display, shutter_s: float, start: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    """Return the light that exposures collect, relative to the mean over time.
+
+    Args:
+        display: rate, duty and depth of the pulses.
+        shutter_s: exposure time, seconds.
+        start: phase of the pulses, in periods, when each exposure begins; of any shape.
+
+    Returns:
+        float32 of the same shape, as `pwm_gain` explains it.
+    """
+    span = display.pwm_hz * shutter_s
     collected = _on_time(start + span, display.pwm_duty) - _on_time(start, display.pwm_duty)
     gain = 1 + display.pwm_depth * (collected / (display.pwm_duty * span) - 1)
     return np.asarray(gain, np.float32)

@@ -52,14 +52,15 @@ def draw_shots(
     H_moved = residual_motion(reduction * nuisance.jitter_px, camera.breathing, size, rng)
     drift = float(np.exp(nuisance.drift * rng.standard_normal()))
     phases = rng.uniform(0, 1, 2)
-    room = room_light(display, layout.height, layout.width, rng)[:, :, None]
+    lamp = rng.uniform(0, 1, 2)
     iso = max(1.0, metered_gain(pair, view_deg))
     viewpoint = Viewpoint(
         layout=layout,
         pair=pair,
         size=size,
         theta=view_angles(pose, layout.width, layout.height),
-        room=room,
+        room=room_light(display, layout.height, layout.width, lamp)[:, :, None],
+        lamp=lamp,
         lens=fall_to_corners(camera.vignetting, size[1], size[0])[:, :, None],
         iso=iso,
         noise_scale=reduction * nuisance.noise_scale,

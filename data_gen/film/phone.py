@@ -8,6 +8,7 @@ Motion blur alone belongs to the exposure, which `data_gen.film.stream` makes.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -105,7 +106,7 @@ class PhoneProcessor:
         self._smooth = np.zeros((4, 2))
         self._time_s = 0.0
         self._kept: Light | None = None
-        self._maps: tuple[Light, Light] | None = None
+        self._maps: tuple[NDArray[Any], NDArray[Any]] | None = None
         self._last: VideoFrame | None = None
 
     def process(self, frame: VideoFrame) -> VideoFrame:
@@ -142,10 +143,13 @@ class PhoneProcessor:
             x, y = np.meshgrid(np.arange(width), np.arange(height))
             seen = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
             source = undistort(seen, (width, height), self._settings.distortion)
-            maps = source.reshape(height, width, 2).astype(np.float32)
-            self._maps = np.ascontiguousarray(maps[..., 0]), np.ascontiguousarray(maps[..., 1])
+            maps = source.reshape(height, width, 2).astype(np.float32)  # (H W, 2) -> (H, W, 2)
+            where, between = cv2.convertMaps(maps, None, cv2.CV_16SC2)
+            self._maps = where, between
         return np.asarray(
-            cv2.remap(rgb, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101),
+            cv2.remap(
+                rgb, *self._maps, interpolation=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101
+            ),
             np.uint8,
         )
 

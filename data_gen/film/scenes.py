@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tyro.conf import Fixed, Suppress
 
-from data_gen.channel.composition import Shot, Surroundings, Viewpoint, repeat_channels
+from data_gen.channel.composition import Layer, Shot, Viewpoint, repeat_channels
 from data_gen.channel.display import Light, emitted_light, fall_to_corners, room_light
 from data_gen.channel.optics import (
     CAPTURE_WIDTH,
@@ -63,6 +63,8 @@ class SceneSettings:
     """Whether the screen is larger than the picture, with a plain surround."""
     second_display: bool | None = None
     """Whether another lit display without ratex stands beside; one in five where drawn."""
+    backlit: bool = False
+    """Whether the screen stands before a bright window."""
     pictures: Suppress[Fixed[Sequence[Picture]]] = ()
     """Photographs of the split's own, for posters, windows and the second display."""
     free: float = 0.01
@@ -104,6 +106,34 @@ class SceneSettings:
 
 
 @dataclass(frozen=True, eq=False)
+class PaintedRoom:
+    """What a camera at rest sees of a room, beyond the edges of its image too."""
+
+    light: Light
+    """Light of all but the picture, in whose place the casing or the surround goes on:
+    (height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1."""
+    wall: Light
+    """Light of the room, of the same shape, without what stands before the wall."""
+    cover: Light
+    """Share of each pixel, (height + 2 margin, width + 2 margin) float32, that stands before the
+    wall."""
+    depth: float
+    """Distance of the wall behind the display, in longer sides of the picture."""
+    margin: int
+    """Number of pixels beyond each side of the image."""
+
+    def layers(self, pair: Pair) -> tuple[Layer, ...]:
+        """Return the room as one layer or, for parallax, as the wall and what stands before it."""
+        if not pair.setup.sway:
+            return (Layer.collected(self.light, None, self.margin, pair),)
+        before = self.light - self.wall * (1 - self.cover[:, :, None])
+        return (
+            Layer.collected(self.wall, None, self.margin, pair),
+            Layer.collected(before, self.cover, self.margin, pair),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A display in a room and a camera before it."""
 
@@ -123,17 +153,16 @@ class Scene:
     """Width and height of the image, pixels."""
     H_captured_from_display: Homography
     """Homography from display pixels to pixels of the image."""
-    canvas: Light
-    """Light of all but the picture, in whose place the casing or the surround goes on:
-    (height + 2 margin, width + 2 margin, 3) float32 linear, frontal white is 1."""
-    margin: int
-    """Number of pixels of ``canvas`` beyond each side of the image."""
+    camera: NDArray[np.float64]
+    """Projection (3, 4) of the camera, as `optics.scene_camera` gives it."""
+    painted: PaintedRoom
+    """The room around the picture."""
 
     @property
     def background(self) -> Light:
         """The canvas within the image, (height, width, 3)."""
-        width, height = self.size
-        return self.canvas[self.margin : self.margin + height, self.margin : self.margin + width]
+        (width, height), margin = self.size, self.painted.margin
+        return self.painted.light[margin : margin + height, margin : margin + width]
 
     @property
     def corners(self) -> NDArray[np.float64]:
@@ -150,6 +179,7 @@ class Scene:
         """Return the scene's camera, ready for shots; ``rng`` draws the mirrored lamp."""
         layout, pair = self.layout, self.pair
         camera, (width, height) = pair.camera, self.size
+        lamp = rng.uniform(0, 1, 2)
         iso = max(1.0, metered_gain(pair, self.view_deg))
         noise_scale = pair.nuisance(self.view_deg).noise_scale
         return Viewpoint(
@@ -157,14 +187,47 @@ class Scene:
             pair=pair,
             size=self.size,
             theta=view_angles(self.pose, layout.width, layout.height),
-            room=room_light(pair.display, layout.height, layout.width, rng)[:, :, None],
+            room=room_light(pair.display, layout.height, layout.width, lamp)[:, :, None],
             lens=repeat_channels(
                 np.float32(iso) * fall_to_corners(camera.vignetting, height, width)
             ),
             iso=iso,
             noise_scale=noise_scale * width / CAPTURE_WIDTH,  # native pixels pooled in one
-            surroundings=Surroundings.collected(self.canvas, self.margin, pair),
+            lamp=lamp,
+            surroundings=self.painted.layers(pair),
         )
+
+    def parallax(self, way: NDArray[np.float64]) -> tuple[Homography, Homography]:
+        """Return how the wall and the display's plane move in the image of a camera that moves.
+
+        The camera turns so that the picture's centre stays where it is in the image. What stands
+        before the wall counts as being in the display's plane.
+
+        Args:
+            way: (3,) the camera's way to the right, down and towards the viewer, in longer sides of
+                the picture.
+
+        Returns:
+            homographies from the resting camera's pixels to the moved one's, for each layer of a
+            room with parallax.
+        """
+        moved = self.camera.copy()
+        moved[:, 3] -= self.camera[:, :3] @ way
+
+        def plane(camera: NDArray[np.float64], depth: float) -> NDArray[np.float64]:
+            """Return the (3, 3) map from x and y of a plane behind the display to pixels."""
+            return np.column_stack(
+                [camera[:, 0], camera[:, 1], camera[:, 3] - depth * camera[:, 2]]
+            )
+
+        wall, display = (
+            plane(moved, depth) @ np.linalg.inv(plane(self.camera, depth))
+            for depth in (self.painted.depth, 0.0)
+        )
+        middle = transform(plane(self.camera, 0.0), [[0.0, 0.0]])
+        back = (middle - transform(display, middle))[0]
+        turn = np.array([[1, 0, back[0]], [0, 1, back[1]], [0, 0, 1.0]])
+        return turn @ wall, turn @ display
 
 
 def draw_scene(
@@ -210,10 +273,21 @@ def draw_scene(
     margin = settings.margin_px
     shifted = np.array([[1, 0, margin], [0, 1, margin], [0, 0, 1.0]]) @ camera
     shape = (size[1] + 2 * margin, size[0] + 2 * margin, 3)
-    canvas = RoomCanvas(np.zeros(shape, np.float32), shifted)
+    canvas = RoomCanvas(np.zeros(shape, np.float32), shifted, np.zeros(shape[:2], np.float32))
     painter = RoomPainter(canvas, paint_rng, settings.pictures, np.float32(level) * tint)
-    _paint(painter, layout, lit, view_deg, settings)
-    return Scene(layout, lit, view_deg, pose, room, level, size, H, canvas.light, margin)
+    painted = _paint(painter, layout, lit, view_deg, settings)
+    return Scene(
+        layout=layout,
+        pair=lit,
+        view_deg=view_deg,
+        pose=pose,
+        room=room,
+        level=level,
+        size=size,
+        H_captured_from_display=H,
+        camera=camera,
+        painted=painted,
+    )
 
 
 def aim_camera(
@@ -295,7 +369,7 @@ def _area(points: NDArray[np.float64]) -> float:
 
 def _paint(
     painter: RoomPainter, layout: Layout, pair: Pair, view_deg: float, settings: SceneSettings
-) -> None:
+) -> PaintedRoom:
     """Paint the room, the casing, and the screen beside the picture."""
     rng = painter.rng
     side = max(layout.width, layout.height)
@@ -316,15 +390,20 @@ def _paint(
     if settings.second_display is not None:
         second = settings.second_display
 
+    canvas = painter.canvas
     painter.backdrop()
     painter.wall(depth)
+    if settings.backlit:
+        painter.bright_window(depth, rng.spawn(1)[0])
+    canvas.cover[:] = 0
+    wall = canvas.light.copy()
     foot = float(box[3] + thick[3])
     desk_y = foot + DESK_Y * float(rng.uniform(0.3, 1.5))
     if on_desk:
         painter.desk(desk_y, depth)
     blur = rng.uniform(0.3, 1.8) * settings.size[0] / 1280
-    light = painter.canvas.light
-    light[:] = cv2.GaussianBlur(light, (0, 0), blur)
+    for plane in (wall, canvas.light, canvas.cover):
+        plane[:] = cv2.GaussianBlur(plane, (0, 0), blur)
     loss = np.cos(np.radians(view_deg)) ** pair.display.falloff[1]
     if second:
         edge = box[2] + thick[2] if side_of > 0 else -(thick[0] - box[0])
@@ -337,7 +416,8 @@ def _paint(
         emitted = emitted_light(level, pair.display, np.full((1, 1), np.radians(view_deg)))
         lit = np.asarray(emitted + pair.display.haze, np.float32)
         width, height = box[2:] - box[:2]
-        painter.canvas.paint(lit, (*box[:2], 0), (width, 0, 0), (0, height, 0))
+        canvas.paint(lit, (*box[:2], 0), (width, 0, 0), (0, height, 0))
+    return PaintedRoom(canvas.light, wall, canvas.cover, depth, settings.margin_px)
 
 
 def photograph(

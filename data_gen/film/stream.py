@@ -1,29 +1,28 @@
 """A hand-held camera films a display that runs free of it.
 
 Between camera and display nothing is in step: each image row mixes the states that the display
-shows while the row is open, as linear light. What a phone's image processor does to the frames is
-in `data_gen.film.phone`, and its video codec in `data_gen.film.codec`. Left out: a row's motion
-against the next.
+shows while the row is open, as linear light (`data_gen.channel.panel`). What a phone's image
+processor does to the frames is in `data_gen.film.phone`, and its video codec in
+`data_gen.film.codec`. Left out: a row's motion against the next.
 """
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from data_gen.channel.composition import Foreground, Shot
-from data_gen.channel.display import Light
-from data_gen.channel.timing import state_shares
+from data_gen.channel.display import Light, room_light
+from data_gen.channel.panel import Panel
+from data_gen.film.exposure import Exposure, ExposureProgram
 from data_gen.film.frame import VideoFrame, lies_within
 from data_gen.film.passer import draw_passer
 from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion
 from data_gen.film.scenes import Scene, SceneSettings, draw_scene
-from data_gen.film.shake import ExposureDrift, Hand
+from data_gen.film.shake import ExposureDrift, Hand, Wander
 from data_gen.parameters import Pair
 from link.errors import ParameterError
 from link.geometry import frame_corners, transform
@@ -46,11 +45,12 @@ MAX_CLOCK_ERROR = 0.01
 """Largest share by which the drawn clocks of camera and display differ."""
 UNENDING_LOOP_S = 60.0
 """Time, in seconds, within which a camera joins a display that shows no loop."""
-KEPT_LIGHTS = 64
-"""Number of states whose emitted light is kept at once."""
-GRID_PX = 4
-"""Number of pixels between the points at which shares are computed, where the panel's rows are
-written one after the other."""
+LAMP_SHARE = 0.6
+"""Share of the camera's way by which a mirrored lamp moves over the display: that of a lamp which
+is 1.5 times as far from the display as the camera (assumed)."""
+SETTLING_FRAMES, SETTLED_S = 4, 10.0
+"""Number of frames, and of seconds after each, in which automatic exposure finds the light before a
+film begins."""
 EXPOSURE_JUMP = 0.2
 """Standard deviation of the log exposure to which automatic exposure jumps."""
 PAN_S = 0.5
@@ -79,10 +79,9 @@ class VideoSettings:
     drawn."""
     start_s: float | None = None
     """Time of the loop, in seconds, at which the camera joins; within the loop where drawn."""
-    response_s: float = 0.004
-    """Time constant of the panel's pixels, seconds (assumed: 9 ms from 10 to 90 per cent)."""
-    scan_s: float = 1 / 60
-    """Time, in seconds, in which the panel writes its rows, top to bottom (assumed: 60 Hz)."""
+    shutter: float | None = None
+    """Exposure time of each frame, seconds; None for the camera's own, which an automatic exposure
+    chooses by the light."""
     hand: float = 1.0
     """Motion of the hand relative to the usual, `shake.SWAY`; 0 for a tripod."""
     exposure_drift: float | None = None
@@ -111,8 +110,7 @@ class VideoSettings:
             ("jumps_hz", 0, 1000, " a second"),
             ("clock_error", -0.1, 0.1, ""),
             ("start_s", -1e6, 1e6, " seconds"),
-            ("response_s", 0, 1, " seconds"),
-            ("scan_s", 0, 1, " seconds"),
+            ("shutter", 1e-5, 1, " seconds"),
             ("exposure_drift", 0, 1, ""),
             ("hand", 0, 100, ""),
             ("jitter_s", 0, 1, " seconds"),
@@ -165,13 +163,15 @@ def film(
     settings.check()
     if not callable(states) and not len(states):
         raise ParameterError("states", "a display needs at least one state to show")
-    pair = replace(pair, camera=pair.camera.filming(settings.fps))
+    pair = replace(pair, camera=pair.camera.filming(settings.fps, settings.shutter))
     scene_rng, rng = rng.spawn(2)
     scene = draw_scene(layout, pair, view_deg, scene_rng, settings.scene)
     frames = _Stream(states, scene, settings, rng).frames()
-    if not settings.phone.processes:
+    phone = settings.phone
+    phone = replace(phone, distortion=phone.distortion or pair.camera.distortion)
+    if not phone.processes:
         return frames
-    processor = PhoneProcessor(settings.phone, (layout.width, layout.height), rng.spawn(1)[0])
+    processor = PhoneProcessor(phone, (layout.width, layout.height), rng.spawn(1)[0])
     return map(processor.process, frames)
 
 
@@ -188,9 +188,17 @@ class _Stream:
         start = draws.uniform(0, loop_s)
         self.clock = 1 + (error if settings.clock_error is None else settings.clock_error)
         self.start = start if settings.start_s is None else settings.start_s
-        self.backlight_phase = draws.random()
+        layout, display, camera = scene.layout, scene.pair.display, scene.pair.camera
         self.viewpoint = scene.viewpoint(viewpoint_rng)
+        size, light_of = (layout.width, layout.height), self.viewpoint.own_light
+        self.panel = Panel(display, size, self._state, light_of, settings.state_hz, draws.random())
         self.hand = Hand(scene.size, settings.hand, hand_rng)
+        self.sway = Wander(3, hand_rng.spawn(1)[0])
+        self.program = (
+            ExposureProgram(camera, display.white_cd, settings.fps, settings.shutter)
+            if camera.auto_exposure
+            else None
+        )
         drift = settings.exposure_drift
         drift = scene.pair.nuisance(scene.view_deg).drift if drift is None else drift
         self.exposure = ExposureDrift(drift, settings.jumps_hz, EXPOSURE_JUMP, exposure_rng)
@@ -198,11 +206,10 @@ class _Stream:
         self.passer = self._draw_passer(draws) if settings.passer_s is not None else None
         self.walks_left = draws.random() < 0.5
         self.away = np.array([np.cos(a := draws.uniform(0, 2 * np.pi)), np.sin(a)])
-        self.lights: OrderedDict[int, Light] = OrderedDict()
 
     def frames(self) -> Iterator[VideoFrame]:
         """Yield the frames that are not lost, in order."""
-        settings, previous = self.settings, None
+        settings, scene, previous = self.settings, self.scene, None
         late_before, motion_before = 0.0, None
         for number in count():
             if settings.seconds is not None and number / settings.fps >= settings.seconds:
@@ -211,6 +218,7 @@ class _Stream:
             time_s, step_s = number / settings.fps + late, 1 / settings.fps + (late - late_before)
             lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
             motion = self._look_away(time_s) @ self.hand.step(step_s)
+            way = scene.pair.setup.sway * self.sway.step(step_s)
             gain = self.exposure.step(step_s)
             smear = self._smear(motion_before, motion, step_s)
             late_before, motion_before = late, motion
@@ -219,7 +227,11 @@ class _Stream:
             if again and previous is not None:
                 previous = replace(previous, number=number, time_s=time_s, duplicate=True)
             else:
-                previous = self._film_frame(number, time_s, motion, gain, smear)
+                if self.program is not None:
+                    if previous is None:
+                        self._settle(time_s, motion, way)
+                    self.program.step(step_s)
+                previous = self._film_frame(number, time_s, motion, way, gain, smear)
             yield previous
 
     def _late(self) -> float:
@@ -235,29 +247,38 @@ class _Stream:
             return None
         middle = [(np.array(self.scene.size) - 1) / 2]
         velocity = (transform(motion, middle) - transform(before, middle))[0] / step_s
-        return np.asarray(self.scene.pair.camera.shutter_s * velocity)
+        return np.asarray(self._exposure().shutter_s * velocity)
+
+    def _settle(self, time_s: float, motion: NDArray[np.float64], way: NDArray[np.float64]) -> None:
+        """Let automatic exposure find the light that is there before the film begins."""
+        assert self.program is not None
+        for _ in range(SETTLING_FRAMES):
+            now = self.program.exposure()
+            shot = self._shot(motion, way, now, now.gain)
+            light, _ = self._light(shot, self.start + time_s * self.clock, way, now.shutter_s)
+            self.program.meter(shot.expose_light(light), now.gain)
+            self.program.step(SETTLED_S)
 
     def _film_frame(
         self,
         number: int,
         time_s: float,
         motion: NDArray[np.float64],
+        way: NDArray[np.float64],
         gain: float,
         smear: NDArray[np.float64] | None,
     ) -> VideoFrame:
         """Expose and develop one frame of a camera that has moved."""
-        scene = self.scene
-        H = motion @ scene.H_captured_from_display
-        H = H / H[2, 2]
+        scene, now = self.scene, self._exposure()
+        shot = self._shot(motion, way, now, now.gain * gain, self._passer_at(time_s))
         opens = self.start + time_s * self.clock
-        phase = (self.backlight_phase + scene.pair.display.pwm_hz * opens) % 1
-        shot = Shot(self.viewpoint, H, gain, phase, motion, self._passer_at(time_s))
-        first, shares = self._shares(opens, shot)
-        lights = [self._light(first + k) for k in range(len(shares))]
-        exposure = shot.expose_lights(lights, shares.astype(np.float32))
+        light, shares = self._light(shot, opens, way, now.shutter_s)
+        exposure = shot.expose_light(light)
+        if self.program is not None:
+            self.program.meter(exposure, now.gain * gain)
         if smear is not None:
             exposure = blur_by_motion(exposure, smear)
-        mean = shares.reshape(len(shares), -1).mean(axis=1)
+        H = shot.H_captured_from_display
         points = transform(H, frame_corners(scene.layout.width, scene.layout.height))
         return VideoFrame(
             rgb=shot.develop(exposure, self.noise_rng),
@@ -265,46 +286,59 @@ class _Stream:
             time_s=time_s,
             display_s=opens,
             H_captured_from_display=H,
-            states={first + k: float(share) for k, share in enumerate(mean) if share > 0},
+            states=shares,
             visible=lies_within(points, scene.size),
             duplicate=False,
         )
 
-    def _shares(self, opens: float, shot: Shot) -> tuple[int, NDArray[np.float64]]:
-        """Return the first state, and (S, h, 1) or (S, h, w) shares in the shot's region."""
-        settings, camera = self.settings, self.scene.pair.camera
-        height = self.scene.size[1]
-        left, top, right, bottom = shot.region
-        if right <= left or bottom <= top:
-            left, top, right, bottom = 0, 0, *self.scene.size
-        rows = opens + camera.readout_s * np.arange(top, bottom)[:, None] / height
+    def _exposure(self) -> Exposure:
+        """Return the exposure that the program has chosen, or the one that the camera keeps."""
+        if self.program is not None:
+            return self.program.exposure()
+        return Exposure(1.0, self.scene.pair.camera.shutter_s, self.viewpoint.iso)
 
-        def shares_at(times: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
-            return state_shares(times, camera.shutter_s, settings.state_hz, settings.response_s)
+    def _shot(
+        self,
+        motion: NDArray[np.float64],
+        way: NDArray[np.float64],
+        now: Exposure,
+        gain: float,
+        passer: tuple[Foreground, float, float] | None = None,
+    ) -> Shot:
+        """Return the exposure of a camera that its hand has turned and carried along."""
+        motions: tuple[NDArray[np.float64], ...] = (motion,)
+        if way.any():
+            motions = tuple(motion @ moved for moved in self.scene.parallax(way))
+        H = motions[-1] @ self.scene.H_captured_from_display
+        return Shot(self.viewpoint, H / H[2, 2], gain, None, motions, now.iso, passer)
 
-        if settings.scan_s <= 0:
-            return shares_at(rows)
-        back = np.linalg.inv(shot.H_captured_from_display)
-        x, y = np.meshgrid(_grid(left, right), _grid(top, bottom))
-        row = (back[1, 0] * x + back[1, 1] * y + back[1, 2]) / (
-            back[2, 0] * x + back[2, 1] * y + back[2, 2]
-        )
-        written = settings.scan_s * np.clip((row + 0.5) / self.scene.layout.height, 0, 1)
-        first, coarse = shares_at(opens + camera.readout_s * y / height - written)
-        if len(coarse) == 1:
-            return first, np.ones((1, bottom - top, 1))
-        return first, _refine_grid(coarse, bottom - top, right - left)
+    def _light(
+        self, shot: Shot, opens: float, way: NDArray[np.float64], shutter_s: float
+    ) -> tuple[Light, dict[int, float]]:
+        """Return the mean light of the display while a camera's rows are open, and its states.
 
-    def _light(self, state: int) -> Light:
-        """Return the emitted light of a state, kept or made anew."""
-        state = max(0, state) if callable(self.states) else state % len(self.states)
-        if state not in self.lights:
-            frame = self.states(state) if callable(self.states) else self.states[state]
-            self.lights[state] = self.viewpoint.emitted(frame)
-        self.lights.move_to_end(state)
-        if len(self.lights) > KEPT_LIGHTS:
-            self.lights.popitem(last=False)
-        return self.lights[state]
+        Args:
+            shot: the exposure.
+            opens: time of the loop, in seconds, at which the first row opens.
+            way: (3,) the camera's way, as `Scene.parallax` takes it.
+            shutter_s: time for which each row is open, seconds.
+        """
+        scene, layout = self.scene, self.scene.layout
+        # (h, w, 2) -> (h w, 2) -> (h, w)
+        points = self.panel.points
+        rows = transform(shot.H_captured_from_display, points.reshape(-1, 2))[:, 1]
+        rows = np.clip(rows.reshape(points.shape[:2]) / scene.size[1], -1, 2)
+        light, shares = self.panel.exposed(opens + scene.pair.camera.readout_s * rows, shutter_s)
+        side = max(layout.width, layout.height)
+        lamp = self.viewpoint.lamp + LAMP_SHARE * way[:2] * side / (layout.width, layout.height)
+        light += room_light(scene.pair.display, layout.height, layout.width, lamp)[:, :, None]
+        return light, shares
+
+    def _state(self, number: int) -> NDArray[np.uint8]:
+        """Return the picture of a state by its number."""
+        if callable(self.states):
+            return self.states(max(0, number))
+        return self.states[number % len(self.states)]
 
     def _look_away(self, time_s: float) -> NDArray[np.float64]:
         """Return the (3, 3) motion of a camera that looks elsewhere for a while."""
@@ -336,16 +370,3 @@ class _Stream:
         share = 1 - share if self.walks_left else share
         bob = 0.01 * height * np.sin(2 * np.pi * WALKING_HZ * time_s)
         return self.passer, share * (width + wide) - wide, height - tall + 0.01 * height + bob
-
-
-def _grid(low: int, high: int) -> NDArray[np.int_]:
-    """Return points GRID_PX apart, from the first pixel to the last or beyond."""
-    return np.arange(low, high + GRID_PX, GRID_PX)
-
-
-def _refine_grid(coarse: NDArray[np.float64], height: int, width: int) -> NDArray[np.float64]:
-    """Interpolate (S, h, w) values at points of `_grid` to (S, height, width) pixels, linearly."""
-    scale = np.diag([GRID_PX, GRID_PX, 1.0])[:2]
-    return np.array(
-        [cv2.warpAffine(c.astype(np.float32), scale, (width, height), borderMode=1) for c in coarse]
-    )

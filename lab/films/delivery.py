@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from data_gen.film.codec import through_codec
-from data_gen.pairs import PAIRS
+from data_gen.pairs import PAIRS, pair_names
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.films.trial import (
     Delivery,
@@ -129,7 +129,7 @@ def deliveries(
     model = receiver_model(settings.layout, workshop.out)
     takes = [
         Take(settings, pair, view, run, seed, model)
-        for run, view, pair in product(range(runs), views, pairs)
+        for run, view, pair in product(range(runs), views, pair_names(pairs))
     ]
     found = workshop.each(deliver, {take.name: take for take in takes}, [model])
     made = [Delivery.from_stored(run) for run in found.values()]

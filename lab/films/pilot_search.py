@@ -18,7 +18,7 @@ from scipy.stats import binom
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from data_gen.pairs import PAIRS
+from data_gen.pairs import GROUPS, pair_names
 from export.locate.pilots.search import PilotSearch
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
@@ -64,6 +64,10 @@ class PilotSearchFlags(StudyFlags):
     """Length of each film, seconds."""
     drop: float = 0.0
     """Share of the frames that are dropped at random, from 0 to below 1."""
+    pairs: tuple[str, ...] = GROUPS["paper"]
+    """Camera-display pairs, which film in turn."""
+    backlit: bool = False
+    """Whether all displays stand before a bright window."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,10 @@ class SearchTake:
     """Length of the film, seconds."""
     drop: float
     """Share of the frames that are dropped at random."""
+    pair: str
+    """Camera-display pair."""
+    backlit: bool
+    """Whether the display stands before a bright window."""
     seed: int
     """Seed of all draws."""
 
@@ -168,13 +176,13 @@ def search_film(take: SearchTake) -> SearchOutcome:
     shown = [picture.rgb for picture in (*pictures[first:], *pictures[:first])]
     states, layout = displayed_states(seen, shown, preset, rng)
     settings = VideoSettings(
-        scene=SceneSettings(coverage=coverage, pictures=pictures, free=0.03),
+        scene=SceneSettings(coverage=coverage, backlit=take.backlit, pictures=pictures, free=0.03),
         fps=CAMERA_FPS[preset],
         state_hz=PRESETS[preset].state_hz,
         seconds=take.seconds,
     )
     search = PilotSearch(searched_layouts(), settings.fps)
-    pair = source.pair(list(PAIRS)[number % len(PAIRS)])
+    pair = source.pair(take.pair)
     lost = np.random.default_rng([take.seed, number])
     for frame in film(states, layout, pair, view, settings, rng):
         if lost.random() < take.drop:
@@ -238,6 +246,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
 def check_search(flags: PilotSearchFlags) -> None:
     """Raise an `InputError` that names the first flag with a wrong value."""
     at_least(1, films=flags.films)
+    pair_names(flags.pairs)
     for preset in flags.presets:
         choose(CAMERA_FPS, preset, "name in --presets")
     for seen in flags.seen:
@@ -250,9 +259,17 @@ def check_search(flags: PilotSearchFlags) -> None:
 
 def measure_search(flags: PilotSearchFlags, workshop: Workshop) -> SearchContent:
     """Search all films."""
+    pairs = pair_names(flags.pairs)
     takes = {
         f"{preset} {seen} {number}": SearchTake(
-            preset, seen, number, flags.seconds, flags.drop, flags.seed
+            preset=preset,
+            seen=seen,
+            number=number,
+            seconds=flags.seconds,
+            drop=flags.drop,
+            pair=pairs[number % len(pairs)],
+            backlit=flags.backlit,
+            seed=flags.seed,
         )
         for number in range(flags.films)
         for preset in flags.presets

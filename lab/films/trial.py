@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from tyro.conf import OmitArgPrefixes
 
 from data_gen.channel.optics import check_view
+from data_gen.effects import switch_off
 from data_gen.film.codec import CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from data_gen.pairs import PAIRS
+from data_gen.pairs import get_pair, pair_names
 from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
@@ -82,6 +83,8 @@ class FilmSettings:
     """Motion of the hand relative to the usual."""
     drop: float = VideoSettings.drop
     """Probability that a camera frame is lost."""
+    without: tuple[str, ...] = ()
+    """Effects of the channel that are switched off (data_gen/effects.py)."""
     jitter_s: float = VideoSettings.jitter_s
     """Standard deviation, in seconds, of how early or late the sensor takes a frame."""
     phone: OmitArgPrefixes[PhoneSettings] = field(default_factory=PhoneSettings)
@@ -116,6 +119,7 @@ class FilmSettings:
             if (value := getattr(part, entry.name)) != entry.default
         ]
         words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
+        words += [f"without_{effect}" for effect in self.without]
         return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
 
     def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
@@ -220,7 +224,8 @@ def film_message(take: Take) -> MessageFilm:
     setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
-    source = Source(layout, "test", take.seed, display_size=config.display_size)
+    shown_size, without = config.display_size, config.without
+    source = Source(layout, "test", take.seed, without=without, display_size=shown_size)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     message = rng.bytes(config.n_bytes)
@@ -234,7 +239,7 @@ def film_message(take: Take) -> MessageFilm:
         config.kappa,
         bits,
         lambda: iter(shown),
-        display_size=config.display_size,
+        display_size=shown_size,
         even=choose(PRESETS, config.preset, "preset").even if config.even is None else config.even,
     )
     coverage = float(rng.uniform(*config.coverage))
@@ -362,14 +367,13 @@ def check_settings(settings: FilmSettings) -> None:
         settings.video(scene).check()
         replace(scene, outside=settings.outside).check()
     settings.codec.check()
+    switch_off(get_pair("canon-lg"), settings.without)
     if not least <= most:
         raise ParameterError("coverage", f"the largest share, {most:g}, is below the least")
 
 
 def check_filmed(pairs: Sequence[str], views: Sequence[float]) -> None:
     """Raise an `InputError` for camera-display pairs and views that cannot be filmed."""
-    each_once(pairs=pairs, views=views)
-    for pair in pairs:
-        choose(PAIRS, pair, "name in --pairs")
+    each_once(pairs=pair_names(pairs), views=views)
     for view in views:
         check_view(view, "views")

@@ -6,8 +6,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from data_gen.channel.transfer import cdtf
-from data_gen.frame_pair import Cell, FramePair, Source
+from data_gen.film.scenes import SceneSettings
+from data_gen.film.stream import VideoSettings, film
+from data_gen.frame_pair import Cell, FramePair, Source, shuffled_pictures
 from data_gen.pairs import CAMERAS, DISPLAYS, PAIRS
+from data_gen.today import TODAY
 from lab.study import Picture
 from link.images import LUMA, intensity
 from models import make_decoder
@@ -32,6 +35,7 @@ def draw_channel(source: Source) -> dict[str, Picture]:
         "channel_angles.png": angle_figure(source),
         "channel_decisions.png": decision_figure(source),
         "channel_sheet.jpg": contact_sheet(source),
+        "channel_today.jpg": today_sheet(source),
     }
 
 
@@ -118,14 +122,40 @@ def contact_sheet(source: Source) -> NDArray[np.uint8]:
                 tile = cv2.resize(
                     captured.original, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA
                 )
-                label = f"{camera}-{display} {view:g} deg"
-                cv2.putText(
-                    tile, label, (8, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (255, 255, 255), 1,
-                    cv2.LINE_AA,
-                )  # fmt: skip
+                write_label(tile, f"{camera}-{display} {view:g} deg")
                 tiles.append(tile)
             rows.append(np.hstack(tiles))
     return np.asarray(np.vstack(rows), np.uint8)
+
+
+def today_sheet(source: Source) -> NDArray[np.uint8]:
+    """Return a frame of a film by each pair of today, (H, W, 3) uint8 RGB.
+
+    Left at 0 degrees in a room; right at 45 degrees before a bright window.
+    """
+    pictures = shuffled_pictures(source)
+    shown = next(picture.rgb for picture in pictures if picture.name == ASTRONAUT)
+    rows = []
+    for number, name in enumerate(TODAY):
+        tiles = []
+        for view, backlit in ((0.0, False), (45.0, True)):
+            scene = SceneSettings(
+                coverage=0.3, turn=0.0, room="office", backlit=backlit, pictures=pictures
+            )
+            rng = np.random.default_rng([source.seed, number])
+            settings = VideoSettings(scene, seconds=0.01)
+            frame = next(film([shown], source.layout, TODAY[name], view, settings, rng))
+            tile = cv2.resize(frame.rgb, (640, 360), interpolation=cv2.INTER_AREA)
+            write_label(tile, f"{name} {view:g} deg")
+            tiles.append(tile)
+        rows.append(np.hstack(tiles))
+    return np.asarray(np.vstack(rows), np.uint8)
+
+
+def write_label(tile: NDArray[np.uint8], text: str) -> None:
+    """Write white text into the upper left corner of (H, W, 3) uint8 RGB, in place."""
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(tile, text, (8, 16), font, 0.45, (255, 255, 255), 1, cv2.LINE_AA)
 
 
 def astronaut_pair(source: Source, cell: Cell) -> FramePair:

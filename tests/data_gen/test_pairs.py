@@ -6,7 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from data_gen.pairs import CAMERAS, DISPLAYS, FALLOFF_BOUNDS, FITTED, PAIRS, get_pair
+from data_gen.pairs import (
+    CAMERAS,
+    DISPLAYS,
+    FALLOFF_BOUNDS,
+    FITTED,
+    GROUPS,
+    PAIRS,
+    get_pair,
+    pair_names,
+)
+from data_gen.today import TODAY
 from link.errors import InputError
 
 
@@ -58,9 +68,9 @@ def test_the_fall_off_of_the_tn_panel_exceeds_that_of_the_others_as_fitted() -> 
 # Spectra
 
 
-@pytest.mark.parametrize("name", PAIRS)
+@pytest.mark.parametrize("name", PAIRS | TODAY)
 def test_crosstalk_keeps_white_and_its_diagonal_dominates(name: str) -> None:
-    M = np.array(PAIRS[name].crosstalk)
+    M = np.array(get_pair(name).crosstalk)
     np.testing.assert_allclose(M.sum(axis=1), 1.0, atol=0.0015)  # three rounded entries
     assert np.all(np.diag(M) > 0.5)  # more than the rest of a row that sums to 1
 
@@ -79,4 +89,39 @@ def test_white_at_30_degrees_keeps_what_the_worst_of_phones_lost() -> None:
 def test_unknown_pair_lists_the_valid_names() -> None:
     with pytest.raises(InputError) as error:
         get_pair("canon-sony")
-    assert all(name in str(error.value) for name in ("canon-sony", *PAIRS))
+    assert all(name in str(error.value) for name in ("canon-sony", *PAIRS, *TODAY))
+
+
+# Pairs of today
+
+
+def test_pairs_of_today_stand_beside_the_paper_s() -> None:
+    assert pair_names(["today"]) == tuple(TODAY)
+    assert pair_names(["paper", "phone-tv"]) == (*PAIRS, "phone-tv")
+    assert not set(PAIRS) & set(TODAY)
+    with pytest.raises(InputError, match=r"canon-dell.*today"):
+        pair_names(["canon-dell"])
+    for names in GROUPS.values():
+        assert pair_names(names) == names
+
+
+@pytest.mark.parametrize("name", TODAY)
+def test_white_of_a_camera_of_today_is_that_of_iso_12232(name: str) -> None:
+    """The white level is that of 300 cd/m^2 at the stated shutter, aperture and ISO."""
+    camera = TODAY[name].camera
+    white = 0.65 * 300 * camera.shutter_s / camera.f_number**2 * camera.iso / 78
+    assert camera.white_level == pytest.approx(white, rel=0.02)
+
+
+@pytest.mark.parametrize("name", TODAY)
+def test_colours_of_a_camera_of_today_are_undone_by_its_matrix(name: str) -> None:
+    """Before primaries of sRGB, crosstalk and colour matrix cancel."""
+    M, C = np.array(TODAY[name].crosstalk), np.array(TODAY[name].camera.color_matrix)
+    if TODAY[name].display.panel != "OLED":
+        np.testing.assert_allclose(C @ M, np.eye(3), atol=0.005)
+    np.testing.assert_allclose((C @ M).sum(axis=1), 1.0, atol=0.003)
+
+
+def test_six_bits_are_all_that_tells_the_two_laptops_apart() -> None:
+    laptop, six = (TODAY[f"phone-{name}"].display for name in ("laptop", "sixbit"))
+    assert replace(six, name=laptop.name, frc_bits=0) == laptop

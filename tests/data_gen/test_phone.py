@@ -77,14 +77,17 @@ def test_each_effect_changes_the_film_and_only_when_it_is_on(name: str) -> None:
 
 
 def test_the_films_of_plain_cameras_stay_as_they_were() -> None:
-    """Stored results rely on the draws of films without phone and jitter."""
+    """Stored results rely on the draws of films without phone and jitter.
+
+    The levels are those since room light no longer pulses with the backlight, 0.15 % higher.
+    """
     frames = stream(replace(SHORT, scene=replace(ROOM, room=None)), get_pair("canon-lg"), seed=7)
     assert len(frames) == 9
     found = [(frame.rgb.mean(), *frame.H_captured_from_display[:2, 2]) for frame in frames[::4]]
     np.testing.assert_allclose(found, GOLDEN, rtol=0, atol=2e-3)
 
 
-GOLDEN = [(132.8754, 16.7917, 11.6125), (132.8131, 16.8033, 11.432), (132.8159, 16.7774, 11.3309)]
+GOLDEN = [(133.0632, 16.7917, 11.6125), (132.9866, 16.8033, 11.432), (133.0157, 16.7774, 11.3309)]
 
 
 def test_noise_reduction_averages_what_stands_still() -> None:

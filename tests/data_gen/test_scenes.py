@@ -23,9 +23,10 @@ from data_gen.channel.optics import (
     scene_camera,
 )
 from data_gen.channel.stills import draw_shots
+from data_gen.effects import with_parameter
 from data_gen.film.passer import draw_passer
 from data_gen.film.rooms import ROOMS
-from data_gen.film.scenes import Scene, SceneSettings, draw_scene, photograph
+from data_gen.film.scenes import PaintedRoom, Scene, SceneSettings, draw_scene, photograph
 from data_gen.pairs import get_pair
 from data_gen.pictures.library import Picture
 from link.geometry import frame_corners, transform
@@ -95,18 +96,18 @@ def test_rooms_are_as_bright_as_they_say(room: str) -> None:
 def test_the_background_has_the_image_size_and_is_light() -> None:
     made = drawn(1, 30.0, replace(SMALL, pictures=PICTURES))
     assert made.background.shape == (180, 320, 3)
-    assert made.canvas.shape == (196, 336, 3)
+    assert made.painted.light.shape == (196, 336, 3)
     assert made.background.dtype == np.float32
-    assert np.isfinite(made.canvas).all()
-    assert (made.canvas >= 0).all()
+    assert np.isfinite(made.painted.light).all()
+    assert (made.painted.light >= 0).all()
 
 
 def test_a_seed_gives_the_same_scene_and_still() -> None:
     first, again, other = (
         drawn(seed, 20.0, replace(SMALL, pictures=PICTURES)) for seed in (5, 5, 6)
     )
-    assert np.array_equal(first.canvas, again.canvas)
-    assert not np.array_equal(first.canvas, other.canvas)
+    assert np.array_equal(first.painted.light, again.painted.light)
+    assert not np.array_equal(first.painted.light, other.painted.light)
     stills = [
         photograph(even(90), s, np.random.default_rng(seed)) for s, seed in ((first, 1), (again, 1))
     ]
@@ -161,7 +162,8 @@ def test_a_viewpoint_sees_the_display_as_the_channel_of_stills_does(name: str) -
     canvas = np.full((*size[::-1], 3), SURROUNDINGS, np.float32)
     pose = Pose(30.0, 0.0, 0.0, 2.5)
     H = shot.H_captured_from_display
-    made = Scene(LAYOUT, still, 30.0, pose, "dark", 0.01, size, H, canvas, 0)
+    painted = PaintedRoom(canvas, canvas, np.zeros(size[::-1], np.float32), 1.0, 0)
+    made = Scene(LAYOUT, still, 30.0, pose, "dark", 0.01, size, H, np.eye(3, 4), painted)
     view = made.viewpoint(np.random.default_rng(0))
     view = replace(view, room=shot.viewpoint.room, theta=shot.viewpoint.theta)
     picture = scene(LAYOUT).original
@@ -220,3 +222,51 @@ def test_a_passer_by_covers_what_he_covers() -> None:
     for x, y in ((-200, 0), (400, 0), (0, 500)):
         passer.lay_over(image, x, y)
     assert np.array_equal(image, before)
+
+
+# Depth
+
+
+def test_a_camera_that_moves_sees_the_wall_move_behind_the_display() -> None:
+    """Both planes move as a camera that stands elsewhere projects them, turned to the picture."""
+    made = drawn(seed=3, view=30.0)
+    way = np.array([0.05, -0.02, 0.03])
+    moved = made.camera.copy()
+    moved[:, 3] -= made.camera[:, :3] @ way
+
+    def seen(camera: NDArray[np.float64], depth: float) -> NDArray[np.float64]:
+        points = np.array([[0, 0, -depth, 1], [0.4, 0.1, -depth, 1], [-0.3, 0.2, -depth, 1]])
+        image = points @ camera.T
+        return np.asarray(image[:, :2] / image[:, 2:])
+
+    wall, display = made.parallax(way)
+    turn = seen(made.camera, 0.0)[0] - seen(moved, 0.0)[0]
+    for motion, depth in ((display, 0.0), (wall, made.painted.depth)):
+        expected = seen(moved, depth) + turn
+        found = transform(motion, seen(made.camera, depth))
+        np.testing.assert_allclose(found, expected, atol=SUBPIXEL_PX)
+    still = made.parallax(np.zeros(3))
+    for motion in still:
+        np.testing.assert_allclose(motion / motion[2, 2], np.eye(3), atol=SUBPIXEL_PX)
+
+
+def test_layers_of_a_camera_at_rest_are_the_room() -> None:
+    flat = drawn(seed=5)
+    deep = replace(flat, pair=with_parameter(flat.pair, "sway", 0.02))
+    rng = np.random.default_rng
+    (one,), two = (made.viewpoint(rng(0)).surroundings for made in (flat, deep))
+    image, layered = (np.empty((180, 320, 3), np.float32) for _ in range(2))
+    one.lay_over(image, None)
+    for layer in two:
+        layer.lay_over(layered, None)
+    # the lens blurs the layers one by one, which differs a little where the wall has an edge
+    np.testing.assert_allclose(layered, image, atol=0.01)
+    assert np.abs(layered - image).mean() < 1e-4
+
+
+def test_a_window_behind_the_screen_is_brighter_than_white() -> None:
+    far = replace(SMALL, room="dark", coverage=0.1, centred=True)
+    dark, bright = (drawn(8, chosen=replace(far, backlit=backlit)) for backlit in (False, True))
+    assert np.quantile(dark.background, 0.99) < 0.5
+    assert np.quantile(bright.background, 0.99) > 1.5
+    assert np.array_equal(dark.corners, bright.corners)

@@ -14,11 +14,9 @@ from filming import ROOM, SMALL, only
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from tolerances import FLOAT32, FLOAT64
+from tolerances import FLOAT64
 
-from data_gen.channel.composition import Shot
 from data_gen.channel.timing import state_shares
-from data_gen.film.scenes import draw_scene
 from data_gen.film.shake import LIMIT, ExposureDrift, Hand, Wander
 from data_gen.film.stream import VideoFrame, VideoSettings, film
 from data_gen.pairs import get_pair
@@ -28,9 +26,7 @@ from link.geometry import frame_corners, transform
 from link.images import read_image
 from link.images.video import read_video
 
-STEADY = VideoSettings(
-    scene=ROOM, seconds=1.0, clock_error=0.0, start_s=0.0, response_s=0.0, scan_s=0.0, hand=0.0
-)
+STEADY = VideoSettings(scene=ROOM, seconds=1.0, clock_error=0.0, start_s=0.0, hand=0.0)
 WHITE, BLACK = (np.full((96, 128, 3), level, np.uint8) for level in (255, 0))
 QUIET = only("canon-lg", "perspective")
 """No noise, no flicker; the file holds 255 x light, rounded."""
@@ -115,22 +111,6 @@ def test_shares_are_those_of_a_fine_sum(
     np.testing.assert_allclose(weights[1:, -1], expected[1:], atol=2e-4)
 
 
-def test_light_is_mixed_linearly_and_row_by_row() -> None:
-    scene = draw_scene(SMALL, get_pair("canon-lg"), 20.0, np.random.default_rng(0), ROOM)
-    view = scene.viewpoint(np.random.default_rng(1))
-    shot = Shot(view, scene.H_captured_from_display, phase=0.3)
-    frames = np.random.default_rng(2).integers(0, 200, (2, 96, 128, 3), dtype=np.uint8)
-    lights = [view.emitted(frame) for frame in frames]
-    alone = [shot.expose_lights([light]) for light in lights]
-    _, top, _, bottom = shot.region
-    ramp = np.clip(np.linspace(-0.5, 1.5, bottom - top), 0, 1).astype(np.float32)
-    weights = np.array([1 - ramp, ramp])[:, :, None]
-    both = shot.expose_lights(lights, weights)
-    share = np.zeros((96, 1, 1), np.float32)
-    share[top:bottom, 0, 0] = ramp
-    np.testing.assert_allclose(both, (1 - share) * alone[0] + share * alone[1], atol=FLOAT32)
-
-
 def test_brightness_is_the_share_of_white() -> None:
     frames = stream(replace(STEADY, state_hz=11.0), pair=with_shutter(0.02))
     mixed = 0
@@ -193,8 +173,9 @@ def test_the_loop_starts_again() -> None:
 
 
 def test_the_panel_writes_its_rows_from_top_to_bottom() -> None:
-    chosen = replace(STEADY, state_hz=10.0, fps=10.0, start_s=0.1, scan_s=1 / 60, seconds=0.05)
-    rows = inside(stream(chosen, (WHITE, BLACK, WHITE), with_shutter(1 / 60))[0]).mean(axis=1)
+    chosen = replace(STEADY, state_hz=10.0, fps=10.0, start_s=0.1, seconds=0.05)
+    pair = with_shutter(1 / 60, pair=only("canon-lg", "perspective", "scan"))
+    rows = inside(stream(chosen, (WHITE, BLACK, WHITE), pair)[0]).mean(axis=1)
     assert rows[0] < 30  # written first, and black since
     assert rows[-1] > 220  # white until the end of the scan
     assert (np.diff(rows) > -1).all()

@@ -46,7 +46,7 @@ def h264(**settings: object) -> CodecSettings:
         (VideoSettings(hand=NAN), "hand: need 0 to 100"),
         (VideoSettings(start_s=NAN), "start_s"),
         (VideoSettings(jumps_hz=-1.0), "jumps_hz: need 0 to 1000 a second"),
-        (VideoSettings(scan_s=NAN), "scan_s: need 0 to 1 seconds"),
+        (VideoSettings(shutter=NAN), "shutter: need 1e-05 to 1 seconds"),
         (VideoSettings(drop=1.0), "drop: need a probability"),
         (VideoSettings(duplicate=-0.1), "duplicate"),
         (VideoSettings(passer_s=(2.0, 1.0)), "passer_s: the end must come after the start"),

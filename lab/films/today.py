@@ -1,0 +1,182 @@
+"""What is read by cameras of today from displays of today, and what each effect of them costs.
+
+Each setting is a preset before a camera of some rate. Each pair and view is a cell of the table.
+With ``--without`` the same films are taken again with one effect after the other switched off.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from data_gen.effects import FILM_EFFECTS
+from data_gen.pairs import GROUPS, pair_names
+from lab.films.delivery import deliveries
+from lab.films.trial import MAX_LOOPS, Delivery, FilmSettings, check_filmed, check_settings
+from lab.study import Results, Study, StudyFlags, Workshop
+from link.code.framing import frames_needed
+from link.errors import at_least, choose, each_once
+from link.presets import PRESETS
+from reports.render.tables import Table, percent, share_interval
+from reports.score.intervals import wilson
+
+SETTINGS = {
+    "paper, 30 fps": ("paper", 30.0),
+    "robust, 30 fps": ("robust", 30.0),
+    "fast, 60 fps": ("fast", 60.0),
+    "hidden, 60 fps": ("hidden", 60.0),
+    "hidden, 120 fps": ("hidden", 120.0),
+}
+"""Preset and number of camera frames a second, by the name of the setting."""
+WEBCAM_FPS = 30.0
+"""Largest number of frames a second that a webcam takes; faster settings leave webcams out."""
+NOTHING = "nothing"
+"""Name of the films in which no effect is switched off."""
+EFFECTS = (*FILM_EFFECTS, "flicker", "ambient", "moire", "jpeg")
+"""Effects that can be switched off in turn: those of films, and those that pairs of today change
+most."""
+
+
+@dataclass(frozen=True)
+class TodayFlags(StudyFlags):
+    """Messages from films by cameras of today of displays of today (simulated)."""
+
+    settings: tuple[str, ...] = tuple(SETTINGS)
+    """Names of settings, keys of SETTINGS in lab/films/today.py."""
+    pairs: tuple[str, ...] = GROUPS["today"]
+    """Camera-display pairs."""
+    views: tuple[float, ...] = (0.0, 45.0)
+    """Angles between the camera and the normal of the display, degrees."""
+    runs: int = 3
+    """Number of runs for each setting, pair and view."""
+    without: tuple[str, ...] = (NOTHING,)
+    """Effects that are switched off in turn, or "nothing"."""
+    n_bytes: int = 100
+    """Length of the message, bytes."""
+    seconds: float = 5.0
+    """Seconds of film after which a run is given up."""
+
+    def film(self, name: str, effect: str) -> FilmSettings:
+        """Return how a setting is filmed without an effect."""
+        preset_name, fps = choose(SETTINGS, name, "name in --settings")
+        preset = PRESETS[preset_name]
+        frames = frames_needed(self.n_bytes, preset.layout.n_bits, "n_bytes")
+        return FilmSettings(
+            kappa=preset.kappa,
+            preset=preset_name,
+            state_hz=preset.state_hz,
+            fps=fps,
+            n_bytes=self.n_bytes,
+            without=() if effect == NOTHING else (effect,),
+            loops=min(MAX_LOOPS, self.seconds * preset.state_hz / 2 / frames),
+        )
+
+    def filmed(self, name: str) -> tuple[str, ...]:
+        """Return the pairs whose camera takes as many frames a second as the setting asks for."""
+        _, fps = SETTINGS[name]
+        pairs = pair_names(self.pairs)
+        return tuple(pair for pair in pairs if fps <= WEBCAM_FPS or not pair.startswith("webcam"))
+
+
+@dataclass(frozen=True)
+class TodaySeries:
+    """Films of one setting, from which one effect is left out."""
+
+    setting: str
+    """Name of the setting."""
+    without: str
+    """Effect that is switched off, or "nothing"."""
+    runs: list[Delivery]
+    """Every run."""
+
+
+@dataclass(frozen=True)
+class TodayContent:
+    """What was measured."""
+
+    series: list[TodaySeries]
+    """One entry for each setting and effect."""
+
+
+def today_blocks(results: Mapping[str, Results[TodayContent]]) -> dict[str, str]:
+    """Tabulate the cells of all settings, and the sum of their cells without each effect."""
+    found = [series for stored in results.values() for series in stored.content.series]
+    order = list(SETTINGS)
+    found.sort(key=lambda series: order.index(series.setting))
+    heads = (
+        "delivered", "95 % interval", "wrong messages", "seconds, median", "longest",
+        "bits wrong %",
+    )  # fmt: skip
+    cells, effects = [], []
+    for series in found:
+        runs = pd.DataFrame([vars(run) for run in series.runs])
+        if series.without == NOTHING:
+            for (pair, view), cell in runs.groupby(["pair", "view_deg"], sort=False):
+                cells.append([series.setting, pair, f"{view:g}°", *_outcome(cell)])
+        if any(each.without != NOTHING and each.setting == series.setting for each in found):
+            effects.append([series.setting, series.without, *_outcome(runs)])
+    title = (
+        "Simulated hand-held video at 1280 × 720, a 100-byte message; picture, room, pose, clocks "
+        "(±1 %) and start in the loop drawn anew in each run, which ends after five seconds "
+        "(`python -m lab today`):"
+    )
+    same = "The same films, with one effect switched off in turn, all pairs and views together:"
+    return {
+        "today": Table(("setting", "pair", "view", *heads), cells, title).markdown(),
+        "today_effects": Table(("setting", "switched off", *heads), effects, same).markdown(),
+    }
+
+
+def _outcome(runs: pd.DataFrame) -> list[str]:
+    """Write what became of some runs."""
+    came = runs[runs["delivered"]]
+    return [
+        f"{len(came)} of {len(runs)}",
+        f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
+        str(int(runs["wrong"].sum())),
+        f"{came['seconds'].median():.2f}" if len(came) else "–",
+        f"{came['seconds'].max():.2f}" if len(came) else "–",
+        percent(runs["bits_wrong"].sum() / runs["bits"].sum()) if runs["bits"].any() else "–",
+    ]
+
+
+def check_today(flags: TodayFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, runs=flags.runs)
+    each_once(settings=flags.settings, without=flags.without)
+    check_filmed(flags.pairs, flags.views)
+    for effect in flags.without:
+        choose(dict.fromkeys((NOTHING, *EFFECTS)), effect, "name in --without")
+        for name in flags.settings:
+            check_settings(flags.film(name, effect))
+
+
+def measure_today(flags: TodayFlags, workshop: Workshop) -> TodayContent:
+    """Film and receive every setting without every effect."""
+    found = []
+    for name in flags.settings:
+        for effect in flags.without:
+            film, pairs = flags.film(name, effect), flags.filmed(name)
+            runs = deliveries(film, pairs, flags.views, flags.runs, flags.seed, workshop)
+            found.append(TodaySeries(name, effect, runs))
+    return TodayContent(found)
+
+
+def label_of_today(flags: TodayFlags) -> str:
+    """Name results after their settings, and after what is switched off."""
+    words = [name.replace(", ", "_").replace(" fps", "fps") for name in flags.settings]
+    return "_".join([*words, *(["effects"] if len(flags.without) > 1 else [])])
+
+
+STUDY = Study(
+    name="today",
+    flags=TodayFlags,
+    content=TodayContent,
+    measure=measure_today,
+    blocks=today_blocks,
+    page=Path("docs/films.md"),
+    check=check_today,
+    label=label_of_today,
+)
+"""The study that `python -m lab today` runs."""
