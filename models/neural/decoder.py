@@ -123,27 +123,6 @@ class PhiDecoder(nn.Module):
         """
         return self.solve_and_score(*self.summarise(original, embedded))
 
-    def scores_together(self, original: Tensor, embedded: Tensor) -> Tensor:
-        """Decode several captures of one displayed frame pair in one fit.
-
-        Each capture has its own motion, calibration and noise. They share the bits: in each round
-        of refinement the probabilities that a capture is fitted with are those by all captures. A
-        decoder without refinement adds up the scores of captures that are fitted alone.
-
-        Args:
-            original: (R, 3, H, W) captures of the original frame, uint8, or float in [0, 255];
-                encoded RGB.
-            embedded: (R, 3, H, W) captures of the embedded frame, uint8, or float in [0, 255];
-                encoded RGB.
-
-        Returns:
-            (n_bits,) float32 scores, positive for bit 1, row-major over the message cells. With one
-            capture they are those of `forward`.
-        """
-        known, blocks = self.summarise(original, embedded)
-        scores, _ = self.solve_and_score(known, blocks, together=True)
-        return scores.sum(0)
-
     def summarise(self, original: Tensor, embedded: Tensor) -> tuple[Tensor, Tensor]:
         """Compute all that comes before the first learned parameter.
 
@@ -222,18 +201,15 @@ class PhiDecoder(nn.Module):
         )
         return self.ratex_samples(maps) if self.layout.ratex else pilots, blocks
 
-    def solve_and_score(
-        self, known: Tensor, blocks: Tensor, together: bool = False
-    ) -> tuple[Tensor, Tensor]:
+    def solve_and_score(self, known: Tensor, blocks: Tensor) -> tuple[Tensor, Tensor]:
         """Fit each pair's head to its training samples and score its blocks.
 
         Args:
             known: (B, N, F) float64 features of the training samples, from `summarise`.
             blocks: (B, n_bits, F) float64 features of the message blocks, from `summarise`.
-            together: whether the batch holds captures of one frame pair, whose bits are the same.
 
         Returns:
-            scores: (B, n_bits) float32, positive for bit 1, by what each capture says.
+            scores: (B, n_bits) float32, positive for bit 1.
             head: (B, n_features + 1) float32, weights of the features, then the bias.
         """
         head = self._fit_head(known)
@@ -242,10 +218,10 @@ class PhiDecoder(nn.Module):
         if self.refiner is None:
             scores = self.log_temperature.exp() * scores
         elif isinstance(self.refiner, PilotRefiner):
-            scores = self.refiner(self.statistics(known), self.statistics(blocks), together)
+            scores = self.refiner(self.statistics(known), self.statistics(blocks))
         else:
             tiles = self.statistics(self._tile_means(known))
-            scores = self.refiner(tiles, self.statistics(blocks), scores, together)
+            scores = self.refiner(tiles, self.statistics(blocks), scores)
         return scores.float(), head.float()
 
     def _fit_head(self, known: Tensor) -> Tensor:

@@ -1,14 +1,11 @@
 """The torch decoder as a method: ``phi`` untrained, ``learned`` from a checkpoint."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-import numpy as np
 import torch
 
-from link.errors import InputError
 from link.frames import Rectified, SoftBits
 from link.images import as_batch
 from link.layout import Layout
@@ -24,30 +21,6 @@ def decode_with(module: PhiDecoder, pair: Rectified) -> SoftBits:
         frames = (torch.from_numpy(as_batch(frame)) for frame in (pair.original, pair.embedded))
         scores, head = module(*frames)
     return SoftBits(scores[0].double().numpy(), head[0].double().numpy())
-
-
-def decode_together(module: PhiDecoder, pairs: Sequence[Rectified]) -> SoftBits:
-    """Decode several captures of one displayed frame pair in one fit.
-
-    Args:
-        module: a decoder that was built for the frame pair's layout.
-        pairs: the captures, at least one.
-
-    Returns:
-        the scores by all captures, without a head, since each capture has its own.
-
-    Raises:
-        InputError: no capture is given, or they have different layouts.
-    """
-    if len({pair.layout for pair in pairs}) != 1:
-        raise InputError("captures of one frame pair must be there and have one layout")
-    frames = (
-        torch.from_numpy(np.concatenate([as_batch(frame) for frame in captures]))
-        for captures in ([pair.original for pair in pairs], [pair.embedded for pair in pairs])
-    )
-    with torch.inference_mode():
-        scores = module.scores_together(*frames)
-    return SoftBits(scores.double().numpy())
 
 
 @lru_cache(maxsize=8)
@@ -93,25 +66,6 @@ class Learned:
             UnsuitedError: the layout has neither ratex patches nor pilots.
         """
         return decode_with(self._module(pair.layout), pair)
-
-    def decode_together(self, pairs: Sequence[Rectified]) -> SoftBits:
-        """Score a displayed frame pair that was captured several times, in one fit.
-
-        `link.frames.combined` adds up the scores of captures that were decoded alone. Here the
-        captures share the bits from the first round of refinement on, so that each is calibrated by
-        what all of them know.
-
-        Args:
-            pairs: the captures, at least one.
-
-        Raises:
-            InputError: no capture is given, they have different layouts, or a file of the
-                checkpoint is missing or damaged.
-            UnsuitedError: the layout has neither ratex patches nor pilots.
-        """
-        if not pairs:
-            raise InputError("captures of one frame pair must be there")
-        return decode_together(self._module(pairs[0].layout), pairs)
 
     def _module(self, layout: Layout) -> PhiDecoder:
         return _trained(self.checkpoint or shipped_checkpoint(layout), layout)

@@ -97,23 +97,6 @@ class Refiner(nn.Module):
         return with_surprises(self.temperature.exp() * llr, self.surprise)
 
 
-def said_of_bits(llr: Tensor, together: bool) -> Tensor:
-    """Add up what captures of one frame pair say of its bits.
-
-    Args:
-        llr: (B, n_bits) log-likelihood ratios, by what each frame pair says.
-        together: whether the batch holds captures of one frame pair, whose bits are the same.
-
-    Returns:
-        (B, n_bits) log-likelihood ratios by all that is known of each frame pair's bits.
-
-    >>> said_of_bits(torch.tensor([[1.0, 2.0], [3.0, -3.0]]), together=True)
-    tensor([[ 4., -1.],
-            [ 4., -1.]])
-    """
-    return llr.sum(0, keepdim=True).expand_as(llr) if together else llr
-
-
 def cavity_llr(
     fit: Fit, hypotheses: Hypotheses, noise: Tensor, swapped: Callable[[Tensor], Tensor]
 ) -> Tensor:

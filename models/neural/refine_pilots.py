@@ -33,7 +33,6 @@ from models.neural.refine import (
     cavity_llr,
     column_sum,
     logs,
-    said_of_bits,
     table,
 )
 from models.neural.ripple import Ripple
@@ -182,17 +181,15 @@ class PilotRefiner(Refiner):
         # a variance holds the covariance of two parts twice; `crossed_shares` says so for S
         self.spill_twice = table(np.repeat([1.0, 2.0], [n_signal, n_spill])[:, None])
 
-    def forward(self, pilots: Tensor, blocks: Tensor, together: bool = False) -> Tensor:
+    def forward(self, pilots: Tensor, blocks: Tensor) -> Tensor:
         """Compute the log-likelihood ratios of the message bits.
 
         Args:
             pilots: (B, pilots, STATISTICS) float64 statistics of the pilots.
             blocks: (B, n_bits, STATISTICS) float64 statistics of the message blocks.
-            together: whether the batch holds captures of one frame pair, whose bits are the same.
 
         Returns:
-            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1. Those of captures
-            that are fitted together are still what each capture says by itself, and add.
+            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1.
         """
         P, R = pilots.shape[1], pilots.shape[1] + blocks.shape[1]
         model = self.design(torch.cat([pilots, blocks], dim=1))
@@ -210,7 +207,7 @@ class PilotRefiner(Refiner):
         for _ in range(self.rounds):
             amplitude = self._amplitude(model, fit)
             flicker = self._flicker(fit, flicker, band_trust)
-            q = said_of_bits(verdict.llr, together).sigmoid() * self.unknown + self.known[:1]
+            q = verdict.llr.sigmoid() * self.unknown + self.known[:1]
             q = torch.cat([q, 1 - q], dim=1)  # (B, 2, R)
             model = replace(model, spilled=self._spilled_light(model, q, amplitude))
             if self.ripple is not None:

@@ -30,7 +30,6 @@ from models.neural.refine import (
     cavity_llr,
     column_sum,
     logs,
-    said_of_bits,
     table,
 )
 from models.neural.solver import inverse, solve_spd
@@ -169,9 +168,7 @@ class RatexRefiner(Refiner):
         self.sums_of_kinds = table(sums.reshape(9, 6))
         self.counts = table(np.array([0.0, 0, 0, tiles, n, kinds.count("r")]))
 
-    def forward(
-        self, tiles: Tensor, blocks: Tensor, scores: Tensor, together: bool = False
-    ) -> Tensor:
+    def forward(self, tiles: Tensor, blocks: Tensor, scores: Tensor) -> Tensor:
         """Compute the log-likelihood ratios of the message bits.
 
         Args:
@@ -181,11 +178,9 @@ class RatexRefiner(Refiner):
                 message block.
             scores: (B, n_bits) float64 scores of the SVM, with margins of about 1, from which the
                 first probabilities are made.
-            together: whether the batch holds captures of one frame pair, whose bits are the same.
 
         Returns:
-            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1. Those of captures
-            that are fitted together are still what each capture says by itself, and add.
+            (B, n_bits) float64 natural log-likelihood ratios, positive for bit 1.
         """
         T, n_bits = tiles.shape[1], blocks.shape[1]
         rows = self._stack(*self.design(tiles, blocks), tiles=T)
@@ -198,7 +193,7 @@ class RatexRefiner(Refiner):
         llr = llr - self._swapped(llr)  # (B, 1, R)
         for _ in range(self.rounds):
             # whatever is no block has no other: it counts in full
-            q = (said_of_bits(llr, together) + CERTAIN * (1 - self.is_block)).sigmoid()
+            q = (llr + CERTAIN * (1 - self.is_block)).sigmoid()
             fit = self._solve(rows, aimed, q / total)
             hypotheses = self._predict(rows, fit)
             scale = self._scale(fit, hypotheses, scale + least, trusts)
