@@ -145,7 +145,7 @@ def today_sheet(source: Source) -> NDArray[np.uint8]:
             rng = np.random.default_rng([source.seed, number])
             settings = VideoSettings(scene, seconds=0.01)
             frame = next(film([shown], source.layout, TODAY[name], view, settings, rng))
-            tile = cv2.resize(frame.rgb, (640, 360), interpolation=cv2.INTER_AREA)
+            tile = cv2.resize(frame.rgb, (480, 270), interpolation=cv2.INTER_AREA)
             write_label(tile, f"{name} {view:g} deg")
             tiles.append(tile)
         rows.append(np.hstack(tiles))
