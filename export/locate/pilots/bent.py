@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from export.locate.pilots.motion import POWERS, pixels_from_unit
+from export.locate.pilots.motion import POWERS, UNIT_CORNERS, pixels_from_unit
 from link.geometry import Lens, homography_from_corners, transform
 from link.types import Array, Corners, Homography, Map
 
-UNIT_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-"""Corners of a display from -1 to 1."""
 K_STEP = 1e-3
 """Change of a lens's coefficient by which it is found how places of the display move with it."""
 
@@ -81,7 +79,7 @@ class BentDisplay:
         lens, H = self.before_lens(H_old_from_new, k)
         stronger, H_stronger = self.before_lens(H_old_from_new, k + K_STEP)
         there = lens.undistort(stronger.distort(transform(H_stronger, places)))
-        motion = (transform(np.linalg.inv(H), there) - places) / K_STEP
+        motion = (transform(np.asarray(np.linalg.inv(H), np.float64), there) - places) / K_STEP
         from_values = np.linalg.inv(np.vander(nodes, increasing=True))
         # (POWERS POWERS, 2) -> (2, POWERS, POWERS)
         return np.asarray(from_values @ motion.T.reshape(2, POWERS, POWERS) @ from_values.T)

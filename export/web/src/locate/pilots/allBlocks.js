@@ -13,19 +13,21 @@
 import { locatePilotsAllBlocks } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { areaMeans } from "../../image/shrink.js";
-import { warped } from "../../image/warp.js";
+import { remapped, warped } from "../../image/warp.js";
 import { resizedHomography } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { lessMeanAround } from "./around.js";
 import { withoutSlope } from "./corners.js";
 import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
-import { MotionEquations, NUMBERS, pixelsFromUnit, unitHomography } from "./motion.js";
+import {
+  MotionEquations, NUMBERS, pixelsFromUnit, powerSums, unitHomography,
+} from "./motion.js";
 import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";
 
 export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
-  EXPECTED_BLOCKS, SETTLED_PX,
+  EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, SETTLED_PX,
 } = locatePilotsAllBlocks;
 
 /** Largest number of pixels that are handled in one unit of work (`../steps.js`). */
@@ -128,9 +130,13 @@ export class BlockMaps {
 
 /** Moves the grid of a display, step by step, until its blocks change as wholes. */
 export class BlockFit {
-  /** The motion that the next step tries, and the best one, of a display from -1 to 1. */
+  /** The motion that the next step tries, of a display from -1 to 1. */
   #HOldFromNew = identity(3);
-  #best = identity(3);
+  /** Coefficient of the lens that the next step tries. */
+  #k = 0;
+  #best = { HOldFromNew: identity(3), k: 0 };
+  /** @type {import("./bent.js").BentDisplay | null} */
+  #bent = null;
   /** Correlation of the best motion, -1 before the first. */
   #score = -1;
 
@@ -143,6 +149,38 @@ export class BlockFit {
     this.changes = changes;
   }
 
+  /** Coefficient of the lens (`Lens`); 0 before `freeLens`. */
+  get k() {
+    return this.#best.k;
+  }
+
+  /**
+   * Let the next steps find by how much the lens bends the display, too.
+   *
+   * @param {import("./bent.js").BentDisplay} bent - says where the views were rectified
+   */
+  freeLens(bent) {
+    this.#bent = bent;
+    this.#score = -1;
+    this.#HOldFromNew = this.#best.HOldFromNew;
+    this.#k = this.#best.k;
+  }
+
+  /**
+   * Tell whether the lens that the next step tries bends the display by much of a block.
+   *
+   * @returns {boolean}
+   */
+  bends() {
+    const { maps } = this;
+    if (this.#bent === null) return false;
+    const halves = [maps.layout.cols / 2, maps.layout.rows / 2];
+    return this.#bent.bending(this.#HOldFromNew, this.#k).some((factors, axis) => {
+      const least = EXPECTED_BLOCKS / halves[axis];
+      return powerSums(factors, maps.places()).some((moved) => Math.abs(this.#k * moved) > least);
+    });
+  }
+
   /**
    * Say where points of the display, as it should have been rectified, lie in the views.
    *
@@ -150,7 +188,7 @@ export class BlockFit {
    */
   shift() {
     const HLayoutFromUnit = multiply3(this.maps.toLayout(), this.maps.fromUnit());
-    const H = multiply3(multiply3(HLayoutFromUnit, this.#best), inverse(HLayoutFromUnit));
+    const H = multiply3(multiply3(HLayoutFromUnit, this.#best.HOldFromNew), inverse(HLayoutFromUnit));
     return H.map((value) => value / H[8]);
   }
 
@@ -164,8 +202,9 @@ export class BlockFit {
     // one period does not tell toggling from noise
     if (this.changes.length < 2) return true;
     const seen = [];
+    const moved = this.#mover();
     for (const change of this.changes) {
-      seen.push(this.#score < 0 ? change : this.#moved(change));
+      seen.push(moved(change));
       yield maps.work;
     }
     const expected = [];
@@ -187,26 +226,33 @@ export class BlockFit {
     // the last step led away
     if (score <= this.#score) return true;
     this.#score = score;
-    this.#best = this.#HOldFromNew;
+    this.#best = { HOldFromNew: this.#HOldFromNew, k: this.#k };
     const move = yield* this.#fittedMove(seen, expected, along / power);
     const H = multiply3(this.#HOldFromNew, unitHomography(move));
     this.#HOldFromNew = H.map((value) => value / H[8]);
+    const k = this.#k + (move[NUMBERS] ?? 0);
+    this.#k = Math.min(Math.max(k, -LARGEST_K), LARGEST_K);
     const farthest = Math.max(...move.map(Math.abs));
     if (!((farthest * maps.inner[0]) / 2 < SETTLED_PX)) return false;
-    this.#best = this.#HOldFromNew;
+    this.#best = { HOldFromNew: this.#HOldFromNew, k: this.#k };
     return true;
   }
 
   /**
-   * Show a change as it would have been seen with the grid where it now is.
+   * Make what shows changes as they would have been seen with the grid where it now is.
    *
-   * @param {FloatPlane} change
-   * @returns {FloatPlane}
+   * @returns {(change: FloatPlane) => FloatPlane}
    */
-  #moved(change) {
+  #mover() {
+    const [width, height] = this.maps.size;
     const fromUnit = this.maps.fromUnit();
+    if (this.#bent !== null) {
+      const places = this.#bent.seenAt(this.#HOldFromNew, this.#k, fromUnit, [width, height]);
+      return (change) => remapped(change, places, width, height);
+    }
+    if (this.#score < 0) return (change) => change;
     const H = multiply3(multiply3(fromUnit, this.#HOldFromNew), inverse(fromUnit));
-    return warped(change, H, change.width, change.height);
+    return (change) => warped(change, H, width, height);
   }
 
   /**
@@ -255,10 +301,12 @@ export class BlockFit {
   /**
    * Find the numbers of the homography that explain how the seen changes differ from the expected.
    *
+   * Where the lens is free, the change of its coefficient is the ninth.
+   *
    * @param {FloatPlane[]} seen
    * @param {FloatPlane[]} expected
    * @param {number} amplitude - of what is seen, in the expected changes
-   * @returns {Steps<Float64Array>} (8,)
+   * @returns {Steps<Float64Array>} (8,) or (9,)
    */
   *#fittedMove(seen, expected, amplitude) {
     const { maps } = this;
@@ -274,13 +322,18 @@ export class BlockFit {
     }
     // noise is alike over a block
     const noise = (power / (pixels * seen.length)) * maps.block[0] * maps.block[1] + 1e-12;
-    const { matrix, right } = equations.normal();
+    const bending = this.#bent?.bending(this.#HOldFromNew, this.#k) ?? null;
+    const { matrix, right } = equations.normal(bending);
     yield 2 * maps.work;
     const known = noise / ((2 * EXPECTED_BLOCKS) / maps.layout.cols) ** 2;
     const still = identity(3);
     for (let i = 0; i < NUMBERS; i++) {
       right[i] += known * (this.#HOldFromNew[i] - still[i]);
-      matrix[i * NUMBERS + i] += known;
+      matrix[i * right.length + i] += known;
+    }
+    if (bending !== null) {
+      right[NUMBERS] += (noise / EXPECTED_K ** 2) * this.#k;
+      matrix[matrix.length - 1] += noise / EXPECTED_K ** 2;
     }
     return solve(matrix, right).map((value) => -value);
   }
