@@ -22,13 +22,17 @@ OUTER_PX = 0.51
 pixel, and a hundredth that counts for nothing, as a homography of float32 is no more exact."""
 UNDISTORT_STEPS = 8
 """Number of steps of Newton's method that invert a lens's distortion."""
+LEAST_FACTOR = 0.7
+"""Smallest share of its distance from the centre at which a lens shows a point. It is reached
+outside the image; at two thirds, points farther out would begin to come back."""
 
 
 @dataclass(frozen=True)
 class Lens:
     """A lens that bends straight lines, around the centre of the image.
 
-    A point r half diagonals from the centre is seen at r (1 + k r²).
+    A point r half diagonals from the centre is seen at r (1 + k r²), or at `LEAST_FACTOR` r where
+    that is farther.
 
     >>> lens = Lens(-0.1, (100, 80))
     >>> lens.distort(np.array([[-0.5, -0.5], [49.5, 39.5]])).round(6).tolist()
@@ -62,7 +66,7 @@ class Lens:
             return points
         away = points - self.middle
         squares = (away**2).sum(axis=1, keepdims=True) / self.half**2
-        return np.asarray(self.middle + away * (1 + self.k * squares))
+        return np.asarray(self.middle + away * np.maximum(1 + self.k * squares, LEAST_FACTOR))
 
     def undistort(self, points: Array) -> Array:
         """Find the points (N, 2) that `distort` moves to given ones, by Newton's method.
@@ -74,9 +78,11 @@ class Lens:
             return points
         away = points - self.middle
         seen = np.hypot(*away.T) / self.half
-        found = seen
+        most = np.sqrt((LEAST_FACTOR - 1) / self.k) if self.k < 0 else np.inf
+        found = np.minimum(seen, most)
         for _ in range(UNDISTORT_STEPS):
             found = found - (found + self.k * found**3 - seen) / (1 + 3 * self.k * found**2)
+            found = np.minimum(found, most)
         return np.asarray(self.middle + away / (1 + self.k * found**2)[:, None])
 
     def homography(self, corners: Corners, width: int, height: int) -> Homography:
@@ -111,6 +117,7 @@ class Lens:
         squares += away[1] ** 2
         squares *= np.float32(self.k / self.half**2)
         squares += 1
+        np.maximum(squares, np.float32(LEAST_FACTOR), out=squares)
         for part, middle in zip(away, self.middle, strict=True):
             part *= squares
             part += np.float32(middle)

@@ -16,11 +16,12 @@ import { inverse, multiply3, solve } from "./linear.js";
 /** @typedef {ArrayLike<number>} Homography */
 
 export const { MIN_AREA_PX } = geometry;
-const { OUTER_PX, UNDISTORT_STEPS } = geometry;
+const { OUTER_PX, UNDISTORT_STEPS, LEAST_FACTOR } = geometry;
 
 /**
  * A lens that bends straight lines, around the centre of the image: a point r half diagonals from
- * the centre is seen at r (1 + k r^2). Where k is 0 it leaves points as they are.
+ * the centre is seen at r (1 + k r^2), or at LEAST_FACTOR r where that is farther. Where k is 0 it
+ * leaves points as they are.
  */
 export class Lens {
   /**
@@ -43,7 +44,7 @@ export class Lens {
    * @returns {Point[]}
    */
   distort(points) {
-    return this.#moved(points, (r) => 1 + this.k * r * r);
+    return this.#moved(points, (r) => Math.max(1 + this.k * r * r, LEAST_FACTOR));
   }
 
   /**
@@ -54,10 +55,12 @@ export class Lens {
    */
   undistort(points) {
     const { k } = this;
+    const most = k < 0 ? Math.sqrt((LEAST_FACTOR - 1) / k) : Infinity;
     return this.#moved(points, (seen) => {
-      let found = seen;
+      let found = Math.min(seen, most);
       for (let step = 0; step < UNDISTORT_STEPS; step++) {
         found -= (found + k * found ** 3 - seen) / (1 + 3 * k * found ** 2);
+        found = Math.min(found, most);
       }
       return 1 / (1 + k * found ** 2);
     });
@@ -94,7 +97,7 @@ export class Lens {
         const scale = 1 / (h6 * col + h7 * row + h8);
         const x = (h0 * col + h1 * row + h2) * scale - middleX;
         const y = (h3 * col + h4 * row + h5) * scale - middleY;
-        const farther = 1 + bend * (x * x + y * y);
+        const farther = Math.max(1 + bend * (x * x + y * y), LEAST_FACTOR);
         xs[at] = middleX + farther * x;
         ys[at] = middleY + farther * y;
       }
