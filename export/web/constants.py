@@ -43,7 +43,6 @@ SHARED = (
     "export.locate.find",
     "export.locate.patches",
     "export.locate.pilots.all_blocks",
-    "export.locate.pilots.bent",
     "export.locate.pilots.climb",
     "export.locate.pilots.corners",
     "export.locate.pilots.evidence",

@@ -32,7 +32,6 @@ from tolerances import (
 )
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
-from export.locate.pilots.bent import BentDisplay
 from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import (
     COARSE_SIZE,
@@ -60,7 +59,6 @@ UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
 HIDDEN = make_layout(48, 64, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
 CORNERS_JS, EVIDENCE_JS = "locate/pilots/corners.js", "locate/pilots/evidence.js"
-BENT_JS = "locate/pilots/bent.js"
 
 
 def expected(layout: Layout) -> NDArray[np.float64]:
@@ -252,8 +250,8 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> N
     maps = module.BlockMaps(FINE)
     changes = run(module.periodChangeSteps(maps, list(views), at, 0.25))
     fit, ported = BlockFit(BlockMaps(FINE), views, at, 0.25), module.BlockFit(maps, changes)
-    fit.free_lens(BentDisplay(BENT_CORNERS, BENT_SIZE))
-    ported.freeLens(port(BENT_JS).BentDisplay(BENT_CORNERS.tolist(), *BENT_SIZE))
+    fit.free_lens(BENT_CORNERS, BENT_SIZE)
+    ported.freeLens(BENT_CORNERS.tolist(), *BENT_SIZE)
     for _ in range(12):
         settled = fit.step()
         assert run(ported.moveSteps()) == settled
@@ -262,14 +260,6 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> N
             break
     same(ported.k, fit.k, LENS_K)
     same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), SUBPIXEL_PX)
-
-
-def test_the_bending_of_a_display(port: Port) -> None:
-    H = np.array([[1.01, 0.02, 0.03], [-0.01, 0.99, -0.02], [1e-3, -2e-3, 1.0]])
-    bent = BentDisplay(BENT_CORNERS, BENT_SIZE)
-    ported = port(BENT_JS).BentDisplay(BENT_CORNERS.tolist(), *BENT_SIZE)
-    for k in (-0.1, 0.0):
-        same(ported.bending(H, k), bent.bending(H, k).reshape(2, -1), FITTED)
 
 
 def test_corners_climb_to_the_pilots(port: Port) -> None:

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.bent import BentDisplay
 from export.locate.pilots.corners import without_slope
 from export.locate.pilots.evidence import (
     LEAST_DEVIATION,
@@ -26,14 +25,15 @@ from export.locate.pilots.evidence import (
 )
 from export.locate.pilots.motion import (
     POWERS,
+    UNIT_CORNERS,
     motion_equations,
     pixels_from_unit,
     unit_homography,
 )
 from export.locate.pilots.waves import waves
-from link.geometry import resized_homography
+from link.geometry import Lens, resized_homography, transform
 from link.layout import Layout
-from link.types import Array, Map
+from link.types import Array, Corners, Map
 
 LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 """Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are
@@ -55,8 +55,12 @@ EXPECTED_K = 0.05
 """Standard deviation that the lens's coefficient is expected to have."""
 LARGEST_K = 0.15
 """Largest coefficient of a lens, either way, that is believed."""
+K_STEP = 1e-3
+"""Change of the lens's coefficient by which it is found how places of the display move with it."""
 SETTLED_PX = 0.05
 """Motion, in pixels of the maps, below which a step is the last one."""
+FROM_UNIT = pixels_from_unit(2, 2)
+"""(3, 3) homography from a display from -1 to 1 to a frame of 2 by 2 pixels."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,8 @@ class BlockFit:
         self._H_old_from_new, self._k = np.eye(3), 0.0
         self._best = self._H_old_from_new, self._k
         self._score = -1.0
-        self._bent: BentDisplay | None = None
+        self._H_captured_from_unit: Array | None = None
+        self._image_size = 0, 0
         (columns, rows), (left, top) = maps.size, maps.margin
         self._powers_x, self._powers_y = (
             ((np.arange(count) - before + 0.5) / side * 2 - 1) ** np.arange(POWERS)[:, None]
@@ -153,13 +158,17 @@ class BlockFit:
         H = H_layout_from_unit @ self._best[0] @ np.linalg.inv(H_layout_from_unit)
         return np.asarray(H / H[2, 2])
 
-    def free_lens(self, bent: BentDisplay) -> None:
+    def free_lens(self, corners: Corners, image_size: tuple[int, int]) -> None:
         """Let the next steps find by how much the lens bends the display, too.
 
+        The lens moves the places between the corners; the corners stay where they are seen.
+
         Args:
-            bent: says where the views were rectified.
+            corners: pixels of the image by which the views were rectified.
+            image_size: width and height of the image, pixels.
         """
-        self._bent, self._score = bent, -1.0
+        self._H_captured_from_unit = Lens(0.0, image_size).homography(corners, 2, 2) @ FROM_UNIT
+        self._image_size, self._score = image_size, -1.0
         self._H_old_from_new, self._k = self._best
 
     def step(self) -> bool:
@@ -186,22 +195,26 @@ class BlockFit:
 
     def bends(self) -> bool:
         """Tell whether the lens that the next step tries bends the display by much of a block."""
-        if self._bent is None:
-            return False
-        bent = self._k * self._on_map(self._bent.bending(self._H_old_from_new, self._k))
-        halves = np.array([self.maps.layout.cols, self.maps.layout.rows]) / 2
-        return bool((np.abs(bent).max(axis=(1, 2)) * halves).max() > EXPECTED_BLOCKS)
+        bent = np.abs(self._places(self._k) - self._places(0.0)).max(axis=(1, 2))
+        return bool((bent > EXPECTED_BLOCKS * self._block).any())
 
-    def _on_map(self, factors: Array) -> Map:
-        """Sum powers of y and of x, (..., `POWERS`, `POWERS`) factors, at each pixel of a map."""
-        return np.asarray(self._powers_y.T @ factors @ self._powers_x, np.float32)
+    def _places(self, k: float) -> Map:
+        """Find where a lens shows the pixels of the maps: (2, h, w), x and y in the views."""
+        H_map_from_unit, H_captured_from_unit = self._map_from_unit, self._H_captured_from_unit
+        assert H_captured_from_unit is not None, "the lens is not free"
+        lens = Lens(k, self._image_size)
+        corners = transform(H_captured_from_unit @ self._H_old_from_new, UNIT_CORNERS)
+        H = lens.homography(corners, 2, 2) @ FROM_UNIT @ np.linalg.inv(H_map_from_unit)
+        seen_at = cv2.merge(lens.seen_at(H, self.maps.size))
+        H_map_from_captured = H_map_from_unit @ np.linalg.inv(H_captured_from_unit)
+        places = cv2.perspectiveTransform(seen_at, H_map_from_captured)
+        return np.array(cv2.split(places), np.float32)
 
     def _seen(self) -> Map:
         """Show the changes, (K, h, w), as they are with the grid where it now is."""
         size, border = self.maps.size, cv2.BORDER_REPLICATE
-        if self._bent is not None:
-            H, from_unit = self._H_old_from_new, self._map_from_unit
-            x, y = self._bent.seen_at(H, self._k, from_unit, size)
+        if self._H_captured_from_unit is not None:
+            x, y = self._places(self._k)
             seen = [
                 cv2.remap(change, x, y, cv2.INTER_LINEAR, borderMode=border)
                 for change in self.changes
@@ -270,8 +283,10 @@ class BlockFit:
         known = noise / (2 * EXPECTED_BLOCKS / self.maps.layout.cols) ** 2
         asked += known * (self._H_old_from_new - np.eye(3)).flat[:8]
         information += known * np.eye(8)
-        if self._bent is not None:
-            bent_x, bent_y = self._on_map(self._bent.bending(self._H_old_from_new, self._k))
+        if self._H_captured_from_unit is not None:
+            # (2, h, w) pixels of the maps for each unit of the coefficient
+            bent = (self._places(self._k + K_STEP) - self._places(self._k)) / np.float32(K_STEP)
+            bent_x, bent_y = bent[0] * 2 / width, bent[1] * 2 / height
             with_x, with_y = bent_x * xx + bent_y * xy, bent_x * xy + bent_y * yy
             _, both = motion_equations(squares, [self._moments(each) for each in (with_x, with_y)])
             known = noise / EXPECTED_K**2

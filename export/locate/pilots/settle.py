@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
-from export.locate.pilots.bent import BentDisplay
 from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import COARSE_SIZE, MANY, coarse_shift, map_size, moved_corners
 from export.locate.pilots.evidence import expected_changes
@@ -189,7 +188,7 @@ def _through_lens(
         the coefficient of the lens; 0 where the lens bends the display by too little to tell.
     """
     height, width = reference.gray.shape
-    fit.free_lens(BentDisplay(start.corners, (width, height)))
+    fit.free_lens(start.corners, (width, height))
     for _ in range(LENS_ROUNDS):
         ended = fit.step()
         if not fit.bends():

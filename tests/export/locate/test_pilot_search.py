@@ -16,7 +16,6 @@ from pilot_films import (
 )
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
-from export.locate.pilots.bent import BentDisplay
 from export.locate.pilots.climb import climb_to_pilots
 from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, map_size
 from export.locate.pilots.evidence import pilot_evidence, pilot_signs
@@ -326,7 +325,7 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: NDArray[np.
     )
     seen = transform(H_captured_from_view, frame_corners(512, 384))
     fit.step()
-    fit.free_lens(BentDisplay(seen, BENT_SIZE))
+    fit.free_lens(seen, BENT_SIZE)
     while not fit.step():
         assert fit.bends()
     assert fit.k == pytest.approx(k, abs=0.005)
@@ -339,8 +338,7 @@ def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: fl
     fit = BlockFit(
         BlockMaps(FINE), block_views(FINE, 0 * OFF, 24, 4, toggling=toggling), range(24), 0.25
     )
-    assert not fit.bends()
-    fit.free_lens(BentDisplay(BENT_CORNERS, BENT_SIZE))
+    fit.free_lens(BENT_CORNERS, BENT_SIZE)
     fit.step()
     assert not fit.bends()
 
@@ -349,7 +347,7 @@ def test_a_display_in_a_corner_of_the_image_tells_of_no_lens() -> None:
     """A small display is hardly bent, and noise does not make it look so."""
     small = 100 + 0.2 * BENT_CORNERS
     fit = BlockFit(BlockMaps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), 0.25)
-    fit.free_lens(BentDisplay(small, BENT_SIZE))
+    fit.free_lens(small, BENT_SIZE)
     fit.step()
     assert not fit.bends()
 

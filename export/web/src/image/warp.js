@@ -17,7 +17,7 @@
 export function warped(plane, H, width, height, room = null) {
   const { data: source, width: stride } = plane;
   const data = roomFor(source, width * height, room);
-  const rounding = roundingOf(source);
+  const rounding = source instanceof Uint8Array ? 0.5 : 0;
   const right = stride - 1;
   const bottom = plane.height - 1;
   const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = Array.from(H);
@@ -38,17 +38,16 @@ export function warped(plane, H, width, height, room = null) {
  *
  * @template {Uint8Array | Float32Array} Samples
  * @param {import("./opencv.js").Plane<Samples>} plane
- * @param {{ xs: Float32Array, ys: Float32Array }} places - pixels of the plane, for each pixel of
- *   the result, row by row
+ * @param {Float32Array[]} places - x and y in the plane, for each pixel of the result, row by row
  * @param {number} width - of the result, pixels
  * @param {number} height - of the result, pixels
  * @param {Samples | null} [room] - takes the result where it has the right length
  * @returns {import("./opencv.js").Plane<Samples>} rounded where samples are bytes
  */
-export function remapped(plane, { xs, ys }, width, height, room = null) {
-  const { data: source } = plane;
+export function remapped(plane, [xs, ys], width, height, room = null) {
+  const source = plane.data;
   const data = roomFor(source, width * height, room);
-  const rounding = roundingOf(source);
+  const rounding = source instanceof Uint8Array ? 0.5 : 0;
   const right = plane.width - 1;
   const bottom = plane.height - 1;
   for (let at = 0; at < data.length; at++) {
@@ -100,14 +99,4 @@ function between(source, right, bottom, x, y) {
 function roomFor(source, count, room) {
   if (room?.length === count) return room;
   return source instanceof Uint8Array ? new Uint8Array(count) : new Float32Array(count);
-}
-
-/**
- * Say what is added to a value before what lies beyond its last whole one is dropped.
- *
- * @param {Uint8Array | Float32Array} source
- * @returns {number}
- */
-function roundingOf(source) {
-  return source instanceof Uint8Array ? 0.5 : 0;
 }

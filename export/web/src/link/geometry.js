@@ -84,7 +84,7 @@ export class Lens {
    * @param {Homography} HStraightFromDisplay - which `homography` finds
    * @param {number} width - of the display frame, pixels
    * @param {number} height - of the display frame, pixels
-   * @returns {{ xs: Float32Array, ys: Float32Array }} for each pixel, row by row
+   * @returns {Float32Array[]} x and y, for each pixel, row by row
    */
   seenAt(HStraightFromDisplay, width, height) {
     const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = Array.from(HStraightFromDisplay);
@@ -102,7 +102,7 @@ export class Lens {
         ys[at] = middleY + farther * y;
       }
     }
-    return { xs, ys };
+    return [xs, ys];
   }
 
   /**

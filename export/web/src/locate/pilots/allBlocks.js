@@ -14,22 +14,24 @@ import { locatePilotsAllBlocks } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { areaMeans } from "../../image/shrink.js";
 import { remapped, warped } from "../../image/warp.js";
-import { resizedHomography } from "../../link/geometry.js";
+import { Lens, homographyFromCorners, resizedHomography, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { lessMeanAround } from "./around.js";
 import { withoutSlope } from "./corners.js";
 import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
 import {
-  MotionEquations, NUMBERS, pixelsFromUnit, powerSums, unitHomography,
+  MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "./motion.js";
 import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";
 
 export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
-  EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, SETTLED_PX,
+  EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP, SETTLED_PX,
 } = locatePilotsAllBlocks;
 
+/** From a display from -1 to 1 to a frame of 2 by 2 pixels. */
+const FROM_UNIT = pixelsFromUnit(2, 2);
 /** Largest number of pixels that are handled in one unit of work (`../steps.js`). */
 const UNIT_PIXELS = 40_000;
 
@@ -135,8 +137,9 @@ export class BlockFit {
   /** Coefficient of the lens that the next step tries. */
   #k = 0;
   #best = { HOldFromNew: identity(3), k: 0 };
-  /** @type {import("./bent.js").BentDisplay | null} */
-  #bent = null;
+  #imageSize = [0, 0];
+  /** From a display from -1 to 1 to the image, once the lens is free. @type {Homography | null} */
+  #HCapturedFromUnit = null;
   /** Correlation of the best motion, -1 before the first. */
   #score = -1;
 
@@ -157,10 +160,15 @@ export class BlockFit {
   /**
    * Let the next steps find by how much the lens bends the display, too.
    *
-   * @param {import("./bent.js").BentDisplay} bent - says where the views were rectified
+   * The lens moves the places between the corners; the corners stay where they are seen.
+   *
+   * @param {Point[]} corners - pixels of the image by which the views were rectified
+   * @param {number} width - of the image, pixels
+   * @param {number} height - of the image, pixels
    */
-  freeLens(bent) {
-    this.#bent = bent;
+  freeLens(corners, width, height) {
+    this.#HCapturedFromUnit = multiply3(homographyFromCorners(corners, 2, 2), FROM_UNIT);
+    this.#imageSize = [width, height];
     this.#score = -1;
     this.#HOldFromNew = this.#best.HOldFromNew;
     this.#k = this.#best.k;
@@ -172,13 +180,36 @@ export class BlockFit {
    * @returns {boolean}
    */
   bends() {
-    const { maps } = this;
-    if (this.#bent === null) return false;
-    const halves = [maps.layout.cols / 2, maps.layout.rows / 2];
-    return this.#bent.bending(this.#HOldFromNew, this.#k).some((factors, axis) => {
-      const least = EXPECTED_BLOCKS / halves[axis];
-      return powerSums(factors, maps.places()).some((moved) => Math.abs(this.#k * moved) > least);
+    const [bent, straight] = [this.#places(this.#k), this.#places(0)];
+    return bent.some((at, axis) => {
+      const least = EXPECTED_BLOCKS * this.maps.block[axis];
+      return at.some((place, i) => Math.abs(place - straight[axis][i]) > least);
     });
+  }
+
+  /**
+   * Find where a lens shows the pixels of the maps.
+   *
+   * @param {number} k - coefficient of the lens
+   * @returns {Float32Array[]} x and y in the views, for each pixel
+   */
+  #places(k) {
+    if (this.#HCapturedFromUnit === null) throw new Error("the lens is not free");
+    const lens = new Lens(k, this.#imageSize[0], this.#imageSize[1]);
+    const fromUnit = this.maps.fromUnit();
+    const corners = transform(multiply3(this.#HCapturedFromUnit, this.#HOldFromNew), UNIT_CORNERS);
+    const HStraightFromUnit = multiply3(lens.homography(corners, 2, 2), FROM_UNIT);
+    const H = multiply3(HStraightFromUnit, inverse(fromUnit));
+    const [xs, ys] = lens.seenAt(H, this.maps.size[0], this.maps.size[1]);
+    const HMapFromCaptured = multiply3(fromUnit, inverse(this.#HCapturedFromUnit));
+    const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = HMapFromCaptured;
+    for (let at = 0; at < xs.length; at++) {
+      const [x, y] = [xs[at], ys[at]];
+      const w = h6 * x + h7 * y + h8;
+      xs[at] = (h0 * x + h1 * y + h2) / w;
+      ys[at] = (h3 * x + h4 * y + h5) / w;
+    }
+    return [xs, ys];
   }
 
   /**
@@ -246,8 +277,8 @@ export class BlockFit {
   #mover() {
     const [width, height] = this.maps.size;
     const fromUnit = this.maps.fromUnit();
-    if (this.#bent !== null) {
-      const places = this.#bent.seenAt(this.#HOldFromNew, this.#k, fromUnit, [width, height]);
+    if (this.#HCapturedFromUnit !== null) {
+      const places = this.#places(this.#k);
       return (change) => remapped(change, places, width, height);
     }
     if (this.#score < 0) return (change) => change;
@@ -299,6 +330,19 @@ export class BlockFit {
   }
 
   /**
+   * Find how the pixels of the maps move for each unit of the lens's coefficient.
+   *
+   * @returns {Float32Array[]} along x and along y, of a display from -1 to 1
+   */
+  #bending() {
+    const now = this.#places(this.#k);
+    return this.#places(this.#k + K_STEP).map((places, axis) => {
+      const unit = K_STEP * (this.maps.inner[axis] / 2);
+      return places.map((place, i) => (place - now[axis][i]) / unit);
+    });
+  }
+
+  /**
    * Find the numbers of the homography that explain how the seen changes differ from the expected.
    *
    * Where the lens is free, the change of its coefficient is the ninth.
@@ -322,7 +366,7 @@ export class BlockFit {
     }
     // noise is alike over a block
     const noise = (power / (pixels * seen.length)) * maps.block[0] * maps.block[1] + 1e-12;
-    const bending = this.#bent?.bending(this.#HOldFromNew, this.#k) ?? null;
+    const bending = this.#HCapturedFromUnit === null ? null : this.#bending();
     const { matrix, right } = equations.normal(bending);
     yield 2 * maps.work;
     const known = noise / ((2 * EXPECTED_BLOCKS) / maps.layout.cols) ** 2;

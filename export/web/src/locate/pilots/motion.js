@@ -11,8 +11,7 @@ import { locatePilotsMotion } from "../../generated/constants.js";
 import { slopesOf } from "../../image/slopes.js";
 import { identity } from "../../link/linear.js";
 
-export const { POWERS } = locatePilotsMotion;
-const { MOTIONS } = locatePilotsMotion;
+const { POWERS, MOTIONS } = locatePilotsMotion;
 /** Corners of a display from -1 to 1. */
 export const UNIT_CORNERS = /** @type {Point[]} */ (locatePilotsMotion.UNIT_CORNERS);
 /** Numbers of a homography that are found. */
@@ -69,8 +68,8 @@ export class MotionEquations {
   /**
    * Write the normal equations of the eight numbers, or of these and of one further motion.
    *
-   * @param {Float64Array[] | null} [further] - (POWERS, POWERS) factors of powers of
-   *   y and of x, for the further motion along x and for that along y
+   * @param {Float32Array[] | null} [further] - maps of the further motion along x and along y, of a
+   *   display from -1 to 1
    * @returns {{ matrix: Float64Array, right: Float64Array }} (8, 8) and (8,), or (9, 9) and (9,)
    */
   normal(further = null) {
@@ -89,7 +88,7 @@ export class MotionEquations {
       }
     }
     if (further === null) return { matrix, right };
-    const [furtherX, furtherY] = further.map((factors) => powerSums(factors, this.#places));
+    const [furtherX, furtherY] = further;
     const [xx, xy, yy] = this.#squares;
     const [x, y] = this.#products;
     const withX = xx.map((value, at) => furtherX[at] * value + furtherY[at] * xy[at]);
@@ -149,28 +148,6 @@ export class MotionEquations {
     }
     return table;
   }
-}
-
-/**
- * Sum powers of y and of x at each place of a map.
- *
- * @param {Float64Array} factors - (POWERS, POWERS) of powers of y and of x
- * @param {Float64Array[]} places - x of each column and y of each row
- * @returns {Float64Array} one sum for each place, row by row
- */
-export function powerSums(factors, [xs, ys]) {
-  const sums = new Float64Array(xs.length * ys.length);
-  const line = new Float64Array(POWERS);
-  for (let row = 0, at = 0; row < ys.length; row++) {
-    line.fill(0);
-    for (let power = POWERS - 1; power >= 0; power--) {
-      for (let k = 0; k < POWERS; k++) line[k] = line[k] * ys[row] + factors[power * POWERS + k];
-    }
-    for (let col = 0; col < xs.length; col++, at++) {
-      for (let k = POWERS - 1; k >= 0; k--) sums[at] = sums[at] * xs[col] + line[k];
-    }
-  }
-  return sums;
 }
 
 /**

@@ -2,7 +2,6 @@
 
 import { locatePilotsSettle } from "../../generated/constants.js";
 import { BlockFit, BlockMaps, periodChangeSteps } from "./allBlocks.js";
-import { BentDisplay } from "./bent.js";
 import { climbToPilots } from "./climb.js";
 import {
   COARSE_SIZE,
@@ -192,7 +191,7 @@ function* byBlocks({ corners, layout, frequency }, frames) {
  *   the lens bends the display by too little to tell
  */
 function* throughLens(fit, start, { gray }) {
-  fit.freeLens(new BentDisplay(start.corners, gray.width, gray.height));
+  fit.freeLens(start.corners, gray.width, gray.height);
   for (let round = 0; round < LENS_ROUNDS; round++) {
     const hasEnded = yield* fit.moveSteps();
     if (!fit.bends()) return 0;
