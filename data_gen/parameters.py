@@ -202,7 +202,7 @@ class Camera(Limited):
     """Rate, in Hz, of the light of lamps, of whose periods automatic exposure takes whole numbers:
     100 or 120; 0 for any shutter."""
     distortion: Annotated[float, Limits(-0.12, 0.12)] = 0.0
-    """Coefficient k of the lens in a film, as `data_gen.film.phone.distort` takes it."""
+    """Coefficient k of the lens in a film, as `link.geometry.Lens` takes it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -6,18 +6,126 @@ a picture are the outer corners of its corner pixels. A ``width`` x ``height`` d
 bottom-left of the displayed picture, whatever way up the camera was.
 """
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from link.errors import InputError
-from link.types import Corners, Homography, Image
+from link.types import Array, Corners, Homography, Image, Map
 
 MIN_AREA_PX = 256.0
 """Smallest area, in square pixels of the image, that a display may cover."""
 OUTER_PX = 0.51
 """Distance, in pixels, by which an image reaches beyond the centres of its outermost pixels: half a
 pixel, and a hundredth that counts for nothing, as a homography of float32 is no more exact."""
+UNDISTORT_STEPS = 8
+"""Number of steps of Newton's method that invert a lens's distortion."""
+LEAST_FACTOR = 0.7
+"""Smallest share of its distance from the centre at which a lens shows a point. It is reached
+outside the image; at two thirds, points farther out would begin to come back."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A lens that bends straight lines, around the centre of the image.
+
+    A point r half diagonals from the centre is seen at r (1 + k r²), or at `LEAST_FACTOR` r where
+    that is farther.
+
+    >>> lens = Lens(-0.1, (100, 80))
+    >>> lens.distort(np.array([[-0.5, -0.5], [49.5, 39.5]])).round(6).tolist()
+    [[4.5, 3.5], [49.5, 39.5]]
+    >>> lens.undistort(np.array([[4.5, 3.5]])).round(3).tolist()
+    [[-0.5, -0.5]]
+    """
+
+    k: float
+    """Coefficient of the distortion: 0 for none; below 0 the image bulges like a barrel."""
+    size: tuple[float, float]
+    """Width and height of the image, pixels."""
+
+    @property
+    def middle(self) -> Array:
+        """(2,) centre of the image, pixels."""
+        return np.asarray((np.array(self.size) - 1) / 2)
+
+    @property
+    def half(self) -> float:
+        """Half the diagonal of the image, pixels."""
+        return float(np.hypot(*self.size)) / 2
+
+    def distort(self, points: Array) -> Array:
+        """Move points (N, 2), pixels of an image without distortion, to where the lens shows them.
+
+        Args:
+            points: pixels (x, y).
+        """
+        if self.k == 0:
+            return points
+        away = points - self.middle
+        squares = (away**2).sum(axis=1, keepdims=True) / self.half**2
+        return np.asarray(self.middle + away * np.maximum(1 + self.k * squares, LEAST_FACTOR))
+
+    def undistort(self, points: Array) -> Array:
+        """Find the points (N, 2) that `distort` moves to given ones, by Newton's method.
+
+        Args:
+            points: pixels (x, y).
+        """
+        if self.k == 0:
+            return points
+        away = points - self.middle
+        seen = np.hypot(*away.T) / self.half
+        most = np.sqrt((LEAST_FACTOR - 1) / self.k) if self.k < 0 else np.inf
+        found = np.minimum(seen, most)
+        for _ in range(UNDISTORT_STEPS):
+            found = found - (found + self.k * found**3 - seen) / (1 + 3 * self.k * found**2)
+            found = np.minimum(found, most)
+        return np.asarray(self.middle + away / (1 + self.k * found**2)[:, None])
+
+    def homography(self, corners: Corners, width: int, height: int) -> Homography:
+        """Find the homography from a display to an image without distortion.
+
+        Args:
+            corners: pixels where the lens shows the corners of the display.
+            width: width of the display frame, pixels.
+            height: height of the display frame, pixels.
+
+        Returns:
+            ``H_straight_from_display``.
+        """
+        return homography_from_corners(self.undistort(corners), width, height)
+
+    def seen_at(self, H_straight_from_display: Homography, size: tuple[int, int]) -> list[Map]:
+        """Find where the lens shows every pixel of a display, x and y in two maps.
+
+        Args:
+            H_straight_from_display: homography that `homography` finds.
+            size: width and height of the display frame, pixels.
+        """
+        x, y = (np.arange(side, dtype=np.float32) for side in size)
+        across, down, scale = (
+            np.add.outer(row[1] * y + row[2], row[0] * x)
+            for row in H_straight_from_display.astype(np.float32)
+        )
+        away = [cv2.divide(part, scale) for part in (across, down)]
+        for part, middle in zip(away, self.middle, strict=True):
+            part -= np.float32(middle)
+        squares = away[0] ** 2
+        squares += away[1] ** 2
+        squares *= np.float32(self.k / self.half**2)
+        squares += 1
+        np.maximum(squares, np.float32(LEAST_FACTOR), out=squares)
+        for part, middle in zip(away, self.middle, strict=True):
+            part *= squares
+            part += np.float32(middle)
+        return away
+
+
+STRAIGHT = Lens(0.0, (1.0, 1.0))
+"""A lens that leaves all lines straight, in images of any size."""
 
 
 def frame_corners(width: int, height: int) -> Corners:
@@ -163,7 +271,13 @@ def transform(H: NDArray[np.float64], points: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(mapped[:, :2] / mapped[:, 2:])
 
 
-def rectify(image: Image, H_captured_from_display: Homography, width: int, height: int) -> Image:
+def rectify(
+    image: Image,
+    H_captured_from_display: Homography,
+    width: int,
+    height: int,
+    lens: Lens = STRAIGHT,
+) -> Image:
     """Resample a captured image to the display's frame.
 
     Bilinear; a capture finer than twice the display grid is first averaged down (INTER_AREA) by a
@@ -174,6 +288,7 @@ def rectify(image: Image, H_captured_from_display: Homography, width: int, heigh
         H_captured_from_display: homography, such as `homography_from_corners` finds.
         width: width of the display frame, pixels.
         height: height of the display frame, pixels.
+        lens: shows where in the image the points lie to which the homography leads.
 
     Returns:
         an `Image`.
@@ -189,6 +304,7 @@ def rectify(image: Image, H_captured_from_display: Homography, width: int, heigh
     top, right, bottom, left = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     factor = int(min(min(top, bottom) / width, min(left, right) / height))
     if factor >= 2:
+        lens = Lens(lens.k, (image.shape[1] / factor, image.shape[0] / factor))
         rows, cols = image.shape[0] // factor * factor, image.shape[1] // factor * factor
         image = np.asarray(
             cv2.resize(
@@ -199,6 +315,12 @@ def rectify(image: Image, H_captured_from_display: Homography, width: int, heigh
             np.uint8,
         )
         H = np.linalg.inv(resized_homography(factor, factor)) @ H
+    if lens.k:
+        across, down = lens.seen_at(H, (width, height))
+        border = cv2.BORDER_REPLICATE
+        return np.asarray(
+            cv2.remap(image, across, down, cv2.INTER_LINEAR, borderMode=border), np.uint8
+        )
     return np.asarray(
         cv2.warpPerspective(
             image,

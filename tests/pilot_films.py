@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from export.locate.pilots.all_blocks import BlockMaps
 from export.locate.pilots.evidence import pilot_signs
 from link.frames import SoftBits
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import Lens, frame_corners, homography_from_corners, transform
 from link.layout import Layout, block_mean, make_layout
 
 FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
@@ -156,6 +156,10 @@ def moving_picture(shift: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.GaussianBlur(frame, (0, 0), 1.5), np.uint8)
 
 
+BENT_SIZE = 1280, 720
+BENT_CORNERS = np.array([[200.0, 60.0], [1130.0, 90.0], [1090.0, 660.0], [170.0, 640.0]])
+
+
 def block_views(
     layout: Layout,
     off: NDArray[np.float64],
@@ -164,23 +168,30 @@ def block_views(
     slope: float = 0.0,
     noise: float = 3.0,
     toggling: float = 3.0,
+    k: float = 0.0,
 ) -> NDArray[np.float32]:
     """Maps of `BlockMaps` of a display whose corners lie ``off`` by some layout pixels in them.
 
     Its phase slopes from top to bottom by ``slope`` radians. Each period shows another message.
+    A lens of coefficient ``k`` shows the corners at BENT_CORNERS of an image of BENT_SIZE.
     """
     rng, maps = np.random.default_rng(5), BlockMaps(layout)
-    corners = frame_corners(layout.width, layout.height) + off
-    H = np.linalg.inv(maps.to_layout()) @ homography_from_corners(
-        corners, layout.width, layout.height
+    size, lens = (layout.width, layout.height), Lens(k, BENT_SIZE)
+    x, y = np.meshgrid(*map(np.arange, maps.size))
+    pixels = transform(maps.to_layout(), np.column_stack([x.ravel(), y.ravel()]))
+    H_captured_from_view = homography_from_corners(BENT_CORNERS, *size) @ np.linalg.inv(
+        homography_from_corners(frame_corners(*size) + off, *size)
     )
+    straight = lens.undistort(transform(H_captured_from_view, pixels))
+    shown = transform(np.linalg.inv(lens.homography(BENT_CORNERS, *size)), straight)
+    there = shown.astype(np.float32).reshape(*maps.size[::-1], 2)  # (h w, 2) -> (h, w, 2)
     states = []
     for _ in range(frames // frames_a_period + 2):
         bits = rng.choice([-1.0, 1.0], layout.rows * layout.cols)
         bits[layout.pilot_blocks] = pilot_signs(layout)
         grid = bits.reshape(layout.rows, layout.cols)
         drawn = cv2.resize(grid, (layout.width, layout.height), interpolation=cv2.INTER_NEAREST)
-        states.append(cv2.warpPerspective(drawn, H, maps.size, flags=cv2.INTER_AREA))
+        states.append(cv2.remap(drawn, there, None, cv2.INTER_LINEAR))
     (_, height), (_, top) = maps.inner, maps.margin
     y = (np.arange(maps.size[1]) - top + 0.5) / height - 0.5
     views = []

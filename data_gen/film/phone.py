@@ -18,15 +18,13 @@ from data_gen.channel.camera import unsharp_mask
 from data_gen.channel.display import Light
 from data_gen.film.frame import VideoFrame, lies_within
 from link.errors import ParameterError
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import Lens, frame_corners, homography_from_corners, transform
 
 TONE_TILES = (8, 8)
 """Number of tiles along x and y, between which local tone mapping interpolates."""
 STABILISED_SHARE = 0.03
 """Largest shift by which stabilisation moves a corner of the image, in widths of the image: what a
 phone crops for it."""
-UNDISTORT_STEPS = 8
-"""Number of steps of Newton's method that invert the lens's distortion."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,8 @@ class PhoneSettings:
     """Amount of the phone's unsharp mask with a sigma of 1 pixel, after the camera's own; 0 for
     none."""
     distortion: float = 0.0
-    """Coefficient k of the lens: a point r half diagonals from the centre is seen at r (1 + k r²).
-    Below 0 the image bulges like a barrel, and mirrors its edges into its corners."""
+    """Coefficient k of the `Lens`. Below 0 the image bulges like a barrel, and mirrors its edges
+    into its corners."""
     motion_blur: bool = False
     """Whether the hand's motion while the shutter is open blurs the frame."""
 
@@ -142,7 +140,7 @@ class PhoneProcessor:
         if self._maps is None:
             x, y = np.meshgrid(np.arange(width), np.arange(height))
             seen = np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
-            source = undistort(seen, (width, height), self._settings.distortion)
+            source = Lens(self._settings.distortion, (width, height)).undistort(seen)
             maps = source.reshape(height, width, 2).astype(np.float32)  # (H W, 2) -> (H, W, 2)
             where, between = cv2.convertMaps(maps, None, cv2.CV_16SC2)
             self._maps = where, between
@@ -156,7 +154,7 @@ class PhoneProcessor:
     def _distorted(self, H: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
         """Return the (3, 3) homography to where the lens shows the display's four corners."""
         corners = transform(H, frame_corners(*self._display))
-        bent = distort(corners, size, self._settings.distortion)
+        bent = Lens(self._settings.distortion, size).distort(corners)
         return homography_from_corners(bent, *self._display)
 
     def _steady(
@@ -184,36 +182,6 @@ class PhoneProcessor:
             new = np.asarray(cv2.addWeighted(new, 1 - share, self._kept, share, 0))
         self._kept = new
         return (new + np.float32(0.5)).astype(np.uint8)
-
-
-def distort(points: NDArray[np.float64], size: tuple[int, int], k: float) -> NDArray[np.float64]:
-    """Move points to where a lens shows them.
-
-    Args:
-        points: (N, 2) pixels (x, y) of an image without distortion.
-        size: width and height of the image, pixels.
-        k: coefficient; a point r half diagonals from the centre moves to r (1 + k r²).
-
-    >>> distort(np.array([[-0.5, -0.5], [49.5, 39.5]]), (100, 80), -0.1).round(6).tolist()
-    [[4.5, 3.5], [49.5, 39.5]]
-    """
-    middle, half = (np.array(size) - 1) / 2, np.hypot(*size) / 2
-    centred = (points - middle) / half
-    return np.asarray(middle + half * centred * (1 + k * (centred**2).sum(axis=1))[:, None])
-
-
-def undistort(points: NDArray[np.float64], size: tuple[int, int], k: float) -> NDArray[np.float64]:
-    """Find the points (N, 2) that `distort` moves to given ones, by Newton's method.
-
-    >>> undistort(np.array([[4.5, 3.5]]), (100, 80), -0.1).round(3).tolist()
-    [[-0.5, -0.5]]
-    """
-    middle, half = (np.array(size) - 1) / 2, np.hypot(*size) / 2
-    seen = np.hypot(*((points - middle) / half).T)
-    found = seen
-    for _ in range(UNDISTORT_STEPS):
-        found = found - (found + k * found**3 - seen) / (1 + 3 * k * found**2)
-    return np.asarray(middle + (points - middle) / (1 + k * found**2)[:, None])
 
 
 def map_tones_locally(rgb: NDArray[np.uint8], clip_limit: float) -> NDArray[np.uint8]:

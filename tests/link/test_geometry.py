@@ -8,6 +8,7 @@ from tolerances import FLOAT64, IDENTITY_LEVELS, SUBPIXEL_PX
 from link.errors import InputError
 from link.frames import Captured
 from link.geometry import (
+    Lens,
     check_corners,
     frame_corners,
     homography_from_corners,
@@ -35,9 +36,12 @@ def grid(width: int, height: int) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
 
 
-def photograph(H: NDArray[np.float64], width: int, height: int) -> NDArray[np.uint8]:
+def photograph(
+    H: NDArray[np.float64], width: int, height: int, lens: Lens | None = None
+) -> NDArray[np.uint8]:
     """What a camera sees of `scene` through the homography, sampled without any image library."""
-    points = transform(np.linalg.inv(H), grid(width, height).reshape(-1, 2))
+    seen = grid(width, height).reshape(-1, 2)
+    points = transform(np.linalg.inv(H), seen if lens is None else lens.undistort(seen))
     levels = scene(np.clip(points, -20, WIDTH + 20)).reshape(height, width)
     return np.asarray(levels.round().clip(0, 255), np.uint8)
 
@@ -203,3 +207,32 @@ def test_a_gray_and_a_colour_frame_are_no_pair() -> None:
     corners = frame_corners(WIDTH, HEIGHT)
     with pytest.raises(InputError):
         Captured(*frames, layout, corners, corners).rectified()
+
+
+def test_what_a_lens_distorts_can_be_undone() -> None:
+    size, points = (160, 96), np.random.default_rng(0).uniform(-5, 165, (50, 2))
+    for k in (-0.12, -0.02, 0.0, 0.05, 0.12):
+        lens = Lens(k, size)
+        np.testing.assert_allclose(lens.distort(lens.undistort(points)), points, atol=1e-6)
+    corner, half = np.array([[-0.5, -0.5]]), np.array([80.0, 48.0])
+    np.testing.assert_allclose(Lens(-0.1, size).distort(corner), corner + 0.1 * half)
+    assert (Lens(0.0, size).distort(points) == points).all()
+
+
+@pytest.mark.parametrize("finer", [1, 3])
+def test_a_display_is_rectified_through_a_lens(finer: int) -> None:
+    """Where the image is averaged down first, too."""
+    size, lens = (200 * finer, 160 * finer), Lens(-0.1, (200 * finer, 160 * finer))
+    corners = finer * (TILTED + 0.5) - 0.5
+    H = lens.homography(corners, WIDTH, HEIGHT)
+    image = photograph(H, *size, lens=lens)
+    expected = scene(grid(WIDTH, HEIGHT))[2:-2, 2:-2]
+    through, without = (
+        np.abs(found[2:-2, 2:-2] - expected).max()
+        for found in (
+            rectify(image, H, WIDTH, HEIGHT, lens),
+            rectify(image, homography_from_corners(corners, WIDTH, HEIGHT), WIDTH, HEIGHT),
+        )
+    )
+    assert through < 3
+    assert without > 3 * through

@@ -8,6 +8,7 @@ from port import Port, differences, same
 from tolerances import (
     FLOAT64,
     GROWN_MEAN,
+    MOVED_PX,
     RECTIFIED_MEAN,
     ROUNDED_LEVELS,
     SAME_PX,
@@ -17,7 +18,15 @@ from tolerances import (
 )
 
 from link.errors import InputError
-from link.geometry import check_corners, homography_from_corners, in_image, rectify, transform
+from link.geometry import (
+    Lens,
+    check_corners,
+    frame_corners,
+    homography_from_corners,
+    in_image,
+    rectify,
+    transform,
+)
 from link.layout import make_layout
 from link.ratex import draw_patches, match_patches
 from link.robust import geman_mcclure_weights, reweighted, ridge_solution
@@ -124,6 +133,25 @@ def test_displays_are_rectified(port: Port, rng: np.random.Generator, name: str)
     )
     assert most <= ROUNDED_LEVELS
     assert mean < RECTIFIED_MEAN
+
+
+@pytest.mark.parametrize("name", RECTIFIED)
+def test_displays_are_rectified_through_a_lens(
+    port: Port, rng: np.random.Generator, name: str
+) -> None:
+    (height, width), corners, size = RECTIFIED[name]
+    lens, module = Lens(-0.1, (width, height)), port("link/geometry.js")
+    ported = module.Lens(lens.k, width, height)
+    for way in ("distort", "undistort"):
+        same(getattr(ported, way)(corners.tolist()), getattr(lens, way)(corners), FLOAT64)
+    image, H = photo(height, width, rng), lens.homography(corners, *size)
+    found = np.reshape(ported.homography(corners.tolist(), *size), (3, 3))
+    same(transform(found, frame_corners(*size)), transform(H, frame_corners(*size)), MOVED_PX)
+    most, mean = differences(
+        module.rectify(image, H, *size, None, ported), rectify(image, H, *size, lens)
+    )
+    assert most <= 2 * ROUNDED_LEVELS
+    assert mean < GROWN_MEAN
 
 
 def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random.Generator) -> None:

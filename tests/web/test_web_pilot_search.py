@@ -2,18 +2,29 @@
 
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pilot_films import FINE, OTHER, filmed, panned_to
 from port import Port, PortError
-from tolerances import PILOTS_FOUND_PX
+from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
 
 from export.locate.pilots.search import PilotSearch
+from link.geometry import Lens
 from link.layout import Layout, make_layout
 
 FPS = 60.0
-FILMS = ["edges", "upside down", "parallax", "turned to", "no edges", "still", "other layout"]
+FILMS = [
+    "edges",
+    "bent",
+    "upside down",
+    "parallax",
+    "turned to",
+    "no edges",
+    "still",
+    "other layout",
+]
 LATER, NO_EDGES_LATER = 3, 6
 """Largest number of frames by which the page may find a display later than Python: its steps are
 finer, and what toggles is outlined in several of them."""
@@ -25,6 +36,13 @@ def film(
     """Images, the display's corners in each or None where none is to be found, and layouts."""
     if name == "edges":
         images, corners = filmed(FINE, 30, seed=0)
+    elif name == "bent":
+        images, corners = filmed(FINE, 48, seed=0)
+        lens, (y, x) = Lens(-0.1, (640, 480)), np.indices((480, 640))
+        places = lens.undistort(np.column_stack([x.ravel(), y.ravel()]).astype(np.float64))
+        there = places.reshape(480, 640, 2).astype(np.float32)  # (480 640, 2) -> (480, 640, 2)
+        images = [cv2.remap(image, there, None, cv2.INTER_LINEAR) for image in images]
+        corners = np.array([lens.distort(seen) for seen in corners])
     elif name == "upside down":
         images, corners = filmed(FINE, 30, seed=1)
         images = [np.ascontiguousarray(image[::-1, ::-1]) for image in images]
@@ -64,6 +82,8 @@ def test_page_finds_what_python_finds(port: Port, name: str) -> None:
     (frame, display), (known_frame, known_display) = found, known
     assert frame <= known_frame + (NO_EDGES_LATER if name == "no edges" else LATER)
     assert display.layout.rows == known_display.layout.rows
+    assert (display.k == 0) == (known_display.k == 0) == (name != "bent")
+    assert display.k == pytest.approx(known_display.k, abs=LENS_FOUND_K)
     known_off = np.abs(known_display.corners - truth[known_frame]).max()
     assert np.abs(display.corners - truth[frame]).max() <= known_off + PILOTS_FOUND_PX
 

@@ -4,7 +4,15 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from pilot_films import FINE, MOVING_OUTLINE, block_views, moving_picture, texture
+from pilot_films import (
+    BENT_CORNERS,
+    BENT_SIZE,
+    FINE,
+    MOVING_OUTLINE,
+    block_views,
+    moving_picture,
+    texture,
+)
 from port import Port, differences, same
 from tolerances import (
     CORNERS_PX,
@@ -12,6 +20,7 @@ from tolerances import (
     FLOAT32_SUM,
     FLOAT64,
     FOUND_PX,
+    LENS_K,
     MOVED_PX,
     PILOT_CHANGE,
     SAME_PX,
@@ -232,6 +241,25 @@ def test_corners_move_by_all_blocks(
         if settled:
             break
     same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), SUBPIXEL_PX)
+
+
+@pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
+def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> None:
+    module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd
+    views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
+    maps = module.BlockMaps(FINE)
+    changes = run(module.periodChangeSteps(maps, list(views), at, 0.25))
+    fit, ported = BlockFit(BlockMaps(FINE), views, at, 0.25), module.BlockFit(maps, changes)
+    fit.free_lens(BENT_CORNERS, BENT_SIZE)
+    ported.freeLens(BENT_CORNERS.tolist(), *BENT_SIZE)
+    for _ in range(12):
+        settled = fit.step()
+        assert run(ported.moveSteps()) == settled
+        assert ported.bends() == fit.bends()
+        if settled:
+            break
+    same(ported.k, fit.k, LENS_K)
+    same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), SUBPIXEL_PX)
 
 
 def test_corners_climb_to_the_pilots(port: Port) -> None:

@@ -25,14 +25,15 @@ from export.locate.pilots.evidence import (
 )
 from export.locate.pilots.motion import (
     POWERS,
+    UNIT_CORNERS,
     motion_equations,
     pixels_from_unit,
     unit_homography,
 )
 from export.locate.pilots.waves import waves
-from link.geometry import resized_homography
+from link.geometry import Lens, resized_homography, transform
 from link.layout import Layout
-from link.types import Array, Map
+from link.types import Array, Corners, Map
 
 LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 """Smallest side of a block, in pixels of the maps, and the largest factor by which the maps are
@@ -48,9 +49,18 @@ SURE_RATIO = 9.0
 """Half a log-likelihood ratio from which on the direction of a block's change is no surer."""
 EXPECTED_BLOCKS = 0.1
 """Standard deviation, in blocks, that corners which the pilots fitted are expected to be off by:
-where few blocks stand out of the noise, they do not lead the corners away."""
+where few blocks stand out of the noise, they do not lead the corners away. A lens that bends the
+display by less counts as one that does not."""
+EXPECTED_K = 0.05
+"""Standard deviation that the lens's coefficient is expected to have."""
+LARGEST_K = 0.15
+"""Largest coefficient of a lens, either way, that is believed."""
+K_STEP = 1e-3
+"""Change of the lens's coefficient by which it is found how places of the display move with it."""
 SETTLED_PX = 0.05
 """Motion, in pixels of the maps, below which a step is the last one."""
+FROM_UNIT = pixels_from_unit(2, 2)
+"""(3, 3) homography from a display from -1 to 1 to a frame of 2 by 2 pixels."""
 
 
 @dataclass(frozen=True)
@@ -120,8 +130,11 @@ class BlockFit:
         seen = period_changes(maps, views, at, frequency)
         self.changes: Map = np.array([self._smooth(change) for change in seen])
         """(K, h, w) smooth changes in K periods, without slope."""
-        self._H_old_from_new = self._best = np.eye(3)
+        self._H_old_from_new, self._k = np.eye(3), 0.0
+        self._best = self._H_old_from_new, self._k
         self._score = -1.0
+        self._H_captured_from_unit: Array | None = None
+        self._image_size = 0, 0
         (columns, rows), (left, top) = maps.size, maps.margin
         self._powers_x, self._powers_y = (
             ((np.arange(count) - before + 0.5) / side * 2 - 1) ** np.arange(POWERS)[:, None]
@@ -130,6 +143,11 @@ class BlockFit:
         self._map_from_unit = pixels_from_unit(width, height)
         self._map_from_unit[:2, 2] += left, top
 
+    @property
+    def k(self) -> float:
+        """Coefficient of the lens (`link.geometry.Lens`); 0 before `free_lens`."""
+        return self._best[1]
+
     def shift(self) -> Array:
         """Say where points of the display, as it should have been rectified, lie in the views.
 
@@ -137,38 +155,80 @@ class BlockFit:
             H_old_from_new, (3, 3) in layout pixels.
         """
         H_layout_from_unit = self.maps.to_layout() @ self._map_from_unit
-        H = H_layout_from_unit @ self._best @ np.linalg.inv(H_layout_from_unit)
+        H = H_layout_from_unit @ self._best[0] @ np.linalg.inv(H_layout_from_unit)
         return np.asarray(H / H[2, 2])
+
+    def free_lens(self, corners: Corners, image_size: tuple[int, int]) -> None:
+        """Let the next steps find by how much the lens bends the display, too.
+
+        The lens moves the places between the corners; the corners stay where they are seen.
+
+        Args:
+            corners: pixels of the image by which the views were rectified.
+            image_size: width and height of the image, pixels.
+        """
+        self._H_captured_from_unit = Lens(0.0, image_size).homography(corners, 2, 2) @ FROM_UNIT
+        self._image_size, self._score = image_size, -1.0
+        self._H_old_from_new, self._k = self._best
 
     def step(self) -> bool:
         """Move the grid once, and return whether it has come to rest."""
         if len(self.changes) < 2:  # one period does not tell toggling from noise
             return True
-        seen = self.changes
-        if self._score >= 0:
-            H = self._map_from_unit @ self._H_old_from_new @ np.linalg.inv(self._map_from_unit)
-            flags, border = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, cv2.BORDER_REPLICATE
-            seen = np.array(
-                [
-                    cv2.warpPerspective(change, H, self.maps.size, flags=flags, borderMode=border)
-                    for change in seen
-                ]
-            )
+        seen = self._seen()
         expected = self._expected(seen)
         power = float((expected**2).sum()) + 1e-12
         along = float((expected * seen).sum())
         score = along / np.sqrt(power * (float((seen**2).sum()) + 1e-12))
         if score <= self._score:  # the last step led away
             return True
-        self._score, self._best = score, self._H_old_from_new
+        self._score, self._best = score, (self._H_old_from_new, self._k)
         expected *= along / power
         move = self._move(expected, seen - expected)
-        H = self._H_old_from_new @ unit_homography(move)
+        H = self._H_old_from_new @ unit_homography(move[:8])
         self._H_old_from_new = H / H[2, 2]
+        self._k = float(np.clip(self._k + move[8:].sum(), -LARGEST_K, LARGEST_K))
         settled = bool(np.abs(move).max() * self.maps.inner[0] / 2 < SETTLED_PX)
         if settled:
-            self._best = self._H_old_from_new
+            self._best = self._H_old_from_new, self._k
         return settled
+
+    def bends(self) -> bool:
+        """Tell whether the lens that the next step tries bends the display by much of a block."""
+        bent = np.abs(self._places(self._k) - self._places(0.0)).max(axis=(1, 2))
+        return bool((bent > EXPECTED_BLOCKS * self._block).any())
+
+    def _places(self, k: float) -> Map:
+        """Find where a lens shows the pixels of the maps: (2, h, w), x and y in the views."""
+        H_map_from_unit, H_captured_from_unit = self._map_from_unit, self._H_captured_from_unit
+        assert H_captured_from_unit is not None, "the lens is not free"
+        lens = Lens(k, self._image_size)
+        corners = transform(H_captured_from_unit @ self._H_old_from_new, UNIT_CORNERS)
+        H = lens.homography(corners, 2, 2) @ FROM_UNIT @ np.linalg.inv(H_map_from_unit)
+        seen_at = cv2.merge(lens.seen_at(H, self.maps.size))
+        H_map_from_captured = H_map_from_unit @ np.linalg.inv(H_captured_from_unit)
+        places = cv2.perspectiveTransform(seen_at, H_map_from_captured)
+        return np.array(cv2.split(places), np.float32)
+
+    def _seen(self) -> Map:
+        """Show the changes, (K, h, w), as they are with the grid where it now is."""
+        size, border = self.maps.size, cv2.BORDER_REPLICATE
+        if self._H_captured_from_unit is not None:
+            x, y = self._places(self._k)
+            seen = [
+                cv2.remap(change, x, y, cv2.INTER_LINEAR, borderMode=border)
+                for change in self.changes
+            ]
+        elif self._score >= 0:
+            H = self._map_from_unit @ self._H_old_from_new @ np.linalg.inv(self._map_from_unit)
+            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            seen = [
+                cv2.warpPerspective(change, H, size, flags=flags, borderMode=border)
+                for change in self.changes
+            ]
+        else:
+            return self.changes
+        return np.array(seen)
 
     def _smooth(self, change: NDArray[np.floating]) -> Map:
         """Smooth an (h, w) map over `SPAN` blocks, and take off the mean around each pixel."""
@@ -201,7 +261,10 @@ class BlockFit:
         return np.array([self._smooth(change) for change in drawn])
 
     def _move(self, expected: Map, residual: Map) -> Array:
-        """Find the (8,) numbers of the homography that explain the residual changes."""
+        """Find the (8,) numbers of the homography that explain the residual changes.
+
+        Where the lens is free, the change of its coefficient is the ninth.
+        """
         width, height = self.maps.inner
         slopes = [
             np.array([cv2.Sobel(e, -1, *order, scale=side / 16) for e in expected])
@@ -209,14 +272,28 @@ class BlockFit:
         ]
         noise = float((residual**2).mean() * self._block.prod()) + 1e-12  # alike over a block
         x, y = slopes
+        xx, xy, yy, x_left, y_left = (
+            (one * other).sum(axis=0)
+            for one, other in ((x, x), (x, y), (y, y), (x, residual), (y, residual))
+        )
         squares, products = (
-            [self._moments((one * other).sum(axis=0)) for one, other in pairs]
-            for pairs in (((x, x), (x, y), (y, y)), ((x, residual), (y, residual)))
+            [self._moments(each) for each in maps] for maps in ((xx, xy, yy), (x_left, y_left))
         )
         information, asked = motion_equations(squares, products)
         known = noise / (2 * EXPECTED_BLOCKS / self.maps.layout.cols) ** 2
         asked += known * (self._H_old_from_new - np.eye(3)).flat[:8]
         information += known * np.eye(8)
+        if self._H_captured_from_unit is not None:
+            # (2, h, w) pixels of the maps for each unit of the coefficient
+            bent = (self._places(self._k + K_STEP) - self._places(self._k)) / np.float32(K_STEP)
+            bent_x, bent_y = bent[0] * 2 / width, bent[1] * 2 / height
+            with_x, with_y = bent_x * xx + bent_y * xy, bent_x * xy + bent_y * yy
+            _, both = motion_equations(squares, [self._moments(each) for each in (with_x, with_y)])
+            known = noise / EXPECTED_K**2
+            alone = float((bent_x * with_x + bent_y * with_y).sum()) + known
+            information = np.block([[information, both[:, None]], [both[None], np.array(alone)]])
+            left = float((bent_x * x_left + bent_y * y_left).sum())
+            asked = np.append(asked, left + known * self._k)
         return np.asarray(-np.linalg.solve(information, asked))
 
     def _moments(self, weights: Map) -> Array:

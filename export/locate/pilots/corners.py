@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import frame_corners, homography_from_corners, transform
+from link.geometry import STRAIGHT, Lens, frame_corners, transform
 from link.layout import Layout
 from link.types import Array, Corners, Homography, Map
 
@@ -54,18 +54,20 @@ def map_size(layout: Layout) -> tuple[int, int]:
     return layout.width // factor, layout.height // factor
 
 
-def moved_corners(corners: Corners, H_old_from_new: Homography, layout: Layout) -> Array:
+def moved_corners(
+    corners: Corners, H_old_from_new: Homography, layout: Layout, lens: Lens = STRAIGHT
+) -> Array:
     """Corners, in the image, of a display that lies elsewhere in its own rectified image.
 
     Args:
         corners: pixels of the image, by which the display was rectified.
         H_old_from_new: in layout pixels.
         layout: layout of the display.
+        lens: lens through which the display was rectified.
     """
-    H_captured_from_old = homography_from_corners(corners, layout.width, layout.height)
-    return transform(
-        H_captured_from_old @ H_old_from_new, frame_corners(layout.width, layout.height)
-    )
+    size = layout.width, layout.height
+    H_straight_from_old = lens.homography(corners, *size)
+    return lens.distort(transform(H_straight_from_old @ H_old_from_new, frame_corners(*size)))
 
 
 def coarse_shift(

@@ -12,6 +12,8 @@ import numpy as np
 
 from link.types import Array
 
+UNIT_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+"""Corners of a display from -1 to 1."""
 POWERS = 5
 """Number of powers of a place, from 0 on, that the products of two motions need."""
 MOTIONS = (

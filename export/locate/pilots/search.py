@@ -77,6 +77,8 @@ class PilotDisplay:
     """Natural logarithm of the odds against chance, after paying for everything that was tried."""
     first_corners: Corners
     """Pixels of the frame with which the search began."""
+    k: float
+    """Coefficient of the lens (`link.geometry.Lens`)."""
 
 
 class PilotSearch:
@@ -181,7 +183,8 @@ class PilotSearch:
         self._failed = 0
         proposal = settled.proposal
         corners = newest.corners(proposal.corners)
-        return PilotDisplay(proposal.layout, corners, settled.evidence, proposal.corners)
+        first, k = proposal.corners, settled.k
+        return PilotDisplay(proposal.layout, corners, settled.evidence, first, k)
 
     def _begin(self) -> None:
         """Propose quadrilaterals in the reference, now that the film can be held still."""

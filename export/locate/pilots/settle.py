@@ -33,9 +33,9 @@ NEARLY = 0.5
 HINT, CLIMBABLE = 6.0, 3.0
 """Evidence of a proposal, before it pays, at which its corners are refined once all frames were
 seen, and at which the sum over its pilots can lead them on."""
-COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS = 5, 2, 5
+COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 2, 5, 20
 """Largest number of times that corners are moved by parts of the display, by the sum over its
-pilots, and by all of its blocks."""
+pilots, by all of its blocks, and by these while the lens is found, too."""
 SETTLED_PX = 3.0
 """Distance, in layout pixels, below which a coarse move is the last one."""
 
@@ -51,6 +51,8 @@ class Settled:
     """Where it is in the reference frame, and what it shows."""
     evidence: float
     """Natural logarithm of the odds against chance, after paying for everything that was tried."""
+    k: float
+    """Coefficient of the lens (`link.geometry.Lens`); 0 where nothing speaks for another."""
 
 
 def settle(
@@ -93,7 +95,8 @@ def settle(
     if evidence < HINT - float(np.log(tried)):
         return None
     used = len(watched)
-    fitted = replace(best, corners=(yield from _by_blocks(best, watched[:used])))
+    start, fit = best, (yield from _by_blocks(best, watched[:used]))
+    fitted = best if fit is None else _moved(best, fit)
     now = proposal_evidence(fitted, frames) - float(np.log(tried))
     yield None
     evidence = max(evidence, now)
@@ -109,7 +112,13 @@ def settle(
         if evidence < needed:
             evidence = proposal_evidence(best, [*frames, *agreeing]) - float(np.log(tried))
             yield None
-    return Settled(best, evidence) if evidence >= needed else None
+    if evidence < needed:
+        return None
+    k = 0.0
+    if best is fitted and fit is not None:
+        k = yield from _through_lens(fit, start, frames[0])
+        best = _moved(start, fit) if k else fitted
+    return Settled(best, evidence, k)
 
 
 def _by_parts(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
@@ -146,18 +155,51 @@ def _by_climbing(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
     return corners
 
 
-def _by_blocks(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
-    """Move corners by all blocks at once, to parts of a pixel."""
+def _by_blocks(
+    proposal: Proposal, frames: Sequence[FilmFrame]
+) -> Generator[None, None, BlockFit | None]:
+    """Move corners by all blocks at once, to parts of a pixel; None where they are not sound."""
     maps = BlockMaps(proposal.layout)
     views = []
     for frame in frames:
         view = frame.block_view(proposal.corners, maps)
         if view is None:
-            return proposal.corners
+            return None
         views.append(view)
     fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.frequency)
     for _ in range(BLOCK_ROUNDS):
         yield None
         if fit.step():
             break
-    return moved_corners(proposal.corners, fit.shift(), proposal.layout)
+    return fit
+
+
+def _through_lens(
+    fit: BlockFit, start: Proposal, reference: FilmFrame
+) -> Generator[None, None, float]:
+    """Go on with a fit by all blocks, and find how the lens bends the display.
+
+    Args:
+        fit: a fit that began with the corners of ``start``.
+        start: proposal whose corners the fit moves.
+        reference: the reference frame.
+
+    Returns:
+        the coefficient of the lens; 0 where the lens bends the display by too little to tell.
+    """
+    height, width = reference.gray.shape
+    fit.free_lens(start.corners, (width, height))
+    for _ in range(LENS_ROUNDS):
+        ended = fit.step()
+        if not fit.bends():
+            return 0.0
+        if ended:
+            break
+        yield None
+    return fit.k
+
+
+def _moved(proposal: Proposal, fit: BlockFit) -> Proposal:
+    """Move the corners of a proposal to where a fit by all blocks puts them."""
+    corners = moved_corners(proposal.corners, fit.shift(), proposal.layout)
+    return replace(proposal, corners=corners)

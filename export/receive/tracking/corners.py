@@ -14,6 +14,7 @@ from export.locate.pilots.corners import map_size, without_slope
 from export.locate.pilots.evidence import pilot_signs
 from export.locate.pilots.motion import (
     POWERS,
+    UNIT_CORNERS,
     motion_equations,
     pixels_from_unit,
     unit_homography,
@@ -101,8 +102,8 @@ class CornerShift:
         left = -right - seen @ (self.total - total)
         move = np.asarray(np.linalg.solve(self._information, sure * left), np.float64)
         move = move.round(DECIMALS)
-        corners = np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
-        moved = cv2.perspectiveTransform(corners[:, None], unit_homography(move))[:, 0] - corners
+        moved = cv2.perspectiveTransform(UNIT_CORNERS[:, None], unit_homography(move))[:, 0]
+        moved -= UNIT_CORNERS
         if (np.abs(moved) < 2 * FAR_BLOCKS / np.array([layout.cols, layout.rows])).all():
             from_unit = pixels_from_unit(layout.width, layout.height)
             shift = from_unit @ unit_homography(move) @ np.linalg.inv(from_unit)

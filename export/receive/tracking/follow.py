@@ -7,6 +7,7 @@ from export.locate.pilots.stabilise import Stabiliser
 from export.locate.refine import OUTSIDE
 from link.errors import InputError
 from link.geometry import (
+    Lens,
     check_corners,
     frame_corners,
     homography_from_corners,
@@ -44,15 +45,20 @@ class Follower:
 
     Args:
         layout: layout of the display.
+        k: coefficient of the lens.
     """
 
-    def __init__(self, layout: Layout) -> None:
-        self.layout = layout
+    def __init__(self, layout: Layout, k: float = 0.0) -> None:
+        self.layout, self._k = layout, k
         self.corners: Array | None = None
         """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
         self._motion = np.zeros((4, 2))
         self._reference: Image | None = None
         self._points = np.zeros((0, 1, 2), np.float32)
+
+    def lens(self, image: Image) -> Lens:
+        """Give the lens through which an image was taken."""
+        return Lens(self._k, (image.shape[1], image.shape[0]))
 
     def rectified(self, image: Image, corners: Corners) -> Image | None:
         """Rectify the display in an image, or return None where the corners are not sound.
@@ -65,8 +71,8 @@ class Follower:
             check_corners(corners, image.shape, OUTSIDE)
         except InputError:
             return None
-        H = homography_from_corners(corners, self.layout.width, self.layout.height)
-        return rectify(image, H, self.layout.width, self.layout.height)
+        size, lens = (self.layout.width, self.layout.height), self.lens(image)
+        return rectify(image, lens.homography(corners, *size), *size, lens)
 
     def begin(self, image: Image, corners: Array, rectified: Image) -> None:
         """Take a frame, and the display rectified by its corners, as the reference."""
@@ -100,8 +106,9 @@ class Follower:
             return None
         width, height = self.layout.width, self.layout.height
         guess = self.corners + self._motion
-        H_captured_from_guess = homography_from_corners(guess, width, height)
-        view = _equalised(rectify(image, H_captured_from_guess, width, height))
+        lens = self.lens(image)
+        H_straight_from_guess = lens.homography(guess, width, height)
+        view = _equalised(rectify(image, H_straight_from_guess, width, height, lens))
         moved, status, _ = cv2.calcOpticalFlowPyrLK(
             self._reference,
             view,
@@ -112,7 +119,8 @@ class Follower:
         )
         good = status[:, 0] == 1
         if not in_image(guess, image.shape).all():
-            good &= in_image(transform(H_captured_from_guess, moved[:, 0]), image.shape)
+            there = lens.distort(transform(H_straight_from_guess, moved[:, 0]))
+            good &= in_image(there, image.shape)
         if good.sum() < MIN_INLIERS:
             return None
         H_guess_from_reference, inliers = cv2.findHomography(
@@ -120,10 +128,10 @@ class Follower:
         )
         if H_guess_from_reference is None or inliers.sum() < MIN_INLIERS:
             return None
-        corners = transform(
-            H_captured_from_guess @ H_guess_from_reference, frame_corners(width, height)
+        straight = transform(
+            H_straight_from_guess @ H_guess_from_reference, frame_corners(width, height)
         )
-        return corners, bool(inliers.mean() < 0.5)
+        return lens.distort(straight), bool(inliers.mean() < 0.5)
 
     def _view_mask(self, H_captured_from_display: Array, shape: tuple[int, ...]) -> Image:
         """Mark, by 255, the pixels of the layout that lie in the image, and not at its border."""
@@ -172,10 +180,11 @@ class RoomFollower(Follower):
 
     Args:
         layout: layout of the display.
+        k: coefficient of the lens.
     """
 
-    def __init__(self, layout: Layout) -> None:
-        super().__init__(layout)
+    def __init__(self, layout: Layout, k: float = 0.0) -> None:
+        super().__init__(layout, k)
         self._room = Stabiliser()
         self._first = np.zeros((4, 2))
 

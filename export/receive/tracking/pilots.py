@@ -100,7 +100,8 @@ class PilotTracker:
         found = self._search.push(image, time)
         if found is None:
             return None
-        self._follower = (RoomFollower if self._search.picture_moves else Follower)(found.layout)
+        follower = RoomFollower if self._search.picture_moves else Follower
+        self._follower = follower(found.layout, found.k)
         self._H_followed_from_shown = np.eye(3)
         self._start = time
         self._values.clear()
@@ -112,7 +113,8 @@ class PilotTracker:
     def _accept(self, image: Image, corners: Array, *, fresh: bool) -> Tracked | None:
         """Rectify the display where the motion of its points puts it."""
         follower = self._follower
-        shown = moved_corners(corners, self._H_followed_from_shown, follower.layout)
+        H, lens = self._H_followed_from_shown, follower.lens(image)
+        shown = moved_corners(corners, H, follower.layout, lens)
         rectified = follower.rectified(image, shown)
         if rectified is None:
             return None

@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 from conftest import slow
 from numpy.typing import NDArray
-from pilot_films import FINE, OTHER, block_views, filmed, panned_to
+from pilot_films import (
+    BENT_CORNERS,
+    BENT_SIZE,
+    FINE,
+    OTHER,
+    block_views,
+    filmed,
+    panned_to,
+)
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
 from export.locate.pilots.climb import climb_to_pilots
@@ -16,7 +24,7 @@ from export.locate.pilots.stabilise import Stabiliser, Tracks
 from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
 from link.errors import InputError
-from link.geometry import frame_corners, transform
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
 
@@ -304,6 +312,44 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
     found = fitted_by_blocks(views, 1 / frames_a_period)
     truth = frame_corners(FINE.width, FINE.height) + OFF
     assert np.abs(found - truth).max() < 0.5
+
+
+@pytest.mark.parametrize("k", [-0.1, -0.04, 0.06])
+@pytest.mark.parametrize("off", [0 * OFF, OFF], ids=["right", "off"])
+def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: NDArray[np.float64]) -> None:
+    """Corners were found as if the lens bent nothing."""
+    views = block_views(FINE, off, 24, 4, k=k)
+    fit = BlockFit(BlockMaps(FINE), views, range(24), 0.25)
+    H_captured_from_view = homography_from_corners(BENT_CORNERS, 512, 384) @ np.linalg.inv(
+        homography_from_corners(frame_corners(512, 384) + off, 512, 384)
+    )
+    seen = transform(H_captured_from_view, frame_corners(512, 384))
+    fit.step()
+    fit.free_lens(seen, BENT_SIZE)
+    while not fit.step():
+        assert fit.bends()
+    assert fit.k == pytest.approx(k, abs=0.005)
+    found = transform(fit.shift(), frame_corners(512, 384))
+    assert np.abs(found - frame_corners(512, 384) - off).max() < 0.7
+
+
+@pytest.mark.parametrize("toggling", [3.0, 0.0])
+def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: float) -> None:
+    fit = BlockFit(
+        BlockMaps(FINE), block_views(FINE, 0 * OFF, 24, 4, toggling=toggling), range(24), 0.25
+    )
+    fit.free_lens(BENT_CORNERS, BENT_SIZE)
+    fit.step()
+    assert not fit.bends()
+
+
+def test_a_display_in_a_corner_of_the_image_tells_of_no_lens() -> None:
+    """A small display is hardly bent, and noise does not make it look so."""
+    small = 100 + 0.2 * BENT_CORNERS
+    fit = BlockFit(BlockMaps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), 0.25)
+    fit.free_lens(small, BENT_SIZE)
+    fit.step()
+    assert not fit.bends()
 
 
 def test_noise_leads_corners_a_quarter_of_a_block_at_most() -> None:

@@ -1,14 +1,19 @@
-"""Films as phones make them are read: hands that shake, and a video codec at an angle."""
+"""Films as phones make them are read: shaking hands, a video codec at an angle, bent lines."""
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from data_gen.film.codec import CodecSettings, through_codec
+from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from export.receive.receiver import Receiver
 from export.runtime import Decoder
+from lab.films.trial import FilmReading, FilmSettings, Take, film_message, receiver_model
 from link.code.framing import encode
 from link.embed import embed
 from link.layout import make_layout
@@ -47,3 +52,22 @@ def test_a_film_at_an_angle_is_read(hand: float, codec: CodecSettings) -> None:
     assert first <= 40
     assert all(locked[first:])
     assert receiver.found >= len(locked) - 6
+
+
+@pytest.mark.slow
+def test_a_lens_that_bends_the_display_costs_few_bits(tmp_path: Path) -> None:
+    """Blocks of the preset fast are small. The same draws are filmed through both lenses."""
+    plain = FilmSettings(preset="fast", state_hz=30, fps=60, n_bytes=5000)
+    model, wrong = receiver_model(plain.layout, tmp_path), []
+    for k in (0.0, -0.1):
+        settings = replace(plain, phone=PhoneSettings(distortion=k))
+        filmed = film_message(Take(settings, "canon-lg", 0.0, 0, 0, model))
+        reading = FilmReading(filmed, Decoder(model))
+        for frame in filmed.frames:
+            reading.push(frame)
+            if reading.ended:
+                break
+        delivery = reading.delivery()
+        assert delivery.delivered
+        wrong.append(delivery.bits_wrong / delivery.bits)
+    assert wrong[1] < wrong[0] + 0.01

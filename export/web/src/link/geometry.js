@@ -9,14 +9,120 @@
 
 import { geometry } from "../generated/constants.js";
 import { shrunkByWhole } from "../image/shrink.js";
-import { warped } from "../image/warp.js";
+import { remapped, warped } from "../image/warp.js";
 import { inverse, multiply3, solve } from "./linear.js";
 
 /** @typedef {[number, number]} Point */
 /** @typedef {ArrayLike<number>} Homography */
 
 export const { MIN_AREA_PX } = geometry;
-const { OUTER_PX } = geometry;
+const { OUTER_PX, UNDISTORT_STEPS, LEAST_FACTOR } = geometry;
+
+/**
+ * A lens that bends straight lines, around the centre of the image: a point r half diagonals from
+ * the centre is seen at r (1 + k r^2), or at LEAST_FACTOR r where that is farther. Where k is 0 it
+ * leaves points as they are.
+ */
+export class Lens {
+  /**
+   * @param {number} k - coefficient; below 0 the image bulges like a barrel
+   * @param {number} width - of the image, pixels
+   * @param {number} height - of the image, pixels
+   */
+  constructor(k, width, height) {
+    this.k = k;
+    /** Centre of the image. @type {Point} */
+    this.middle = [(width - 1) / 2, (height - 1) / 2];
+    /** Half the diagonal of the image, pixels. */
+    this.half = Math.hypot(width, height) / 2;
+  }
+
+  /**
+   * Move points of an image without distortion to where the lens shows them.
+   *
+   * @param {Point[]} points
+   * @returns {Point[]}
+   */
+  distort(points) {
+    return this.#moved(points, (r) => Math.max(1 + this.k * r * r, LEAST_FACTOR));
+  }
+
+  /**
+   * Find the points that `distort` moves to given ones, by Newton's method.
+   *
+   * @param {Point[]} points
+   * @returns {Point[]}
+   */
+  undistort(points) {
+    const { k } = this;
+    const most = k < 0 ? Math.sqrt((LEAST_FACTOR - 1) / k) : Infinity;
+    return this.#moved(points, (seen) => {
+      let found = Math.min(seen, most);
+      for (let step = 0; step < UNDISTORT_STEPS; step++) {
+        found -= (found + k * found ** 3 - seen) / (1 + 3 * k * found ** 2);
+        found = Math.min(found, most);
+      }
+      return 1 / (1 + k * found ** 2);
+    });
+  }
+
+  /**
+   * Find the homography from a display to an image without distortion.
+   *
+   * @param {Point[]} corners - pixels where the lens shows the corners of the display
+   * @param {number} width - of the display frame, pixels
+   * @param {number} height - of the display frame, pixels
+   * @returns {Float64Array} HStraightFromDisplay, nine numbers
+   */
+  homography(corners, width, height) {
+    return homographyFromCorners(this.undistort(corners), width, height);
+  }
+
+  /**
+   * Find where the lens shows every pixel of a display.
+   *
+   * @param {Homography} HStraightFromDisplay - which `homography` finds
+   * @param {number} width - of the display frame, pixels
+   * @param {number} height - of the display frame, pixels
+   * @returns {Float32Array[]} x and y, for each pixel, row by row
+   */
+  seenAt(HStraightFromDisplay, width, height) {
+    const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = Array.from(HStraightFromDisplay);
+    const [middleX, middleY] = this.middle;
+    const bend = this.k / this.half ** 2;
+    const xs = new Float32Array(width * height);
+    const ys = new Float32Array(width * height);
+    for (let row = 0, at = 0; row < height; row++) {
+      for (let col = 0; col < width; col++, at++) {
+        const scale = 1 / (h6 * col + h7 * row + h8);
+        const x = (h0 * col + h1 * row + h2) * scale - middleX;
+        const y = (h3 * col + h4 * row + h5) * scale - middleY;
+        const farther = Math.max(1 + bend * (x * x + y * y), LEAST_FACTOR);
+        xs[at] = middleX + farther * x;
+        ys[at] = middleY + farther * y;
+      }
+    }
+    return [xs, ys];
+  }
+
+  /**
+   * @param {Point[]} points
+   * @param {(r: number) => number} farther - how many times as far from the centre a point comes,
+   *   by its distance in half diagonals
+   * @returns {Point[]}
+   */
+  #moved(points, farther) {
+    const [middleX, middleY] = this.middle;
+    if (this.k === 0) return points;
+    return points.map(([x, y]) => {
+      const times = farther(Math.hypot(x - middleX, y - middleY) / this.half);
+      return [middleX + times * (x - middleX), middleY + times * (y - middleY)];
+    });
+  }
+}
+
+/** A lens that leaves all lines straight, in images of any size. */
+export const STRAIGHT = new Lens(0, 1, 1);
 
 /**
  * List the outer corners of a displayed frame, in corner order.
@@ -163,9 +269,12 @@ export function transform(H, points) {
  * @param {number} width - of the display frame, pixels
  * @param {number} height - of the display frame, pixels
  * @param {Uint8Array | null} [room] - takes the result where it has the right length
+ * @param {Lens} [lens] - shows where in the image the points lie to which the homography leads
  * @returns {BytePlane}
  */
-export function rectify(image, HCapturedFromDisplay, width, height, room = null) {
+export function rectify(
+  image, HCapturedFromDisplay, width, height, room = null, lens = STRAIGHT,
+) {
   const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
   const [top, right, bottom, left] = corners.map(([x, y], i) => {
     const [nextX, nextY] = corners[(i + 1) % 4];
@@ -173,7 +282,24 @@ export function rectify(image, HCapturedFromDisplay, width, height, room = null)
   });
   const finer = Math.min(Math.min(top, bottom) / width, Math.min(left, right) / height);
   const factor = Math.floor(finer);
-  if (!(factor >= 2)) return warped(image, HCapturedFromDisplay, width, height, room);
+  if (!(factor >= 2)) return sampled(image, HCapturedFromDisplay, width, height, room, lens);
   const H = multiply3(inverse(resizedHomography(factor, factor)), HCapturedFromDisplay);
-  return warped(shrunkByWhole(image, factor), H, width, height, room);
+  const small = new Lens(lens.k, image.width / factor, image.height / factor);
+  return sampled(shrunkByWhole(image, factor), H, width, height, room, small);
+}
+
+/**
+ * Sample an image where a homography and a lens lead.
+ *
+ * @param {BytePlane} image
+ * @param {Homography} H
+ * @param {number} width
+ * @param {number} height
+ * @param {Uint8Array | null} room
+ * @param {Lens} lens
+ * @returns {BytePlane}
+ */
+function sampled(image, H, width, height, room, lens) {
+  if (lens.k === 0) return warped(image, H, width, height, room);
+  return remapped(image, lens.seenAt(H, width, height), width, height, room);
 }

@@ -13,21 +13,25 @@
 import { locatePilotsAllBlocks } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { areaMeans } from "../../image/shrink.js";
-import { warped } from "../../image/warp.js";
-import { resizedHomography } from "../../link/geometry.js";
+import { remapped, warped } from "../../image/warp.js";
+import { Lens, homographyFromCorners, resizedHomography, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { lessMeanAround } from "./around.js";
 import { withoutSlope } from "./corners.js";
 import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
-import { MotionEquations, NUMBERS, pixelsFromUnit, unitHomography } from "./motion.js";
+import {
+  MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
+} from "./motion.js";
 import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";
 
 export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
-  EXPECTED_BLOCKS, SETTLED_PX,
+  EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP, SETTLED_PX,
 } = locatePilotsAllBlocks;
 
+/** From a display from -1 to 1 to a frame of 2 by 2 pixels. */
+const FROM_UNIT = pixelsFromUnit(2, 2);
 /** Largest number of pixels that are handled in one unit of work (`../steps.js`). */
 const UNIT_PIXELS = 40_000;
 
@@ -128,9 +132,14 @@ export class BlockMaps {
 
 /** Moves the grid of a display, step by step, until its blocks change as wholes. */
 export class BlockFit {
-  /** The motion that the next step tries, and the best one, of a display from -1 to 1. */
+  /** The motion that the next step tries, of a display from -1 to 1. */
   #HOldFromNew = identity(3);
-  #best = identity(3);
+  /** Coefficient of the lens that the next step tries. */
+  #k = 0;
+  #best = { HOldFromNew: identity(3), k: 0 };
+  #imageSize = [0, 0];
+  /** From a display from -1 to 1 to the image, once the lens is free. @type {Homography | null} */
+  #HCapturedFromUnit = null;
   /** Correlation of the best motion, -1 before the first. */
   #score = -1;
 
@@ -143,6 +152,66 @@ export class BlockFit {
     this.changes = changes;
   }
 
+  /** Coefficient of the lens (`Lens`); 0 before `freeLens`. */
+  get k() {
+    return this.#best.k;
+  }
+
+  /**
+   * Let the next steps find by how much the lens bends the display, too.
+   *
+   * The lens moves the places between the corners; the corners stay where they are seen.
+   *
+   * @param {Point[]} corners - pixels of the image by which the views were rectified
+   * @param {number} width - of the image, pixels
+   * @param {number} height - of the image, pixels
+   */
+  freeLens(corners, width, height) {
+    this.#HCapturedFromUnit = multiply3(homographyFromCorners(corners, 2, 2), FROM_UNIT);
+    this.#imageSize = [width, height];
+    this.#score = -1;
+    this.#HOldFromNew = this.#best.HOldFromNew;
+    this.#k = this.#best.k;
+  }
+
+  /**
+   * Tell whether the lens that the next step tries bends the display by much of a block.
+   *
+   * @returns {boolean}
+   */
+  bends() {
+    const [bent, straight] = [this.#places(this.#k), this.#places(0)];
+    return bent.some((at, axis) => {
+      const least = EXPECTED_BLOCKS * this.maps.block[axis];
+      return at.some((place, i) => Math.abs(place - straight[axis][i]) > least);
+    });
+  }
+
+  /**
+   * Find where a lens shows the pixels of the maps.
+   *
+   * @param {number} k - coefficient of the lens
+   * @returns {Float32Array[]} x and y in the views, for each pixel
+   */
+  #places(k) {
+    if (this.#HCapturedFromUnit === null) throw new Error("the lens is not free");
+    const lens = new Lens(k, this.#imageSize[0], this.#imageSize[1]);
+    const fromUnit = this.maps.fromUnit();
+    const corners = transform(multiply3(this.#HCapturedFromUnit, this.#HOldFromNew), UNIT_CORNERS);
+    const HStraightFromUnit = multiply3(lens.homography(corners, 2, 2), FROM_UNIT);
+    const H = multiply3(HStraightFromUnit, inverse(fromUnit));
+    const [xs, ys] = lens.seenAt(H, this.maps.size[0], this.maps.size[1]);
+    const HMapFromCaptured = multiply3(fromUnit, inverse(this.#HCapturedFromUnit));
+    const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = HMapFromCaptured;
+    for (let at = 0; at < xs.length; at++) {
+      const [x, y] = [xs[at], ys[at]];
+      const w = h6 * x + h7 * y + h8;
+      xs[at] = (h0 * x + h1 * y + h2) / w;
+      ys[at] = (h3 * x + h4 * y + h5) / w;
+    }
+    return [xs, ys];
+  }
+
   /**
    * Say where points of the display, as it should have been rectified, lie in the views.
    *
@@ -150,7 +219,7 @@ export class BlockFit {
    */
   shift() {
     const HLayoutFromUnit = multiply3(this.maps.toLayout(), this.maps.fromUnit());
-    const H = multiply3(multiply3(HLayoutFromUnit, this.#best), inverse(HLayoutFromUnit));
+    const H = multiply3(multiply3(HLayoutFromUnit, this.#best.HOldFromNew), inverse(HLayoutFromUnit));
     return H.map((value) => value / H[8]);
   }
 
@@ -164,8 +233,9 @@ export class BlockFit {
     // one period does not tell toggling from noise
     if (this.changes.length < 2) return true;
     const seen = [];
+    const moved = this.#mover();
     for (const change of this.changes) {
-      seen.push(this.#score < 0 ? change : this.#moved(change));
+      seen.push(moved(change));
       yield maps.work;
     }
     const expected = [];
@@ -187,26 +257,33 @@ export class BlockFit {
     // the last step led away
     if (score <= this.#score) return true;
     this.#score = score;
-    this.#best = this.#HOldFromNew;
+    this.#best = { HOldFromNew: this.#HOldFromNew, k: this.#k };
     const move = yield* this.#fittedMove(seen, expected, along / power);
     const H = multiply3(this.#HOldFromNew, unitHomography(move));
     this.#HOldFromNew = H.map((value) => value / H[8]);
+    const k = this.#k + (move[NUMBERS] ?? 0);
+    this.#k = Math.min(Math.max(k, -LARGEST_K), LARGEST_K);
     const farthest = Math.max(...move.map(Math.abs));
     if (!((farthest * maps.inner[0]) / 2 < SETTLED_PX)) return false;
-    this.#best = this.#HOldFromNew;
+    this.#best = { HOldFromNew: this.#HOldFromNew, k: this.#k };
     return true;
   }
 
   /**
-   * Show a change as it would have been seen with the grid where it now is.
+   * Make what shows changes as they would have been seen with the grid where it now is.
    *
-   * @param {FloatPlane} change
-   * @returns {FloatPlane}
+   * @returns {(change: FloatPlane) => FloatPlane}
    */
-  #moved(change) {
+  #mover() {
+    const [width, height] = this.maps.size;
     const fromUnit = this.maps.fromUnit();
+    if (this.#HCapturedFromUnit !== null) {
+      const places = this.#places(this.#k);
+      return (change) => remapped(change, places, width, height);
+    }
+    if (this.#score < 0) return (change) => change;
     const H = multiply3(multiply3(fromUnit, this.#HOldFromNew), inverse(fromUnit));
-    return warped(change, H, change.width, change.height);
+    return (change) => warped(change, H, width, height);
   }
 
   /**
@@ -253,12 +330,27 @@ export class BlockFit {
   }
 
   /**
+   * Find how the pixels of the maps move for each unit of the lens's coefficient.
+   *
+   * @returns {Float32Array[]} along x and along y, of a display from -1 to 1
+   */
+  #bending() {
+    const now = this.#places(this.#k);
+    return this.#places(this.#k + K_STEP).map((places, axis) => {
+      const unit = K_STEP * (this.maps.inner[axis] / 2);
+      return places.map((place, i) => (place - now[axis][i]) / unit);
+    });
+  }
+
+  /**
    * Find the numbers of the homography that explain how the seen changes differ from the expected.
+   *
+   * Where the lens is free, the change of its coefficient is the ninth.
    *
    * @param {FloatPlane[]} seen
    * @param {FloatPlane[]} expected
    * @param {number} amplitude - of what is seen, in the expected changes
-   * @returns {Steps<Float64Array>} (8,)
+   * @returns {Steps<Float64Array>} (8,) or (9,)
    */
   *#fittedMove(seen, expected, amplitude) {
     const { maps } = this;
@@ -274,13 +366,18 @@ export class BlockFit {
     }
     // noise is alike over a block
     const noise = (power / (pixels * seen.length)) * maps.block[0] * maps.block[1] + 1e-12;
-    const { matrix, right } = equations.normal();
+    const bending = this.#HCapturedFromUnit === null ? null : this.#bending();
+    const { matrix, right } = equations.normal(bending);
     yield 2 * maps.work;
     const known = noise / ((2 * EXPECTED_BLOCKS) / maps.layout.cols) ** 2;
     const still = identity(3);
     for (let i = 0; i < NUMBERS; i++) {
       right[i] += known * (this.#HOldFromNew[i] - still[i]);
-      matrix[i * NUMBERS + i] += known;
+      matrix[i * right.length + i] += known;
+    }
+    if (bending !== null) {
+      right[NUMBERS] += (noise / EXPECTED_K ** 2) * this.#k;
+      matrix[matrix.length - 1] += noise / EXPECTED_K ** 2;
     }
     return solve(matrix, right).map((value) => -value);
   }

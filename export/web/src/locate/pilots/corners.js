@@ -13,8 +13,8 @@
 import { locatePilotsCorners } from "../../generated/constants.js";
 import { cv, withMats } from "../../image/opencv.js";
 import {
+  STRAIGHT,
   frameCorners,
-  homographyFromCorners,
   resizedHomography,
   transform,
 } from "../../link/geometry.js";
@@ -61,11 +61,12 @@ export function expectedChanges(layout) {
  * @param {Point[]} corners - pixels of the image, by which the display was rectified
  * @param {Homography} HOldFromNew - in layout pixels
  * @param {Layout} layout - of the display
+ * @param {import("../../link/geometry.js").Lens} [lens] - through which it was rectified
  * @returns {Point[]}
  */
-export function movedCorners(corners, HOldFromNew, { width, height }) {
-  const HCapturedFromOld = homographyFromCorners(corners, width, height);
-  return transform(multiply3(HCapturedFromOld, HOldFromNew), frameCorners(width, height));
+export function movedCorners(corners, HOldFromNew, { width, height }, lens = STRAIGHT) {
+  const H = multiply3(lens.homography(corners, width, height), HOldFromNew);
+  return lens.distort(transform(H, frameCorners(width, height)));
 }
 
 /**

@@ -12,6 +12,8 @@ import { slopesOf } from "../../image/slopes.js";
 import { identity } from "../../link/linear.js";
 
 const { POWERS, MOTIONS } = locatePilotsMotion;
+/** Corners of a display from -1 to 1. */
+export const UNIT_CORNERS = /** @type {Point[]} */ (locatePilotsMotion.UNIT_CORNERS);
 /** Numbers of a homography that are found. */
 export const NUMBERS = MOTIONS.length;
 
@@ -64,27 +66,59 @@ export class MotionEquations {
   }
 
   /**
-   * Write the normal equations of the eight numbers.
+   * Write the normal equations of the eight numbers, or of these and of one further motion.
    *
-   * @returns {{ matrix: Float64Array, right: Float64Array }} (8, 8) and (8,)
+   * @param {Float32Array[] | null} [further] - maps of the further motion along x and along y, of a
+   *   display from -1 to 1
+   * @returns {{ matrix: Float64Array, right: Float64Array }} (8, 8) and (8,), or (9, 9) and (9,)
    */
-  normal() {
+  normal(further = null) {
     const squares = this.#squares.map((map) => this.#moments(map));
-    const products = this.#products.map((map) => this.#moments(map));
-    const matrix = new Float64Array(NUMBERS * NUMBERS);
-    const right = new Float64Array(NUMBERS);
+    const right = this.#right(this.#products);
+    const count = further === null ? NUMBERS : NUMBERS + 1;
+    const matrix = new Float64Array(count * count);
     for (const [i, changes] of MOTIONS.entries()) {
       for (const [axis, sign, x, y] of changes) {
-        right[i] += sign * products[axis][y * POWERS + x];
         for (const [j, others] of MOTIONS.entries()) {
           for (const [other, otherSign, moreX, moreY] of others) {
             const both = squares[axis + other][(y + moreY) * POWERS + x + moreX];
-            matrix[i * NUMBERS + j] += sign * otherSign * both;
+            matrix[i * count + j] += sign * otherSign * both;
           }
         }
       }
     }
-    return { matrix, right };
+    if (further === null) return { matrix, right };
+    const [furtherX, furtherY] = further;
+    const [xx, xy, yy] = this.#squares;
+    const [x, y] = this.#products;
+    const withX = xx.map((value, at) => furtherX[at] * value + furtherY[at] * xy[at]);
+    const withY = xy.map((value, at) => furtherX[at] * value + furtherY[at] * yy[at]);
+    this.#right([withX, withY]).forEach((value, i) => {
+      matrix[i * count + NUMBERS] = matrix[NUMBERS * count + i] = value;
+    });
+    let [alone, left] = [0, 0];
+    for (let at = 0; at < x.length; at++) {
+      alone += furtherX[at] * withX[at] + furtherY[at] * withY[at];
+      left += furtherX[at] * x[at] + furtherY[at] * y[at];
+    }
+    matrix[count * count - 1] = alone;
+    return { matrix, right: Float64Array.from([...right, left]) };
+  }
+
+  /**
+   * Sum what maps of slopes along x and along y, times something, tell of each number.
+   *
+   * @param {Float64Array[]} maps
+   * @returns {Float64Array} (8,)
+   */
+  #right(maps) {
+    const products = maps.map((map) => this.#moments(map));
+    return Float64Array.from(MOTIONS, (changes) =>
+      changes.reduce(
+        (sum, [axis, sign, x, y]) => sum + sign * products[axis][y * POWERS + x],
+        0,
+      ),
+    );
   }
 
   /**

@@ -63,10 +63,11 @@ const GLANCE_WORK = 10;
 
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were
- * looked for; its corners in the newest frame, from the top left of the displayed picture on; and
- * the natural logarithm of the odds against chance, after paying for everything that was tried.
+ * looked for; its corners in the newest frame, from the top left of the displayed picture on; the
+ * natural logarithm of the odds against chance, after paying for everything that was tried; and the
+ * coefficient of the lens.
  *
- * @typedef {{ layout: Layout, corners: Point[], evidence: number }} PilotDisplay
+ * @typedef {{ layout: Layout, corners: Point[], evidence: number, k: number }} PilotDisplay
  */
 
 /** Looks for a display that shows one of several layouts with pilots. */
@@ -177,8 +178,8 @@ export class PilotSearch {
       this.#stabiliser.forget();
       this.#forget();
       this.#failed = 0;
-      const { proposal, evidence } = step.value;
-      return { layout: proposal.layout, corners: newest.corners(proposal.corners), evidence };
+      const { proposal, evidence, k } = step.value;
+      return { layout: proposal.layout, corners: newest.corners(proposal.corners), evidence, k };
     }
     this.#newest = null;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);

@@ -20,7 +20,7 @@ import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } 
 
 export const {
   SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, NEARLY, HINT,
-  CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, SETTLED_PX,
+  CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
 } = locatePilotsSettle;
 
 /** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
@@ -30,10 +30,11 @@ const MEASURE_WORK = 4;
 const MOVE_WORK = 6;
 
 /**
- * A display that is sure: where it is in the reference frame, and the natural logarithm of the odds
- * against chance, after paying for everything that was tried.
+ * A display that is sure: where it is in the reference frame; the natural logarithm of the odds
+ * against chance, after paying for everything that was tried; and the coefficient of the lens, 0
+ * where nothing speaks for another.
  *
- * @typedef {{ proposal: Proposal, evidence: number }} Settled
+ * @typedef {{ proposal: Proposal, evidence: number, k: number }} Settled
  */
 
 /**
@@ -72,15 +73,17 @@ export function* settleSteps(proposal, first, watched, confirming, newest) {
     // it need not pay for so many trials, or it is hopeless
     const climbable = evidence >= CLIMBABLE - Math.log(tried) && evidence < certain;
     if (move === byClimbing && !climbable) continue;
-    const moved = { ...best, corners: yield* move(best, frames) };
-    const now = (yield* evidenceSteps(moved, frames)) - Math.log(tried * tries);
+    const there = { ...best, corners: yield* move(best, frames) };
+    const now = (yield* evidenceSteps(there, frames)) - Math.log(tried * tries);
     if (!(now > evidence)) continue;
-    best = moved;
+    best = there;
     evidence = now;
     tried *= tries;
   }
   if (evidence < HINT - Math.log(tried)) return null;
-  const fitted = { ...best, corners: yield* byBlocks(best, [...watched]) };
+  const start = best;
+  const fit = yield* byBlocks(start, [...watched]);
+  const fitted = fit === null ? start : moved(start, fit);
   const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
   evidence = Math.max(evidence, now);
   if (evidence < NEARLY * needed) return null;
@@ -106,7 +109,10 @@ export function* settleSteps(proposal, first, watched, confirming, newest) {
       evidence -= Math.log(tried);
     }
   }
-  return evidence < needed ? null : { proposal: best, evidence };
+  if (evidence < needed) return null;
+  const isFitted = best === fitted && fit !== null;
+  const k = isFitted ? yield* throughLens(fit, start, frames[0]) : 0;
+  return { proposal: isFitted && k !== 0 ? moved(start, fit) : best, evidence, k };
 }
 
 /**
@@ -124,9 +130,9 @@ function* byParts({ corners, layout, frequency }, frames) {
     const fit = coarseShift(line, blocks, layout);
     yield MOVE_WORK;
     if (fit === null) break;
-    const moved = movedCorners(corners, fit.HOldFromNew, layout);
-    const far = farthestMove(corners, moved);
-    corners = moved;
+    const there = movedCorners(corners, fit.HOldFromNew, layout);
+    const far = farthestMove(corners, there);
+    corners = there;
     if (fit.parts >= MANY && far < SETTLED_PX) break;
   }
   return corners;
@@ -153,14 +159,17 @@ function* byClimbing({ corners, layout, frequency }, frames) {
 /**
  * Move corners by all blocks at once, to parts of a pixel.
  *
- * @type {Move}
+ * @param {Proposal} proposal
+ * @param {readonly FilmFrame[]} frames
+ * @returns {import("../../link/code/steps.js").Steps<BlockFit | null>} null where the corners are
+ *   not sound
  */
 function* byBlocks({ corners, layout, frequency }, frames) {
   const maps = new BlockMaps(layout);
   const views = [];
   for (const frame of frames) {
     const view = frame.blockView(corners, maps);
-    if (view === null) return corners;
+    if (view === null) return null;
     views.push(view);
     yield VIEW_WORK;
   }
@@ -169,7 +178,37 @@ function* byBlocks({ corners, layout, frequency }, frames) {
   for (let round = 0; round < BLOCK_ROUNDS; round++) {
     if (yield* fit.moveSteps()) break;
   }
-  return movedCorners(corners, fit.shift(), layout);
+  return fit;
+}
+
+/**
+ * Go on with a fit by all blocks, and find how the lens bends the display.
+ *
+ * @param {BlockFit} fit - one that began with the corners of `start`
+ * @param {Proposal} start - whose corners the fit moves
+ * @param {FilmFrame} reference - the reference frame
+ * @returns {import("../../link/code/steps.js").Steps<number>} the coefficient of the lens; 0 where
+ *   the lens bends the display by too little to tell
+ */
+function* throughLens(fit, start, { gray }) {
+  fit.freeLens(start.corners, gray.width, gray.height);
+  for (let round = 0; round < LENS_ROUNDS; round++) {
+    const hasEnded = yield* fit.moveSteps();
+    if (!fit.bends()) return 0;
+    if (hasEnded) break;
+  }
+  return fit.k;
+}
+
+/**
+ * Move the corners of a proposal to where a fit by all blocks puts them.
+ *
+ * @param {Proposal} proposal
+ * @param {BlockFit} fit
+ * @returns {Proposal}
+ */
+function moved(proposal, fit) {
+  return { ...proposal, corners: movedCorners(proposal.corners, fit.shift(), proposal.layout) };
 }
 
 /** Ways to move corners by the pilots, one after the other, and how many places each tries. */

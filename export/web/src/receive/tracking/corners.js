@@ -16,19 +16,11 @@ import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import { mapSize, withoutSlope } from "../../locate/pilots/corners.js";
 import { pilotSigns } from "../../locate/pilots/evidence.js";
 import {
-  MotionEquations, NUMBERS, pixelsFromUnit, unitHomography,
+  MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "../../locate/pilots/motion.js";
 import { drawnBlocks } from "../../locate/pilots/partMatches.js";
 
 const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiveTrackingCorners;
-
-/** Corners of a display from -1 to 1. @type {Point[]} */
-const UNIT_CORNERS = [
-  [-1, -1],
-  [1, -1],
-  [1, 1],
-  [-1, 1],
-];
 
 /** Compares decoded frame pairs with what was seen. */
 export class CornerShift {

@@ -6,6 +6,7 @@ import { Flow } from "../../image/flow.js";
 import { findHomography } from "../../image/homography.js";
 import { stretched } from "../../image/levels.js";
 import {
+  Lens,
   checkCorners,
   frameCorners,
   homographyFromCorners,
@@ -40,16 +41,31 @@ export class Follower {
   #motion = STILL;
   /** @type {Flow | null} */
   #flow = null;
+  #k;
 
-  /** @param {Layout} layout - of the display */
-  constructor(layout) {
+  /**
+   * @param {Layout} layout - of the display
+   * @param {number} [k] - coefficient of the lens
+   */
+  constructor(layout, k = 0) {
     this.layout = layout;
+    this.#k = k;
     /**
      * Corners in the last frame, in corner order, or null where nothing is followed.
      *
      * @type {Point[] | null}
      */
     this.corners = null;
+  }
+
+  /**
+   * Give the lens through which an image was taken.
+   *
+   * @param {BytePlane} image
+   * @returns {Lens}
+   */
+  lens(image) {
+    return new Lens(this.#k, image.width, image.height);
   }
 
   /**
@@ -62,7 +78,9 @@ export class Follower {
   rectified(image, corners) {
     if (!checkCorners(corners, image.width, image.height, OUTSIDE)) return null;
     const { width, height } = this.layout;
-    return rectify(image, homographyFromCorners(corners, width, height), width, height);
+    const lens = this.lens(image);
+    const H = lens.homography(corners, width, height);
+    return rectify(image, H, width, height, null, lens);
   }
 
   /**
@@ -116,11 +134,12 @@ export class Follower {
     const motion = this.#motion;
     /** @type {Point[]} */
     const guess = this.corners.map(([x, y], i) => [x + motion[i][0], y + motion[i][1]]);
-    const HCapturedFromGuess = homographyFromCorners(guess, width, height);
-    const rectified = rectify(image, HCapturedFromGuess, width, height);
+    const lens = this.lens(image);
+    const HStraightFromGuess = lens.homography(guess, width, height);
+    const rectified = rectify(image, HStraightFromGuess, width, height, null, lens);
     const { moved, found } = flow.follow(stretched(rectified, EVEN_MEAN, EVEN_DEVIATION));
     if (!inImage(guess, image.width, image.height).every(Boolean)) {
-      const there = transform(HCapturedFromGuess, moved);
+      const there = lens.distort(transform(HStraightFromGuess, moved));
       inImage(there, image.width, image.height).forEach((inside, i) => (found[i] &= inside));
     }
     const from = flow.points.filter((_, i) => found[i]);
@@ -128,8 +147,8 @@ export class Follower {
     if (from.length < MIN_INLIERS) return null;
     const fit = findHomography(from, to, INLIER_PX);
     if (fit === null || fit.count < MIN_INLIERS) return null;
-    const H = multiply3(HCapturedFromGuess, fit.H);
-    const corners = transform(H, frameCorners(width, height));
+    const H = multiply3(HStraightFromGuess, fit.H);
+    const corners = lens.distort(transform(H, frameCorners(width, height)));
     return { corners, fresh: fit.count / from.length < 0.5 };
   }
 

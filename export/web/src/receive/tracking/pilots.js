@@ -83,7 +83,7 @@ export class PilotTracker {
     const found = this.#search.push(image, time);
     if (found === null) return null;
     const follower = this.#search.pictureMoves ? RoomFollower : Follower;
-    this.#follower = new follower(found.layout);
+    this.#follower = new follower(found.layout, found.k);
     this.#HFollowedFromShown = identity(3);
     this.#values = [];
     this.#at = [];
@@ -103,7 +103,8 @@ export class PilotTracker {
    */
   #accept(image, corners, fresh) {
     const follower = this.#follower;
-    const shown = movedCorners(corners, this.#HFollowedFromShown, follower.layout);
+    const lens = follower.lens(image);
+    const shown = movedCorners(corners, this.#HFollowedFromShown, follower.layout, lens);
     const rectified = follower.rectified(image, shown);
     if (rectified === null) return null;
     if (follower.corners !== null) follower.advance(corners);
