@@ -234,7 +234,7 @@ def film_message(take: Take) -> MessageFilm:
         config.kappa,
         bits,
         lambda: iter(shown),
-        display_size=config.display_size,
+        display_size=source.shown_size,
         even=choose(PRESETS, config.preset, "preset").even if config.even is None else config.even,
     )
     coverage = float(rng.uniform(*config.coverage))
