@@ -63,7 +63,7 @@ def test_typical_frame_pairs_are_of_several_displays_and_count_whole_bits(layout
         for kappa in (3, 5)
         for pair in ("canon-lg", "nikon-samsung", "sony-lg")
     ]  # fmt: skip
-    place = Place(Source(), "", "main comparison")
+    place = Place(Source(layout), "", "main comparison")
     chosen = [
         each.by_method["oorc"] for each in typical_pairs(pd.DataFrame(rows), {"": place}, ["oorc"])
     ]
