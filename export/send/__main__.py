@@ -191,7 +191,10 @@ def send_parser() -> argparse.ArgumentParser:
     add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
     add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
-    purposes = "; ".join(f"{name}: {preset.purpose[:-1]}" for name, preset in PRESETS.items())
+    purposes = "; ".join(
+        f"{name} (best filmed at {2 * preset.state_hz:g} frames/s): {preset.purpose[:-1]}"
+        for name, preset in PRESETS.items()
+    )
     preset = f"settings that the other flags change ({DEFAULT_PRESET}). {purposes}"
     add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
     sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
