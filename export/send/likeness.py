@@ -17,12 +17,11 @@ from link.loop import Loop
 from link.strength import light_of_level
 from link.types import Array
 
-MEASURED_PIXELS = 2 * 1920 * 1080
-"""Number of pixels of the frame pairs, from a loop's first on, that are looked at: at least two
-pairs, one with each turn of the dither. That takes longer than making a pair."""
-COLOUR_PIXELS = 1_000_000
-"""Largest number of pixels of which the difference is taken; of larger pictures every third pixel
-of a row and column is taken, or every fifth, and so on, so that all of the dither's 4 x 4 are."""
+MEASURED_PIXELS = 1_000_000
+"""Number of pixels that are looked at: of the frame pairs from a loop's first on, always as
+many with either turn of the dither; and at most of a picture, of which every third pixel of a
+row and column is taken where it has more, or every fifth, and so on, so that all of the dither's
+4 x 4 are."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class Likeness:
                 total += pair.original
                 total += pair.embedded
                 states += 2
-            if len(pairs) > 1 and len(pairs) * picture[..., 0].size >= MEASURED_PIXELS:
+            if len(pairs) % 2 == 0 and len(pairs) * picture[..., 0].size >= MEASURED_PIXELS:
                 break
         return cls(picture, total / np.float32(states), pairs)
 
@@ -88,7 +87,7 @@ def colour_difference(
     >>> colour_difference(gray.astype(float), gray)
     (0.0, 0.0)
     """
-    step = math.ceil(math.sqrt(max(1.0, picture[..., 0].size / COLOUR_PIXELS)))
+    step = math.ceil(math.sqrt(max(1.0, picture[..., 0].size / MEASURED_PIXELS)))
     step += 1 - step % 2  # odd, so that it meets all places of the dither
     shown, given = (_lab(levels[::step, ::step]) for levels in (mean, picture))
     difference = _ciede2000(shown, given)

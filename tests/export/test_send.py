@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -24,6 +25,7 @@ from PIL import Image
 import export.send.__main__ as send_cli
 import export.send.likeness as likeness_module
 import export.send.pictures as pictures_module
+import export.send.player as player_module
 from export.send.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
 from export.send.likeness import Likeness
 from export.send.pictures import note_coarse, open_pictures
@@ -390,6 +392,15 @@ def test_what_moves_is_told(tmp_path: Path, command: Command) -> None:
         line = ("--message", "Hi", "--preset", "robust", "--out", tmp_path / f"{number}.html")
         told.append("where the picture moves" in command(send_cli.main, source, *line).stderr)
     assert told == [False, True, False, True]
+
+
+def test_a_bar_appears_where_writing_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    for after_s, shown in ((60.0, False), (0.0, True)):
+        monkeypatch.setattr(player_module, "BAR_AFTER_S", after_s)
+        monkeypatch.setattr("sys.stderr", terminal := StringIO())
+        terminal.isatty = lambda: True  # type: ignore[method-assign]
+        assert list(player_module.with_bar(iter("ab"), 2, "pair")) == ["a", "b"]
+        assert ("pair" in terminal.getvalue()) == shown
 
 
 def test_a_picture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
