@@ -106,16 +106,6 @@ class Loop:
             yield Carrier(laid, bits, steps, bool(number % 2), self)
         self.given = number + 1
 
-    def pairs(self) -> Iterator[Displayed]:
-        """Give the frame pairs of one loop, one after another, of `shown_layout`.
-
-        Raises:
-            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
-                pyramid level do not fit the layout.
-        """
-        for carrier in self.carriers():
-            yield carrier.displayed()
-
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
 
@@ -126,8 +116,8 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        for pair in self.pairs():
-            yield from self.display_frames(pair)
+        for carrier in self.carriers():
+            yield from self.display_frames(carrier.displayed())
 
     def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""

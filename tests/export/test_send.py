@@ -540,7 +540,8 @@ def test_likeness_is_taken_of_the_first_pairs_and_all_are_counted(
     layout = make_layout(8, 8, 128, 128)
     bits = framing.encode(b"counted", layout.n_bits)
     loop = Loop(layout, 3, bits, lambda: iter([noise(128, 128)]))
-    measured = [psnr(pair.original, pair.embedded) for pair in loop.pairs()]
+    pairs = [carrier.displayed() for carrier in loop.carriers()]
+    measured = [psnr(pair.original, pair.embedded) for pair in pairs]
     said = loop.report(7, 15.0)
     assert said["pairs"] == said["frames"] == len(bits) == len(measured) > 2
     assert said["loop_seconds"] == pytest.approx(2 * len(bits) / 15, abs=1e-3)
