@@ -55,7 +55,7 @@ class EvaluateConfig(SourceFlags):
     """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
     messages each)."""
     sweeps: tuple[str, ...] | None = None
-    """Sweeps of reports/studies/sweeps.py; by default all beside the paper's 36 cells, and none
+    """Sweeps of reports/evaluation/sweeps.py; by default all beside the paper's 36 cells, and none
     beside others."""
     quick: bool = False
     """At most 4 frame pairs in each cell, and fewer values in each sweep, which takes three

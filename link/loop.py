@@ -1,7 +1,7 @@
 """The loop that a display shows: a message and pictures become frame pairs, one at a time."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -12,16 +12,12 @@ from link.code.framing import capacity
 from link.embed import embed
 from link.errors import InputError
 from link.frames import Displayed
-from link.images.quality import psnr, ssim
 from link.layout import Layout
-from link.placement import Placement
+from link.placement import Placement, usual_size
 from link.strength import block_steps
 
 MAX_PAIRS = 4096
 """Largest number of frame pairs in a loop."""
-MEASURED_PIXELS = 2 * 1920 * 1080
-"""Number of pixels of the frame pairs, from a loop's first on, of which PSNR and SSIM are taken:
-at least two pairs, one with each turn of the dither. That takes longer than making a pair."""
 
 Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 """Pictures of any size, (H, W, 3) uint8, encoded RGB; each call begins with the first picture."""
@@ -57,23 +53,17 @@ class Loop:
     pyramid_level: int = 0
     """Softness of the blocks' edges, which blur over about 2**level pixels; 0 for hard edges."""
     display_size: tuple[int, int] | None = None
-    """Width and height of the display, in pixels; None for those of the layout."""
+    """Width and height of the display, in pixels; None for what `usual_size` chooses for the first
+    picture."""
     fit: str = "cover"
     """How pictures of other proportions lie on the display; a key of `link.placement.FITS`."""
     even: bool = False
     """Whether blocks change by what makes all of them equally visible (`link.strength`), of which
     kappa is the least."""
-    seen: list[tuple[float, float]] = field(default_factory=list)
-    """PSNR in decibels and SSIM of the frame pairs given so far, of at most `MEASURED_PIXELS`."""
     given: int = 0
-    """Number of frame pairs that `carriers` has given so far."""
-    first_picture: NDArray[np.uint8] | None = None
-    """The first picture as it lies on the display, (height, width, 3) uint8, encoded RGB."""
-    shown_sum: NDArray[np.float32] | None = None
-    """(height, width, 3) sum, in gray levels, of the states that show the first picture, among the
-    frame pairs whose PSNR is taken."""
-    summed: int = 0
-    """Number of states in `shown_sum`."""
+    """Number of frame pairs, known once `carriers` was taken to its end."""
+    n_pictures: int = 0
+    """Number of pictures, known then as well."""
 
     @cached_property
     def placement(self) -> Placement:
@@ -82,9 +72,9 @@ class Loop:
         Raises:
             InputError: the first picture is no good, or the fit is unknown.
         """
-        first = next(self.pictures())
-        size = self.display_size or (self.layout.width, self.layout.height)
-        return Placement(size, self.fit, (first.shape[1], first.shape[0]))
+        height, width = next(self.pictures()).shape[:2]
+        size = self.display_size or usual_size((width, height), self.layout)
+        return Placement(size, self.fit, (width, height))
 
     @cached_property
     def shown_layout(self) -> Layout:
@@ -102,7 +92,6 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        self.seen, self.given, self.summed = [], 0, 0
         last, laid, steps = None, None, None
         for number, picture in enumerate(self._pictures()):
             if number == MAX_PAIRS:
@@ -114,21 +103,8 @@ class Loop:
                 last, laid = picture, self.placement.grid_frame(picture, self.layout)
                 steps = block_steps(laid, self.shown_layout) if self.even else None
             bits = self.bits[number % len(self.bits)]
-            carrier = Carrier(laid, bits, steps, bool(number % 2), self)
-            if number < 2 or number * laid[..., 0].size < MEASURED_PIXELS:
-                self._measure(carrier)
-            self.given += 1
-            yield carrier
-
-    def pairs(self) -> Iterator[Displayed]:
-        """Give the frame pairs of one loop, one after another, of `shown_layout`.
-
-        Raises:
-            InputError: a picture is no good, the loop is too long, or kappa, the bits or the
-                pyramid level do not fit the layout.
-        """
-        for carrier in self.carriers():
-            yield carrier.pair
+            yield Carrier(laid, bits, steps, bool(number % 2), self)
+        self.given = number + 1
 
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
@@ -140,8 +116,8 @@ class Loop:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        for pair in self.pairs():
-            yield from self.display_frames(pair)
+        for carrier in self.carriers():
+            yield from self.display_frames(carrier.displayed())
 
     def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
@@ -149,38 +125,13 @@ class Loop:
         original, embedded = (self.placement.display_frame(each, self.layout) for each in frames)
         return original, embedded
 
-    def _measure(self, carrier: "Carrier") -> None:
-        """Take PSNR and SSIM of a frame pair, and add it to the mean over time.
-
-        Only pairs that show the loop's first picture count for that mean.
-        """
-        pair = carrier.pair
-        self.seen.append((psnr(pair.original, pair.embedded), ssim(pair.original, pair.embedded)))
-        if self.given == 0:
-            self.first_picture = carrier.picture
-            self.shown_sum = np.zeros(carrier.picture.shape, np.float32)
-        assert self.first_picture is not None
-        assert self.shown_sum is not None
-        if np.array_equal(carrier.picture, self.first_picture):
-            self.shown_sum += pair.original
-            self.shown_sum += pair.embedded
-            self.summed += 2
-
-    def time_mean(self) -> NDArray[np.float32]:
-        """Average the states that show the first picture, after `pairs` were taken.
-
-        Returns:
-            (height, width, 3) gray levels of [0, 255], encoded RGB, of the size of `first_picture`.
-        """
-        assert self.shown_sum is not None
-        return self.shown_sum / np.float32(self.summed)
-
     def _pictures(self) -> Iterator[NDArray[np.uint8]]:
         """Every picture once, and then again until the message is whole."""
         given = 0
         for picture in self.pictures():
             given += 1
             yield picture
+        self.n_pictures = given
         while True:
             for picture in self.pictures():
                 if given % len(self.bits) == 0:
@@ -189,18 +140,17 @@ class Loop:
                 yield picture
 
     def report(self, message_bytes: int, state_hz: float) -> dict[str, Any]:
-        """Say what was sent, after all `pairs` were taken: counts, seconds, bit/s, PSNR and SSIM.
+        """Say what was sent, after all `carriers` were taken: counts, seconds and bit/s.
 
         Args:
             message_bytes: length of the message.
             state_hz: states (original or embedded frames) shown in a second.
 
         Returns:
-            values of JSON's types by name; seconds, bits a second and decibels as the names say.
+            values of JSON's types by name; seconds and bits a second as the names say.
         """
         frames, pairs = len(self.bits), self.given
         message_s = 2 * frames / state_hz
-        noise = np.mean([10 ** (-db / 10) for db, _ in self.seen])
         return {
             "frames": frames,
             "pairs": pairs,
@@ -213,8 +163,6 @@ class Loop:
             "loop_seconds": round(2 * pairs / state_hz, 3),
             "message_bit_per_s": round(8 * message_bytes / message_s, 2),
             "bound_bit_per_s": round(self.layout.n_bits * state_hz / 2, 2),
-            "psnr_db": round(float(-10 * np.log10(noise)), 2) if noise > 0 else None,
-            "ssim": round(float(np.mean([similarity for _, similarity in self.seen])), 4),
             "kappa": self.kappa,
             "layout": self.layout.to_dict(),
             "display": {
@@ -242,7 +190,7 @@ class LoopStates:
     """
 
     def __init__(self, loop: Loop) -> None:
-        carriers = [replace(carrier) for carrier in loop.carriers()]  # without pairs that are made
+        carriers = list(loop.carriers())
         self._count = 2 * len(carriers)
         self._frames = lru_cache(2)(lambda k: loop.display_frames(carriers[k].displayed()))
 
@@ -271,11 +219,6 @@ class Carrier:
     """Whether the dither is turned, as in every second frame pair of a loop."""
     loop: Loop
     """The loop to which it belongs."""
-
-    @cached_property
-    def pair(self) -> Displayed:
-        """What `displayed` makes, made once."""
-        return self.displayed()
 
     def displayed(self) -> Displayed:
         """Make both frames as the display shows them, before they are turned.

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from export.send.hiding import Hiding, Onlooker
-from export.send.pictures import note_coarse, open_pictures, stand_still
+from export.send.pictures import note_coarse, open_pictures
 from export.send.write import output_kind, write_loop
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import MAX_STAMP, read_key, sign
@@ -23,7 +23,7 @@ from link.errors import InputError, ParameterError, at_least
 from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, read_layout
 from link.loop import Loop
 from link.outside import read_bounded
-from link.placement import FITS, usual_size
+from link.placement import FITS
 from link.presets import DEFAULT_PRESET, PRESETS, Preset, needed_camera_fps
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
@@ -191,7 +191,10 @@ def send_parser() -> argparse.ArgumentParser:
     add("--key", type=Path, help="sign the message with this file, 16 to 4096 random bytes")
     add("--counter", type=int, help="number that rises with each signed message (the time)")
     add("--out", type=Path, required=True, help="new .html, .avi, .mkv or folder")
-    purposes = "; ".join(f"{name}: {preset.purpose[:-1]}" for name, preset in PRESETS.items())
+    purposes = "; ".join(
+        f"{name} (best filmed at {2 * preset.state_hz:g} frames/s): {preset.purpose[:-1]}"
+        for name, preset in PRESETS.items()
+    )
     preset = f"settings that the other flags change ({DEFAULT_PRESET}). {purposes}"
     add("--preset", choices=list(PRESETS), default=DEFAULT_PRESET, help=preset)
     sizes = "of the display, as in 3840x2160 (the picture's own, at most 1920x1080)"
@@ -246,11 +249,9 @@ def main() -> None:
     frames_needed(len(protected), layout.n_bits, given, args.redundancy)  # refuses what is too long
     bits = encode(protected, layout.n_bits, args.redundancy, signed=args.key is not None)
     fit = args.fit or ("cover" if args.size is None else "contain")
-    first = next(pictures())
-    size = args.size or usual_size((first.shape[1], first.shape[0]), layout)
     even = preset.even if args.even is None else args.even
     even = even and layout.modulation == "antipodal" and not args.pyramid_level
-    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, size, fit, even)
+    loop = Loop(layout, preset.kappa, bits, pictures, args.pyramid_level, args.size, fit, even)
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
@@ -269,7 +270,7 @@ def main() -> None:
     print(NEEDED.format(state_hz, camera_fps, better), file=sys.stderr)
     if flicker:
         print(FLICKER[flicker].format(hiding.seen(loop.kappa)), file=sys.stderr)
-    if layout.pilots and not stand_still(pictures):
+    if layout.pilots and loop.n_pictures > 1:
         print(MOVING, file=sys.stderr)
 
 

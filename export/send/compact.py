@@ -23,7 +23,7 @@ from link.embed import (
     split_change,
     with_head_room,
 )
-from link.layout import Layout, block_grid
+from link.layout import Layout
 from link.ratex import draw_patches
 from link.types import Image
 
@@ -40,14 +40,11 @@ class Compact:
     of strength (`link.strength`), plus its bit. Pixels of ratex patches have numbers of their own,
     which are the same in every pair.
 
-    >>> from link.embed import embed
     >>> from link.layout import make_layout
-    >>> layout = make_layout(4, 4, 64, 48, modulation="antipodal", ratex=2)
-    >>> picture, bits = np.full((48, 64), 128, np.uint8), [0, 1] * 7
-    >>> pair, rule = embed(picture, bits, layout, kappa=3), Compact(layout, kappa=3)
-    >>> original, embedded = rule.states(rule.picture(picture), rule.cells(bits))
-    >>> bool((original == pair.original).all() and (embedded == pair.embedded).all())
-    True
+    >>> rule = Compact(make_layout(4, 4, 64, 48, modulation="antipodal", ratex=2), kappa=3)
+    >>> original, embedded = rule.offsets[0]  # which are added to the picture
+    >>> [int((embedded - original)[number, 0, 0, 0]) for number in (0, 1)]  # of a 0, and of a 1
+    [-3, 3]
     """
 
     layout: Layout
@@ -136,32 +133,3 @@ class Compact:
         shown = with_head_room(picture, self.kappa, layout.modulation, layout.colour, levels)
         draw_patches(shown, layout, self.kappa, embedded=False)
         return shown
-
-    def states(
-        self,
-        picture: Image,
-        cells: NDArray[np.uint8],
-        steps: NDArray[np.uint8] | None = None,
-        turned: bool = False,
-    ) -> tuple[Image, Image]:
-        """Compute the original and the embedded frame, as a page does.
-
-        Args:
-            picture: an `Image`, as `picture` returns it.
-            cells: numbers of changes, as `cells` returns them.
-            steps: (rows, cols) steps of strength, None for the least.
-            turned: whether the pair's dither is turned.
-        """
-        numbers = cells
-        if not self.soft:
-            bits = cells if steps is None else 2 * steps + cells
-            numbers = bits[block_grid(self.layout)]
-        numbers = np.where(self.patches > 0, self.patches, numbers)
-        rows, cols = np.arange(self.layout.height), np.arange(self.layout.width)
-        offsets = self.offsets[int(turned)]
-        offsets = offsets if picture.ndim == 3 else offsets[..., 0]
-        original, embedded = (
-            np.asarray(picture + each[numbers, rows[:, None] % TILE, cols % TILE], np.uint8)
-            for each in offsets
-        )
-        return original, embedded

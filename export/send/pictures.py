@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterator
 from functools import partial
-from itertools import islice
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -44,13 +44,12 @@ def open_pictures(source: Path, pair_hz: float, max_megapixels: float | None = N
             noted.add(path)
         return picture
 
-    if source.is_dir():
-        return partial(map, read, image_files(source))
-    if not is_file(source):
+    if not source.is_dir() and not is_file(source):
         raise InputError(f"{source}: no such image, folder or video; check the path")
-    if source.suffix.lower() in IMAGE_SUFFIXES:
-        picture = read(source)
-        return lambda: iter([picture])
+    if source.is_dir() or source.suffix.lower() in IMAGE_SUFFIXES:
+        first, *others = image_files(source) if source.is_dir() else [source]
+        picture = read(first)  # once, however often it is shown
+        return lambda: chain([picture], map(read, others))
     fps = VideoReader(source, max_megapixels).fps
     return partial(_in_time, source, max_megapixels, 1.0 if fps is None else fps / pair_hz)
 
@@ -65,11 +64,6 @@ def note_coarse(given_size: tuple[int, int], shown_size: tuple[int, int]) -> Non
             "larger one",
             file=sys.stderr,
         )
-
-
-def stand_still(pictures: Pictures) -> bool:
-    """Tell whether pictures are a single one, which is then shown all the time."""
-    return len(list(islice(pictures(), 2))) == 1
 
 
 def _in_time(video: Path, max_megapixels: float | None, step: float) -> Iterator[NDArray[np.uint8]]:

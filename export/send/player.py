@@ -8,9 +8,10 @@ shown, or where that is not exact by the processor, at the picture's own size.
 
 import base64
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -22,11 +23,28 @@ from link.errors import InputError
 from link.images import write_bytes
 from link.loop import Loop
 
+T = TypeVar("T")
+BAR_AFTER_S = 2.0
+"""Seconds of writing after which a bar shows how far it is."""
+PACKING = 4
+"""How hard pictures are packed, 0 to 9. Level 6 makes them 5 % smaller and takes three times as
+long: half a second for 1920 x 1080 pixels."""
 TEMPLATE = Path(__file__).with_name("player.html")
 """Page of the player, with `__LOOP__` where the loop goes as JSON."""
 MAX_DECODED_BYTES = 2**30
 """Largest memory for pictures and changes as a browser holds them: 3 bytes for each pixel of a
 picture, and 1 byte for each cell of a frame pair's changes."""
+
+
+def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
+    """Give items, with a bar on a terminal's error output where they take long.
+
+    Args:
+        items: what is written, one at a time.
+        count: how many there are, at least.
+        unit: word for one of them.
+    """
+    yield from tqdm(items, None, count, False, unit=unit, disable=None, delay=BAR_AFTER_S)
 
 
 class _Texts:
@@ -65,9 +83,7 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
     steps: list[str | None] = []
     order: list[tuple[int, int]] = []
     last = None
-    for carrier in tqdm(
-        loop.carriers(), total=len(loop.bits), unit="pair", disable=None, leave=False
-    ):
+    for carrier in with_bar(loop.carriers(), len(loop.bits), "pair"):
         cells = rule.cells(carrier.bits)
         same = carrier.picture is last
         shown = None if same else rule.picture(carrier.picture, carrier.steps)
@@ -112,5 +128,5 @@ def _png(image: NDArray[np.uint8]) -> str:
     if image.ndim == 3 and (image == image[:, :, :1]).all():
         image = image[:, :, 0]
     bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, 6])
+    _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, PACKING])
     return base64.b64encode(bytes(data)).decode()

@@ -8,10 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
-from export.send.likeness import colour_difference
-from export.send.player import write_player
+from export.send.likeness import Likeness
+from export.send.player import with_bar, write_player
 from link.errors import InputError, ParameterError
 from link.files.lock import locked
 from link.images import MAX_NAME_BYTES, make_folder, temporary_name, write_bytes, write_image
@@ -106,19 +104,23 @@ def write_loop(
         more: values of JSON's types that are reported beside the loop's own.
 
     Returns:
-        `link.loop.Loop.report`: counts, seconds, bit/s, PSNR and SSIM; how much the picture
-        changed, as CIEDE2000; and ``more``.
+        counts, seconds and bit/s (`link.loop.Loop.report`), how much the picture changes
+        (`Likeness.report`), and ``more``.
 
     Raises:
         InputError: a picture or the output is no good, or something but an empty folder is there
             already; nothing is left behind.
     """
     kind = output_kind(out)
-    count = 2 * len(loop.bits)
-    states = tqdm(loop.states(), total=count, unit="state", disable=None, leave=False)
+
+    def report() -> dict[str, Any]:
+        return {**loop.report(message_bytes, state_hz), **likeness, **more}
+
     with locked(out.parent, out.name):
         if out.exists() and not (kind == "" and out.is_dir() and not any(out.iterdir())):
             raise ParameterError("out", f"{out} is already there; remove it or choose another name")
+        likeness = Likeness.of(loop).report()
+        states = with_bar(loop.states(), 2 * len(loop.bits), "state")
         if kind == ".html":
             write_player(out, loop, state_hz, flicker)
         elif kind:
@@ -126,13 +128,5 @@ def write_loop(
         else:
             with unfinished(out) as folder:
                 write_states(folder, states)
-                report = {**loop.report(message_bytes, state_hz), **changed(loop), **more}
-                write_bytes(folder / SENT, json.dumps(report, indent=1).encode())
-    return {**loop.report(message_bytes, state_hz), **changed(loop), **more}
-
-
-def changed(loop: Loop) -> dict[str, float]:
-    """Say by how much the picture changed, as `export.send.likeness.colour_difference`."""
-    assert loop.first_picture is not None
-    mean, high = colour_difference(loop.time_mean(), loop.first_picture)
-    return {"delta_e_mean": round(mean, 2), "delta_e_95": round(high, 2)}
+                write_bytes(folder / SENT, json.dumps(report(), indent=1).encode())
+    return report()

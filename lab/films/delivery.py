@@ -2,7 +2,8 @@
 
 Each run draws a picture, a room, a pose, the motion of the hand, both clocks, and the moment of the
 loop at which the camera joins. What a phone does to the frames is chosen: its processing, a codec
-(``--codec.name h264 --codec.kbits 8000``), lost frames. The same draws are filmed whatever is
+(``--codec.name h264 --codec.kbits 8000``), lost frames; and so is whether patches that stand still
+are seen, too (``--still beside``). The same draws are filmed whatever is
 chosen. The receiver gets the frames and their times alone.
 """
 
@@ -30,6 +31,7 @@ from lab.films.trial import (
 )
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least
+from models import shipped_graphs
 from reports.engine.backends import one_thread
 from reports.engine.checked import Count, Share
 from reports.render.tables import Table, percent, share_interval
@@ -105,7 +107,10 @@ def deliver(take: Take) -> dict[str, Any]:
     """
     one_thread()
     filmed = film_message(take)
-    reading = FilmReading(filmed, Decoder(take.model, 1, OWN_TIME_LIMIT_S))
+    models = [take.model]
+    if take.settings.still:
+        models += [model for model in shipped_graphs().values() if model != take.model]
+    reading = FilmReading(filmed, [Decoder(model, 1, OWN_TIME_LIMIT_S) for model in models])
     for frame in through_codec(filmed.frames, take.settings.codec, take.settings.fps):
         reading.push(frame)
         if reading.ended:

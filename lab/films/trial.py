@@ -25,13 +25,14 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import get_pair, pair_names
+from data_gen.pictures.library import Picture
 from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
 from link.code.framing import encode, frames_needed
-from link.embed import check_kappa
+from link.embed import check_kappa, embed
 from link.errors import ParameterError, at_least, choose, each_once
-from link.images import write_bytes
+from link.images import fit_picture, write_bytes
 from link.layout import Layout, make_layout
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
@@ -41,6 +42,12 @@ from reports.score.reliability import Bin, confidence_bins, merge_bins
 
 GRIDS = (8, 16)
 """Numbers of blocks along each side that a message may be filmed with."""
+STILLS = {
+    "beside": "beside the display, on another one, and wherever the room shows pictures",
+    "within": "in the middle of the picture that carries the message",
+    "whole": "as the picture that carries the message, whose own patches stand still",
+}
+"""Where frames of the preset paper are seen that stand still."""
 MAX_LOOPS = 100.0
 """Largest number of loops of the message after which a run may be given up."""
 
@@ -71,6 +78,9 @@ class FilmSettings:
     pan_px: float = 0.0
     """Number of pixels by which the picture that carries the message moves to the right from one
     frame pair to the next, as in a video; 0 for a picture that stands still."""
+    still: str | None = None
+    """Where a frame of the preset paper is seen that stands still, a key of STILLS in
+    lab/films/trial.py: the receiver then looks for every preset. None for nowhere."""
     loops: float = 3.0
     """Number of loops of the message after which a run is given up."""
     coverage: tuple[float, float] = (0.15, 0.6)
@@ -120,6 +130,7 @@ class FilmSettings:
         ]
         words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
         words += [f"without_{effect}" for effect in self.without]
+        words += [f"still_{self.still}"] if self.still else []
         return "_".join([*words, *([self.codec.label] if self.codec.on else [])])
 
     def video(self, scene: SceneSettings, seconds: float | None = None) -> VideoSettings:
@@ -224,10 +235,12 @@ def film_message(take: Take) -> MessageFilm:
     setting = f"{config.kappa} {grid} {config.state_hz} {config.fps}"
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
-    shown_size, without = config.display_size, config.without
-    source = Source(layout, "test", take.seed, without=without, display_size=shown_size)
+    size, without = config.display_size, config.without
+    source = Source(layout, "test", take.seed, without=without, display_size=size)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
+    if config.still:
+        picture, pictures = with_prints(config.still, picture, pictures, take.run)
     message = rng.bytes(config.n_bytes)
     bits = encode(message, layout.n_bits, config.redundancy)
     shown = [picture.rgb]
@@ -239,16 +252,44 @@ def film_message(take: Take) -> MessageFilm:
         config.kappa,
         bits,
         lambda: iter(shown),
-        display_size=shown_size,
+        display_size=source.shown_size,
         even=choose(PRESETS, config.preset, "preset").even if config.even is None else config.even,
     )
     coverage = float(rng.uniform(*config.coverage))
     outside = float(rng.uniform(0, config.outside)) if config.outside else 0.0
     scene = SceneSettings(config.size, coverage, pictures=pictures, free=0.03, outside=outside)
+    scene = replace(scene, second_display=True) if config.still == "beside" else scene
     settings = config.video(scene, config.loops * 2 * len(bits) / config.state_hz)
     pair, shown_layout = source.pair(take.pair), source.display_layout
     frames = film(LoopStates(loop), shown_layout, pair, take.view, settings, rng)
     return MessageFilm(take, picture.name, message, bits, frames)
+
+
+def with_prints(
+    still: str, picture: Picture, pictures: Sequence[Picture], seed: int
+) -> tuple[Picture, Sequence[Picture]]:
+    """Turn pictures into frames of the preset paper, which have patches.
+
+    Args:
+        still: which of them; a key of `STILLS`.
+        picture: the one that carries the message.
+        pictures: those that the room shows.
+        seed: of the bits that are printed.
+    """
+    rng, (height, width) = np.random.default_rng(seed), picture.rgb.shape[:2]
+    paper = PRESETS["paper"].layout.resized(width, height)
+
+    def printed(each: Picture) -> Picture:
+        bits = rng.integers(0, 2, paper.n_bits)
+        return replace(each, rgb=embed(each.rgb, bits, paper, PRESETS["paper"].kappa).embedded)
+
+    if still == "beside":
+        return picture, [printed(each) for each in pictures]
+    if still == "whole":
+        return printed(picture), pictures
+    framed, top, left = picture.rgb.copy(), height // 4, width // 4
+    framed[top : 3 * top, left : 3 * left] = fit_picture(printed(picture).rgb, 2 * left, 2 * top)
+    return replace(picture, rgb=framed), pictures
 
 
 class FilmReading:
@@ -256,10 +297,10 @@ class FilmReading:
 
     Args:
         filmed: the film, whose truth is compared with what is read; its frames are not taken.
-        decoder: decoder of the receiver.
+        decoder: decoder of the receiver, or several, one for each layout that it looks for.
     """
 
-    def __init__(self, filmed: MessageFilm, decoder: Decoder) -> None:
+    def __init__(self, filmed: MessageFilm, decoder: Decoder | Sequence[Decoder]) -> None:
         self._filmed = filmed
         self._receiver = Receiver(decoder, filmed.take.settings.fps)
         self._received: bytes | None = None
@@ -354,6 +395,8 @@ def check_settings(settings: FilmSettings) -> None:
     at_least(1, n_bytes=settings.n_bytes)
     check_kappa(settings.kappa)
     choose(PRESETS, settings.preset, "preset")
+    if settings.still is not None:
+        choose(STILLS, settings.still, "still")
     if settings.grid is not None and (settings.preset != "paper" or settings.grid not in GRIDS):
         raise ParameterError("grid", f"need 8 or 16, and the preset paper, got {settings.grid}")
     frames_needed(settings.n_bytes, settings.layout.n_bits, "n_bytes")

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from data_gen.pictures.library import load_pictures
-from export.send.likeness import colour_difference
+from export.send.likeness import Likeness, colour_difference
 from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.code.framing import encode
 from link.loop import Loop
@@ -69,9 +69,7 @@ def changed_colours(shown: Shown) -> dict[str, float]:
         display_size=SIZE,
         even=preset.even,
     )
-    for _ in loop.carriers():
-        pass
-    mean = loop.time_mean()
+    mean = Likeness.of(loop).time_mean
     by_mean, high = colour_difference(mean, picture)
     return {"mean": by_mean, "high": high, "levels": float(np.abs(mean - picture).max())}
 

@@ -34,9 +34,9 @@ def ssim(original: Image, embedded: Image) -> float:
     Returns:
         at most 1, which equal frames have.
     """
-    x, y = original.astype(np.float64), embedded.astype(np.float64)
+    x, y = original.astype(np.float32), embedded.astype(np.float32)
 
-    def blur(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    def blur(image: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.asarray(cv2.GaussianBlur(image, (11, 11), 1.5, borderType=cv2.BORDER_REFLECT))
 
     mean_x, mean_y = blur(x), blur(y)
@@ -45,4 +45,4 @@ def ssim(original: Image, embedded: Image) -> float:
     c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
     numerator = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
     denominator = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
-    return float(np.mean((numerator / denominator)[5:-5, 5:-5]))
+    return float(np.mean((numerator / denominator)[5:-5, 5:-5], dtype=np.float64))

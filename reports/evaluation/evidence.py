@@ -121,9 +121,11 @@ class SimulatedRun:
             for condition in (self.comparison, *swept.conditions)
         }
         records = pd.concat([self.predicted, swept.records], ignore_index=True)
+        erred = set(records.loc[records["correct"] < records["known"], "method"])
+        told = [method for method in best if method in erred] or shown[:1]
         strips, failures = self.amount.strips, self.amount.failures
         stories = simulated_stories(
-            records, places, shown, best, equalised, self.folder.path, strips, failures
+            records, places, shown, told, equalised, self.folder.path, strips, failures
         )
         self.folder.write_stories(stories)
 

@@ -91,19 +91,21 @@ def typical_pairs(
     """For each view and kappa the frame pair with the median number of wrong bits of all methods.
 
     Only frame pairs of the main comparison that all methods of ``shown`` decoded are taken; the
-    hardest views and kappas come first.
+    hardest views and kappas come first. Of several, one of the display and camera shown least.
     """
     main = _with_errors(records[records["condition"] == ""])
     frames = main.groupby(FRAME, sort=False, dropna=False).agg(
         errors=("errors", "sum"), methods=("method", set)
     )
     whole = frames[[set(shown) <= methods for methods in frames["methods"]]].reset_index()
-    chosen = []
+    chosen: list[Any] = []
     cells = whole.groupby(["view_deg", "kappa"], sort=False)
     for _, cell in sorted(cells, key=lambda entry: (-entry[0][0], entry[0][1])):
-        ranked = cell.sort_values("errors", kind="stable")
-        chosen.append(_chosen(main, places, ranked.iloc[len(ranked) // 2]))
-    return chosen
+        median = cell["errors"].sort_values().iloc[len(cell) // 2]
+        equal = [row for _, row in cell[cell["errors"] == median].iterrows()]
+        pairs = [row["pair"] for row in chosen]
+        chosen.append(min(equal, key=lambda row: pairs.count(row["pair"])))
+    return [_chosen(main, places, row) for row in chosen]
 
 
 def worst_pairs(
@@ -302,7 +304,8 @@ def _caption(row: Any) -> str:
     """The method, and how many of its known bits are wrong."""
     if not row["known"]:
         return str(row["method"])
-    return f"{row['method']}: {row['known'] - row['correct']} of {row['known']} bits wrong"
+    known = int(row["known"])  # a table that holds unknown numbers has no whole ones
+    return f"{row['method']}: {known - int(row['correct'])} of {known} bits wrong"
 
 
 def _written(

@@ -259,7 +259,7 @@ def set_ticks(axis: Axis, values: Sequence[float], labels: Sequence[str]) -> Non
 def draw_series(
     panel: Axes, series: Sequence[Series], markers: bool = True, legend: str = "beside"
 ) -> None:
-    """Draw lines of methods with intervals, and name them, the one that ends highest first.
+    """Draw lines of methods with intervals, and name them in the order of all charts.
 
     Args:
         panel: where to draw; its limits are set already, and what lies beyond is drawn at them.
@@ -283,6 +283,7 @@ def draw_series(
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
             (mark,) = panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
             add_note(mark, point.note)
+    order = {name: number for number, name in enumerate(METHODS)}  # others stand before them
     handles = [
         Line2D(
             [],
@@ -292,7 +293,7 @@ def draw_series(
             linestyle="--" if line.dashed else "-",
             label=line.name or line.label,
         )
-        for line in sorted(series, key=lambda line: -line.points[-1].y)
+        for line in sorted(series, key=lambda line: order.get(line.label, -1))
     ]
     place: dict[str, Any] = {"loc": legend}
     if legend == "beside":

@@ -13,7 +13,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import ROOT, refusal, slow
+from conftest import ROOT, Command, refusal, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -170,6 +170,13 @@ def test_an_export_with_parity_leaves_the_model_alone(
     assert parity.holds
     assert [file.name for file in tmp_path.iterdir()] == ["decoder.onnx"]
     assert (tmp_path / "decoder.onnx").read_bytes() == model
+
+
+def test_shipped_folders_get_no_file_unasked(command: Command) -> None:
+    done = command(to_onnx.main, PRETRAINED)
+    assert done.status == 2
+    assert "error: --out: " in done.stderr
+    assert "ships as it is; name the new .onnx file" in done.stderr
 
 
 # What the file carries

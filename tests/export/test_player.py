@@ -445,8 +445,7 @@ def test_at_60_states_a_second_canvas_and_screenshots_are_the_states_in_order(
 
 
 @pytest.mark.slow
-def test_a_page_of_a_fine_grid_is_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("link.loop.ssim", lambda *_: 1.0)  # not asked for, and half of the time
+def test_a_page_of_a_fine_grid_is_small(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
     noise = rng.integers(0, 256, (384, 512, 3), dtype=np.uint8)  # which nothing packs
@@ -585,13 +584,9 @@ COUNT_BYTES = """
 
 @pytest.mark.parametrize("size", [(160, 90), slow((3840, 2160))])
 def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
-    size: tuple[int, int],
-    open_window: OpenWindow,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    size: tuple[int, int], open_window: OpenWindow, tmp_path: Path
 ) -> None:
     """Its time is only printed, because software stands in for the graphics card."""
-    monkeypatch.setattr("link.loop.ssim", lambda *_: 1.0)  # not asked for
     layout = make_layout(9, 16, *size, modulation="antipodal", pilots="auto")
     loop = make_loop(layout, 2, cv2.resize(ramp(9, 16), size), even=True)
     write_player(tmp_path / "player.html", loop, 0.1)  # so that no card is too slow

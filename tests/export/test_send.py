@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,9 +23,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import export.send.__main__ as send_cli
-import link.loop as loop_module
+import export.send.likeness as likeness_module
+import export.send.pictures as pictures_module
+import export.send.player as player_module
 from export.send.hiding import MESSAGE_SEED, SECONDS, Hiding, Onlooker
-from export.send.pictures import note_coarse, open_pictures, stand_still
+from export.send.likeness import Likeness
+from export.send.pictures import note_coarse, open_pictures
 from export.send.player import write_player
 from export.send.write import write_states
 from export.visibility.flicker import contrast_over_threshold, random_message
@@ -377,12 +381,43 @@ def animate(file: Path, levels: tuple[int, ...]) -> Path:
     return file
 
 
-def test_a_picture_moves_where_several_are_shown(tmp_path: Path) -> None:
-    gifs = [animate(tmp_path / f"{n}.gif", (30, 90, 150)[:n]) for n in (1, 3)]
-    assert [stand_still(open_pictures(gif, 7.5)) for gif in gifs] == [True, False]
+def test_what_moves_is_told(tmp_path: Path, command: Command) -> None:
+    sources = [animate(tmp_path / f"{n}.gif", (30, 90, 150)[:n]) for n in (1, 3)]
     for number in range(2):
-        write_image(tmp_path / "folder" / f"{number}.png", np.full((96, 128, 3), 99, np.uint8))
-        assert stand_still(open_pictures(tmp_path / "folder", 7.5)) == (number == 0)
+        sources.append(tmp_path / f"folder{number}")
+        for name in range(number + 1):
+            write_image(sources[-1] / f"{name}.png", np.full((96, 128, 3), 99, np.uint8))
+    told = []
+    for number, source in enumerate(sources):
+        line = ("--message", "Hi", "--preset", "robust", "--out", tmp_path / f"{number}.html")
+        told.append("where the picture moves" in command(send_cli.main, source, *line).stderr)
+    assert told == [False, True, False, True]
+
+
+def test_a_bar_appears_where_writing_takes_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    for after_s, shown in ((60.0, False), (0.0, True)):
+        monkeypatch.setattr(player_module, "BAR_AFTER_S", after_s)
+        monkeypatch.setattr("sys.stderr", terminal := StringIO())
+        terminal.isatty = lambda: True  # type: ignore[method-assign]
+        assert list(player_module.with_bar(iter("ab"), 2, "pair")) == ["a", "b"]
+        assert ("pair" in terminal.getvalue()) == shown
+
+
+def test_a_picture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in "ab":
+        write_image(tmp_path / f"{name}.png", noise(192, 256))
+    read = []
+    usual = pictures_module.read_picture
+    monkeypatch.setattr(
+        pictures_module, "read_picture", lambda path, limit: read.append(path) or usual(path, limit)
+    )
+    layout = make_layout(8, 8, 128, 96)
+    for source, times in (tmp_path / "a.png", 1), (tmp_path, 2):
+        read.clear()
+        bits = framing.encode(b"Hi", layout.n_bits)[:2]
+        loop = Loop(layout, 3, bits, open_pictures(source, 7.5))
+        assert (loop.placement.display_size, len(list(loop.carriers()))) == ((256, 192), 2)
+        assert len(read) == times
 
 
 @pytest.mark.parametrize(
@@ -440,7 +475,7 @@ def test_a_picture_that_is_much_enlarged_is_told(capsys: pytest.CaptureFixture[s
 def test_an_animation_that_would_lose_its_pictures_is_refused(suffix: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="an animation; save one picture of it, or all as GIF"):
         open_pictures(animate(tmp_path / f"moves{suffix}", (30, 90)), 7.5)
-    assert stand_still(open_pictures(animate(tmp_path / f"still{suffix}", (30,)), 7.5))
+    assert len(list(open_pictures(animate(tmp_path / f"still{suffix}", (30,)), 7.5)())) == 1
 
 
 shapes = st.tuples(st.integers(4, 9), st.integers(5, 9))
@@ -487,7 +522,7 @@ def test_any_layout_survives_folder_and_player(
 
     bits = framing.encode(message, layout.n_bits)
     even = even and modulation == "antipodal" and not pyramid_level
-    loop = Loop(layout, kappa, bits, pictures, pyramid_level, even=even)
+    loop = Loop(layout, kappa, bits, pictures, pyramid_level, size, even=even)
     with TemporaryDirectory() as folder:
         out = Path(folder) / "page.html"
         write_player(out, loop, 15)
@@ -501,15 +536,19 @@ def test_any_layout_survives_folder_and_player(
 def test_likeness_is_taken_of_the_first_pairs_and_all_are_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(loop_module, "MEASURED_PIXELS", 2 * 128 * 128)
+    monkeypatch.setattr(likeness_module, "MEASURED_PIXELS", 2 * 128 * 128)
     layout = make_layout(8, 8, 128, 128)
     bits = framing.encode(b"counted", layout.n_bits)
     loop = Loop(layout, 3, bits, lambda: iter([noise(128, 128)]))
-    measured = [psnr(pair.original, pair.embedded) for pair in loop.pairs()]
+    pairs = [carrier.displayed() for carrier in loop.carriers()]
+    measured = [psnr(pair.original, pair.embedded) for pair in pairs]
     said = loop.report(7, 15.0)
     assert said["pairs"] == said["frames"] == len(bits) == len(measured) > 2
     assert said["loop_seconds"] == pytest.approx(2 * len(bits) / 15, abs=1e-3)
-    assert [db for db, _ in loop.seen] == measured[:2]
+    alike = Likeness.of(loop)
+    assert [decibels for decibels, _ in alike.pairs] == measured[:2]
+    states = list(loop.states())[:4]
+    np.testing.assert_allclose(alike.time_mean, np.mean(states, axis=0))
 
 
 def test_fit_cuts_evenly_and_does_not_stretch() -> None:

@@ -69,7 +69,8 @@ def test_a_display_that_stands_shows_the_bits_of_one_that_lies_turned_by_a_quart
     assert lying.shown_layout == upright.shown_layout
     for one, other in zip(lying.states(), upright.states(), strict=True):
         assert (one.shape[:2], other.shape[:2]) == ((108, 192), (192, 108))
-    for one, other in zip(lying.pairs(), upright.pairs(), strict=True):
+    for carriers in zip(lying.carriers(), upright.carriers(), strict=True):
+        one, other = (carrier.displayed() for carrier in carriers)
         changes = [pair.embedded.astype(int) - pair.original for pair in (one, other)]
         np.testing.assert_array_equal(*changes)
     assert upright.report(6, 30.0)["display"] == {
@@ -81,8 +82,8 @@ def test_pictures_that_would_lie_elsewhere_are_refused() -> None:
     pictures = [ramp(160, 90), ramp(120, 90)]
     bits = framing.encode(b"two", LAYOUT.n_bits)
     with pytest.raises(InputError, match="would not lie where one of 160x90 did; choose fit cover"):
-        list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), 0, (160, 90), "contain").pairs())
-    assert list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), 0, (160, 90), "cover").pairs())
+        list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), 0, (160, 90), "contain").carriers())
+    assert list(Loop(LAYOUT, 3, bits, lambda: iter(pictures), 0, (160, 90), "cover").carriers())
 
 
 def test_a_picture_that_is_too_narrow_for_the_blocks_is_refused() -> None:

@@ -1,6 +1,7 @@
 """What evaluate.py measures beside the predictions: sweeps, reasons of failures, responses."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from data_gen.frame_pair import Cell, FramePair, Source
@@ -11,6 +12,7 @@ from link.ratex import training_pixels
 from reports.engine.methods import Method
 from reports.evaluation.reasons import Parts, block_lumas, explain, take_apart
 from reports.evaluation.response import measure_response
+from reports.evaluation.stories import Place, _caption, typical_pairs
 from reports.evaluation.sweeps import SWEEPS, SWEPT_PAIRS, sweep_conditions
 
 
@@ -52,6 +54,21 @@ def test_the_parts_of_a_frame_pair_add_up(layout: Layout) -> None:
     expected = bits * parts.signal + parts.drift + parts.motion + parts.noise
     error = (seen - expected)[message]
     assert np.abs(error).mean() < 0.15 * parts.signal[message].mean()
+
+
+def test_typical_frame_pairs_are_of_several_displays_and_count_whole_bits(layout: Layout) -> None:
+    rows = [
+        {"pair": pair, "view_deg": 0.0, "kappa": kappa, "index": 0, "condition": "",
+         "method": "oorc", "known": 59.0, "correct": 59.0}
+        for kappa in (3, 5)
+        for pair in ("canon-lg", "nikon-samsung", "sony-lg")
+    ]  # fmt: skip
+    place = Place(Source(layout), "", "main comparison")
+    chosen = [
+        each.by_method["oorc"] for each in typical_pairs(pd.DataFrame(rows), {"": place}, ["oorc"])
+    ]
+    assert [row["pair"] for row in chosen] == ["canon-lg", "nikon-samsung"]
+    assert _caption(chosen[0]) == "oorc: 0 of 59 bits wrong"
 
 
 @pytest.mark.parametrize(

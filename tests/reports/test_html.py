@@ -341,6 +341,17 @@ def test_texts_of_a_table_come_back_as_they_were(head: str, content: str) -> Non
     assert number.attrib["class"] == "n good"
 
 
+def test_legends_have_one_order_whatever_a_chart_shows() -> None:
+    named = ["true", "naive", "oorc", "learned"]
+    for heights in ((1.0, 2.0, 3.0, 4.0), (4.0, 1.0, 3.0, 2.0)):
+        _, (panel,) = new_panels()
+        lines = [Series(n, [Point(0.0, y, y, y)]) for n, y in zip(named, heights, strict=True)]
+        draw_series(panel, [lines[0], *lines[:0:-1]])
+        legend = panel.get_legend()
+        assert legend is not None
+        assert [text.get_text() for text in legend.get_texts()] == named
+
+
 def test_a_chart_says_its_title_and_notes_and_is_the_same_again() -> None:
     @in_style
     def chart() -> str:

@@ -242,6 +242,8 @@ def test_a_machine_without_a_camera_is_told_so(browser, address) -> None:
         wait_for(page, lambda: text_of(page, "status") == "No camera")
         assert text_of(page, "advice").startswith("No camera was found")
         assert page.get_by_role("button", name="Try the camera again").is_visible()
+        with page.expect_file_chooser():
+            page.get_by_role("button", name="Read a film instead").click()
 
 
 def test_a_refused_camera_is_explained(browser, address) -> None:
@@ -420,6 +422,7 @@ def test_the_message_of_a_film_at_an_address_is_shown(browser, address, film_at)
     url, folder = address
     shutil.copy(film_at("paper 0"), folder / "film.y4m")
     with open_page(browser, width=1280) as page:
+        page.on("console", lambda said: said.type == "error" and page.errors.append(said.text))
         page.goto(f"{url}?film=film.y4m")
         wait_for(page, lambda: text_of(page, "message"))
         assert text_of(page, "message") == FILMS["paper 0"].message

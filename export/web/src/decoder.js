@@ -8,7 +8,6 @@
 import * as ort from "onnxruntime-web/wasm";
 
 ort.env.wasm.numThreads = 1;
-ort.env.logLevel = "error";
 
 /**
  * What a decoder says of a frame pair: a score for each message bit, row by row, positive for 1,
@@ -51,12 +50,11 @@ export class Decoder {
   }
 
   async #create() {
-    // a graph that is optimised further takes longer to load, and runs no faster in wasm
-    /** @type {ort.InferenceSession.SessionOptions} */
-    const options = { executionProviders: ["wasm"], graphOptimizationLevel: "basic" };
-    const session = await (typeof this.model === "string"
-      ? ort.InferenceSession.create(this.model, options)
-      : ort.InferenceSession.create(this.model, options));
+    const session = await ort.InferenceSession.create(/** @type {string} */ (this.model), {
+      executionProviders: ["wasm"],
+      graphOptimizationLevel: "basic", // more takes longer to load, and runs no faster in wasm
+      logSeverityLevel: 3, // no warnings, which browsers show as errors
+    });
     const scores = session.outputMetadata.find((output) => output.name === "scores");
     const count = scores?.isTensor ? scores.shape.at(-1) : undefined;
     if (count !== this.layout.nBits) {

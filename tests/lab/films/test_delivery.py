@@ -5,18 +5,21 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from conftest import ROOT, Command, slow
+from numpy.typing import NDArray
 from tolerances import FLOAT64
 
 from data_gen.film.codec import CodecSettings
 from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
+from data_gen.pictures.library import Picture, load_pictures
 from lab import __main__ as lab
 from lab.films import codecs, delivery
 from lab.films.codecs import VariantsTake
-from lab.films.trial import FilmSettings, Take
+from lab.films.trial import FilmSettings, Take, with_prints
 from lab.study import DOCS, read_results, stored_results
 from link.errors import InputError
 from link.layout import make_layout
@@ -87,6 +90,30 @@ def test_one_that_fails_is_named_after_the_others_were_stored(tmp_path: Path) ->
     assert len(file.read_text().splitlines()) == 2
     with pytest.raises(InputError, match="1 of 1"):
         list(each_result(double, {"bad": -1}, Backend(), "double"))
+
+
+def test_patches_that_stand_still_are_where_they_are_asked_for() -> None:
+    pictures = load_pictures("test", 512, 384)[:3]
+    box = make_layout().cell_box(0, 0)[1::2]  # bottom and right of the first patch
+
+    def corner(picture: Picture, size: float = 1.0) -> NDArray[np.uint8]:
+        starts = int((1 - size) * 192), int((1 - size) * 256)
+        rows, cols = (
+            slice(at, at + int(size * side)) for at, side in zip(starts, box, strict=True)
+        )
+        return picture.rgb[rows, cols]
+
+    patches = [corner(with_prints("whole", each, pictures, 0)[0]) for each in pictures]
+    np.testing.assert_array_equal(patches[0], patches[1])
+    carrier, room = with_prints("beside", pictures[0], pictures, 0)
+    assert carrier is pictures[0]
+    for picture in room:
+        np.testing.assert_array_equal(corner(picture), patches[0])
+    within, room = with_prints("within", pictures[0], pictures, 0)
+    assert room is pictures
+    small = cv2.resize(patches[0], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    np.testing.assert_array_equal(corner(within, 0.5), small)
+    assert FilmSettings(still="beside").camera == "still_beside"
 
 
 # The delivery of messages

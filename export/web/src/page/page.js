@@ -445,6 +445,7 @@ byId("keep").addEventListener("click", () => {
   const name = utf8Of(shown) === null ? "message.bin" : "message.txt";
   download(new Blob([new Uint8Array(shown)]), name);
 });
+byId("choose").addEventListener("click", () => byId("film").click());
 byId("film").addEventListener("change", () => {
   const [file] = byId("film").files;
   if (file) void readFilm(file);
