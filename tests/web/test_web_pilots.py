@@ -46,7 +46,6 @@ from export.locate.pilots.evidence import (
     pilot_evidence,
     pilot_signs,
     pilot_values,
-    standing_out,
 )
 from export.locate.pilots.stabilise import Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
@@ -135,7 +134,6 @@ def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float
 def test_values_of_pilots_in_a_frame(port: Port, layout: Layout, size: tuple[int, int]) -> None:
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
     module = port(EVIDENCE_JS)
-    same(module.standingOut(gray, layout), standing_out(gray, layout), FLOAT32_SUM)
     same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_SUM)
 
 

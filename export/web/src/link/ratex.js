@@ -59,18 +59,6 @@ export function matchPatches(frame, layout) {
 }
 
 /**
- * Tell how well a rectified frame shows the ratex patches where the layout has them.
- *
- * @param {import("../image/opencv.js").Plane<Uint8Array>} frame - of any size
- * @param {import("./layout.js").Layout} layout - with at least one patch
- * @returns {number} mean correlation over the patches, in [-1, 1]
- */
-export function patchCorrelation(frame, layout) {
-  const { correlation } = matchPatches(frame, layout);
-  return correlation.reduce((sum, value) => sum + value) / correlation.length;
-}
-
-/**
  * Find the pixels of the samples of a patch along one axis, tile by tile.
  *
  * @param {number} cell - row or column of the patch

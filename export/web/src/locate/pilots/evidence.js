@@ -9,7 +9,6 @@
 
 import { locatePilotsEvidence } from "../../generated/constants.js";
 import { areaMeans } from "../../image/shrink.js";
-import { lessMeanAround } from "./around.js";
 import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
 /** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
@@ -39,17 +38,6 @@ export const PHASE_SLOPES = [
  */
 export function pilotSigns(layout) {
   return Float64Array.from(layout.pilotBits, (bit) => 2 * bit - 1);
-}
-
-/**
- * Measure by how much each block is brighter than its neighbourhood of 3 x 3 blocks.
- *
- * @param {AnyPlane} gray - the rectified display, of any size
- * @param {Layout} layout - says how many blocks there are
- * @returns {Float32Array} (rows * cols,) in the levels of `gray`
- */
-export function standingOut(gray, layout) {
-  return lessMeanAround(areaMeans(gray, layout.cols, layout.rows), 3, 3).data;
 }
 
 /**
