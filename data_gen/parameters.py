@@ -222,7 +222,8 @@ class Camera(Limited):
 
         The shutter is open, and the rows are read, for no longer than a frame lasts. A higher ISO
         makes up for a shorter exposure, so that fewer electrons fill the scale and noise is
-        stronger. A lower ISO makes up for a longer one.
+        stronger. A lower ISO makes up for a longer one. Automatic exposure chooses shutter and ISO
+        frame by frame, so a camera that has it keeps both here.
 
         >>> from data_gen.pairs import get_pair
         >>> camera = get_pair("canon-lg").camera
@@ -236,11 +237,14 @@ class Camera(Limited):
             fps: number of frames a second, above 0.
             shutter: exposure time, seconds; None for the camera's own.
         """
+        readout_s = min(self.readout_s, 1 / fps)
+        if self.auto_exposure:
+            return replace(self, readout_s=readout_s)
         shutter_s = min(shutter or self.shutter_s, 1 / fps)
         return replace(
             self,
             shutter_s=shutter_s,
-            readout_s=min(self.readout_s, 1 / fps),
+            readout_s=readout_s,
             full_well_e=self.full_well_e * shutter_s / self.shutter_s,
         )
 

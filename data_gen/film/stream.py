@@ -83,7 +83,7 @@ class VideoSettings:
     """Exposure time of each frame, seconds; None for the camera's own, which an automatic exposure
     chooses by the light."""
     hand: float = 1.0
-    """Motion of the hand relative to the usual, `shake.SWAY`; 0 for a tripod."""
+    """Motion of the hand, and of the camera with it, relative to the usual; 0 for a tripod."""
     exposure_drift: float | None = None
     """Standard deviation of the log exposure within seconds; None for the pair's drift."""
     jumps_hz: float = 0.0
@@ -218,7 +218,7 @@ class _Stream:
             time_s, step_s = number / settings.fps + late, 1 / settings.fps + (late - late_before)
             lost, again = self.loss_rng.random(2) < (settings.drop, settings.duplicate)
             motion = self._look_away(time_s) @ self.hand.step(step_s)
-            way = scene.pair.setup.sway * self.sway.step(step_s)
+            way = settings.hand * scene.pair.setup.sway * self.sway.step(step_s)
             gain = self.exposure.step(step_s)
             smear = self._smear(motion_before, motion, step_s)
             late_before, motion_before = late, motion
@@ -324,8 +324,8 @@ class _Stream:
             shutter_s: time for which each row is open, seconds.
         """
         scene, layout = self.scene, self.scene.layout
-        # (h, w, 2) -> (h w, 2) -> (h, w)
         points = self.panel.points
+        # (h, w, 2) -> (h w, 2) -> (h, w)
         rows = transform(shot.H_captured_from_display, points.reshape(-1, 2))[:, 1]
         rows = np.clip(rows.reshape(points.shape[:2]) / scene.size[1], -1, 2)
         light, shares = self.panel.exposed(opens + scene.pair.camera.readout_s * rows, shutter_s)

@@ -85,3 +85,12 @@ def test_the_exposure_follows_smoothly() -> None:
     assert (np.diff([before, *gains]) < 0).all()
     assert gains[0] > 0.85 * before
     assert gains[-1] == pytest.approx(before / 2, rel=0.1)
+
+
+def test_a_shorter_exposure_chosen_by_the_program_is_as_noisy_as_its_iso_says() -> None:
+    """The full well stays that of the lowest ISO; the frame's amplification makes the noise."""
+    assert PHONE.filming(240.0).full_well_e == PHONE.full_well_e
+    assert PHONE.filming(240.0, 1 / 1000).full_well_e == PHONE.full_well_e
+    assert PHONE.filming(240.0).readout_s == 1 / 240
+    fixed = replace(PHONE, auto_exposure=False)
+    assert fixed.filming(240.0).full_well_e == pytest.approx(PHONE.full_well_e / 4)
