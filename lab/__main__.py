@@ -23,7 +23,6 @@ STUDIES = {
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
-    "sizes": ("lab.films.sizes", "whether displays of any size and proportions are read"),
     "today": ("lab.films.today", "what cameras and displays of today read, and what disturbs them"),
     "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
 }

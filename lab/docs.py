@@ -44,8 +44,6 @@ THREE = "--pairs canon-lg nikon-imac sony-samsung"
 """Flags of the deliveries that are measured with three camera-display pairs."""
 RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
 """Flags of the rates that are measured with three camera-display pairs."""
-SHOWN = "--sizes 512 384 1920 1080 1080 1920"
-"""Flags of the films of displays of three sizes."""
 STEPS = {
     "table": "",
     "channel": "lab channel --keep",
@@ -84,13 +82,13 @@ STEPS |= {
     }.items()
 }
 STEPS |= {
-    f"sizes_{name}": f"lab sizes {flags} --keep"
+    f"today_{name}": f"lab today {flags} --keep"
     for name, flags in {
-        "hidden": f"--presets hidden {SHOWN}",
-        "robust": f"--presets robust {SHOWN}",
-        "fast": f"--presets fast {SHOWN} {RATES_THREE}",
-        "strength": "--presets hidden --sizes 1920 1080 --even True False --n-bytes 20000 "
-        "--seconds 1.5",
+        "robust": '--settings "robust, 30 fps" --runs 20',
+        "hidden": '--settings "hidden, 60 fps" --runs 20',
+        "paper": '--settings "paper, 30 fps"',
+        "fast": '--settings "fast, 60 fps"',
+        "hidden_120": '--settings "hidden, 120 fps"',
     }.items()
 }
 STEPS |= {

@@ -20,6 +20,7 @@ from link.errors import at_least, choose, each_once
 from link.presets import PRESETS
 from reports.render.tables import Table, percent, share_interval
 from reports.score.intervals import wilson
+from reports.score.reliability import binned_information, merge_bins
 
 SETTINGS = {
     "paper, 30 fps": ("paper", 30.0),
@@ -106,7 +107,7 @@ def today_blocks(results: Mapping[str, Results[TodayContent]]) -> dict[str, str]
     found.sort(key=lambda series: order.index(series.setting))
     heads = (
         "delivered", "95 % interval", "wrong messages", "seconds, median", "longest",
-        "bits wrong %",
+        "bits wrong %", "information, bits a block and pair",
     )  # fmt: skip
     cells, effects = [], []
     for series in found:
@@ -130,14 +131,16 @@ def today_blocks(results: Mapping[str, Results[TodayContent]]) -> dict[str, str]
 
 def _outcome(runs: pd.DataFrame) -> list[str]:
     """Write what became of some runs."""
-    came = runs[runs["delivered"]]
+    came, decided = runs[runs["delivered"]], int(runs["bits"].sum())
+    bins = merge_bins(runs["bins"])
     return [
         f"{len(came)} of {len(runs)}",
         f"{share_interval(*wilson(len(came), len(runs)), 0)} %",
         str(int(runs["wrong"].sum())),
         f"{came['seconds'].median():.2f}" if len(came) else "–",
         f"{came['seconds'].max():.2f}" if len(came) else "–",
-        percent(runs["bits_wrong"].sum() / runs["bits"].sum()) if runs["bits"].any() else "–",
+        percent(runs["bits_wrong"].sum() / decided) if decided else "–",
+        f"{binned_information(bins, decided):.3f}" if decided else "–",
     ]
 
 
