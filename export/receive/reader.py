@@ -194,19 +194,17 @@ class DisplayReader:
             frame pairs that could be decoded with it, in order, and the message where it became
             whole.
         """
-        in_view = points_in_view(tracked.corners, shape)
-        self._sight.see(tracked.rectified, time, in_view)
         start = perf_counter()
-        measured = self._toggles.measure(tracked.rectified)
-        self.sync.add(time, measured)
         if self._buffer and self._buffer[-1].shown.rectified.shape != tracked.rectified.shape:
             self._buffer.clear()  # frames were gray, and now have colours, or the other way round
         if tracked.anew:
             self._corners = CornerShift(self.layout)
             for at, waiting in enumerate(self._buffer):
                 self._buffer[at] = replace(waiting, moved=None)
-        shown = RectifiedFrame(time, tracked.rectified, in_view)
-        self._buffer.append(BufferedFrame(shown, measured, self._corners.total))
+        for earlier, seen in tracked.before:
+            self._keep(seen, earlier, shape, fit=False)
+        in_view = self._keep(tracked, time, shape, fit=not tracked.before)
+        self._sight.see(tracked.rectified, time, in_view)
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period
         if self.sync.slips != self._slips:
@@ -215,6 +213,27 @@ class DisplayReader:
         self.timing.add("synchronise", start)
         pairs, message = self._decode_ready(time)
         return pairs, message if pairs else self.go_on()
+
+    def _keep(
+        self, tracked: Tracked, time: float, shape: tuple[int, ...], *, fit: bool
+    ) -> NDArray[np.bool_] | None:
+        """Measure the display in a frame, and keep it until its frame pairs can be decoded.
+
+        Args:
+            tracked: the display.
+            time: time of the frame, seconds; rising from frame to frame.
+            shape: shape of the camera frame.
+            fit: whether the clock may be fitted now; many frames at once leave that to the next.
+
+        Returns:
+            what `points_in_view` says.
+        """
+        in_view = points_in_view(tracked.corners, shape)
+        measured = self._toggles.measure(tracked.rectified)
+        self.sync.add(time, measured, fit=fit)
+        shown = RectifiedFrame(time, tracked.rectified, in_view)
+        self._buffer.append(BufferedFrame(shown, measured, self._corners.total))
+        return in_view
 
     def go_on(self, work: float = WORK_A_FRAME) -> Message | None:
         """Go on with decoding the message, where that takes longer than one camera frame.

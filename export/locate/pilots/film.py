@@ -36,6 +36,8 @@ class FilmFrame:
     """Homography: where most points of the reference lie in it."""
     at: float
     """Its position since the reference (`export.locate.pilots.waves.position`)."""
+    time: float
+    """When it was taken, seconds."""
     tracks: Tracks | None = None
     """Points of the reference that were found again in it; None to go by the room alone, because
     pictures may move."""

@@ -57,6 +57,9 @@ IN_VIEW = 0.75
 """Smallest share of the reference frame that must still be in view for a search to go on."""
 CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
 """Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
+HELD_S, LEAST_HELD = 0.5, 36
+"""Time, in seconds, and smallest number of frames for which the newest frames are kept: a display
+that is found is read in them, too."""
 PROMISING = 9.0
 """Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
 much in a search in vain, there was probably no display to be seen."""
@@ -79,6 +82,8 @@ class PilotDisplay:
     """Pixels of the frame with which the search began."""
     k: float
     """Coefficient of the lens (`link.geometry.Lens`)."""
+    held: tuple[FilmFrame, ...]
+    """The frames before the newest one, from the oldest on, of those that are kept."""
 
 
 class PilotSearch:
@@ -111,7 +116,9 @@ class PilotSearch:
         self._surest_seen = 0.0
         self._frames: list[FilmFrame] = []
         self._later: deque[FilmFrame] = deque(maxlen=self._confirming)
+        self._held: deque[FilmFrame] = deque(maxlen=max(LEAST_HELD, round(HELD_S * fps)))
         self._reference: NDArray[np.uint8]
+        self._first: FilmFrame
         self._fps, self._start = fps, 0.0
         self._watched: list[Array] = []
         self._values: list[list[NDArray[np.float32]]] = []
@@ -139,11 +146,15 @@ class PilotSearch:
             self._seen, self._surest_seen = 0, 0.0
             self._frames, self._promising, self._work = [], None, None
             self._later.clear()
+            self._held.clear()
+            self._first = FilmFrame(gray, np.eye(3), 0.0, time)
+            self._held.append(self._first)
             return None
         if not self._frames:
             self._begin()
         at = position(time - self._start, self._fps)
-        newest = FilmFrame(gray, H, at, self._stabiliser.tracks)
+        newest = FilmFrame(gray, H, at, time, self._stabiliser.tracks)
+        self._held.append(newest)
         self._seen += 1
         if len(self._frames) < self._window:
             self._watch(newest)
@@ -182,9 +193,14 @@ class PilotSearch:
             return None
         self._failed = 0
         proposal = settled.proposal
-        corners = newest.corners(proposal.corners)
-        first, k = proposal.corners, settled.k
-        return PilotDisplay(proposal.layout, corners, settled.evidence, first, k)
+        return PilotDisplay(
+            layout=proposal.layout,
+            corners=newest.corners(proposal.corners),
+            evidence=settled.evidence,
+            first_corners=proposal.corners,
+            k=settled.k,
+            held=tuple(self._held)[:-1],
+        )
 
     def _begin(self) -> None:
         """Propose quadrilaterals in the reference, now that the film can be held still."""
@@ -195,7 +211,7 @@ class PilotSearch:
             for turn in (0, 1)
         ]
         self._values = [[] for _ in self._watched]
-        self._watch(FilmFrame(as_gray(self._reference), np.eye(3), 0.0))
+        self._watch(self._first)
 
     def _watch(self, frame: FilmFrame) -> None:
         """Record what this frame shows, and propose what looks promising after some frames."""

@@ -126,12 +126,13 @@ class Synchroniser:
         wander = WANDER * (time - middle) / self.clock.period
         return float(np.hypot(fit.phase_error(time - middle), wander))
 
-    def add(self, time: float, values: Array) -> None:
+    def add(self, time: float, values: Array, *, fit: bool = True) -> None:
         """Take what was measured in one frame, and fit the clock where it is time.
 
         Args:
             time: time of the frame, seconds; later than before.
             values: (V,) as `Toggles.measure` gives them; NaN where a place is unseen.
+            fit: whether the clock may be fitted now.
         """
         if np.isfinite(values).any():
             if self._samples and time - self._samples[-1][0] > AWAY_S:
@@ -150,7 +151,7 @@ class Synchroniser:
             self.clock = None
         enough = len(self._samples) >= MIN_FRAMES and time - self._samples[0][0] >= MIN_WINDOW_S
         pause = SEEK_S if self.clock is None else REFIT_S
-        if enough and time >= self._fitted_at + pause:
+        if fit and enough and time >= self._fitted_at + pause:
             self._fitted_at = time
             self._update(time)
 

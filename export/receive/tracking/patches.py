@@ -55,6 +55,9 @@ class Tracked:
     anew: bool = False
     """Whether the display was just found at a place of which nothing is known from the frames
     before: by its pilots, or elsewhere than what was followed so far."""
+    before: tuple[tuple[float, "Tracked"], ...] = ()
+    """Times, in seconds, of frames before this one in which the display lies, too, and the display
+    in them; of one that was just found by its pilots."""
 
 
 class DisplayTracker(Protocol):

@@ -4,12 +4,13 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.pilots.corners import moved_corners
 from export.locate.pilots.evidence import pilot_evidence, pilot_values
-from export.locate.pilots.search import PilotSearch
+from export.locate.pilots.search import PilotDisplay, PilotSearch
 from export.locate.pilots.waves import position
 from export.receive.tracking.follow import Follower, RoomFollower
 from export.receive.tracking.patches import Tracked
@@ -108,7 +109,24 @@ class PilotTracker:
         self._at.clear()
         self._count = self._missed = 0
         tracked = self._accept(image, found.corners, fresh=True)
-        return None if tracked is None else replace(tracked, anew=True)
+        if tracked is None:
+            return None
+        return replace(tracked, anew=True, before=self._before(found, image))
+
+    def _before(self, found: PilotDisplay, image: Image) -> tuple[tuple[float, Tracked], ...]:
+        """Show the display in the frames in which it was looked for, with as many channels."""
+        if found.layout.colour != "gray":
+            return ()  # they are kept without their colours
+        shown: list[tuple[float, Tracked]] = []
+        for frame in found.held:
+            corners = frame.corners(found.first_corners)
+            view = self._follower.rectified(frame.gray, corners)
+            if view is None:
+                shown.clear()
+                continue
+            view = view if image.ndim == 2 else cv2.cvtColor(view, cv2.COLOR_GRAY2RGB)
+            shown.append((frame.time, Tracked(corners, np.asarray(view, np.uint8))))
+        return tuple(shown)
 
     def _accept(self, image: Image, corners: Array, *, fresh: bool) -> Tracked | None:
         """Rectify the display where the motion of its points puts it."""
