@@ -209,18 +209,16 @@ export class DisplayReader {
    * @param {number} height - of the camera frame, pixels
    * @returns {Promise<Reading>}
    */
-  async take({ corners, rectified, anew }, time, width, height) {
-    const inView = pointsInView(corners, width, height);
-    this.#sight.see(rectified, time, inView);
+  async take(tracked, time, width, height) {
     const start = performance.now();
-    const measured = this.#toggles.measure(rectified);
-    this.sync.add(time, measured);
+    const { anew, before = [] } = tracked;
     if (anew) {
       this.#corners = new CornerShift(this.layout);
       for (const waiting of this.#buffer) waiting.moved = null;
     }
-    this.#buffer.push({ frame: { time, rectified, inView }, measured, moved: this.#corners.total });
-    if (this.#buffer.length > BUFFER) this.#buffer.shift();
+    for (const earlier of before) this.#keep(earlier.seen, earlier.time, width, height, false);
+    const inView = this.#keep(tracked, time, width, height, before.length === 0);
+    this.#sight.see(tracked.rectified, time, inView);
     if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
     if (this.sync.slips !== this.#slips) {
       this.#slips = this.sync.slips;
@@ -230,6 +228,26 @@ export class DisplayReader {
     this.#timing.add("synchronise", start);
     const reading = await this.#decodeReady(time);
     return reading.pairs.length > 0 ? reading : { pairs: [], message: this.goOn() };
+  }
+
+  /**
+   * Measure the display in a frame, and keep it until its frame pairs can be decoded.
+   *
+   * @param {Tracked} tracked - the display
+   * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @param {number} width - of the camera frame, pixels
+   * @param {number} height - of the camera frame, pixels
+   * @param {boolean} fit - whether the clock may be fitted now; many frames at once leave that to
+   *   the next
+   * @returns {Uint8Array | null} what `pointsInView` says
+   */
+  #keep({ corners, rectified }, time, width, height, fit) {
+    const inView = pointsInView(corners, width, height);
+    const measured = this.#toggles.measure(rectified);
+    this.sync.add(time, measured, fit);
+    this.#buffer.push({ frame: { time, rectified, inView }, measured, moved: this.#corners.total });
+    if (this.#buffer.length > BUFFER) this.#buffer.shift();
+    return inView;
   }
 
   /**

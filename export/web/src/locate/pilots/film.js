@@ -38,12 +38,14 @@ export class FilmFrame {
    * @param {BytePlane} gray - is kept
    * @param {Homography} HFrameFromReference
    * @param {number} at - position since the reference (waves.js)
+   * @param {number} time - when it was taken, seconds
    * @param {Tracks | null} [tracks] - points of the reference that were found again in it; null to
    *   go by the room alone, because pictures may move
    */
-  constructor(gray, HFrameFromReference, at, tracks = null) {
+  constructor(gray, HFrameFromReference, at, time, tracks = null) {
     this.gray = gray;
     this.at = at;
+    this.time = time;
     this.HFrameFromReference = HFrameFromReference;
     this.tracks = tracks;
   }

@@ -20,6 +20,7 @@ import { locatePilotsSearch } from "../../generated/constants.js";
 import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { inImage, transform } from "../../link/geometry.js";
+import { identity } from "../../link/linear.js";
 import { candidateSteps } from "../candidates.js";
 import { rolled } from "../quads.js";
 import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
@@ -35,7 +36,7 @@ import { position } from "./waves.js";
 
 export const {
   CANDIDATES, FAINT_CANDIDATES, WINDOW_S, LEAST_WINDOW, MOST_WINDOW, STATES_HZ, PATIENCE_S,
-  MOST_DOUBLED, IN_VIEW, PROMISING,
+  MOST_DOUBLED, IN_VIEW, HELD_S, LEAST_HELD, PROMISING,
 } = locatePilotsSearch;
 
 /** Number of places along each side of the reference frame that are looked for in the newest one. */
@@ -64,10 +65,18 @@ const GLANCE_WORK = 10;
 /**
  * A display that its pilots have given away: the layout that it shows, one of those that were
  * looked for; its corners in the newest frame, from the top left of the displayed picture on; the
- * natural logarithm of the odds against chance, after paying for everything that was tried; and the
- * coefficient of the lens.
+ * natural logarithm of the odds against chance, after paying for everything that was tried; its
+ * corners in the frame with which the search began; the coefficient of the lens; and the frames
+ * before the newest one, from the oldest on, of those that are kept.
  *
- * @typedef {{ layout: Layout, corners: Point[], evidence: number, k: number }} PilotDisplay
+ * @typedef {{
+ *   layout: Layout,
+ *   corners: Point[],
+ *   evidence: number,
+ *   firstCorners: Point[],
+ *   k: number,
+ *   held: FilmFrame[],
+ * }} PilotDisplay
  */
 
 /** Looks for a display that shows one of several layouts with pilots. */
@@ -101,6 +110,8 @@ export class PilotSearch {
   #map = null;
   /** @type {FilmFrame[]} */
   #frames = [];
+  /** The newest frames, which a display that is found is read in, too. @type {FilmFrame[]} */
+  #held = [];
   /** @type {Steps<Settled | null> | null} */
   #work = null;
 
@@ -129,6 +140,8 @@ export class PilotSearch {
     this.checkEvery = Math.floor(this.window / 4);
     /** Number of later frames that must agree with what is not certain. */
     this.confirming = Math.floor((2 * this.window) / 3);
+    /** Number of frames that are kept. */
+    this.most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps));
     const periods = STATES_HZ.map((rate) => (rate / 2 / fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
     /** Frequencies at which displays may toggle, in periods for each nominal frame. */
@@ -158,11 +171,14 @@ export class PilotSearch {
       this.#reference = gray;
       this.#start = time;
       this.#forget();
+      this.#held = [new FilmFrame(gray, identity(3), 0, time)];
       return null;
     }
     const at = position(time - this.#start, this.fps);
-    const newest = new FilmFrame(gray, H, at, this.#stabiliser.tracks);
+    const newest = new FilmFrame(gray, H, at, time, this.#stabiliser.tracks);
     this.#newest = newest;
+    this.#held.push(newest);
+    if (this.#held.length > this.most) this.#held.shift();
     this.#seen++;
     if (this.#map !== null && this.#frames.length < this.window) this.#watch(this.#map);
     this.#work ??= this.#search();
@@ -179,7 +195,10 @@ export class PilotSearch {
       this.#forget();
       this.#failed = 0;
       const { proposal, evidence, k } = step.value;
-      return { layout: proposal.layout, corners: newest.corners(proposal.corners), evidence, k };
+      const { layout, corners } = proposal;
+      const held = this.#held.slice(0, -1);
+      this.#held = [];
+      return { layout, corners: newest.corners(corners), evidence, firstCorners: corners, k, held };
     }
     this.#newest = null;
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);

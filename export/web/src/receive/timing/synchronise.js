@@ -97,8 +97,9 @@ export class Synchroniser {
    *
    * @param {number} time - of the frame, seconds; later than before
    * @param {Float64Array} values - (V,) as `Toggles.measure` gives them; NaN where unseen
+   * @param {boolean} [fit] - whether the clock may be fitted now
    */
-  add(time, values) {
+  add(time, values, fit = true) {
     const samples = this.#samples;
     if (values.some(Number.isFinite)) {
       if (samples.length > 0 && time - samples[samples.length - 1].time > AWAY_S) {
@@ -122,7 +123,7 @@ export class Synchroniser {
     if (unsure || unconfirmed > HOLD_S) this.clock = null;
     const enough = samples.length >= MIN_FRAMES && time - samples[0].time >= MIN_WINDOW_S;
     const pause = this.clock === null ? SEEK_S : REFIT_S;
-    if (enough && time >= this.#fittedAt + pause) {
+    if (fit && enough && time >= this.#fittedAt + pause) {
       this.#fittedAt = time;
       this.#update(time);
     }

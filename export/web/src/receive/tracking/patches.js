@@ -36,8 +36,15 @@ const THUMBNAIL_STEP = 4;
  * The display in one camera frame: its corners in pixels of the frame, in corner order, and its
  * rectified image, of the layout's size. `anew` says that the display was just found at a place of
  * which nothing is known from the frames before: by its pilots, or elsewhere than what was followed.
+ * `before` has frames before this one in which the display lies, too: their times, in seconds, and
+ * the display in them; of one that was just found by its pilots.
  *
- * @typedef {{ corners: Point[], rectified: BytePlane, anew?: boolean }} Tracked
+ * @typedef {{
+ *   corners: Point[],
+ *   rectified: BytePlane,
+ *   anew?: boolean,
+ *   before?: { time: number, seen: Tracked }[],
+ * }} Tracked
  */
 
 /**

@@ -90,7 +90,25 @@ export class PilotTracker {
     this.#start = time;
     this.#count = this.#missed = 0;
     const tracked = this.#accept(image, found.corners, true);
-    return tracked && { ...tracked, anew: true };
+    return tracked && { ...tracked, anew: true, before: this.#before(found) };
+  }
+
+  /**
+   * Show the display in the frames in which it was looked for.
+   *
+   * @param {import("../../locate/pilots/search.js").PilotDisplay} found
+   * @returns {{ time: number, seen: Tracked }[]}
+   */
+  #before({ firstCorners, held }) {
+    /** @type {{ time: number, seen: Tracked }[]} */
+    let shown = [];
+    for (const frame of held) {
+      const corners = frame.corners(firstCorners);
+      const rectified = this.#follower.rectified(frame.gray, corners);
+      if (rectified === null) shown = [];
+      else shown.push({ time: frame.time, seen: { corners, rectified } });
+    }
+    return shown;
   }
 
   /**
