@@ -15,6 +15,7 @@ from export.locate.pilots.search import PilotSearch
 from export.locate.pilots.stabilise import WIDTH, Stabiliser
 from export.locate.pilots.toggle_map import ToggleMap
 from export.receive.receiver import Receiver
+from export.receive.timing.synchronise import MIN_FRAMES
 from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 from link.errors import InputError
 from link.layout import make_layout
@@ -53,6 +54,43 @@ def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.flo
         seen.append(tracked is not None)
     assert seen == sorted(seen)  # once found it stays
     assert sum(seen) > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("colours", [False, True])
+def test_a_display_that_is_found_is_shown_in_the_frames_before(
+    film: tuple[list[Image], NDArray[np.float64]], colours: bool
+) -> None:
+    images, corners = film
+    if colours:
+        images = [cv2.cvtColor(image, cv2.COLOR_GRAY2RGB) for image in images]
+    tracker = PilotTracker([OTHER, FINE], FPS)
+    number, tracked = next(
+        (number, tracked)
+        for number, image in enumerate(images)
+        if (tracked := tracker.follow(image, number / FPS)) is not None
+    )
+    times = [time for time, _ in tracked.before]
+    assert times == [earlier / FPS for earlier in range(number - len(times), number)]
+    assert len(times) > 20
+    for earlier, (_, seen) in zip(range(number - len(times), number), tracked.before, strict=True):
+        assert np.abs(seen.corners - corners[earlier]).max() < CLOSE_PX
+        assert seen.rectified.shape == tracked.rectified.shape
+        assert not seen.before
+    following = tracker.follow(images[number + 1], (number + 1) / FPS)
+    assert following is not None
+    assert following.before == ()
+
+
+@pytest.mark.slow
+def test_the_clock_counts_the_frames_of_the_search() -> None:
+    images, _ = filmed(FINE, 60, seed=2)
+    receiver, known = Receiver(BlockMeans(FINE), FPS), []
+    for number, image in enumerate(images):
+        step = receiver.push(image, number / FPS)
+        known.append((step.tracked is not None, receiver.synchronised))
+    found, clock = (list(column).index(True) for column in zip(*known, strict=True))
+    assert found < clock <= max(found + 2, MIN_FRAMES)
 
 
 @pytest.mark.slow
