@@ -33,6 +33,8 @@ METER_PX = 16
 SETTLING_S = 0.2
 """Time constant, in seconds, with which the exposure follows the light: a share of 0.15 in each of
 30 frames a second (imx708.json, speed; phones may have 0.1 to 0.5 s)."""
+SHORTEST_S = 1e-5
+"""Shortest exposure time, seconds."""
 MOST_ISO = 64.0
 """Largest ISO, relative to the camera's lowest."""
 
@@ -87,7 +89,8 @@ class ExposureProgram:
         mean = float((green * weight).sum() / weight.sum())
         brightest = float(np.quantile(green, 1 - BRIGHTEST_SHARE))
         wanted = min(MEAN_LEVEL / max(mean, 1e-6), BRIGHTEST_LEVEL / max(brightest, 1e-6))
-        self._wanted = float(np.clip(wanted, self._gain_of(1e-5, 1.0), self._most_gain))
+        most = self.gain_of(self._shutter or 1 / self._fps, MOST_ISO)
+        self._wanted = float(np.clip(wanted, self.gain_of(SHORTEST_S, 1.0), most))
 
     def step(self, seconds: float) -> None:
         """Let the exposure follow the light for some seconds."""
@@ -97,21 +100,13 @@ class ExposureProgram:
     def exposure(self) -> Exposure:
         """Return how a frame is exposed now."""
         needed = self._gain * self._seconds
-        shutter_s = self._shutter or min(needed, self._longest)
+        shutter_s = self._shutter or min(needed, 1 / self._fps)
         hz = self._camera.anti_banding_hz
         if self._shutter is None and hz and shutter_s * hz >= 1:
             shutter_s = np.floor(shutter_s * hz + 1e-6) / hz
         iso = float(np.clip(needed / shutter_s, 1.0, MOST_ISO))
-        return Exposure(self._gain_of(shutter_s, iso), float(shutter_s), iso)
+        return Exposure(self.gain_of(shutter_s, iso), float(shutter_s), iso)
 
-    @property
-    def _longest(self) -> float:
-        return 1 / self._fps
-
-    @property
-    def _most_gain(self) -> float:
-        return self._gain_of(self._shutter or self._longest, MOST_ISO)
-
-    def _gain_of(self, shutter_s: float, iso: float) -> float:
-        """Return the gain of an exposure time and an amplification."""
+    def gain_of(self, shutter_s: float, iso: float) -> float:
+        """Return the gain of an exposure time, seconds, and an amplification."""
         return shutter_s * iso / self._seconds

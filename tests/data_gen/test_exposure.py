@@ -37,7 +37,7 @@ def test_an_even_scene_comes_to_the_mean_level_or_to_the_end_of_the_range(light:
 def test_white_fills_the_share_of_iso_12232() -> None:
     """0.65 L t / N^2 * S / 78 of 300 cd/m^2, 1/120 s, f/1.8, ISO 50: 0.32 of saturation."""
     program = ExposureProgram(PHONE, 300.0, 30.0, 1 / 120)
-    white = PHONE.white_level * program._gain_of(1 / 120, 1.0)
+    white = PHONE.white_level * program.gain_of(1 / 120, 1.0)
     assert white == pytest.approx(0.65 * 300 / 120 / 1.8**2 * 50 / 78, rel=1e-6)
     assert white == pytest.approx(0.32, abs=0.005)
 
