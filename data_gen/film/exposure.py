@@ -71,7 +71,8 @@ class ExposureProgram:
     """
 
     def __init__(self, camera: Camera, white_cd: float, fps: float, shutter: float | None) -> None:
-        self._camera, self._fps, self._shutter = camera, fps, shutter
+        self._camera, self._fps = camera, fps
+        self._shutter = shutter and min(shutter, 1 / fps)
         share_of_second = 0.65 * white_cd / camera.f_number**2 * camera.iso / 78
         self._seconds = camera.white_level / share_of_second  # at the lowest ISO, for a gain of 1
         self._gain = self._wanted = 1.0

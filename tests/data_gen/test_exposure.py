@@ -71,6 +71,7 @@ def test_a_chosen_shutter_stays_and_the_iso_follows() -> None:
     assert now.shutter_s == 1 / 500
     assert now.iso > 2
     assert 0.05 * now.gain == pytest.approx(MEAN_LEVEL, rel=1e-3)
+    assert ExposureProgram(PHONE, 300.0, 60.0, 0.5).exposure().shutter_s == 1 / 60
 
 
 def test_the_exposure_follows_smoothly() -> None:
