@@ -2,6 +2,7 @@
 
 import gc
 import importlib
+import inspect
 import os
 import shutil
 import sys
@@ -55,6 +56,21 @@ def pytest_collection() -> Generator[None, object, object]:
 def slow(*values: object) -> Any:
     """A case of a parametrised test that the default run leaves out."""
     return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def cases(*rows: Any, ids: Any = None) -> Callable[..., Any]:
+    """Run a test once with each row of a table; its first parameters take a row's values.
+
+    A row is a tuple, or what the test's first parameter takes. A row of `slow` is one, too.
+    """
+    first = rows[0].values if isinstance(rows[0], type(pytest.param())) else rows[0]
+    count = len(first) if isinstance(first, tuple) else 1
+
+    def run_with_each(test: Callable[..., Any]) -> Callable[..., Any]:
+        names = list(inspect.signature(test).parameters)[:count]
+        return pytest.mark.parametrize(names if count > 1 else names[0], rows, ids=ids)(test)
+
+    return run_with_each
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

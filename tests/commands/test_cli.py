@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, MakeOnce, Refuses
+from conftest import ROOT, Command, MakeOnce, Refuses, cases
 
 import data_gen.__main__ as data_gen_cli
 import evaluate
@@ -201,14 +201,11 @@ def changed(captures: Path, folder: Path, **changes: object) -> Path:
 LAYOUT = {"rows": 8, "cols": 8, "width": 512, "height": 384}
 
 
-@pytest.mark.parametrize(
-    ("changes", "part"),
-    [
-        ({"original": "00000_embedded.png"}, "differs from the manifest's sha256"),
-        ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
-        ({"layout": {"rows": 8}}, "layout: need the keys"),
-        ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "line 1, layout.ratex"),
-    ],
+@cases(
+    ({"original": "00000_embedded.png"}, "differs from the manifest's sha256"),
+    ({"bits": [1] * 58}, "the layout carries 59, the manifest lists 58"),
+    ({"layout": {"rows": 8}}, "layout: need the keys"),
+    ({"layout": {**LAYOUT, "ratex": [[float("inf"), 0]]}}, "line 1, layout.ratex"),
 )
 def test_evaluate_refuses_captures_with_a_wrong_field(
     changes: dict[str, object], part: str, captures: Path, tmp_path: Path, refuses: Refuses

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 import tyro
-from conftest import ROOT, Command, slow
+from conftest import ROOT, Command, cases, slow
 
 from lab.__main__ import STUDIES
 from link import __version__
@@ -223,24 +223,21 @@ def test_every_command_says_its_version(command: Command) -> None:
     assert (done.status, done.stdout) == (0, f"{__version__}\n")
 
 
-@pytest.mark.parametrize(
-    ("module", "words", "says"),
-    [
-        ("data_gen.__main__", ["--out", ""], "--out: empty; give a name"),
-        ("data_gen.__main__", ["--out="], "--out: empty; give a name"),
-        ("export.parity", [""], "an input: empty; give a name"),
-        ("export.receive.__main__", [""], "an input: empty; give a name"),
-        ("export.receive.__main__", ["²"], "²: no such folder, video file or camera number"),
-        ("export.send.__main__", ["x", "--message", "\udcff", "--out", "y"], "--message: not text"),
-        ("data_gen.video", ["--message", "\udcff", "--out", "y"], "--message: not text in UTF-8"),
-        ("export.locate.__main__", ["a\nb"], "a b: no such image file"),
-        ("export.locate.__main__", ["n" * 300], "n" * 300),
-        ("export.receive.__main__", ["n" * 300], "n" * 300),
-        ("export.send.__main__", ["x", "--message", "a", "--out", "n" * 300], "n" * 300),
-        ("data_gen.__main__", ["--out", "n" * 300], "n" * 300),
-        ("data_gen.video", ["--message", "a", "--out", "x", "--size", "9000", "9000"], "--size: "),
-        ("data_gen.video", ["--message", "a", "--out", "x", "--shown", "99999"], "--shown: "),
-    ],
+@cases(
+    ("data_gen.__main__", ["--out", ""], "--out: empty; give a name"),
+    ("data_gen.__main__", ["--out="], "--out: empty; give a name"),
+    ("export.parity", [""], "an input: empty; give a name"),
+    ("export.receive.__main__", [""], "an input: empty; give a name"),
+    ("export.receive.__main__", ["²"], "²: no such folder, video file or camera number"),
+    ("export.send.__main__", ["x", "--message", "\udcff", "--out", "y"], "--message: not text"),
+    ("data_gen.video", ["--message", "\udcff", "--out", "y"], "--message: not text in UTF-8"),
+    ("export.locate.__main__", ["a\nb"], "a b: no such image file"),
+    ("export.locate.__main__", ["n" * 300], "n" * 300),
+    ("export.receive.__main__", ["n" * 300], "n" * 300),
+    ("export.send.__main__", ["x", "--message", "a", "--out", "n" * 300], "n" * 300),
+    ("data_gen.__main__", ["--out", "n" * 300], "n" * 300),
+    ("data_gen.video", ["--message", "a", "--out", "x", "--size", "9000", "9000"], "--size: "),
+    ("data_gen.video", ["--message", "a", "--out", "x", "--shown", "99999"], "--shown: "),
 )
 def test_names_and_texts_that_cannot_be(
     module: str, words: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: Any
@@ -251,44 +248,33 @@ def test_names_and_texts_that_cannot_be(
     assert done.stderr.startswith(f"error: {says}")
 
 
-@pytest.mark.parametrize(
-    ("module", "words", "says"),
-    [
-        ("lab.__main__", ["delivery", "--views", "1000000"], "--views: need an angle"),
-        ("lab.__main__", ["delivery", "--kappa", "1000"], "--kappa: need 1 to 64"),
-        ("lab.__main__", ["delivery", "--kappa", "0"], "--kappa: need 1 to 64"),
-        ("lab.__main__", ["delivery", "--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
-        ("lab.__main__", ["delivery", "--coverage", "0", "0.5"], "--coverage: need a share"),
-        ("lab.__main__", ["delivery", "--coverage", "0.5", "0.4"], "--coverage: the largest"),
-        ("lab.__main__", ["delivery", "--fps", "0"], "--fps: need"),
-        ("lab.__main__", ["delivery", "--state-hz", "1e5"], "--state-hz: need"),
-        ("lab.__main__", ["delivery", "--loops", "0"], "--loops: need more than 0"),
-        ("lab.__main__", ["delivery", "--grid", "9"], "--grid: need 8 or 16"),
-        ("lab.__main__", ["delivery", "--pairs", "x"], "unknown name in --pairs 'x'"),
-        ("lab.__main__", ["delivery", "--codec.name", "vp9"], "--codec.name: need none, h264"),
-        ("lab.__main__", ["delivery", "--codec.kbits", "1"], "--codec.kbits: need 50 to 500000"),
-        ("lab.__main__", ["delivery", "--drop", "1"], "--drop: need a probability"),
-        (
-            "lab.__main__",
-            ["delivery", "--noise-reduction", "1"],
-            "--noise-reduction: need 0",
-        ),
-        ("lab.__main__", ["codecs", "--variants", "x"], "unknown name in --variants 'x'"),
-        (
-            "lab.__main__",
-            ["codecs", "--variants", "tones", "tones"],
-            "--variants: name at least one",
-        ),
-        ("lab.__main__", ["codecs", "--kappas", "0"], "--kappas: need 1 to 64"),
-        ("lab.__main__", ["codecs", "--preset", "x"], "unknown preset 'x'"),
-        ("lab.__main__", ["codecs", "--views", "90"], "--views: need an angle"),
-        ("lab.__main__", ["codecs", "--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
-        ("lab.__main__", ["locate", "--size", "1000000", "1000000"], "--size: 1000000x1000000"),
-        ("lab.__main__", ["locate", "--size", "8", "8"], "--size: need at least 64x64"),
-        ("lab.__main__", ["visibility", "--limit", "0"], "--limit: need a number above 0"),
-        ("lab.__main__", ["flicker", "--width", "1000000"], "layout: a 1000000x384 frame"),
-        ("lab.__main__", ["flicker", "--seconds", "1000000"], "--seconds: need 1 to 3600"),
-    ],
+@cases(
+    ("lab.__main__", ["delivery", "--views", "1000000"], "--views: need an angle"),
+    ("lab.__main__", ["delivery", "--kappa", "1000"], "--kappa: need 1 to 64"),
+    ("lab.__main__", ["delivery", "--kappa", "0"], "--kappa: need 1 to 64"),
+    ("lab.__main__", ["delivery", "--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
+    ("lab.__main__", ["delivery", "--coverage", "0", "0.5"], "--coverage: need a share"),
+    ("lab.__main__", ["delivery", "--coverage", "0.5", "0.4"], "--coverage: the largest"),
+    ("lab.__main__", ["delivery", "--fps", "0"], "--fps: need"),
+    ("lab.__main__", ["delivery", "--state-hz", "1e5"], "--state-hz: need"),
+    ("lab.__main__", ["delivery", "--loops", "0"], "--loops: need more than 0"),
+    ("lab.__main__", ["delivery", "--grid", "9"], "--grid: need 8 or 16"),
+    ("lab.__main__", ["delivery", "--pairs", "x"], "unknown name in --pairs 'x'"),
+    ("lab.__main__", ["delivery", "--codec.name", "vp9"], "--codec.name: need none, h264"),
+    ("lab.__main__", ["delivery", "--codec.kbits", "1"], "--codec.kbits: need 50 to 500000"),
+    ("lab.__main__", ["delivery", "--drop", "1"], "--drop: need a probability"),
+    ("lab.__main__", ["delivery", "--noise-reduction", "1"], "--noise-reduction: need 0"),
+    ("lab.__main__", ["codecs", "--variants", "x"], "unknown name in --variants 'x'"),
+    ("lab.__main__", ["codecs", "--variants", "tones", "tones"], "--variants: name at least one"),
+    ("lab.__main__", ["codecs", "--kappas", "0"], "--kappas: need 1 to 64"),
+    ("lab.__main__", ["codecs", "--preset", "x"], "unknown preset 'x'"),
+    ("lab.__main__", ["codecs", "--views", "90"], "--views: need an angle"),
+    ("lab.__main__", ["codecs", "--n-bytes", "100000"], "--n-bytes: 100000 bytes"),
+    ("lab.__main__", ["locate", "--size", "1000000", "1000000"], "--size: 1000000x1000000"),
+    ("lab.__main__", ["locate", "--size", "8", "8"], "--size: need at least 64x64"),
+    ("lab.__main__", ["visibility", "--limit", "0"], "--limit: need a number above 0"),
+    ("lab.__main__", ["flicker", "--width", "1000000"], "layout: a 1000000x384 frame"),
+    ("lab.__main__", ["flicker", "--seconds", "1000000"], "--seconds: need 1 to 3600"),
 )
 def test_studies_refuse_a_number_out_of_range_before_any_work(
     module: str, words: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: Any

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import Command, Refuses, files_in, refusal
+from conftest import Command, Refuses, cases, files_in, refusal
 
 import train
 from export import to_onnx
@@ -180,22 +180,19 @@ FILM_OF_ONE_FRAME = "--message a --seconds 0.02 --size 160 120"
 EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods naive"
 
 
-@pytest.mark.parametrize(
-    ("module", "words", "out", "lock"),
-    [
-        ("evaluate", EVALUATE, "run", ""),
-        ("train", "--episodes 1 --jobs 1", "run", ""),
-        ("lab.__main__", "channel --frames 2", "run", ""),
-        ("data_gen.__main__", "--frames 1", "captures", ""),
-        ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
-        ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
-        ("export.send.__main__", SEND, "sent.html", "sent.html"),
-        ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
-        ("export.send.__main__", SEND, "sent", "sent"),
-    ],
+@cases(
+    ("evaluate", EVALUATE, "run", ""),
+    ("train", "--episodes 1 --jobs 1", "run", ""),
+    ("lab.__main__", "channel --frames 2", "run", ""),
+    ("data_gen.__main__", "--frames 1", "captures", ""),
+    ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
+    ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
+    ("export.send.__main__", SEND, "sent.html", "sent.html"),
+    ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
+    ("export.send.__main__", SEND, "sent", "sent"),
 )
 def test_commands_refuse_an_output_that_is_being_written(
-    tmp_path: Path, refuses: Refuses, module: str, words: str, out: str, lock: str
+    module: str, words: str, out: str, lock: str, tmp_path: Path, refuses: Refuses
 ) -> None:
     folder = tmp_path if lock else tmp_path / out
     folder.mkdir(exist_ok=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from conftest import Command
+from conftest import Command, cases
 
 import data_gen.__main__ as data_gen_cli
 import data_gen.video as video_cli
@@ -55,21 +55,18 @@ def pilots_model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # Sender, simulator and film
 
 
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (("--pilots", "many"), "--pilots: need auto, or a share from 0 to below 1, got 'many'"),
-        (("--pilots", "1"), "--pilots: need auto, or a share from 0 to below 1, got '1'"),
-        (("--pilots", "0.01"), "--pilots: 0.01 of 8x8 blocks is less than 2 pilots"),
-        (("--pilots", "auto", "--ratex", 5), "layout: has pilots beside ratex patches"),
-        (("--modulation", "polar"), "modulation"),
-        (("--colour", "red"), "colour"),
-        (("--colour", "chroma", "--ratex", 5), "layout: ratex patches are gray, bits are chroma"),
-    ],
+@cases(
+    (("--pilots", "many"), "--pilots: need auto, or a share from 0 to below 1, got 'many'"),
+    (("--pilots", "1"), "--pilots: need auto, or a share from 0 to below 1, got '1'"),
+    (("--pilots", "0.01"), "--pilots: 0.01 of 8x8 blocks is less than 2 pilots"),
+    (("--pilots", "auto", "--ratex", 5), "layout: has pilots beside ratex patches"),
+    (("--modulation", "polar"), "modulation"),
+    (("--colour", "red"), "colour"),
+    (("--colour", "chroma", "--ratex", 5), "layout: ratex patches are gray, bits are chroma"),
 )
 @pytest.mark.parametrize("main", ["send", "data_gen", "video", "evaluate"])
 def test_wrong_layouts_end_in_one_line(
-    main: str, flags: tuple[str, ...], says: str, tmp_path: Path, command: Command
+    flags: tuple[str, ...], says: str, main: str, tmp_path: Path, command: Command
 ) -> None:
     write_image(tmp_path / "picture.png", np.zeros((96, 128, 3), np.uint8))
     mains = {

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import refusal
+from conftest import cases, refusal
 
 from data_gen.effects import parse_settings
 from export.locate.find import locate
@@ -78,18 +78,15 @@ def test_pictures_of_a_stored_run_lie_inside_it(run: Path, kind: str) -> None:
     assert "leads out of" in said or "need the name of a file" in said
 
 
-@pytest.mark.parametrize(
-    ("file", "text", "message"),
-    [
-        ("run.json", "[" * 10**5, "32 deep"),
-        ("metrics.json", "9" * 5000, "64 digits"),
-        ("stories.json", "[NaN]", "finite"),
-        ("predictions.jsonl", "{}\n", "line 1, method"),
-        ("predictions.jsonl", "\xff", "not"),
-        ("cost.json", "", "not JSON"),
-    ],
+@cases(
+    ("run.json", "[" * 10**5, "32 deep"),
+    ("metrics.json", "9" * 5000, "64 digits"),
+    ("stories.json", "[NaN]", "finite"),
+    ("predictions.jsonl", "{}\n", "line 1, method"),
+    ("predictions.jsonl", "\xff", "not"),
+    ("cost.json", "", "not JSON"),
 )
-def test_damage_is_told_with_its_file(run: Path, file: str, text: str, message: str) -> None:
+def test_damage_is_told_with_its_file(file: str, text: str, message: str, run: Path) -> None:
     (run / file).write_bytes(text.encode("latin-1"))
     said = refused(run)
     assert file in said
@@ -107,39 +104,33 @@ def test_a_run_that_does_not_say_how_it_was_made_is_refused(
     assert f"run.json, meta, {key}" in refused(run)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"scores": "12"},
-        {"scores": [1.5]},
-        {"scores": [None, 1]},
-        {"bits": [7, 0]},
-        {"kappa": 0},
-        {"kappa": 10**30},
-        {"index": -1},
-        {"index": 10**40},
-        {"view_deg": "steep"},
-        {"view_deg": 10**400},
-        {"method": None},
-        {"pair": ["canon-lg"]},
-    ],
+@cases(
+    {"scores": "12"},
+    {"scores": [1.5]},
+    {"scores": [None, 1]},
+    {"bits": [7, 0]},
+    {"kappa": 0},
+    {"kappa": 10**30},
+    {"index": -1},
+    {"index": 10**40},
+    {"view_deg": "steep"},
+    {"view_deg": 10**400},
+    {"method": None},
+    {"pair": ["canon-lg"]},
     ids=str,
 )
-def test_a_prediction_out_of_range_is_refused(run: Path, changes: dict[str, Any]) -> None:
+def test_a_prediction_out_of_range_is_refused(changes: dict[str, Any], run: Path) -> None:
     file = run / "predictions.jsonl"
     file.write_text(json.dumps(json.loads(file.read_text()) | changes) + "\n")
     assert f"{next(iter(changes))}" in refused(run) or "as many scores as bits" in refused(run)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("[1, 2.5, -3e10]", [1, 2.5, -3e10]),
-        (f"[{10**60}, 1e+100, 1e-400]", [10**60, 1e100, 0.0]),
-        ('"\\ud83d\\ude00"', "\N{GRINNING FACE}"),
-        ("[" * 32 + "]" * 32, None),
-        (b'{"key": "\xc3\xa4"}', {"key": "ä"}),
-    ],
+@cases(
+    ("[1, 2.5, -3e10]", [1, 2.5, -3e10]),
+    (f"[{10**60}, 1e+100, 1e-400]", [10**60, 1e100, 0.0]),
+    ('"\\ud83d\\ude00"', "\N{GRINNING FACE}"),
+    ("[" * 32 + "]" * 32, None),
+    (b'{"key": "\xc3\xa4"}', {"key": "ä"}),
 )
 def test_json_within_bounds_is_read_as_it_is(text: str | bytes, expected: Any) -> None:
     value = parse_json(text, "here")
@@ -187,10 +178,7 @@ def test_a_link_that_leads_to_itself_is_no_way_out(tmp_path: Path) -> None:
         read_image(tmp_path / "loop")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["drift", "drift=", "drift=NaN", "drift=1e999", "drift=" + "[" * 10**5, "a=" + "9" * 5000],
-)
+@cases("drift", "drift=", "drift=NaN", "drift=1e999", "drift=" + "[" * 10**5, "a=" + "9" * 5000)
 def test_settings_beyond_bounds_name_their_flag(text: str) -> None:
     with pytest.raises(ParameterError, match=r"^--set: need name=value") as error:
         parse_settings([text])
@@ -210,16 +198,13 @@ SENT_LAYOUT = json.dumps(make_layout().to_dict())
 DEEP = "[" * 10**5
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
+@cases(
         "", "{}", "[]", "null", DEEP, f'{{"layout": {SENT_LAYOUT}}}', '{"kappa": 3}',
         f'{{"layout": {SENT_LAYOUT}, "kappa": NaN}}', f'{{"layout": {SENT_LAYOUT}, "kappa": true}}',
         f'{{"layout": {SENT_LAYOUT}, "kappa": 65}}', '{"layout": 5, "kappa": 3}',
         f'{{"layout": {SENT_LAYOUT}, "kappa": {"9" * 5000}}}',
-    ],
 )  # fmt: skip
-def test_what_was_sent_is_read_through_the_door(tmp_path: Path, content: str) -> None:
+def test_what_was_sent_is_read_through_the_door(content: str, tmp_path: Path) -> None:
     file = tmp_path / "sent.json"
     file.write_text(f'{{"layout": {SENT_LAYOUT}, "kappa": 3, "frames": 4}}')
     assert read_sent(tmp_path) == (make_layout(), 3)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from conftest import Command
+from conftest import Command, cases
 
 import reports.evaluation.trained as final_evaluation
 import train
@@ -141,17 +141,14 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     assert len(list(anew.iterdir())) == 4
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--kappas", "0", "65"], "--kappas: "),
-        (["--kappas"], "--kappas: name at least one"),
-        (["--max-view", "-1"], "--max-view: need at least 0 degrees, got -1"),
-        (["--max-view", "400"], "--max-view: need an angle within"),
-        (["--lr", "0"], "--lr: need more than 0 and less than 10, got 0"),
-        (["--lr", "nan"], "--lr: need -1000000 to 1000000, got nan"),
-        (["--batch", "0"], "--batch: need at least 1, got 0"),
-    ],
+@cases(
+    (["--kappas", "0", "65"], "--kappas: "),
+    (["--kappas"], "--kappas: name at least one"),
+    (["--max-view", "-1"], "--max-view: need at least 0 degrees, got -1"),
+    (["--max-view", "400"], "--max-view: need an angle within"),
+    (["--lr", "0"], "--lr: need more than 0 and less than 10, got 0"),
+    (["--lr", "nan"], "--lr: need -1000000 to 1000000, got nan"),
+    (["--batch", "0"], "--batch: need at least 1, got 0"),
 )
 def test_each_wrong_flag_has_a_message_of_its_own(
     flags: list[str], message: str, tmp_path: Path, command: Command
@@ -162,13 +159,10 @@ def test_each_wrong_flag_has_a_message_of_its_own(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--decoder.degree", "40"], "degree: need 1 to 12, got 40"),
-        (["--decoder.coarsen", "3"], "coarsen: need 1 or 2, got 3"),
-        (["--decoder.channels", "hsv"], "unknown channels 'hsv'"),
-    ],
+@cases(
+    (["--decoder.degree", "40"], "degree: need 1 to 12, got 40"),
+    (["--decoder.coarsen", "3"], "coarsen: need 1 or 2, got 3"),
+    (["--decoder.channels", "hsv"], "unknown channels 'hsv'"),
 )
 def test_a_wrong_part_of_the_decoder_is_refused_with_its_name(
     flags: list[str], message: str, tmp_path: Path, command: Command

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import cases
 from filming import even_scene, film, levels, only, scene
 from numpy.typing import NDArray
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
@@ -147,17 +148,14 @@ def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("expose", [still, still_in_a_room, frame_of_a_film])
-@pytest.mark.parametrize(
-    ("holder", "name"),
-    [
-        (composition.Emission, "light"),
-        *((composition, n) for n in ("image_of", "collect", "pwm_gain", "moire_gain", "develop")),
-    ],
+@cases(
+    (composition.Emission, "light"),
+    *((composition, n) for n in ("image_of", "collect", "pwm_gain", "moire_gain", "develop")),
 )
 def test_stills_scenes_and_films_pass_through_the_same_stages(
-    expose: Callable[[Pair], NDArray[np.uint8]],
     holder: Any,
     name: str,
+    expose: Callable[[Pair], NDArray[np.uint8]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An effect that is added to a stage of the composition reaches all of them."""

@@ -9,7 +9,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, cases
 from numpy.typing import NDArray
 
 from data_gen.film import codec
@@ -117,9 +117,7 @@ def test_colours_keep_their_hue() -> None:
         assert np.abs(last.rgb[middle].astype(int) - rgb[middle]).max() <= 5
 
 
-@pytest.mark.parametrize(
-    ("suffix", "name", "b_frames"), [(".mp4", "h264", 2), (".mov", "h264", 0), (".mkv", "hevc", 0)]
-)
+@cases((".mp4", "h264", 2), (".mov", "h264", 0), (".mkv", "hevc", 0))
 def test_a_file_holds_what_memory_gives_and_the_times(
     suffix: str, name: str, b_frames: int, tmp_path: Path
 ) -> None:

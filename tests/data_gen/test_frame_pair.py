@@ -5,6 +5,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from conftest import cases
 from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
@@ -61,16 +62,13 @@ def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
     assert all(same(a, b) for a, b in zip(here, elsewhere, strict=True))
 
 
-@pytest.mark.parametrize(
-    ("source", "cell", "index"),
-    [
-        (Source(SMALL, seed=1), FRONTAL, 0),
-        (Source(SMALL, split="train"), FRONTAL, 0),
-        (Source(SMALL), replace(FRONTAL, pair="canon-imac"), 0),
-        (Source(SMALL), replace(FRONTAL, view_deg=1.0), 0),
-        (Source(SMALL), replace(FRONTAL, kappa=4), 0),
-        (Source(SMALL), FRONTAL, 1),
-    ],
+@cases(
+    (Source(SMALL, seed=1), FRONTAL, 0),
+    (Source(SMALL, split="train"), FRONTAL, 0),
+    (Source(SMALL), replace(FRONTAL, pair="canon-imac"), 0),
+    (Source(SMALL), replace(FRONTAL, view_deg=1.0), 0),
+    (Source(SMALL), replace(FRONTAL, kappa=4), 0),
+    (Source(SMALL), FRONTAL, 1),
     ids=["seed", "split", "pair", "view", "kappa", "index"],
 )
 def test_everything_that_names_a_frame_pair_changes_its_draw(
@@ -157,13 +155,10 @@ def test_a_source_without_any_effect_films_what_it_displays() -> None:
     assert np.array_equal(captured.embedded, shown.embedded)
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        Source(SMALL, without=("noise",)),
-        Source(SMALL, parameters=(("jpeg_quality", 60),)),
-        Source(SMALL, ratex_kappa=12),
-    ],
+@cases(
+    Source(SMALL, without=("noise",)),
+    Source(SMALL, parameters=(("jpeg_quality", 60),)),
+    Source(SMALL, ratex_kappa=12),
     ids=["without", "parameters", "ratex_kappa"],
 )
 def test_a_changed_channel_keeps_the_draws_and_changes_the_frames(other: Source) -> None:

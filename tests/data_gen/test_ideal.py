@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, cases
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
@@ -83,15 +83,12 @@ def test_bits_that_look_alike_are_left_undecided() -> None:
     assert log_likelihood_ratios(burnt[0, 0], burnt, blocks, 2).tolist() == [0, 0]
 
 
-@pytest.mark.parametrize(
-    "layout",
-    [
-        SMALL,
-        make_layout(3, 5, 117, 201, 1),
-        make_layout(4, 4, 256, 192, 2, "antipodal"),
-        make_layout(6, 7, 219, 205, modulation="antipodal", pilots=11),
-        make_layout(6, 7, 219, 205, pilots=11),
-    ],
+@cases(
+    SMALL,
+    make_layout(3, 5, 117, 201, 1),
+    make_layout(4, 4, 256, 192, 2, "antipodal"),
+    make_layout(6, 7, 219, 205, modulation="antipodal", pilots=11),
+    make_layout(6, 7, 219, 205, pilots=11),
 )
 def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     source = Source(layout, "train", without=tuple(EFFECTS))

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -65,15 +66,12 @@ def pinhole(
     return focal * np.column_stack([x, y]) + centre
 
 
-@pytest.mark.parametrize(
-    "pose",
-    [
-        Pose(0.0, 0.0, 0.0, 2.0),
-        Pose(45.0, 0.0, 0.0, 2.5),
-        Pose(-45.0, 2.0, -2.0, 3.0),
-        Pose(30.0, -10.0, 5.0, 2.2),
-        Pose(75.0, 1.5, 2.0, 2.0),
-    ],
+@cases(
+    Pose(0.0, 0.0, 0.0, 2.0),
+    Pose(45.0, 0.0, 0.0, 2.5),
+    Pose(-45.0, 2.0, -2.0, 3.0),
+    Pose(30.0, -10.0, 5.0, 2.2),
+    Pose(75.0, 1.5, 2.0, 2.0),
 )
 def test_project_agrees_with_explicit_pinhole_geometry(pose: Pose) -> None:
     points = np.vstack([frame_corners(512, 384), [[100.0, 50.0], [255.5, 191.5], [400.0, 333.0]]])

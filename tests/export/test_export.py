@@ -13,7 +13,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import ROOT, Command, refusal, slow
+from conftest import ROOT, Command, cases, refusal, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -139,14 +139,11 @@ def test_compare_reports_another_checkpoint(layout: Layout, onnx_decoder: Decode
     assert parity.max_difference > ONNX_SCORE
 
 
-@pytest.mark.parametrize(
-    ("parity", "holds"),
-    [
-        (Parity(1, 59, 0, 1e-5, 10.0, 5.0), True),
-        (Parity(1, 59, 1, 1e-5, 10.0, 5.0), False),
-        (Parity(1, 59, 0, 1e-2, 10.0, 5.0), False),
-        (Parity(1, 59, 0, float("nan"), 10.0, 5.0), False),
-    ],
+@cases(
+    (Parity(1, 59, 0, 1e-5, 10.0, 5.0), True),
+    (Parity(1, 59, 1, 1e-5, 10.0, 5.0), False),
+    (Parity(1, 59, 0, 1e-2, 10.0, 5.0), False),
+    (Parity(1, 59, 0, float("nan"), 10.0, 5.0), False),
 )
 def test_parity_needs_equal_bits_and_close_scores(parity: Parity, holds: bool) -> None:
     assert parity.holds is holds
@@ -586,21 +583,18 @@ def test_the_embedded_frame_may_have_its_own_corners(
 FRAME = np.zeros((384, 512, 3), np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("original", "embedded", "message"),
-    [
-        (FRAME.astype(np.float32), FRAME, "must be uint8"),
-        (FRAME, FRAME.astype(np.int16), "must be uint8"),
-        (FRAME[None], FRAME[None], "must be uint8"),
-        (FRAME[0, :, 0], FRAME[0, :, 0], "must be uint8"),
-        (FRAME[..., :2], FRAME[..., :2], "must be uint8"),
-        (np.zeros((384, 512, 4), np.uint8), np.zeros((384, 512, 4), np.uint8), "must be uint8"),
-        (FRAME, FRAME[:, :-1], "512x384 and embedded is 511x384"),
-        (FRAME, FRAME[..., 0], "original is"),
-        (FRAME[:31], FRAME[:31], "512x31 frame is too small for 8x8 blocks"),
-        (FRAME[:, :31], FRAME[:, :31], "31x384 frame is too small for 8x8 blocks"),
-        (FRAME[:0], FRAME[:0], "too small"),
-    ],
+@cases(
+    (FRAME.astype(np.float32), FRAME, "must be uint8"),
+    (FRAME, FRAME.astype(np.int16), "must be uint8"),
+    (FRAME[None], FRAME[None], "must be uint8"),
+    (FRAME[0, :, 0], FRAME[0, :, 0], "must be uint8"),
+    (FRAME[..., :2], FRAME[..., :2], "must be uint8"),
+    (np.zeros((384, 512, 4), np.uint8), np.zeros((384, 512, 4), np.uint8), "must be uint8"),
+    (FRAME, FRAME[:, :-1], "512x384 and embedded is 511x384"),
+    (FRAME, FRAME[..., 0], "original is"),
+    (FRAME[:31], FRAME[:31], "512x31 frame is too small for 8x8 blocks"),
+    (FRAME[:, :31], FRAME[:, :31], "31x384 frame is too small for 8x8 blocks"),
+    (FRAME[:0], FRAME[:0], "too small"),
 )
 def test_frames_of_wrong_type_shape_or_size_are_refused(
     original: NDArray, embedded: NDArray, message: str, shipped: Decoder
@@ -618,19 +612,16 @@ def test_the_smallest_frame_that_fits_is_decoded(
     )
 
 
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        ([[10, 10], [500, 10], [500, 370], [10, np.nan]], "four finite points"),
-        ([[10, 10], [500, 10], [500, 370], [10, np.inf]], "four finite points"),
-        ([[-5, 10], [500, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
-        ([[10, 10], [512, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
-        ([[10, 10], [500, 10], [500, 370]], "four finite points"),
-        ([[10, 10], [10, 370], [500, 370], [500, 10]], "not a convex quadrilateral"),
-        ([[10, 10], [12, 10], [12, 12], [10, 12]], "covers only 4 square pixels"),
-        ([[10, 10], [500], [500, 370], [10, 370]], "four"),
-        ("top left", "four"),
-    ],
+@cases(
+    ([[10, 10], [500, 10], [500, 370], [10, np.nan]], "four finite points"),
+    ([[10, 10], [500, 10], [500, 370], [10, np.inf]], "four finite points"),
+    ([[-5, 10], [500, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
+    ([[10, 10], [512, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
+    ([[10, 10], [500, 10], [500, 370]], "four finite points"),
+    ([[10, 10], [10, 370], [500, 370], [500, 10]], "not a convex quadrilateral"),
+    ([[10, 10], [12, 10], [12, 12], [10, 12]], "covers only 4 square pixels"),
+    ([[10, 10], [500], [500, 370], [10, 370]], "four"),
+    ("top left", "four"),
 )
 def test_corners_that_do_not_fit_are_refused(
     corners: object, message: str, shipped: Decoder

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,14 +13,11 @@ ANTIPODAL = [name for name in LINE_CODES if name != "on_off"]
 BITS = st.lists(st.integers(0, 1), min_size=1, max_size=12)
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("on_off", [0, 1, 0, 0]),
-        ("toggle", [-0.5, 0.5, 0.5, -0.5]),
-        ("hold2", [-0.5, 0.5, -0.5, 0.5, 0.5, -0.5, 0.5, -0.5]),
-        ("balanced", [-0.5, 0.5, 0.5, -0.5, 0.5, -0.5, -0.5, 0.5]),
-    ],
+@cases(
+    ("on_off", [0, 1, 0, 0]),
+    ("toggle", [-0.5, 0.5, 0.5, -0.5]),
+    ("hold2", [-0.5, 0.5, -0.5, 0.5, 0.5, -0.5, 0.5, -0.5]),
+    ("balanced", [-0.5, 0.5, 0.5, -0.5, 0.5, -0.5, -0.5, 0.5]),
 )
 def test_a_one_and_a_zero(name: str, expected: list[float]) -> None:
     assert LINE_CODES[name].amplitudes([1, 0]).tolist() == expected

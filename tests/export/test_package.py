@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import ROOT, Command
+from conftest import ROOT, Command, cases
 from jsonschema import Draft202012Validator
 from numpy.typing import NDArray
 from pilot_films import filmed
@@ -107,17 +107,14 @@ def test_the_command_writes_wheel_and_schema(tmp_path: Path, command: Command) -
     assert json.loads((tmp_path / "events.schema.json").read_bytes()) == events_schema()
 
 
-@pytest.mark.parametrize(
-    ("call", "says"),
-    [
-        (lambda: Receiver(0), "fps"),
-        (lambda: Receiver(30, models=["nothing"]), "nothing: no such model"),
-        (lambda: Receiver(30, max_age_s=3), "give a key"),
-        (lambda: Receiver(30).push(np.zeros((4, 4), np.uint8), 0), "16 px"),
-        (lambda: Receiver(30).push(np.zeros((40, 40), np.uint8), np.nan), "must rise"),
-        (lambda: read_pair(*np.zeros((2, 40, 40), np.uint8), corners=np.eye(4, 2)), "name the"),
-        (lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"), "no display"),
-    ],
+@cases(
+    (lambda: Receiver(0), "fps"),
+    (lambda: Receiver(30, models=["nothing"]), "nothing: no such model"),
+    (lambda: Receiver(30, max_age_s=3), "give a key"),
+    (lambda: Receiver(30).push(np.zeros((4, 4), np.uint8), 0), "16 px"),
+    (lambda: Receiver(30).push(np.zeros((40, 40), np.uint8), np.nan), "must rise"),
+    (lambda: read_pair(*np.zeros((2, 40, 40), np.uint8), corners=np.eye(4, 2)), "name the"),
+    (lambda: read_pair(*np.full((2, 480, 640), 90, np.uint8), model="robust"), "no display"),
 )
 def test_wrong_arguments_are_refused_in_one_line(call: Any, says: str) -> None:
     with pytest.raises(InputError, match=says) as error:

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, OpenWindow, slow
+from conftest import ROOT, OpenWindow, cases, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
@@ -289,12 +289,9 @@ def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
         assert_shown(around, [around[0]] * len(around))
 
 
-@pytest.mark.parametrize(
-    ("fault", "word"),
-    [
-        ("given[6][40] ^= 1", "it changes gray levels"),
-        ("for (const end = performance.now() + 70; performance.now() < end;);", "it takes 7"),
-    ],
+@cases(
+    ("given[6][40] ^= 1", "it changes gray levels"),
+    ("for (const end = performance.now() + 70; performance.now() < end;);", "it takes 7"),
 )
 def test_a_graphics_card_that_changes_levels_or_is_slow_is_not_used(
     fault: str, word: str, open_window: OpenWindow, player: Path, small: Loop
@@ -378,18 +375,15 @@ def test_a_late_refresh_is_told_and_the_states_keep_time(
     assert "/ 1 = 59.98 states/s, 3 refreshes skipped" in page.evaluate("line.textContent")
 
 
-@pytest.mark.parametrize(
-    ("hz", "asked", "hold", "word"),
-    [
-        (120, 120, 1, ""),
-        (60, 120, 1, "60.0 states a second, not 120 as asked"),
-        slow(120, 60, 2, ""),
-        slow(59.94, 60, 1, ""),
-        slow(60, 15, 4, ""),
-        slow(240, 15, 16, ""),
-        slow(30, 60, 1, "30.0 states a second, not 60 as asked"),
-        slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
-    ],
+@cases(
+    (120, 120, 1, ""),
+    (60, 120, 1, "60.0 states a second, not 120 as asked"),
+    slow(120, 60, 2, ""),
+    slow(59.94, 60, 1, ""),
+    slow(60, 15, 4, ""),
+    slow(240, 15, 16, ""),
+    slow(30, 60, 1, "30.0 states a second, not 60 as asked"),
+    slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
 )
 def test_the_rate_is_the_nearest_that_the_display_has(
     hz: float, asked: float, hold: int, word: str, open_window: OpenWindow, player: Path

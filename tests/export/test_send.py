@@ -16,7 +16,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, Finished, slow
+from conftest import ROOT, Command, Finished, cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -283,9 +283,7 @@ def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
 # Presets
 
 
-@pytest.mark.parametrize(
-    "name", ["hidden", slow("paper"), slow("fast"), slow("robust"), slow(None)]
-)
+@cases("hidden", slow("paper"), slow("fast"), slow("robust"), slow(None))
 def test_a_preset_says_all_and_no_flag_is_needed(
     name: str | None, tmp_path: Path, send: Send
 ) -> None:
@@ -319,14 +317,11 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None
     assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
 
 
-@pytest.mark.parametrize(
-    ("words", "display"),
-    [
-        ((), (120, 80, "cover", False)),
-        (("--fit", "stretch"), (120, 80, "stretch", False)),
-        (("--size", "300x160"), (300, 160, "contain", False)),
-        (("--size", "160x300", "--fit", "cover"), (160, 300, "cover", True)),
-    ],
+@cases(
+    ((), (120, 80, "cover", False)),
+    (("--fit", "stretch"), (120, 80, "stretch", False)),
+    (("--size", "300x160"), (300, 160, "contain", False)),
+    (("--size", "160x300", "--fit", "cover"), (160, 300, "cover", True)),
     ids=["usual", "fit", "size", "upright"],
 )
 def test_a_display_has_its_own_size(
@@ -420,9 +415,7 @@ def test_a_picture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         assert len(read) == times
 
 
-@pytest.mark.parametrize(
-    ("suffix", "kind"), [(".png", np.uint8), (".png", np.uint16), (".webp", np.uint8)]
-)
+@cases((".png", np.uint8), (".png", np.uint16), (".webp", np.uint8))
 def test_what_is_transparent_is_white_and_told_once(
     suffix: str, kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -447,13 +440,10 @@ def test_what_is_transparent_is_white_and_told_once(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "data", "kind"),
-    [
-        ("a.heic", bytes(4) + b"ftypheic" + bytes(500), "HEIC"),
-        ("a.jpg", bytes(4) + b"ftypmif1" + bytes(500), "HEIC"),
-        ("a.svg", b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>', "SVG"),
-    ],
+@cases(
+    ("a.heic", bytes(4) + b"ftypheic" + bytes(500), "HEIC"),
+    ("a.jpg", bytes(4) + b"ftypmif1" + bytes(500), "HEIC"),
+    ("a.svg", b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>', "SVG"),
 )
 def test_kinds_that_are_not_read_are_named(
     name: str, data: bytes, kind: str, tmp_path: Path
@@ -626,10 +616,7 @@ def test_the_largest_kappa_below_a_visibility_is_taken(
     assert {**same, "out": said["out"]} == said
 
 
-@pytest.mark.parametrize(
-    ("name", "kappa", "found"),
-    [("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes")],
-)
+@cases(("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes"))
 def test_flicker_is_warned_of(name: str, kappa: int, found: str) -> None:
     preset = PRESETS[name]
     onlooker = Onlooker(distance=preset.distance_m)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import ROOT, Command
+from conftest import ROOT, Command, cases
 
 from data_gen.frame_pair import Cell, Source
 from lab import __main__ as lab
@@ -169,17 +169,14 @@ def test_the_command_writes_tables_numbers_and_pictures(
         assert (out / name).stat().st_size > 5000
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        ("--conditions rain", "--conditions 'rain'; choose one of: paper, kappa1, 60deg, 70deg"),
-        ("--rows phi+magic", "--rows 'phi+magic'; choose one of: oorc, phi, phi+drift"),
-        ("--pairs leica-lg", "--pairs 'leica-lg'; choose one of: "),
-        ("--pairs canon-lg canon-lg", "--pairs: name at least one, and none twice"),
-        ("--frames 0", "--frames"),
-        ("--seed -1", "--seed"),
-        ("--run nowhere", "--run: nowhere"),
-    ],
+@cases(
+    ("--conditions rain", "--conditions 'rain'; choose one of: paper, kappa1, 60deg, 70deg"),
+    ("--rows phi+magic", "--rows 'phi+magic'; choose one of: oorc, phi, phi+drift"),
+    ("--pairs leica-lg", "--pairs 'leica-lg'; choose one of: "),
+    ("--pairs canon-lg canon-lg", "--pairs: name at least one, and none twice"),
+    ("--frames 0", "--frames"),
+    ("--seed -1", "--seed"),
+    ("--run nowhere", "--run: nowhere"),
 )
 def test_wrong_flags_are_refused(
     flags: str, message: str, tmp_path: Path, command: Command

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Command
+from conftest import ROOT, Command, cases
 
 from lab import __main__ as lab
 from lab import study
@@ -112,14 +112,11 @@ def test_results_that_something_else_wrote_are_refused(content: str, tmp_path: P
         stored_results(SQUARES, tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("words", "says"),
-    [
-        (["x"], "unknown study 'x'; choose one of: "),
-        (["channel", "--jobs", "0"], "--jobs: need at least 1"),
-        (["channel", "--seed", "-1"], "--seed: need 0 to"),
-        (["channel", "--nothing"], "Unrecognized options: --nothing"),
-    ],
+@cases(
+    (["x"], "unknown study 'x'; choose one of: "),
+    (["channel", "--jobs", "0"], "--jobs: need at least 1"),
+    (["channel", "--seed", "-1"], "--seed: need 0 to"),
+    (["channel", "--nothing"], "Unrecognized options: --nothing"),
 )
 def test_a_wrong_word_is_refused_before_any_work(
     words: list[str], says: str, command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, refusal
+from conftest import ROOT, cases, refusal
 from PIL import Image, ImageOps
 from tolerances import IDENTITY_LEVELS
 
@@ -226,22 +226,19 @@ def test_a_manifest_that_is_none_is_named(tmp_path: Path, content: bytes, says: 
     assert len(said) < 400
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"sha256": "0" * 64}, f"00000_original.png or 00000_embedded.png: {SHA256}"),
-        ({"original": "00001_original.png"}, f"00000_embedded.png: {SHA256}"),
-        ({"embedded": "00001_original.png"}, f"00001_original.png: {SHA256}"),
-        ({"corners": [[0, 0], [1, 1]]}, "corners"),
-        ({"corners": [[0, 0], [99, 0], [99, 40], [0, 40]]}, "corners"),
-        *(
-            ({"original": name}, f"{name}: no such image file")
-            for name in ("nowhere.png", "a/b.png", "n" * 300)
-        ),
-    ],
+@cases(
+    ({"sha256": "0" * 64}, f"00000_original.png or 00000_embedded.png: {SHA256}"),
+    ({"original": "00001_original.png"}, f"00000_embedded.png: {SHA256}"),
+    ({"embedded": "00001_original.png"}, f"00001_original.png: {SHA256}"),
+    ({"corners": [[0, 0], [1, 1]]}, "corners"),
+    ({"corners": [[0, 0], [99, 0], [99, 40], [0, 40]]}, "corners"),
+    *(
+        ({"original": name}, f"{name}: no such image file")
+        for name in ("nowhere.png", "a/b.png", "n" * 300)
+    ),
 )
 def test_frames_that_cannot_be_read_are_named(
-    folder: Path, changes: dict[str, Any], says: str
+    changes: dict[str, Any], says: str, folder: Path
 ) -> None:
     rewrite(folder, **changes)
     assert says in refusal(lambda: load(folder)[0].rectified())
@@ -480,24 +477,21 @@ def test_the_limit_of_pixels_can_be_moved(tmp_path: Path, monkeypatch: pytest.Mo
             read_image(file)
 
 
-@pytest.mark.parametrize(
-    ("suffix", "options"),
-    [
-        (".png", {}),
-        (".jpg", {}),
-        (".jpg", {"progressive": True}),
-        (".bmp", {}),
-        (".tif", {}),
-        (".tif", {"compression": "tiff_lzw"}),
-        (".tif", {"big_tiff": True}),
-        (".webp", {"lossless": True}),
-        (".webp", {"quality": 80}),
-        (".webp", {"quality": 80, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}),
-    ],
+@cases(
+    (".png", {}),
+    (".jpg", {}),
+    (".jpg", {"progressive": True}),
+    (".bmp", {}),
+    (".tif", {}),
+    (".tif", {"compression": "tiff_lzw"}),
+    (".tif", {"big_tiff": True}),
+    (".webp", {"lossless": True}),
+    (".webp", {"quality": 80}),
+    (".webp", {"quality": 80, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}),
 )
 @pytest.mark.parametrize("size", [(70, 33), (300, 16)])
 def test_the_header_tells_the_size_before_any_pixel_is_decoded(
-    tmp_path: Path, suffix: str, options: dict[str, Any], size: tuple[int, int]
+    suffix: str, options: dict[str, Any], tmp_path: Path, size: tuple[int, int]
 ) -> None:
     file = tmp_path / f"picture{suffix}"
     noise = np.random.default_rng(5).integers(0, 256, (size[1], size[0], 3), np.uint8)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -135,18 +135,15 @@ def disturbed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "every", "starts", "attempts"),
-    [
-        ("nothing", 1, 0.01, 0),
-        ("wrong bits", 1, 0.09, 0.01),
-        ("sure and wrong", 1, 0.05, 0.01),
-        ("a third is covered and looks certain", 4, 0.06, 0.15),
-        ("nearly all is covered", 2, 0.01, 0),
-        ("noise", 4, 0.04, 0.04),
-        ("bodies of noise", 4, 0.04, 0.25),
-        ("frames in disorder", 4, 0.04, 0.25),
-    ],
+@cases(
+    ("nothing", 1, 0.01, 0),
+    ("wrong bits", 1, 0.09, 0.01),
+    ("sure and wrong", 1, 0.05, 0.01),
+    ("a third is covered and looks certain", 4, 0.06, 0.15),
+    ("nearly all is covered", 2, 0.01, 0),
+    ("noise", 4, 0.04, 0.04),
+    ("bodies of noise", 4, 0.04, 0.25),
+    ("frames in disorder", 4, 0.04, 0.25),
 )
 def test_disturbances_are_no_change(kind: str, every: int, starts: float, attempts: float) -> None:
     """Per frame: how often collecting began afresh for nothing, and how often it was decoded."""
@@ -171,9 +168,7 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
     assert [message.changed for _, message in came] == [True]
 
 
-@pytest.mark.parametrize(
-    "kind", ["noise", "bodies of noise", "a third is covered and looks certain"]
-)
+@cases("noise", "bodies of noise", "a third is covered and looks certain")
 def test_a_change_after_a_bad_time_comes_soon(kind: str) -> None:
     rng = np.random.default_rng(3)
     loops = [encode(rng.bytes(30), N_BITS) for _ in range(2)]

@@ -4,6 +4,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -513,11 +514,8 @@ def test_a_whole_kappa_of_any_type_becomes_an_int() -> None:
     assert [type(check_kappa(kappa)) for kappa in kappas] == [int, int, int]
 
 
-@pytest.mark.parametrize(
-    "bits",
-    [np.zeros(58), np.zeros((1, 59)), np.full(59, 2), np.full(59, 0.5), np.full(59, np.nan)],
-)
-def test_bits_must_fit_the_layout(layout: Layout, bits: NDArray[np.float64]) -> None:
+@cases(np.zeros(58), np.zeros((1, 59)), np.full(59, 2), np.full(59, 0.5), np.full(59, np.nan))
+def test_bits_must_fit_the_layout(bits: NDArray[np.float64], layout: Layout) -> None:
     with pytest.raises(InputError, match="need 59 bits of 0 or 1"):
         embed(noise(layout), bits, layout, 3)
 

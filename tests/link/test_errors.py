@@ -8,7 +8,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases
 
 from link.cli import run_cli
 from link.embed import check_kappa
@@ -28,15 +28,12 @@ def printed(error: BaseException, capsys: pytest.CaptureFixture[str]) -> str:
     return said.err
 
 
-@pytest.mark.parametrize(
-    ("call", "python", "command"),
-    [
-        (lambda: check_kappa(0), "kappa: need 1 to 64", "error: --kappa: need 1 to 64"),
-        (lambda: check_kappa(0, "--kappas"), "--kappas: need", "error: --kappas: need"),
-        (lambda: make_layout(ratex=4), "ratex: choose", "error: --ratex: choose"),
-        (lambda: at_least(1, test_frames=0), "test_frames: need", "error: --test-frames: need"),
-        (lambda: each_once(views=[1, 1]), "views: name at", "error: --views: name at"),
-    ],
+@cases(
+    (lambda: check_kappa(0), "kappa: need 1 to 64", "error: --kappa: need 1 to 64"),
+    (lambda: check_kappa(0, "--kappas"), "--kappas: need", "error: --kappas: need"),
+    (lambda: make_layout(ratex=4), "ratex: choose", "error: --ratex: choose"),
+    (lambda: at_least(1, test_frames=0), "test_frames: need", "error: --test-frames: need"),
+    (lambda: each_once(views=[1, 1]), "views: name at", "error: --views: name at"),
     ids=["kappa", "named by its caller", "ratex", "at_least", "each_once"],
 )
 def test_python_reads_of_parameters_and_the_command_line_of_flags(
@@ -49,16 +46,13 @@ def test_python_reads_of_parameters_and_the_command_line_of_flags(
     assert printed(raised.value, capsys).startswith(command)
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (OSError(28, "No space left on device"), "the output or a file: No space left on device"),
-        (FileNotFoundError(2, "No such file", "a\nb.txt"), "a b.txt: No such file"),
-        (OSError(36, "File name too long", "n" * 300), f"{'n' * 300}: File name too long"),
-        (MemoryError("Unable to allocate 112 GiB"), "too little memory; use smaller sizes"),
-        (cv2.error("(-4:Insufficient memory) Failed to allocate"), "too little memory; use"),
-        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "too little memory; use"),
-    ],
+@cases(
+    (OSError(28, "No space left on device"), "the output or a file: No space left on device"),
+    (FileNotFoundError(2, "No such file", "a\nb.txt"), "a b.txt: No such file"),
+    (OSError(36, "File name too long", "n" * 300), f"{'n' * 300}: File name too long"),
+    (MemoryError("Unable to allocate 112 GiB"), "too little memory; use smaller sizes"),
+    (cv2.error("(-4:Insufficient memory) Failed to allocate"), "too little memory; use"),
+    (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "too little memory; use"),
 )
 def test_what_the_system_refuses_is_one_line(
     error: Exception, said: str, capsys: pytest.CaptureFixture[str]

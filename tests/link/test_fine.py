@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -202,15 +202,12 @@ def test_a_loop_has_room_for_its_redundancy(n_bytes: int, n_bits: int, redundanc
     assert frames * body <= 2**25 and frames <= NUMBERS
 
 
-@pytest.mark.parametrize(
-    ("n_bytes", "redundancy", "says"),
-    [
-        (0, None, "message: empty"),
-        (300_000, None, "message: 300000 bytes, a loop with 730 bits a frame"),
-        (200_000, 2.0, "message: 200000 bytes"),
-        (10, 1.1, "redundancy: need 1.2 to 16, got 1.1"),
-        (10, float("nan"), "redundancy: need 1.2 to 16, got nan"),
-    ],
+@cases(
+    (0, None, "message: empty"),
+    (300_000, None, "message: 300000 bytes, a loop with 730 bits a frame"),
+    (200_000, 2.0, "message: 200000 bytes"),
+    (10, 1.1, "redundancy: need 1.2 to 16, got 1.1"),
+    (10, float("nan"), "redundancy: need 1.2 to 16, got nan"),
 )
 def test_fine_messages_that_do_not_fit_are_refused(
     n_bytes: int, redundancy: float | None, says: str
@@ -337,12 +334,9 @@ def test_count_that_is_lost_on_fine_grids_is_found_again(announced: bool) -> Non
 
 
 @pytest.mark.parametrize("n_bits", [730, slow(2918)])
-@pytest.mark.parametrize(
-    ("second", "ber"),
-    [("of equal length", 0.02), slow("of equal length", 0.1), slow("shorter", 0.1)],
-)
+@cases(("of equal length", 0.02), slow("of equal length", 0.1), slow("shorter", 0.1))
 def test_a_changed_message_comes_within_two_fine_loops(
-    n_bits: int, second: str, ber: float
+    second: str, ber: float, n_bits: int
 ) -> None:
     rng = np.random.default_rng(4)
     first, other = rng.bytes(1800), rng.bytes(1800 if second == "of equal length" else 900)

@@ -4,6 +4,7 @@ import hashlib
 
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -79,13 +80,10 @@ def test_signatures_tell_short_loops_apart() -> None:
     assert len(sequences) == 37
 
 
-@pytest.mark.parametrize(
-    ("message", "n_bits", "says"),
-    [
-        (b"", N_BITS, "empty"),
-        (b"x" * 4000, N_BITS, "carries 3258"),
-        (b"x", 15, "15 message blocks a frame, a message needs at least 16"),
-    ],
+@cases(
+    (b"", N_BITS, "empty"),
+    (b"x" * 4000, N_BITS, "carries 3258"),
+    (b"x", 15, "15 message blocks a frame, a message needs at least 16"),
 )
 def test_wrong_messages_are_refused(message: bytes, n_bits: int, says: str) -> None:
     with pytest.raises(InputError, match=says):

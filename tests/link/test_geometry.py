@@ -2,6 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 from tolerances import FLOAT64, IDENTITY_LEVELS, SUBPIXEL_PX
 
@@ -155,27 +156,24 @@ def moved(corner: int, x: float, y: float) -> NDArray[np.float64]:
     return corners
 
 
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        (moved(2, np.nan, 140), "need four"),
-        (moved(0, 30, np.inf), "need four"),
-        (TILTED[:3], "need four"),
-        (np.zeros((4, 3)), "need four"),
-        ([[1, 2], [3]], "need four finite points"),
-        ("here", "need four finite points"),
-        (None, "need four"),
-        (moved(1, 199.51, 41), r"\(199.51, 41\) lies outside the 200x160 image"),
-        (moved(3, 18, 159.6), r"\(18, 159.6\) lies outside the 200x160 image"),
-        (moved(0, -0.6, 20), r"\(-0.6, 20\) lies outside the 200x160 image"),
-        (TILTED[[1, 0, 3, 2]], "order top-left, top-right"),  # mirrored
-        (TILTED[::-1], "order top-left, top-right"),
-        (TILTED[[0, 2, 1, 3]], "not a convex quadrilateral"),  # edges cross
-        (moved(2, 60, 60), "not a convex quadrilateral"),
-        (np.full((4, 2), 50.0), "not a convex quadrilateral"),
-        ([[10, 10], [20, 10], [30, 10], [10, 90]], "not a convex quadrilateral"),
-        (frame_corners(15, 15) + 20, "covers only 225 square pixels"),
-    ],
+@cases(
+    (moved(2, np.nan, 140), "need four"),
+    (moved(0, 30, np.inf), "need four"),
+    (TILTED[:3], "need four"),
+    (np.zeros((4, 3)), "need four"),
+    ([[1, 2], [3]], "need four finite points"),
+    ("here", "need four finite points"),
+    (None, "need four"),
+    (moved(1, 199.51, 41), r"\(199.51, 41\) lies outside the 200x160 image"),
+    (moved(3, 18, 159.6), r"\(18, 159.6\) lies outside the 200x160 image"),
+    (moved(0, -0.6, 20), r"\(-0.6, 20\) lies outside the 200x160 image"),
+    (TILTED[[1, 0, 3, 2]], "order top-left, top-right"),  # mirrored
+    (TILTED[::-1], "order top-left, top-right"),
+    (TILTED[[0, 2, 1, 3]], "not a convex quadrilateral"),  # edges cross
+    (moved(2, 60, 60), "not a convex quadrilateral"),
+    (np.full((4, 2), 50.0), "not a convex quadrilateral"),
+    ([[10, 10], [20, 10], [30, 10], [10, 90]], "not a convex quadrilateral"),
+    (frame_corners(15, 15) + 20, "covers only 225 square pixels"),
 )
 def test_bad_corners_are_refused(corners: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):

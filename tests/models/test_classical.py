@@ -5,6 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from sklearn.svm import SVC
@@ -157,9 +158,7 @@ def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None
 
 
 @both_modulations
-@pytest.mark.parametrize(
-    "name", ["naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn"]
-)
+@cases("naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn")
 def test_methods_read_chroma_pairs_whose_luma_hardly_changes(name: str, modulation: str) -> None:
     hidden = DECODERS[name].equalised
     layout = make_layout(modulation=modulation, pilots=16, colour="chroma")
@@ -447,9 +446,7 @@ def test_hidden_ratex_wants_no_patches() -> None:
     assert DECODERS["hidden_ratex"].equalised
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("two_step", {}), ("hidden_ratex", {"threshold": "constant"})]
-)
+@cases(("two_step", {}), ("hidden_ratex", {"threshold": "constant"}))
 def test_methods_that_need_kappa_say_so(name: str, options: dict[str, str]) -> None:
     pair, _ = make_pair()
     with pytest.raises(InputError, match="needs kappa"):
@@ -464,9 +461,10 @@ def test_the_other_methods_do_not_use_kappa(name: str) -> None:
     np.testing.assert_array_equal(decoder.decode(pair).scores, without)
 
 
-@pytest.mark.parametrize(
-    "layout",
-    [make_layout(16, 16, 512, 512), make_layout(5, 9, 333, 250, ratex=2), make_layout(ratex=1)],
+@cases(
+    make_layout(16, 16, 512, 512),
+    make_layout(5, 9, 333, 250, ratex=2),
+    make_layout(ratex=1),
     ids=["16x16", "5x9", "one patch"],
 )
 def test_oorc_reads_other_grids(layout: Layout) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from conftest import slow
+from conftest import cases, slow
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import legval
@@ -105,14 +105,11 @@ def test_phi_agrees_with_the_classical_map() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("degree", "drift", "message"),
-    [
-        (0, 0, "degree: need 1 to 12, got 0"),
-        (MAX_DEGREE + 1, 0, "degree: need 1 to 12, got 13"),
-        (4, 5, "drift_degree: need 0 to degree 4, got 5"),
-        (4, -1, "drift_degree: need 0 to degree 4, got -1"),
-    ],
+@cases(
+    (0, 0, "degree: need 1 to 12, got 0"),
+    (MAX_DEGREE + 1, 0, "degree: need 1 to 12, got 13"),
+    (4, 5, "drift_degree: need 0 to degree 4, got 5"),
+    (4, -1, "drift_degree: need 0 to degree 4, got -1"),
 )
 def test_degrees_out_of_range_are_refused(degree: int, drift: int, message: str) -> None:
     for build in (
@@ -134,17 +131,14 @@ def test_unknown_options_list_the_valid_ones() -> None:
         DecoderConfig(train_on="frame")
 
 
-@pytest.mark.parametrize(
-    ("options", "flag"),
-    [
-        ({"coarsen": 3}, "coarsen: need 1 or 2, got 3"),
-        ({"refine": 9}, "refine: need 0 to 8, got 9"),
-        ({"texture": -0.1}, "texture: need at least 0 and below 1, got -0.1"),
-        ({"rows": True}, "rows: needs refine"),
-        ({"space": True}, "space: needs refine"),
-        ({"space": 1}, "space: must be of type bool"),
-        ({"drift_degree": 1.5}, "drift_degree: must be of type int"),
-    ],
+@cases(
+    ({"coarsen": 3}, "coarsen: need 1 or 2, got 3"),
+    ({"refine": 9}, "refine: need 0 to 8, got 9"),
+    ({"texture": -0.1}, "texture: need at least 0 and below 1, got -0.1"),
+    ({"rows": True}, "rows: needs refine"),
+    ({"space": True}, "space: needs refine"),
+    ({"space": 1}, "space: must be of type bool"),
+    ({"drift_degree": 1.5}, "drift_degree: must be of type int"),
 )
 def test_options_that_make_no_decoder_are_refused(options: dict[str, Any], flag: str) -> None:
     with pytest.raises(InputError, match=flag):
@@ -471,9 +465,7 @@ def test_bin_mean_integrates_over_every_bin_however_small(
     np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT64)
 
 
-@pytest.mark.parametrize(
-    ("margin", "expected"), [(0.0, [1 / 6] * 6), (1 / 6, [0, *[1 / 4] * 4, 0])]
-)
+@cases((0.0, [1 / 6] * 6), (1 / 6, [0, *[1 / 4] * 4, 0]))
 def test_bin_mean_leaves_the_margins_out(margin: float, expected: list[float]) -> None:
     like = torch.zeros(0, dtype=torch.float64)
     matrix = bin_mean(12, 2, torch.tensor([1]), margin, like)

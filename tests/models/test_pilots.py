@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from conftest import cases
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, ONNX_SCORE
 from torch import Tensor
@@ -189,9 +190,7 @@ def test_a_checkpoint_is_for_patches_or_for_pilots() -> None:
         load_checkpoint(PRETRAINED_PILOTS, layouts[PRETRAINED])
 
 
-@pytest.mark.parametrize(
-    ("modulation", "colour"), [*((each, "gray") for each in MODULATIONS), ("antipodal", "chroma")]
-)
+@cases(*((each, "gray") for each in MODULATIONS), ("antipodal", "chroma"))
 def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colour: str) -> None:
     source = Source(layout_of((24, 32), modulation, colour))
     pair = FramePair(source, Cell("nikon-samsung", 45.0, 5), 3)  # number 0 is mostly black

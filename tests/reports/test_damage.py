@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command, slow
+from conftest import Command, cases, slow
 
 from link.images import write_image
 from reports.engine.records import to_records
@@ -275,10 +275,8 @@ def test_places_of_every_file_may_hold_anything(
         shown(lambda folder, data=data: (folder / name).write_bytes(data), (name, path, new))
 
 
-@pytest.mark.parametrize(
-    "kind", ["removed", "truncated", slow("empty"), slow("folder"), slow("binary")]
-)
-def test_a_damaged_picture_is_shown_or_refused(shown: Callable[..., bool], kind: str) -> None:
+@cases("removed", "truncated", slow("empty"), slow("folder"), slow("binary"))
+def test_a_damaged_picture_is_shown_or_refused(kind: str, shown: Callable[..., bool]) -> None:
     page = shown(lambda folder: put(folder / "stories" / "a.jpg", kind), kind)
     assert page == (kind not in ("removed", "folder"))
     page = shown(lambda folder: put(folder / "config.json", kind), kind)

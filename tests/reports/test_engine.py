@@ -17,7 +17,7 @@ import dask
 import distributed
 import pytest
 import torch
-from conftest import Command
+from conftest import Command, cases
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import evaluate
@@ -276,15 +276,12 @@ def test_what_is_not_run_decides_nothing(checkout: Path) -> None:
     assert before == digest_after(checkout, "link/used.py", commented)
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("link/used.py", "FACTOR = 3\n"),
-        ("models/decoder.py", "from link import used\n\n\ndef f(x):\n    return used.FACTOR + x\n"),
-        ("models/decoder.py", "def f(x):\n    return 2 * x\n"),
-    ],
+@cases(
+    ("link/used.py", "FACTOR = 3\n"),
+    ("models/decoder.py", "from link import used\n\n\ndef f(x):\n    return used.FACTOR + x\n"),
+    ("models/decoder.py", "def f(x):\n    return 2 * x\n"),
 )
-def test_what_is_run_decides(checkout: Path, name: str, text: str) -> None:
+def test_what_is_run_decides(name: str, text: str, checkout: Path) -> None:
     assert code_digest("models.decoder", root=checkout) != digest_after(checkout, name, text)
 
 
@@ -326,13 +323,10 @@ def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
 # Flags
 
 
-@pytest.mark.parametrize(
-    ("name", "scheduler", "message"),
-    [
-        ("dask", None, "--backend dask: give --scheduler"),
-        ("loky", "tcp://host:8786", "--scheduler: needs --backend dask"),
-        ("slurm", None, "--backend: choose one of loky, dask, got 'slurm'"),
-    ],
+@cases(
+    ("dask", None, "--backend dask: give --scheduler"),
+    ("loky", "tcp://host:8786", "--scheduler: needs --backend dask"),
+    ("slurm", None, "--backend: choose one of loky, dask, got 'slurm'"),
 )
 def test_flags_that_clash(name: str, scheduler: str | None, message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -358,9 +352,7 @@ def test_something_else_listens(monkeypatch: pytest.MonkeyPatch) -> None:
         no_tasks(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
 
 
-@pytest.mark.parametrize(
-    "address", ["nonsense", "http://host:1", "tcp://host", "tcp://host:99999", "tcp://[", ""]
-)
+@cases("nonsense", "http://host:1", "tcp://host", "tcp://host:99999", "tcp://[", "")
 def test_an_address_that_is_none(address: str) -> None:
     with pytest.raises(InputError, match="--scheduler: need an address such as tcp://host:8786"):
         no_tasks(address)

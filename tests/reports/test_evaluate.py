@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import Command, MakeOnce
+from conftest import Command, MakeOnce, cases
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -147,9 +147,7 @@ def test_another_seed_gives_other_predictions(
 # Metrics
 
 
-@pytest.mark.parametrize(
-    ("correct", "bits"), [(0, 1), (1, 1), (0, 59), (59, 59), (50, 59), (1, 1800), (1764, 1800)]
-)
+@cases((0, 1), (1, 1), (0, 59), (59, 59), (50, 59), (1, 1800), (1764, 1800))
 def test_wilson_is_scipys(correct: int, bits: int) -> None:
     expected = binomtest(correct, bits).proportion_ci(0.95, method="wilson")
     np.testing.assert_allclose(
@@ -330,19 +328,16 @@ def test_cells_are_pooled_by_their_bits() -> None:
 # The paper's numbers and the tables
 
 
-@pytest.mark.parametrize(
-    ("pair", "view", "kappa", "method", "percent"),
-    [
-        ("canon-lg", 45, 3, "oorc", 98.44),
-        ("canon-imac", 45, 3, "naive", 72.94),
-        ("sony-samsung", 45, 3, "two_step", 79.11),
-        ("nikon-lg", 0, 3, "oorc", 99.94),
-        ("sony-imac", 0, 3, "hidden_ratex", 70.0),
-        ("nikon-samsung", 45, 5, "naive", 58.78),
-        ("canon-samsung", 45, 5, "oorc", 100.0),
-        ("canon-lg", 0, 5, "naive", 97.11),
-        ("sony-samsung", 0, 5, "hidden_ratex", 90.28),
-    ],
+@cases(
+    ("canon-lg", 45, 3, "oorc", 98.44),
+    ("canon-imac", 45, 3, "naive", 72.94),
+    ("sony-samsung", 45, 3, "two_step", 79.11),
+    ("nikon-lg", 0, 3, "oorc", 99.94),
+    ("sony-imac", 0, 3, "hidden_ratex", 70.0),
+    ("nikon-samsung", 45, 5, "naive", 58.78),
+    ("canon-samsung", 45, 5, "oorc", 100.0),
+    ("canon-lg", 0, 5, "naive", 97.11),
+    ("sony-samsung", 0, 5, "hidden_ratex", 90.28),
 )
 def test_cells_of_the_papers_tables(
     pair: str, view: int, kappa: int, method: str, percent: float
@@ -352,14 +347,11 @@ def test_cells_of_the_papers_tables(
     assert abs(printed - percent / 100) < FLOAT64
 
 
-@pytest.mark.parametrize(
-    ("view", "kappa", "method", "percent"),
-    [
-        (45, 3, "naive", 56.16),  # the cells give 56.164
-        (45, 3, "oorc", 98.11),
-        (45, 5, "hidden_ratex", 92.86),  # the paper prints 93.71
-        (0, 3, "naive", 83.65),  # the paper prints 83.56
-    ],
+@cases(
+    (45, 3, "naive", 56.16),  # the cells give 56.164
+    (45, 3, "oorc", 98.11),
+    (45, 5, "hidden_ratex", 92.86),  # the paper prints 93.71
+    (0, 3, "naive", 83.65),  # the paper prints 83.56,
 )
 def test_column_means_of_the_papers_tables(
     view: int, kappa: int, method: str, percent: float
@@ -369,16 +361,13 @@ def test_column_means_of_the_papers_tables(
     assert round(100 * float(np.mean(cells)), 2) == percent
 
 
-@pytest.mark.parametrize(
-    ("pair", "view", "kappa", "method"),
-    [
-        ("canon-lg", 30, 3, "oorc"),
-        ("canon-lg", 45.5, 3, "oorc"),
-        ("canon-lg", 45, 4, "oorc"),
-        ("canon-lg", 45, None, "oorc"),
-        ("captures", 45, 3, "oorc"),
-        ("canon-lg", 45, 3, "learned"),
-    ],
+@cases(
+    ("canon-lg", 30, 3, "oorc"),
+    ("canon-lg", 45.5, 3, "oorc"),
+    ("canon-lg", 45, 4, "oorc"),
+    ("canon-lg", 45, None, "oorc"),
+    ("captures", 45, 3, "oorc"),
+    ("canon-lg", 45, 3, "learned"),
 )
 def test_the_paper_has_no_other_cells(
     pair: str, view: float, kappa: int | None, method: str

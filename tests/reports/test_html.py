@@ -11,7 +11,7 @@ from typing import Any
 
 import html5lib
 import pytest
-from conftest import Command, MakeOnce, OpenWindow
+from conftest import Command, MakeOnce, OpenWindow, cases
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -197,16 +197,13 @@ def test_an_unknown_sweep_is_refused_with_the_valid_names(tmp_path: Path, comman
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(
-    ("flags", "expected"),
-    [
-        ({}, tuple(SWEEPS)),
-        ({"frames": 2, "quick": True, "seed": 3, "methods": ("oorc",)}, tuple(SWEEPS)),
-        ({"pairs": ("canon-lg",)}, ()),
-        ({"set": ("drift=0.1",)}, ()),
-        ({"sweeps": ()}, ()),
-        ({"pairs": ("canon-lg",), "sweeps": ("jpeg",)}, ("jpeg",)),
-    ],
+@cases(
+    ({}, tuple(SWEEPS)),
+    ({"frames": 2, "quick": True, "seed": 3, "methods": ("oorc",)}, tuple(SWEEPS)),
+    ({"pairs": ("canon-lg",)}, ()),
+    ({"set": ("drift=0.1",)}, ()),
+    ({"sweeps": ()}, ()),
+    ({"pairs": ("canon-lg",), "sweeps": ("jpeg",)}, ("jpeg",)),
 )
 def test_sweeps_join_the_reference_comparison_alone(
     flags: dict[str, Any], expected: tuple[str, ...]

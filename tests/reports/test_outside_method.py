@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases
 
 from link.errors import InputError
 from models import Card, find_card, make_decoder
@@ -69,17 +69,14 @@ def test_its_card_and_its_code_count(elsewhere: Path) -> None:
     assert outside_digest("models.classical.naive") == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("nowhere.mine:Mine", "cannot be imported: No module named 'nowhere'"),
-        ("elsewhere.mine:Other", "cannot be imported: module 'elsewhere.mine' has no attribute"),
-        (":Mine", "cannot be imported"),
-        ("elsewhere.mine:Card", "has no decode"),
-        ("mine", "unknown method 'mine'; choose one of: naive"),
-    ],
+@cases(
+    ("nowhere.mine:Mine", "cannot be imported: No module named 'nowhere'"),
+    ("elsewhere.mine:Other", "cannot be imported: module 'elsewhere.mine' has no attribute"),
+    (":Mine", "cannot be imported"),
+    ("elsewhere.mine:Card", "has no decode"),
+    ("mine", "unknown method 'mine'; choose one of: naive"),
 )
-def test_what_is_no_method_is_refused(elsewhere: Path, name: str, says: str) -> None:
+def test_what_is_no_method_is_refused(name: str, says: str, elsewhere: Path) -> None:
     with pytest.raises(InputError, match=says):
         methods_for([name])
 

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 from pilot_films import (
     BENT_CORNERS,
@@ -103,21 +104,18 @@ DROPS = np.sort(RNG.choice(120, 26, replace=False)) + RNG.uniform(0, 0.4, 26)
 GAPS = np.concatenate([np.arange(10), np.arange(1500, 1530)])
 
 
-@pytest.mark.parametrize(
-    ("at", "strength"),
-    [
-        (np.arange(24), 0.0),
-        (np.arange(24), 0.6),
-        (np.arange(37), 1.5),
-        (np.arange(3), 1.0),
-        (DROPS, 1.0),
-        (DROPS, 0.0),
-        (GAPS, 1.0),
-        (np.array([0, 30, 90, 95, 96, 101]), 1.0),
-    ],
+@cases(
+    (np.arange(24), 0.0),
+    (np.arange(24), 0.6),
+    (np.arange(37), 1.5),
+    (np.arange(3), 1.0),
+    (DROPS, 1.0),
+    (DROPS, 0.0),
+    (GAPS, 1.0),
+    (np.array([0, 30, 90, 95, 96, 101]), 1.0),
     ids=range(8),
 )
-def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float) -> None:
+def test_evidence_of_pilots(at: NDArray[np.float64], strength: float, port: Port) -> None:
     rng, signs, module = np.random.default_rng(0), pilot_signs(FINE), port(EVIDENCE_JS)
     noise = rng.standard_normal((len(at), len(signs)))
     slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))
@@ -128,10 +126,8 @@ def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float
     same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), FITTED)
 
 
-@pytest.mark.parametrize(
-    ("layout", "size"), [(SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60))]
-)
-def test_values_of_pilots_in_a_frame(port: Port, layout: Layout, size: tuple[int, int]) -> None:
+@cases((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60)))
+def test_values_of_pilots_in_a_frame(layout: Layout, size: tuple[int, int], port: Port) -> None:
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
     module = port(EVIDENCE_JS)
     same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_SUM)
@@ -147,11 +143,9 @@ def test_phases_that_slope(port: Port, slope: tuple[float, float]) -> None:
     same([*found.slope, found.phase], [*known, phase], FLOAT64)
 
 
-@pytest.mark.parametrize(
-    ("fps", "kept", "digits"), [(30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2)]
-)
+@cases((30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2))
 def test_times_of_frames_and_waves_at_them(
-    port: Port, fps: float, kept: float, digits: int
+    fps: float, kept: float, digits: int, port: Port
 ) -> None:
     """The times are rounded, and some frames are missing."""
     rng, module = np.random.default_rng(9), port("locate/pilots/waves.js")
@@ -172,20 +166,17 @@ def test_times_of_frames_and_waves_at_them(
 TILT = np.array([[8.0, -6], [-9, 4], [12, 10], [3, -7]])
 
 
-@pytest.mark.parametrize(
-    ("move", "noise", "far"),
-    [
-        ([0.0, 0.0], 0.3, False),
-        ([17.0, -12.0], 0.3, False),
-        ([40.0, 30.0], 0.5, True),
-        (TILT, 0.3, False),
-        ([9.0, 5.0], 3.0, False),
-        ([150.0, 0.0], 2.0, False),
-    ],
+@cases(
+    ([0.0, 0.0], 0.3, False),
+    ([17.0, -12.0], 0.3, False),
+    ([40.0, 30.0], 0.5, True),
+    (TILT, 0.3, False),
+    ([9.0, 5.0], 3.0, False),
+    ([150.0, 0.0], 2.0, False),
     ids=["still", "shifted", "far", "tilted", "noisy", "absent"],
 )
 def test_corners_move_by_parts_of_a_display(
-    port: Port, move: object, noise: float, far: bool
+    move: object, noise: float, far: bool, port: Port
 ) -> None:
     rng, module = np.random.default_rng(1), port(CORNERS_JS)
     square = frame_corners(FINE.width, FINE.height)
@@ -215,13 +206,15 @@ def test_maps_without_slope(port: Port, layout: Layout) -> None:
     same(found, without_slope(change, block), FLOAT32_SUM)
 
 
-@pytest.mark.parametrize(
-    ("layout", "period", "slope", "noise"),
-    [(SMALL, 4, 0.0, 1.0), (UNEVEN, 4, 2.0, 1.0), (SMALL, 2, 0.0, 2.0), (SMALL, 4, 0.0, 30.0)],
+@cases(
+    (SMALL, 4, 0.0, 1.0),
+    (UNEVEN, 4, 2.0, 1.0),
+    (SMALL, 2, 0.0, 2.0),
+    (SMALL, 4, 0.0, 30.0),
     ids=["plain", "slope", "fast", "noisy"],
 )
 def test_corners_move_by_all_blocks(
-    port: Port, layout: Layout, period: int, slope: float, noise: float
+    layout: Layout, period: int, slope: float, noise: float, port: Port
 ) -> None:
     """Corners are off by less than a block."""
     module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from numpy.typing import ArrayLike, NDArray
 
 from export.receive.states import RectifiedFrame, compose_state
@@ -61,15 +61,12 @@ def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
     assert np.isnan(patch_toggles(covered, layout)).tolist() == [True, False, False, False, False]
 
 
-@pytest.mark.parametrize(
-    ("fps", "state_hz", "delays"),
-    [
-        (30, 10.07, (0.0, 0.015)),
-        (30, 15.1, (0.004, -0.012)),
-        (60, 29.8, (0.0, 0.0)),
-        (60, 15.0, (0.012, 0.0)),
-        (30, 24.1, (-0.02, 0.01)),
-    ],
+@cases(
+    (30, 10.07, (0.0, 0.015)),
+    (30, 15.1, (0.004, -0.012)),
+    (60, 29.8, (0.0, 0.0)),
+    (60, 15.0, (0.012, 0.0)),
+    (30, 24.1, (-0.02, 0.01)),
 )
 def test_the_clock_is_found_in_noisy_toggles(
     fps: float, state_hz: float, delays: tuple[float, float]

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from numpy.typing import NDArray
 from pilot_films import FINE, texture
 
@@ -75,15 +75,12 @@ def follow(display: Display, H: Array, pairs: int, score_of: Callable[[Array], A
     return H / H[2, 2]
 
 
-@pytest.mark.parametrize(
-    ("misplaced", "colour"),
-    [
-        (moved(), False),
-        (moved(x=4.0, y=-3.0), False),
-        slow(moved(corner=5.0), False),
-        slow(moved(x=-3.0, y=1.5, corner=4.0), False),
-        slow(moved(x=4.0, y=-3.0), True),
-    ],
+@cases(
+    (moved(), False),
+    (moved(x=4.0, y=-3.0), False),
+    slow(moved(corner=5.0), False),
+    slow(moved(x=-3.0, y=1.5, corner=4.0), False),
+    slow(moved(x=4.0, y=-3.0), True),
     ids=["nothing", "translation", "one corner", "both", "RGB"],
 )
 def test_the_display_is_moved_to_where_its_blocks_lie(misplaced: Array, colour: bool) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, slow
+from conftest import ROOT, Command, cases, slow
 from numpy.typing import NDArray
 from streams import Stream, states_of, write_film
 
@@ -67,20 +67,17 @@ def listen(
     return receiver, step.message.data if step.message is not None else None
 
 
-@pytest.mark.parametrize(
-    "stream",
-    [
-        Stream(),
-        slow(Stream(state_hz=10.07, readout=0.0)),
-        slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
-        slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
-        slow(Stream(turn=1)),
-        slow(Stream(turn=2, readout=0.02)),
-    ],
+@cases(
+    Stream(),
+    slow(Stream(state_hz=10.07, readout=0.0)),
+    slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
+    slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
+    slow(Stream(turn=1)),
+    slow(Stream(turn=2, readout=0.02)),
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )
 def test_a_free_running_camera_reads_the_message(
-    decoder: Decoder, states: list[NDArray[np.uint8]], stream: Stream
+    stream: Stream, decoder: Decoder, states: list[NDArray[np.uint8]]
 ) -> None:
     receiver, data = listen(decoder, states, stream)
     assert data == TEXT
@@ -132,11 +129,8 @@ def spoils(kind: str) -> object:
     return spoil
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits"))],
-)
-def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: str) -> None:
+@cases("passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits")))
+def test_disturbances(kind: str, decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
     assert data == TEXT
 
@@ -248,9 +242,7 @@ def test_memory_is_bounded(decoder: Decoder) -> None:
     assert receiver.decoded == 0
 
 
-@pytest.mark.parametrize(
-    "image", [np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64))]
-)
+@cases(np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64)))
 def test_arrays_that_are_no_images_are_refused(image: NDArray[np.generic]) -> None:
     with pytest.raises(InputError):
         as_uint8(image)

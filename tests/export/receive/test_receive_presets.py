@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, cases
 from numpy.typing import NDArray
 from pilot_films import CORNERS, BlockMeans, filmed, texture
 from streams import Stream, states_of, write_film
@@ -195,13 +195,10 @@ def test_a_shipped_graph_is_loaded_once_beside_other_work(monkeypatch: pytest.Mo
     assert len(loaded) == 1
 
 
-@pytest.mark.parametrize(
-    ("damage", "says"),
-    [
-        (lambda data: data[: len(data) // 2], "not a readable ONNX model; export it again (it is"),
-        (lambda data: b"version https://git-lfs", "not a readable ONNX model; export it again (it"),
-        (None, "no such model"),
-    ],
+@cases(
+    (lambda data: data[: len(data) // 2], "not a readable ONNX model; export it again (it is"),
+    (lambda data: b"version https://git-lfs", "not a readable ONNX model; export it again (it"),
+    (None, "no such model"),
     ids=["cut off", "another file", "missing"],
 )
 def test_a_damaged_shipped_graph_is_refused_at_once(

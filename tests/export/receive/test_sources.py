@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 from streams import Stream, states_of
 
@@ -55,12 +56,9 @@ def grays(numbers: tuple[int, ...]) -> list[NDArray[np.uint8]]:
     return [np.full((48, 64, 3), 40 + 8 * number, np.uint8) for number in numbers]
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [("film.mp4", {}), ("film.mp4", {"bf": "0"}), ("film.mkv", {}), ("late.mp4", {})],
-)
+@cases(("film.mp4", {}), ("film.mp4", {"bf": "0"}), ("film.mkv", {}), ("late.mp4", {}))
 def test_a_file_with_missing_frames_keeps_their_times(
-    tmp_path: Path, name: str, options: dict[str, str]
+    name: str, options: dict[str, str], tmp_path: Path
 ) -> None:
     start = 2.5 if name == "late.mp4" else 0.0
     times = [start + number / 30 for number in SEEN]
@@ -117,18 +115,15 @@ class ToldTimes:
         pass
 
 
-@pytest.mark.parametrize(
-    ("told", "used"),
-    [
-        ((0, 0, 0, 0), (0, 0.05, 0.1, 0.15)),
-        ((3, 2, 1, 0), (0, 0.05, 0.1, 0.15)),
-        ((float("nan"),) * 4, (0, 0.05, 0.1, 0.15)),
-        ((-1e300, 1e300, float("inf"), 0), (0, 0.05, 0.1, 0.15)),
-        ((0, 0.05, 0.02, 0.15), (0, 0.05, 0.1, 0.15)),  # one is wrong, and the next are right
-        ((0, 0.05, 900, 0.15), (0, 0.05, 0.1, 0.15)),
-        ((0, 0.05, 0, 0.05), (0, 0.05, 0.1, 0.15)),  # two files joined
-        ((0, 0.05, 0.2, 0.25), (0, 0.05, 0.2, 0.25)),
-    ],
+@cases(
+    ((0, 0, 0, 0), (0, 0.05, 0.1, 0.15)),
+    ((3, 2, 1, 0), (0, 0.05, 0.1, 0.15)),
+    ((float("nan"),) * 4, (0, 0.05, 0.1, 0.15)),
+    ((-1e300, 1e300, float("inf"), 0), (0, 0.05, 0.1, 0.15)),
+    ((0, 0.05, 0.02, 0.15), (0, 0.05, 0.1, 0.15)),  # one is wrong, and the next are right
+    ((0, 0.05, 900, 0.15), (0, 0.05, 0.1, 0.15)),
+    ((0, 0.05, 0, 0.05), (0, 0.05, 0.1, 0.15)),  # two files joined
+    ((0, 0.05, 0.2, 0.25), (0, 0.05, 0.2, 0.25)),
 )
 def test_times_that_cannot_be_are_replaced(
     told: tuple[float, ...],
@@ -156,16 +151,13 @@ def test_a_camera_that_is_unplugged_ends_with_a_warning(
         list(open_source("0").frames)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("list.avi", "ffconcat version 1.0\nfile secret.avi\n"),
-        ("list.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.avi\n"),
-        ("list.sdp", "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nt=0 0\nm=video 5004 RTP/AVP 96\n"),
-        ("text.avi", "a screen full of text\n" * 500),
-    ],
+@cases(
+    ("list.avi", "ffconcat version 1.0\nfile secret.avi\n"),
+    ("list.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.avi\n"),
+    ("list.sdp", "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nt=0 0\nm=video 5004 RTP/AVP 96\n"),
+    ("text.avi", "a screen full of text\n" * 500),
 )
-def test_a_file_that_leads_to_others_is_no_video(tmp_path: Path, name: str, content: str) -> None:
+def test_a_file_that_leads_to_others_is_no_video(name: str, content: str, tmp_path: Path) -> None:
     write_video(tmp_path / "secret.avi", grays((0, 1)), 30)
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=f"{name}: not a readable video"):
@@ -206,17 +198,14 @@ def test_a_constant_rate_is_read_as_before(tmp_path: Path) -> None:
     assert source.fps == pytest.approx(25)
 
 
-@pytest.mark.parametrize(
-    ("names", "numbers"),
-    [
-        (("f_0007", "f_0008", "f_0011"), (0, 1, 4)),
-        (("f8", "f9", "f10", "f12"), (0, 1, 2, 4)),
-        (("2026 frame 3 ", "2026 frame 5 "), (0, 2)),
-        (("a", "b2", "c5"), (0, 1, 2)),
-        (("f_1_cam2", "f_5_cam2", "f_6_cam2"), (0, 1, 2)),
-        (("a7", "b3", "c9"), (0, 1, 2)),
-        (("f1" + "0" * 200, "f2" + "0" * 200), (0, 1)),
-    ],
+@cases(
+    (("f_0007", "f_0008", "f_0011"), (0, 1, 4)),
+    (("f8", "f9", "f10", "f12"), (0, 1, 2, 4)),
+    (("2026 frame 3 ", "2026 frame 5 "), (0, 2)),
+    (("a", "b2", "c5"), (0, 1, 2)),
+    (("f_1_cam2", "f_5_cam2", "f_6_cam2"), (0, 1, 2)),
+    (("a7", "b3", "c9"), (0, 1, 2)),
+    (("f1" + "0" * 200, "f2" + "0" * 200), (0, 1)),
 )
 def test_the_names_of_a_folder_number_its_frames(
     names: tuple[str, ...], numbers: tuple[int, ...], tmp_path: Path

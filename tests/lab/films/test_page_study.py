@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, cases
 
 from lab import __main__ as lab
 from lab.films import browser, page
@@ -166,14 +166,11 @@ def test_what_is_missing_for_the_camera_is_said_in_one_line(monkeypatch) -> None
         pass
 
 
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (["--films", "0"], "--films: need"),
-        (["--settings", "x"], "unknown name in --settings 'x'"),
-        (["--by", "x"], "unknown way in --by 'x'"),
-        (["--settings", "paper", "paper"], "--settings: name at least one, and none twice"),
-    ],
+@cases(
+    (["--films", "0"], "--films: need"),
+    (["--settings", "x"], "unknown name in --settings 'x'"),
+    (["--by", "x"], "unknown way in --by 'x'"),
+    (["--settings", "paper", "paper"], "--settings: name at least one, and none twice"),
 )
 def test_a_wrong_flag_is_refused(flags: list[str], says: str, command: Command) -> None:
     done = command(lab.main, "page", *flags)
