@@ -92,7 +92,7 @@ def test_a_gray_picture_is_filmed_as_its_rgb_twin() -> None:
     assert np.array_equal(both[0].original, both[1].original)
 
 
-@pytest.mark.parametrize(("width", "height"), [(384, 512), (517, 389), (800, 200)])
+@cases((384, 512), (517, 389), (800, 200))
 def test_a_picture_of_another_shape_is_filmed_whole(width: int, height: int) -> None:
     layout = make_layout(4, 4, width, height, 2)
     picture = np.full((height, width, 3), 128, np.uint8)

@@ -110,7 +110,7 @@ def test_drawn_poses_keep_to_what_is_promised_and_vary() -> None:
     assert len({pose.distance for pose in poses}) == 200
 
 
-@pytest.mark.parametrize(("width", "height"), [(512, 384), (384, 512), (800, 200), (256, 256)])
+@cases((512, 384), (384, 512), (800, 200), (256, 256))
 @given(view=st.floats(-76, 76), pitch=st.floats(-2, 2), roll=st.floats(-2, 2), far=st.floats(2, 3))
 def test_a_picture_of_any_shape_lies_inside_the_image(
     width: int, height: int, view: float, pitch: float, roll: float, far: float

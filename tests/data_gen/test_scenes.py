@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from filming import even_scene, only, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -115,7 +116,7 @@ def test_a_seed_gives_the_same_scene_and_still() -> None:
     assert not np.array_equal(stills[0], photograph(even(90), first, np.random.default_rng(2)))
 
 
-@pytest.mark.parametrize(("seed", "view"), [(0, 0.0), (1, 40.0), (2, -55.0), (3, 20.0)])
+@cases((0, 0.0), (1, 40.0), (2, -55.0), (3, 20.0))
 def test_the_truth_lies_on_the_edges_of_the_drawn_display(seed: int, view: float) -> None:
     size = SceneSettings(size=(640, 360), coverage=0.2, room="dark")
     made = draw_scene(

@@ -58,7 +58,7 @@ def test_balanced_bits_have_no_slope(bits: list[int]) -> None:
     np.testing.assert_array_equal(shown @ np.arange(4), 0)
 
 
-@pytest.mark.parametrize(("soft", "hold"), [("soft2", "hold2"), ("soft4", "hold4")])
+@cases(("soft2", "hold2"), ("soft4", "hold4"))
 def test_soft_is_hold_where_the_sign_stays(soft: str, hold: str) -> None:
     for bits in ([1, 1, 1], [0, 0]):
         np.testing.assert_allclose(

@@ -256,8 +256,8 @@ def test_a_folder_shows_every_picture_and_whole_messages(
         assert read_bits(pair, LAYOUT) == SENT[number % len(SENT)].tolist()
 
 
-@pytest.mark.parametrize(("pair_hz", "step"), [(7.5, 4), (30, 1), (60, 0.5), (20, 1.5)])
-def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> None:
+@cases((7.5, 4), (30, 1), (60, 0.5), (20, 1.5))
+def test_a_video_keeps_its_speed(pair_hz: float, step: float, inputs: Path) -> None:
     shown = [int(frame[0, 0, 0]) for frame in open_pictures(inputs / "clip.avi", pair_hz)()]
     assert (
         shown == [int(np.ceil(step * number)) for number in range(round(60 / step))][: len(shown)]

@@ -123,7 +123,7 @@ def test_a_full_device_is_named_in_one_line(script: str) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
-@pytest.mark.parametrize(("redirected", "status"), [("> /dev/full", 2), (">&-", 0), ("| true", 0)])
+@cases(("> /dev/full", 2), (">&-", 0), ("| true", 0))
 @pytest.mark.parametrize("words", ["--help", "gone.png"])
 def test_a_command_with_an_output_that_takes_nothing(
     redirected: str, status: int, words: str

@@ -260,8 +260,8 @@ def listen(
 
 
 @pytest.mark.parametrize("n_bits", [730, 2918])
-@pytest.mark.parametrize(("ber", "loss"), [(0.001, 0), (0.05, 0.3), slow(0.2, 0.1)])
-def test_a_fine_loop_is_joined_anywhere(n_bits: int, ber: float, loss: float) -> None:
+@cases((0.001, 0), (0.05, 0.3), slow(0.2, 0.1))
+def test_a_fine_loop_is_joined_anywhere(ber: float, loss: float, n_bits: int) -> None:
     rng = np.random.default_rng(n_bits)
     data = rng.bytes(700)
     bits = encode(data, n_bits)

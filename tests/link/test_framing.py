@@ -112,8 +112,8 @@ def collect(
 
 
 @pytest.mark.parametrize("size", [1, 5, 30, 100])
-@pytest.mark.parametrize(("ber", "loss", "loops"), [(0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8)])
-def test_a_loop_is_joined_anywhere(size: int, ber: float, loss: float, loops: float) -> None:
+@cases((0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8))
+def test_a_loop_is_joined_anywhere(ber: float, loss: float, loops: float, size: int) -> None:
     rng = np.random.default_rng(size)
     data = rng.bytes(size)
     bits = encode(data, N_BITS)

@@ -54,7 +54,7 @@ def test_the_default_layout_carries_59_bits_and_5_patches() -> None:
     assert set(layout.ratex) == {(0, 0), (0, 7), (7, 0), (7, 7), (4, 4)}
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(8, 8), (16, 16), (6, 10), (1, 9)])
+@cases((8, 8), (16, 16), (6, 10), (1, 9))
 def test_without_patches_every_block_carries_a_bit(rows: int, cols: int) -> None:
     layout = make_layout(rows, cols, ratex=0)
     assert layout.n_bits == rows * cols
@@ -62,7 +62,7 @@ def test_without_patches_every_block_carries_a_bit(rows: int, cols: int) -> None
     assert layout.message_mask.all()
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (6, 10), (5, 3)])
+@cases((16, 16), (6, 10), (5, 3))
 @pytest.mark.parametrize("ratex", [1, 2, 3, 5])
 def test_each_patch_takes_one_message_block(rows: int, cols: int, ratex: int) -> None:
     layout = make_layout(rows, cols, ratex=ratex)
@@ -143,7 +143,7 @@ def test_the_first_pilots_are_where_every_receiver_expects_them(
     assert layout.pilot_bits[in_reading_order].tolist() == [0, 1] * 8
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (24, 32), (48, 64), (96, 128)])
+@cases((16, 16), (24, 32), (48, 64), (96, 128))
 def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) -> None:
     layout = make_layout(rows, cols, pilots=count_pilots("auto", rows, cols))
     row, col = np.divmod(layout.pilot_blocks, cols)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
@@ -61,7 +62,7 @@ def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captu
     np.testing.assert_array_equal(known, unknown)
 
 
-@pytest.mark.parametrize(("side", "wrong"), [(8, 0), (16, 4)])
+@cases((8, 0), (16, 4))
 @pytest.mark.parametrize("method", ["blind", "hidden_ratex"])
 def test_antipodal_messages_are_read_without_patches(side: int, wrong: int, method: str) -> None:
     """The darkest of 16 x 16 blocks emit next to nothing, so that some of their bits are lost."""

@@ -63,7 +63,7 @@ def test_the_network_is_small() -> None:
     assert sum(p.numel() for p in BlockNet(CnnConfig()).parameters()) <= 300_000
 
 
-@pytest.mark.parametrize(("field", "value"), [("width", 12), ("width", 0), ("rounds", 1.5)])
+@cases(("width", 12), ("width", 0), ("rounds", 1.5))
 def test_a_config_that_makes_no_network_is_refused(field: str, value: float) -> None:
     with pytest.raises(InputError, match=f"^{field}: need a"):
         CnnConfig(**{**asdict(SMALL), field: value})

@@ -81,8 +81,8 @@ def batch(pairs: list[Rectified]) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize(("dtype", "atol"), [(torch.float64, FLOAT64), (torch.float32, FLOAT32)])
-@pytest.mark.parametrize(("degree", "drift"), [(1, 0), (4, 0), (4, 4), (7, 2)])
-def test_phi_agrees_with_numpy(dtype: torch.dtype, atol: float, degree: int, drift: int) -> None:
+@cases((1, 0), (4, 0), (4, 4), (7, 2))
+def test_phi_agrees_with_numpy(degree: int, drift: int, dtype: torch.dtype, atol: float) -> None:
     i_o, i_e = np.random.default_rng(0).uniform(0, 1, (2, 5, 6))
     phi = PhiPolynomial(degree, drift)
     features = torch.stack(

@@ -199,7 +199,7 @@ def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colou
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("grid", "modulation"), [((24, 32), "antipodal")])
+@cases(((24, 32), "antipodal"))
 def test_the_exported_graph_decides_as_torch_does(
     grid: tuple[int, int], modulation: str, tmp_path: Path
 ) -> None:

@@ -4,6 +4,7 @@ import zlib
 
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 from port import Port, same
 from tolerances import FLOAT32_SUM
@@ -60,8 +61,8 @@ def test_texts_and_their_sums(port: Port, data: bytes) -> None:
     assert bytes(bits.packBits(bits.unpackBits(data))) == data
 
 
-@pytest.mark.parametrize(("information", "parity"), [(8, 9), (72, 81), (400, 416)])
-def test_graphs_and_codewords(port: Port, information: int, parity: int) -> None:
+@cases((8, 9), (72, 81), (400, 416))
+def test_graphs_and_codewords(information: int, parity: int, port: Port) -> None:
     code = make_code(information, parity)
     ported = port("link/code/ldpc.js").makeCode(information, parity)
     bits = np.random.default_rng(1).integers(0, 2, information).astype(np.uint8)
@@ -84,8 +85,8 @@ def test_codewords_are_found_where_python_finds_them(port: Port) -> None:
     assert {codeword is None for codeword in found} == {True, False}
 
 
-@pytest.mark.parametrize(("n_bytes", "n_bits"), [(1, 16), (5, 59), (40, 59), (30, 251)])
-def test_loops_of_coarse_grids(port: Port, n_bytes: int, n_bits: int) -> None:
+@cases((1, 16), (5, 59), (40, 59), (30, 251))
+def test_loops_of_coarse_grids(n_bytes: int, n_bits: int, port: Port) -> None:
     rng, ported = np.random.default_rng(1), port("link/code/framing.js")
     message = rng.bytes(n_bytes)
     signed = n_bytes > 20

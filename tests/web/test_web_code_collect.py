@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from numpy.typing import NDArray
 from port import Port, PortError, same
 from tolerances import FLOAT32, FLOAT32_SUM
@@ -120,8 +120,8 @@ def test_wrong_scores_are_no_message(port: Port) -> None:
         assert compare(port, rows) == 0
 
 
-@pytest.mark.parametrize(("n_bits", "ber"), [(730, 0.05), slow(2918, 0.1)])
-def test_a_fine_loop_is_joined_at_every_start(port: Port, n_bits: int, ber: float) -> None:
+@cases((730, 0.05), slow(2918, 0.1))
+def test_a_fine_loop_is_joined_at_every_start(n_bits: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(4)
     bits = encode(rng.bytes(n_bits // 8), n_bits)
     for start in range(len(bits)):
@@ -152,8 +152,8 @@ def test_fine_runs_that_are_lost(port: Port) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n_bytes", "ber"), [(20_000, 0.05), (2000, 0.2)])
-def test_the_finest_grid(port: Port, n_bytes: int, ber: float) -> None:
+@cases((20_000, 0.05), (2000, 0.2))
+def test_the_finest_grid(n_bytes: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(7)
     bits = encode(rng.bytes(n_bytes), 11674)
     assert compare(port, shown(bits, rng, 40, 5, ber, 0.1)) == 1

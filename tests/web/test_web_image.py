@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 from port import Port, differences, same
 from tolerances import (
@@ -182,9 +183,9 @@ def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:
         )  # of two that are equally strong, rounding chooses
 
 
-@pytest.mark.parametrize(("window_px", "guess"), [(13, (0.0, 0.0)), (15, (2.0, -3.0))])
+@cases((13, (0.0, 0.0)), (15, (2.0, -3.0)))
 def test_points_are_followed(
-    port: Port, rng: np.random.Generator, window_px: int, guess: tuple[float, float]
+    window_px: int, guess: tuple[float, float], port: Port, rng: np.random.Generator
 ) -> None:
     """Some of them near the border."""
     first = photo(192, 256, rng)

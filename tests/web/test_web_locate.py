@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from drawn_scenes import (
     CORNERS,
     HEIGHT,
@@ -218,8 +219,8 @@ def test_a_display_is_found_of_which_a_corner_is_out_of_view(port: Port, corner:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("view_deg", "seed"), [(0.0, 0), (30.0, 1), (45.0, 2)])
-def test_simulated_displays_are_found(port: Port, view_deg: float, seed: int) -> None:
+@cases((0.0, 0), (30.0, 1), (45.0, 2))
+def test_simulated_displays_are_found(view_deg: float, seed: int, port: Port) -> None:
     """In photographs of 1280 x 720 by the simulated camera."""
     rng = np.random.default_rng(seed)
     drawn = draw_scene(LAYOUT, get_pair("canon-lg"), view_deg, rng, SceneSettings((1280, 720)))

@@ -17,7 +17,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases
 from web_films import gray, limited, y4m_bytes
 
 from export.web.site import MAX_GZIP_BYTES, WEB, measure_site
@@ -494,7 +494,7 @@ def turn_upright(film: Path) -> None:
     film.write_bytes(content[:track] + content[track:].replace(unturned, turned, 1))
 
 
-@pytest.mark.parametrize(("kind", "size"), [("mp4", "480 × 640"), ("webm", "640 × 480")])
+@cases(("mp4", "480 × 640"), ("webm", "640 × 480"))
 def test_a_compressed_film_is_read_whole(kind, size, browser, address, film_at) -> None:
     """No frame is lost, however slow the machine; the film's name says nothing of its kind."""
     url, folder = address

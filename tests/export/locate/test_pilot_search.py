@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from numpy.typing import NDArray
 from pilot_films import (
     BENT_CORNERS,
@@ -305,7 +305,7 @@ def fitted_by_blocks(views: NDArray[np.float32], frequency: float) -> NDArray[np
     return transform(fit.shift(), frame_corners(FINE.width, FINE.height))
 
 
-@pytest.mark.parametrize(("frames_a_period", "slope"), [(4, 0.0), (4, 2.5), (2, 0.0)])
+@cases((4, 0.0), (4, 2.5), (2, 0.0))
 def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float) -> None:
     """Bits need not be known, the phase may slope, and noise is as strong as the toggling."""
     views = block_views(FINE, OFF, 6 * frames_a_period, frames_a_period, slope=slope)

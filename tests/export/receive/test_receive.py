@@ -213,7 +213,7 @@ def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
         open_source(name)
 
 
-@pytest.mark.parametrize(("nominal", "real"), [(5, 60), (2, 30), (0.5, 30)])
+@cases((5, 60), (2, 30), (0.5, 30))
 def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
     """As of a camera that does not know its own rate, or of a wrong --fps."""
     clock, rng = Synchroniser(nominal, PatchToggles(make_layout())), np.random.default_rng(0)
