@@ -9,7 +9,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from conftest import Command, cases
+from conftest import Command, Refuses, cases
 from numpy.typing import NDArray
 
 from data_gen.film import codec
@@ -198,16 +198,14 @@ def test_a_film_that_breaks_off_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_without_pyav_one_line_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, refuses: Refuses
 ) -> None:
     monkeypatch.setattr(codec, "av", None)
     CodecSettings().check()
     with pytest.raises(InputError, match=r"pip install -e '\.\[codec\]'"):
         next(through_codec(drifting(), FINE, FPS))
-    done = command(main, "--message", "hi", "--out", tmp_path / "x.mp4")
-    assert (done.status, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert done.stderr == "error: codec h264: PyAV is missing; pip install -e '.[codec]'\n"
-    assert not list(tmp_path.iterdir())
+    said = refuses("data_gen.video", "--message hi --out x.mp4")
+    assert said == "error: codec h264: PyAV is missing; pip install -e '.[codec]'"
 
 
 @pytest.mark.parametrize("name", codec.ENCODERS)
@@ -238,9 +236,8 @@ SHORT += ("--jitter-s", "0.004", "--codec.kbits", "900")
 
 
 def test_the_command_writes_a_film_with_times(tmp_path: Path, command: Command) -> None:
-    assert command(main, *SHORT, "--out", tmp_path / "a.mp4").status == 0
+    command(main, *SHORT, "--out", tmp_path / "a.mp4")
     done = command(main, *SHORT, "--codec.name", "h264", "--out", tmp_path / "a")
-    assert done.status == 0, done.stderr
     lines = [json.loads(line) for line in (tmp_path / "a.jsonl").read_text().splitlines()]
     assert len(lines) == json.loads(done.stdout)["camera_frames"] < 9
     times = np.array([float(one.time) for one in decoded(tmp_path / "a.mp4")])

