@@ -218,13 +218,15 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
 
 
 def run_process(
-    *words: object, status: int | None = 0, cwd: Path = ROOT, limit_s: float = 300, **more: str
+    *words: object, status: int | None = 0, cwd: Path = ROOT, limit_s: float = 300, **more: Any
 ) -> Finished:
     """Run a program in a process of its own, with some ``more`` variables of the environment.
 
-    It must end with ``status``; where this is None, it may end with any.
+    It must end with ``status``; where this is None, it may end with any. A variable that is None is
+    taken out of the environment.
     """
     line, variables = [*map(str, words)], {**os.environ, **more}
+    variables = {name: value for name, value in variables.items() if value is not None}
     ended = subprocess.run(
         line, cwd=cwd, env=variables, capture_output=True, text=True, timeout=limit_s
     )

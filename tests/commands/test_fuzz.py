@@ -3,7 +3,6 @@
 import functools
 import json
 import random
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,7 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_process
 from fuzz import mutated_bytes
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -126,30 +125,15 @@ def test_mutated_metadata_of_a_model_is_refused_or_harmless(tmp_path: Path, seed
 
 @pytest.mark.slow
 def test_the_fuzz_command_finds_nothing() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.fuzz", "--cases", "40", "--seed", "1"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
+    done = run_process(sys.executable, "-m", "tests.fuzz", "--cases", 40, "--seed", 1)
     assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 10
 
 
 @pytest.mark.slow
 def test_a_killed_command_ends_in_the_same_bytes() -> None:
     names = ("data_gen", "film_folder", "film_mkv", "send_player", "send_mkv", "send_folder")
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.kills", "--kills", "2", "--commands", *names],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = ("--kills", 2, "--commands", *names)
+    done = run_process(sys.executable, "-m", "tests.kills", *words, limit_s=600)
     for name, line in zip(names, done.stdout.splitlines(), strict=True):
         found = json.loads(line)
         assert found["command"] == name and not found["failures"]

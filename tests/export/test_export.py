@@ -1,5 +1,4 @@
 import json
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import ROOT, Command, cases, refusal, slow
+from conftest import Command, cases, refusal, run_process, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -471,15 +470,7 @@ def test_a_loop_that_cannot_be_stopped_ends_the_process_with_one_line(
         "frame = np.zeros((384, 512, 3), np.uint8)\n"
         "Decoder(sys.argv[1], 1, time_limit_s=0.5).decode(frame, frame)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    assert done.returncode == 2
+    done = run_process(sys.executable, "-c", script, path, status=2, limit_s=30)
     assert done.stderr == (
         "error: the model takes too long and cannot be stopped; the process ends\n"
     )

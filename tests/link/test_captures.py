@@ -1,6 +1,5 @@
 import json
 import struct
-import subprocess
 import sys
 import zlib
 from dataclasses import replace
@@ -10,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, cases, refusal
+from conftest import cases, refusal, run_process
 from PIL import Image, ImageOps
 from tolerances import IDENTITY_LEVELS
 
@@ -427,13 +426,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 def test_a_small_file_of_too_many_pixels_is_refused_without_decoding_them(tmp_path: Path) -> None:
     file = tmp_path / "bomb.png"
     file.write_bytes(black_png(8000))
-    done = subprocess.run(
-        [sys.executable, "-c", READ_IN_LITTLE_MEMORY, str(file)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_process(sys.executable, "-c", READ_IN_LITTLE_MEMORY, file)
     message, grown_kib = done.stdout.splitlines()
     assert message.startswith(f"{file}: image is 8000x8000, more than 50 megapixels")
     assert int(grown_kib) < 20_000

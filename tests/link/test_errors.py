@@ -1,6 +1,5 @@
 """One line for whoever made the mistake: a parameter in Python, a flag on the command line."""
 
-import os
 import pickle
 import subprocess
 import sys
@@ -8,7 +7,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import ROOT, cases
+from conftest import ROOT, cases, run_process
 
 from link.cli import run_cli
 from link.embed import check_kappa
@@ -72,15 +71,9 @@ def test_other_errors_of_libraries_are_not_hidden() -> None:
 
 def test_a_terminal_without_the_characters_of_an_output_gets_escapes() -> None:
     script = "from link.cli import run_cli; run_cli(lambda: print('κ', chr(0xdcff)))"
-    for encoding, said in (("ascii", b"\\u03ba"), ("utf-8:strict", "κ".encode())):
-        done = subprocess.run(
-            [sys.executable, "-c", script],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONIOENCODING": encoding},
-            capture_output=True,
-            timeout=20,
-        )
-        assert (done.stdout, done.stderr) == (said + b" \\udcff\n", b"")
+    for encoding, said in (("ascii", "\\u03ba"), ("utf-8:strict", "κ")):
+        done = run_process(sys.executable, "-c", script, PYTHONIOENCODING=encoding)
+        assert (done.stdout, done.stderr) == (f"{said} \\udcff\n", "")
 
 
 PRINTS_FOR_EVER = """
@@ -110,16 +103,9 @@ def test_a_reader_that_leaves_ends_the_command_in_silence() -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
 @pytest.mark.parametrize("script", [PRINTS_FOR_EVER, PRINTS_FOR_EVER.replace("while", "if")])
 def test_a_full_device_is_named_in_one_line(script: str) -> None:
-    with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(
-            [sys.executable, "-c", script],
-            cwd=ROOT,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            timeout=20,
-        )
-    assert done.stderr == b"error: the output or a file: No space left on device\n"
-    assert done.returncode == 2
+    line = '"$0" -c "$1" > /dev/full'
+    done = run_process("sh", "-c", line, sys.executable, script, status=2)
+    assert done.stderr == "error: the output or a file: No space left on device\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
@@ -129,7 +115,7 @@ def test_a_command_with_an_output_that_takes_nothing(
     redirected: str, status: int, words: str
 ) -> None:
     line = f"{sys.executable} -m export.locate {words} {redirected}"
-    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    done = run_process("sh", "-c", line, status=None)
     if words != "--help":
         assert done.stderr == "error: gone.png: no such image file; check the path\n"
     elif status:
@@ -137,7 +123,7 @@ def test_a_command_with_an_output_that_takes_nothing(
     else:
         assert done.stderr == ""
     if redirected != "| true":
-        assert done.returncode == (status if words == "--help" else 2)
+        assert done.status == (status if words == "--help" else 2)
 
 
 def test_an_error_that_names_no_parameter_is_printed_as_it_is(

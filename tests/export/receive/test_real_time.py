@@ -1,13 +1,11 @@
 """The receiver's work is spread over camera frames, and what makes it quick changes no result."""
 
-import os
-import subprocess
 import sys
 
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import run_process
 from numpy.typing import NDArray
 from pilot_films import FINE, BlockMeans, texture
 
@@ -239,9 +237,5 @@ def test_the_commands_multiply_matrices_with_one_thread() -> None:
     shown = "os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules"
     code = f"import os, sys, export.receive; print({shown})"
     for given, seen in ((None, "1 False"), ("3", "3 False")):
-        kept = {key: os.environ[key] for key in os.environ if key != "OPENBLAS_NUM_THREADS"}
-        env = kept if given is None else {**kept, "OPENBLAS_NUM_THREADS": given}
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=ROOT, env=env, capture_output=True, text=True
-        )
+        done = run_process(sys.executable, "-c", code, OPENBLAS_NUM_THREADS=given)
         assert done.stdout.strip() == seen, done.stderr

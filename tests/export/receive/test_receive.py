@@ -1,7 +1,6 @@
 """From camera frames to the message, and what is said where there is none."""
 
 import json
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, Refuses, cases, slow
+from conftest import ROOT, Command, Finished, Refuses, cases, run_process, slow
 from numpy.typing import NDArray
 from streams import Stream, states_of, write_film
 
@@ -249,15 +248,8 @@ def events_of(text: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def receive(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "export.receive", *map(str, words)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+def receive(*words: object, status: int = 0) -> Finished:
+    return run_process(sys.executable, "-m", "export.receive", *words, status=status)
 
 
 @pytest.mark.slow
@@ -270,7 +262,6 @@ def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[n
         write_image(tmp_path / "in" / f"{number:04d}.png", image)
     done = receive(tmp_path / "in", "--show", tmp_path / "show", "--out", tmp_path / "text")
     lines = events_of(done.stdout)
-    assert done.returncode == 0, done.stderr
     assert [line["text"] for line in lines if line["event"] == "message"] == [TEXT.decode()]
     assert lines[-1]["event"] == "end"
     assert (tmp_path / "text").read_bytes() == TEXT
@@ -286,24 +277,18 @@ def test_command_reads_two_images_in_either_order(
         write_image(tmp_path / f"{name}.png", next(Stream().frames([state], 1, rng))[1])
     forward = receive(tmp_path / "a.png", tmp_path / "b.png")
     backward = receive(tmp_path / "b.png", tmp_path / "a.png")
-    assert forward.returncode == backward.returncode == 0, forward.stderr + backward.stderr
     assert events_of(forward.stdout)[-1]["bits"] == events_of(backward.stdout)[-1]["bits"]
-    same = receive(tmp_path / "a.png", tmp_path / "a.png")
-    assert same.returncode == 2
-    assert "same state" in same.stderr
+    assert "same state" in receive(*2 * (tmp_path / "a.png",), status=2).stderr
 
 
 @pytest.mark.slow
 def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
     film = SMALL.frames(states, 3, np.random.default_rng(2))
     path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
-    done = receive(path)
-    assert done.returncode == 0, done.stderr
-    assert events_of(done.stdout)[-1]["message"] == TEXT.decode()
+    assert events_of(receive(path).stdout)[-1]["message"] == TEXT.decode()
     whole = path.read_bytes()
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 12])
-    cut = receive(tmp_path / "cut.avi")
-    assert cut.returncode == 2
+    cut = receive(tmp_path / "cut.avi", status=2)
     assert cut.stderr.strip().splitlines()[-1].startswith("error: ")
     assert "Traceback" not in cut.stderr
 
