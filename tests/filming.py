@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
@@ -14,6 +13,7 @@ from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.layout import Layout, make_layout
+from link.types import Array, Floats, Image
 
 SMALL = make_layout(4, 4, 128, 96, 2)
 ROOM = SceneSettings(
@@ -42,7 +42,7 @@ PLAIN = replace(
 """A camera whose file holds 255 x exposure, rounded."""
 
 
-def smooth_picture(layout: Layout, seed: int = 4) -> NDArray[np.uint8]:
+def smooth_picture(layout: Layout, seed: int = 4) -> Image:
     coarse = np.random.default_rng(seed).uniform(0, 255, (7, 9, 3)).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (layout.width, layout.height)).round(), np.uint8)
 
@@ -69,12 +69,12 @@ def film(pair: Pair, displayed: Displayed, view_deg: float = 0.0, seed: int = 0)
     return capture(displayed, pair, view_deg, np.random.default_rng(seed))
 
 
-def even_light(*rgb: float) -> NDArray[np.float32]:
+def even_light(*rgb: float) -> Floats:
     """(96, 128, 3): one colour, or one gray."""
     return np.full((96, 128, 3), rgb if len(rgb) == 3 else rgb[0], np.float32)
 
 
-def levels(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+def levels(frame: Image) -> Array:
     return frame.astype(np.float64)
 
 

@@ -15,7 +15,6 @@ from conftest import ROOT, run_process
 from fuzz import mutated_bytes
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from streams import Stream, states_of
 
 from export.locate.find import locate
@@ -28,6 +27,7 @@ from link.geometry import frame_corners
 from link.images import read_image, write_image
 from link.layout import MAX_BLOCKS, MAX_PIXELS, Layout, make_layout
 from link.outside import parse_json
+from link.types import Image
 
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()
@@ -140,24 +140,24 @@ def test_a_killed_command_ends_in_the_same_bytes() -> None:
         assert found["kills"] >= 2 and found["stops"] >= 1 and found["files_compared"] > 0
 
 
-def noise(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def noise(rng: np.random.Generator, image: Image) -> Image:
     return rng.integers(0, 256, image.shape).astype(np.uint8)
 
 
-def shuffled(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def shuffled(rng: np.random.Generator, image: Image) -> Image:
     return np.ascontiguousarray(rng.permutation(image, axis=int(rng.integers(2))))
 
 
-def cut(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cut(rng: np.random.Generator, image: Image) -> Image:
     height, width = (int(rng.integers(16, side)) for side in image.shape[:2])
     return image[:height, :width]
 
 
-def flat(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def flat(rng: np.random.Generator, image: Image) -> Image:
     return np.full_like(image, rng.integers(256))
 
 
-def mirrored(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def mirrored(rng: np.random.Generator, image: Image) -> Image:
     return np.ascontiguousarray(image[:, ::-1])
 
 
@@ -167,13 +167,13 @@ def decoder() -> Decoder:
 
 
 @functools.cache
-def frames_of_a_film() -> list[NDArray[np.uint8]]:
+def frames_of_a_film() -> list[Image]:
     rng = np.random.default_rng(0)
     film = Stream(size=(320, 240)).frames(states_of(TEXT, LAYOUT, rng), 0.5, rng)
     return [image for _, image, _ in film]
 
 
-CHANGES: list[Callable[..., NDArray[np.uint8]]] = [noise, shuffled, cut, flat, mirrored]
+CHANGES: list[Callable[..., Image]] = [noise, shuffled, cut, flat, mirrored]
 
 
 @pytest.mark.slow

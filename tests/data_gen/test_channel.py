@@ -26,6 +26,7 @@ from data_gen.parameters import Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.layout import make_layout
+from link.types import Image
 
 SCENE = scene()
 
@@ -129,18 +130,18 @@ def test_an_exposure_ends_at_saturation(room: bool) -> None:
     np.testing.assert_allclose(longer, np.minimum(8 * once, 1), rtol=20 * FLOAT32)
 
 
-def still(pair: Pair) -> NDArray[np.uint8]:
+def still(pair: Pair) -> Image:
     return film(pair, SCENE).original
 
 
-def still_in_a_room(pair: Pair) -> NDArray[np.uint8]:
+def still_in_a_room(pair: Pair) -> Image:
     rng = np.random.default_rng(0)
     settings = SceneSettings(size=(160, 96), room="dark", coverage=0.4, second_display=False)
     made = draw_scene(SCENE.layout, pair, 0.0, rng, settings)
     return photograph(SCENE.original, made, rng)
 
 
-def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
+def frame_of_a_film(pair: Pair) -> Image:
     scene_settings = SceneSettings(size=(160, 96), room="dark", coverage=0.4, second_display=False)
     settings = VideoSettings(scene_settings, seconds=0.01)
     rng = np.random.default_rng(0)
@@ -153,10 +154,7 @@ def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
     *((composition, n) for n in ("image_of", "collect", "pwm_gain", "moire_gain", "develop")),
 )
 def test_stills_scenes_and_films_pass_through_the_same_stages(
-    holder: Any,
-    name: str,
-    expose: Callable[[Pair], NDArray[np.uint8]],
-    monkeypatch: pytest.MonkeyPatch,
+    holder: Any, name: str, expose: Callable[[Pair], Image], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An effect that is added to a stage of the composition reaches all of them."""
     if name == "pwm_gain" and expose is frame_of_a_film:

@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import Command, Refuses, cases
-from numpy.typing import NDArray
 
 from data_gen.film import codec
 from data_gen.film.codec import CodecChannel, CodecSettings, through_codec, write_film
@@ -19,6 +18,7 @@ from data_gen.video import main
 from link.errors import InputError
 from link.images import read_image
 from link.images.video import read_video
+from link.types import Image
 
 FPS = 30.0
 SIZE = (160, 96)
@@ -244,8 +244,6 @@ def test_the_command_writes_a_film_with_times(tmp_path: Path, command: Command) 
     truth = np.array([line["time_s"] for line in lines])
     np.testing.assert_allclose(times - times[0], truth - truth[0], rtol=0, atol=1e-4)
     assert np.ptp(truth * FPS - [line["number"] for line in lines]) > 0.01
-    images: list[NDArray[np.uint8]] = [
-        read_image(f) for f in sorted((tmp_path / "a").glob("*.png"))
-    ]
+    images: list[Image] = [read_image(f) for f in sorted((tmp_path / "a").glob("*.png"))]
     for image, frame in zip(images, read_video(tmp_path / "a.mp4"), strict=True):
         assert np.array_equal(image, frame)

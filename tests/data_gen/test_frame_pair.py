@@ -7,7 +7,6 @@ import pytest
 import torch
 from conftest import cases
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from data_gen import frame_pair
 from data_gen.effects import EFFECTS, switch_off, with_parameter
@@ -17,6 +16,7 @@ from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
 from link.frames import Captured
 from link.layout import Layout, make_layout
+from link.types import Image
 
 FRONTAL = Cell("canon-lg", 0.0, 5)
 OBLIQUE = Cell("sony-samsung", 45.0, 3)
@@ -279,7 +279,7 @@ def test_episodes_vary_the_channel_except_what_the_source_sets(
 ) -> None:
     channels: list[Pair] = []
 
-    def note(source: Source, cell: Cell, index: int) -> tuple[NDArray[np.uint8], ...]:
+    def note(source: Source, cell: Cell, index: int) -> tuple[Image, ...]:
         channels.append(source.pair(cell.pair))
         return np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 3), np.uint8), np.zeros(1, np.uint8)
 

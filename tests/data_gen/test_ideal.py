@@ -3,7 +3,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Command, cases
-from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
 import evaluate
@@ -17,6 +16,7 @@ from data_gen.ideal import (
 )
 from link.captures import save_captures
 from link.layout import Layout, make_layout
+from link.types import Array, Image
 from models import make_decoder
 from reports.engine.methods import METHODS
 
@@ -29,15 +29,13 @@ BLOCKS = np.kron(np.arange(COUNT).reshape(8, 8), np.ones((SIDE, SIDE), np.int16)
 SHAPE = (*BLOCKS.shape, 3)
 
 
-def noisy(
-    level: float | NDArray[np.float64], rng: np.random.Generator, *many: int
-) -> NDArray[np.uint8]:
+def noisy(level: float | Array, rng: np.random.Generator, *many: int) -> Image:
     """Captures of ``level`` under white noise: (*many, H, W, 3)."""
     noise = SIGMA * rng.standard_normal((*many, *SHAPE))
     return np.asarray((level + noise).round().astype(np.uint8))
 
 
-def draws_of_both_bits(rng: np.random.Generator) -> NDArray[np.uint8]:
+def draws_of_both_bits(rng: np.random.Generator) -> Image:
     noise = SIGMA * rng.standard_normal((64, *SHAPE))
     return np.stack([LOW + noise, LOW + STEP + noise]).round().astype(np.uint8)
 

@@ -3,7 +3,6 @@ import pytest
 from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, SUBPIXEL_PX
 
 from data_gen.channel.optics import (
@@ -21,6 +20,7 @@ from data_gen.channel.optics import (
     view_angles,
 )
 from link.geometry import frame_corners, transform
+from link.types import Array
 
 SIZE = (CAPTURE_WIDTH, CAPTURE_HEIGHT)
 
@@ -42,9 +42,7 @@ def test_the_far_edge_is_seen_at_a_wider_angle() -> None:
     assert np.all(np.diff(angles, axis=1) < 0)
 
 
-def pinhole(
-    pose: Pose, points: NDArray[np.float64], width: int, height: int
-) -> NDArray[np.float64]:
+def pinhole(pose: Pose, points: Array, width: int, height: int) -> Array:
     """Project display pixels (N, 2) by explicit 3-D geometry, without a homography."""
     world = np.zeros((len(points), 3))  # x right, y down, z towards the camera, width 1
     world[:, :2] = (points - [(width - 1) / 2, (height - 1) / 2]) / width

@@ -13,7 +13,6 @@ from conftest import Command, Refuses
 from filming import ROOM, SMALL, only
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT64
 
 from data_gen.channel.timing import state_shares
@@ -25,6 +24,7 @@ from data_gen.video import main
 from link.geometry import frame_corners, transform
 from link.images import read_image
 from link.images.video import read_video
+from link.types import Array, Image
 
 STEADY = VideoSettings(scene=ROOM, seconds=1.0, clock_error=0.0, start_s=0.0, hand=0.0)
 WHITE, BLACK = (np.full((96, 128, 3), level, np.uint8) for level in (255, 0))
@@ -38,14 +38,14 @@ def with_shutter(shutter_s: float, readout_s: float = 0.0, pair: Pair = QUIET) -
 
 def stream(
     chosen: VideoSettings,
-    states: Sequence[NDArray[np.uint8]] = (WHITE, BLACK),
+    states: Sequence[Image] = (WHITE, BLACK),
     pair: Pair = QUIET,
     seed: int = 0,
 ) -> list[VideoFrame]:
     return list(film(states, SMALL, pair, 0.0, chosen, np.random.default_rng(seed)))
 
 
-def inside(frame: VideoFrame) -> NDArray[np.float64]:
+def inside(frame: VideoFrame) -> Array:
     """Rows (h, w) of green well within the display."""
     corners = transform(frame.H_captured_from_display, frame_corners(128, 96))
     (left, top), (right, bottom) = (
@@ -103,7 +103,7 @@ def test_shares_are_those_of_a_fine_sum(
     t = opens[-1] + (np.arange(20_000) + 0.5) / 20_000 * shutter_s
     since, until = (t - (first + k + np.arange(len(weights))[:, None]) / state_hz for k in (0, 1))
 
-    def step(lag: NDArray[np.float64]) -> NDArray[np.float64]:
+    def step(lag: Array) -> Array:
         on = np.maximum(lag, 0)
         return (lag > 0) * (-np.expm1(-on / response_s) if response_s else 1.0)
 
@@ -275,7 +275,7 @@ def test_someone_walks_through_the_image() -> None:
 def test_a_stream_without_length_does_not_end_and_asks_for_states() -> None:
     asked = []
 
-    def states(number: int) -> NDArray[np.uint8]:
+    def states(number: int) -> Image:
         asked.append(number)
         return WHITE if number % 2 else BLACK
 

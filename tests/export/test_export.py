@@ -27,6 +27,7 @@ from link import __version__
 from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
+from link.types import Image
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from models.neural.config import FULL
@@ -72,7 +73,7 @@ def unseen(layout: Layout) -> list[Rectified]:
     return [captured.rectified() for captured in pairs]
 
 
-def batch(frames: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+def batch(frames: list[Image]) -> Image:
     return np.ascontiguousarray(np.stack(frames).transpose(0, 3, 1, 2))
 
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from conftest import ROOT, Command, cases, run_process
 from jsonschema import Draft202012Validator
-from numpy.typing import NDArray
 from pilot_films import filmed
 from streams import write_film
 
@@ -32,6 +31,7 @@ from link.code.framing import encode
 from link.errors import InputError
 from link.images import write_image
 from link.presets import PRESETS
+from link.types import Image
 
 ROBUST = PRESETS["robust"].layout
 TEXT = "no marks"
@@ -49,7 +49,7 @@ def check_event(event: Mapping[str, Any]) -> None:
     Draft202012Validator(schema).validate(json.loads(json.dumps(event)))
 
 
-def film(data: bytes = TEXT.encode(), signed: bool = False) -> list[NDArray[np.uint8]]:
+def film(data: bytes = TEXT.encode(), signed: bool = False) -> list[Image]:
     """Gray frames of the preset robust, whose states are shown for two frames each."""
     return filmed(ROBUST, 70, seed=3, message=encode(data, ROBUST.n_bits, signed=signed))[0]
 

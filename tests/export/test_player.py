@@ -25,18 +25,19 @@ from link.code import framing
 from link.code.collect import make_collector
 from link.layout import Layout, block_index, make_layout
 from link.loop import Loop
+from link.types import Array, Image
 
 PRETRAINED = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"
 PATIENCE_S = 60.0
 
 
-def make_loop(layout: Layout, kappa: int, *pictures: NDArray[np.uint8], **more: Any) -> Loop:
+def make_loop(layout: Layout, kappa: int, *pictures: Image, **more: Any) -> Loop:
     bits = framing.encode(MESSAGE, layout.n_bits)
     return Loop(layout, kappa, bits, lambda: iter(pictures), **more)
 
 
-def noise(height: int, width: int) -> NDArray[np.uint8]:
+def noise(height: int, width: int) -> Image:
     """A picture in which every wrong pixel shows."""
     return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
@@ -82,14 +83,14 @@ WITHOUT_CARD = """
 """Script that takes WebGL2 away."""
 
 
-def screenshot(page: Page) -> NDArray[np.uint8]:
+def screenshot(page: Page) -> Image:
     """What the window shows now, (H, W, 3) uint8, encoded RGB, in device pixels."""
     image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def cut_out(page: Page, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cut_out(page: Page, shot: Image) -> Image:
     """The picture in a screenshot, in device pixels; around it all is black."""
     script = "(({ x, y, width, height }) => [x, y, width, height])(canvas.getBoundingClientRect())"
     ratio = page.evaluate("devicePixelRatio")
@@ -151,14 +152,14 @@ CANVAS = """() => {
 """Script that gives what the canvas holds, before the browser takes it to the display."""
 
 
-def pixels_of(page: Page, texts: list[str]) -> list[NDArray[np.uint8]]:
+def pixels_of(page: Page, texts: list[str]) -> list[Image]:
     """What `CANVAS` gave, as images (H, W, 3)."""
     width, height = page.evaluate("[canvas.width, canvas.height]")
     images = [np.frombuffer(base64.b64decode(text), np.uint8) for text in texts]
     return [image.reshape(height, width, 4)[:, :, :3] for image in images]
 
 
-def drawn_states(page: Page, player: Path, count: int) -> list[NDArray[np.uint8]]:
+def drawn_states(page: Page, player: Path, count: int) -> list[Image]:
     """Open a player, and draw its first ``count`` states."""
     page.goto(player.resolve().as_uri())
     wait_for(page, "window.player && painter && room")
@@ -166,12 +167,12 @@ def drawn_states(page: Page, player: Path, count: int) -> list[NDArray[np.uint8]
     return pixels_of(page, page.evaluate(script))
 
 
-def assert_shown(shown: list[NDArray[np.uint8]], wanted: list[NDArray[np.uint8]]) -> None:
+def assert_shown(shown: list[Image], wanted: list[Image]) -> None:
     for number, (image, state) in enumerate(zip(shown, wanted, strict=True)):
         np.testing.assert_array_equal(image, state, f"state {number}")
 
 
-def ramp(height: int, width: int) -> NDArray[np.uint8]:
+def ramp(height: int, width: int) -> Image:
     """From black to white, so that offsets meet both ends of what may be shown."""
     row = np.linspace(0, 255, width).round().astype(np.uint8)
     return np.stack([np.tile(row, (height, 1)), np.tile(row[::-1], (height, 1))] * 2, 2)[:, :, :3]
@@ -243,10 +244,10 @@ def offsets_at(loop: Loop, width: int, height: int) -> Iterator[NDArray[np.intp]
             yield offsets[numbers, y, x]
 
 
-def resized(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.float64]:
+def resized(picture: Image, width: int, height: int) -> Array:
     """A picture at another size, by a triangle as wide as the larger of both sizes' pixels."""
 
-    def weights(given: int, wanted: int) -> NDArray[np.float64]:
+    def weights(given: int, wanted: int) -> Array:
         ratio = given / wanted
         centres = (np.arange(wanted) + 0.5) * ratio - 0.5
         reach = np.ceil(max(ratio, 1))
@@ -337,7 +338,7 @@ def at_display(page: Page, player: Path, hz: float, state_hz: float) -> None:
     )
 
 
-def after_refreshes(page: Page, gaps: list[float]) -> list[NDArray[np.uint8]]:
+def after_refreshes(page: Page, gaps: list[float]) -> list[Image]:
     """What the canvas holds after each of some refreshes, by the milliseconds before it."""
     return pixels_of(
         page, page.evaluate(f"(gaps) => gaps.map((gap) => (refresh(gap), ({CANVAS})()))", gaps)
@@ -627,7 +628,7 @@ def test_screenshots_decode_to_the_message(
     page = open_window(decoder.layout.width, decoder.layout.height)
     start(page, slow_player)
     collector, message = make_collector(decoder.layout.n_bits), None
-    shots: dict[int, NDArray[np.uint8]] = {}
+    shots: dict[int, Image] = {}
     deadline = time.monotonic() + PATIENCE_S
     while message is None and time.monotonic() < deadline:
         before = page.evaluate("player.count")

@@ -22,18 +22,19 @@ from link.code.framing import (
     signatures,
 )
 from link.code.ldpc import scrambled
+from link.types import Array, Image
 
 N_BITS = 59
 
 
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Array:
     """Log-likelihood ratios of a binary symmetric channel."""
     signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
     return np.asarray(np.log((1 - ber) / ber) * signs)
 
 
 def listen(
-    collector: Collector, rows: Iterable[NDArray[np.float64]], count: int = 0
+    collector: Collector, rows: Iterable[Array], count: int = 0
 ) -> list[tuple[int, Message]]:
     """Every message that came, with the number of rows until then."""
     came = []
@@ -50,7 +51,7 @@ def shown(
     rng: np.random.Generator,
     ber: float = 0.02,
     at: int = 0,
-) -> list[NDArray[np.float64]]:
+) -> list[Array]:
     """Scores of a display that shows a loop from frame ``at`` on."""
     frames = range(at, at + round(loops * len(bits)))
     return [noisy(bits[frame % len(bits)], ber, rng) for frame in frames]
@@ -112,9 +113,7 @@ DISTURBED_LOOPS = 100
 """Number of loops of each kind in which nothing but disturbances happen."""
 
 
-def disturbed(
-    kind: str, loop: NDArray[np.integer], rng: np.random.Generator
-) -> list[NDArray[np.float64]]:
+def disturbed(kind: str, loop: NDArray[np.integer], rng: np.random.Generator) -> list[Array]:
     """Scores of one loop of a message that goes on."""
     rows = np.array(shown(loop, 1, rng))
     if kind == "wrong bits":
@@ -194,7 +193,7 @@ def test_a_small_change_of_the_message_changes_the_parity_bits_all_over(
     assert 0.25 < (before != after)[parity].mean() < 0.75
 
 
-def padded_loop(message: bytes, frames: int) -> NDArray[np.uint8]:
+def padded_loop(message: bytes, frames: int) -> Image:
     """A longer loop than the message needs, padded with zeros, its CRC-32 right."""
     room = information_bytes(frames, N_BITS) - CRC_BYTES
     data = (len(message).to_bytes(LENGTH_BYTES, "big") + message).ljust(room, b"\0")

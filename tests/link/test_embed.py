@@ -37,7 +37,7 @@ from link.layout import (
     make_layout,
 )
 from link.strength import block_steps
-from link.types import Image
+from link.types import Array, Image
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
 
@@ -417,7 +417,7 @@ def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:
     np.testing.assert_array_equal(picture, before)
 
 
-def pyramid(picture: NDArray[np.float64], levels: int) -> list[NDArray[np.float64]]:
+def pyramid(picture: Array, levels: int) -> list[Array]:
     """Laplacian pyramid: ``levels`` bands, then the coarse picture that is left."""
     bands = []
     for _ in range(levels):
@@ -427,7 +427,7 @@ def pyramid(picture: NDArray[np.float64], levels: int) -> list[NDArray[np.float6
     return [*bands, picture]
 
 
-def collapse(bands: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def collapse(bands: list[Array]) -> Array:
     picture = bands[-1]
     for band in reversed(bands[:-1]):
         picture = band + cv2.pyrUp(picture, dstsize=band.shape[::-1])
@@ -515,7 +515,7 @@ def test_a_whole_kappa_of_any_type_becomes_an_int() -> None:
 
 
 @cases(np.zeros(58), np.zeros((1, 59)), np.full(59, 2), np.full(59, 0.5), np.full(59, np.nan))
-def test_bits_must_fit_the_layout(bits: NDArray[np.float64], layout: Layout) -> None:
+def test_bits_must_fit_the_layout(bits: Array, layout: Layout) -> None:
     with pytest.raises(InputError, match="need 59 bits of 0 or 1"):
         embed(noise(layout), bits, layout, 3)
 

@@ -36,12 +36,13 @@ from link.code.framing import (
 from link.code.rateless import MAX_INFORMATION, MIN_INFORMATION, make_rateless
 from link.code.words import NUMBERS, WORD, all_words, weigh_words
 from link.errors import InputError
+from link.types import Array
 
 GRIDS = [512, 730, 2918, 11674]
 """Message blocks of the smallest fine grid and of 24 x 32, 48 x 64 and 96 x 128 blocks, of which
 pilots take 5 %."""
 
-Scores = NDArray[np.float64]
+Scores = Array
 
 
 def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Scores:

@@ -22,6 +22,7 @@ from link.code.framing import (
     signatures,
 )
 from link.errors import InputError
+from link.types import Array
 
 N_BITS = 59
 CERTAIN = 6.0
@@ -31,13 +32,11 @@ GOLDEN_SIGNED = {
 }
 
 
-def certain(bits: NDArray[np.integer]) -> NDArray[np.float64]:
+def certain(bits: NDArray[np.integer]) -> Array:
     return CERTAIN * (2.0 * bits - 1)
 
 
-def received(
-    bits: NDArray[np.integer], ber: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def received(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Array:
     """Log-likelihood ratios of a binary symmetric channel."""
     flips = np.where(rng.random(bits.shape) < ber, -1, 1)
     return np.log((1 - ber) / ber) * (2.0 * bits - 1) * flips

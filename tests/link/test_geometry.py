@@ -3,7 +3,6 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import cases
-from numpy.typing import NDArray
 from tolerances import FLOAT64, IDENTITY_LEVELS, SUBPIXEL_PX
 
 from link.errors import InputError
@@ -17,29 +16,28 @@ from link.geometry import (
     transform,
 )
 from link.layout import make_layout
+from link.types import Array, Image
 
 WIDTH, HEIGHT = 96, 64
 TILTED = np.array([[30.25, 20.5], [170.5, 41.0], [161.75, 140.25], [18.0, 118.5]])
 
 
-def noise(width: int, height: int, *channels: int) -> NDArray[np.uint8]:
+def noise(width: int, height: int, *channels: int) -> Image:
     return np.random.default_rng(3).integers(0, 256, (height, width, *channels), np.uint8)
 
 
-def scene(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def scene(points: Array) -> Array:
     """Gray levels of a smooth picture of WIDTH x HEIGHT at any points (..., 2) of it."""
     x, y = points[..., 0], points[..., 1]
     return 128 + 60 * np.sin(x / 9) * np.cos(y / 7) + 0.5 * x - 0.4 * y
 
 
-def grid(width: int, height: int) -> NDArray[np.float64]:
+def grid(width: int, height: int) -> Array:
     """(height, width, 2) pixel centres (x, y)."""
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
 
 
-def photograph(
-    H: NDArray[np.float64], width: int, height: int, lens: Lens | None = None
-) -> NDArray[np.uint8]:
+def photograph(H: Array, width: int, height: int, lens: Lens | None = None) -> Image:
     """What a camera sees of `scene` through the homography, sampled without any image library."""
     seen = grid(width, height).reshape(-1, 2)
     points = transform(np.linalg.inv(H), seen if lens is None else lens.undistort(seen))
@@ -47,7 +45,7 @@ def photograph(
     return np.asarray(levels.round().clip(0, 255), np.uint8)
 
 
-def levels_apart(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> int:
+def levels_apart(a: Image, b: Image) -> int:
     assert a.shape == b.shape
     return int(np.abs(a.astype(int) - b).max())
 
@@ -150,7 +148,7 @@ def test_corners_may_touch_the_border_of_the_image() -> None:
     )
 
 
-def moved(corner: int, x: float, y: float) -> NDArray[np.float64]:
+def moved(corner: int, x: float, y: float) -> Array:
     corners = TILTED.copy()
     corners[corner] = x, y
     return corners

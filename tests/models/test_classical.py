@@ -18,6 +18,7 @@ from link.images import intensity
 from link.images.equalise import equalise
 from link.layout import MODULATIONS, Layout, make_layout
 from link.ratex import training_pixels
+from link.types import Array
 from models import DECODERS, PRETRAINED, make_decoder
 from models.classical.common import fit_svm, training_samples
 from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
@@ -34,10 +35,10 @@ KAPPA = 8
 SHRINKAGE = HiddenRatex().shrinkage
 WITH_RATEX = ["naive", "two_step", "oorc"]
 CLASSICAL = [*WITH_RATEX, "hidden_ratex"]
-Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Curve = Callable[[Array], Array]
 
 
-def bright(i: NDArray[np.float64]) -> NDArray[np.float64]:
+def bright(i: Array) -> Array:
     """A CDTF that raises dark tones, so that the same kappa is captured as 4 to 20 levels."""
     return np.asarray(i**0.6)
 
@@ -91,7 +92,7 @@ def test_every_method_reads_a_noise_free_pair_through_a_curved_cdtf(
 both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
 
 
-def differs(pair: Rectified, scores: NDArray[np.float64], name: str, **options: Any) -> bool:
+def differs(pair: Rectified, scores: Array, name: str, **options: Any) -> bool:
     return not np.array_equal(make_decoder(name, **options).decode(pair).scores, scores)
 
 
@@ -298,7 +299,7 @@ def test_intensity_of_a_colour_frame_is_its_luma() -> None:
     np.testing.assert_array_equal(intensity(np.array([[0, 255]], np.uint8)), [[0, 1]])
 
 
-def random_pixels(count: int, seed: int) -> NDArray[np.float64]:
+def random_pixels(count: int, seed: int) -> Array:
     """(count, 2) columns i_o, i_e."""
     i_o = np.random.default_rng(seed).uniform(0.1, 0.9, count)
     return np.column_stack([i_o, i_o + np.random.default_rng(seed + 1).normal(0, 0.05, count)])

@@ -12,7 +12,6 @@ from conftest import cases, slow
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import legval
-from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
 from tolerances import (
     FLOAT32,
@@ -30,6 +29,7 @@ from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.images import as_batch, intensity
 from link.layout import Layout, make_layout
+from link.types import Array
 from models import PRETRAINED, make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
@@ -157,17 +157,17 @@ def test_solve_spd_agrees_with_torch(size: int) -> None:
     torch.testing.assert_close(solve_spd(A, y), torch.linalg.solve(A, y), rtol=FLOAT64, atol=1e-8)
 
 
-def sklearn_head(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> NDArray[np.float64]:
+def sklearn_head(X: Array, y: Array, C: float) -> Array:
     """What scikit-learn makes of features whose last column is ones; that is the intercept's."""
     svm = LinearSVC(C=C, loss="squared_hinge", dual=False, tol=1e-8, max_iter=100_000)
     svm.fit(X[:, :-1], y)
     return np.append(svm.coef_[0], svm.intercept_[0])
 
 
-def objective_gap(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> float:
+def objective_gap(X: Array, y: Array, C: float) -> float:
     """Objective of `fit_head` relative to scikit-learn's, minus 1."""
 
-    def value(w: NDArray[np.float64]) -> float:
+    def value(w: Array) -> float:
         return float(0.5 * w @ w + C * (np.maximum(0, 1 - y * (X @ w)) ** 2).sum())
 
     zeros = torch.zeros(X.shape[1], dtype=torch.float64)
@@ -275,7 +275,7 @@ def test_fit_head_has_the_right_gradient(C: float) -> None:
 # --- registration
 
 
-def smooth_scene(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def smooth_scene(x: Array, y: Array) -> Array:
     """Encoded intensities in [0.1, 0.9]; its period of some 40 px leaves no aliasing."""
     return (
         0.5
@@ -285,11 +285,11 @@ def smooth_scene(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.f
     )
 
 
-def as_maps(image: NDArray[np.float64]) -> Tensor:
+def as_maps(image: Array) -> Tensor:
     return torch.from_numpy(image.astype(np.float32))[None, None]
 
 
-def motion_left(moved: NDArray[np.float64], still: NDArray[np.float64]) -> float:
+def motion_left(moved: Array, still: Array) -> float:
     """Largest mean shift in x or y, in pixels, by least squares on the slopes of ``still``."""
     inner = np.s_[8:-8, 8:-8]
     slope_y, slope_x = np.gradient(still)
@@ -299,7 +299,7 @@ def motion_left(moved: NDArray[np.float64], still: NDArray[np.float64]) -> float
 
 
 Y, X = np.mgrid[:192, :256].astype(np.float64)
-PHOTOMETRY: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+PHOTOMETRY: dict[str, Callable[[Array], Array]] = {
     "none": lambda i: i,
     "gain": lambda i: 0.9 * i,
     "gain and offset": lambda i: 1.05 * i - 0.03,
@@ -312,7 +312,7 @@ def aligned(i_o: torch.Tensor, i_e: torch.Tensor) -> torch.Tensor:
 
 
 def test_derivatives_of_a_polynomial() -> None:
-    def f(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def f(x: Array, y: Array) -> Array:
         return (2 + x + 3 * y + x * y - x * x + 2 * y * y) / 10_000
 
     x, y = X[:8, :9], Y[:8, :9]
@@ -477,7 +477,7 @@ every_intensity = pytest.mark.parametrize(
 )
 
 
-def intensities(frames: NDArray[np.float64], colour: str, channels: str) -> NDArray[np.float64]:
+def intensities(frames: Array, colour: str, channels: str) -> Array:
     """Weigh the channels of (B, 3, H, W) frames in [0, 1] as `Reduce` should."""
     weights = np.array(CHANNELS[colour][channels])
     offset = -np.minimum(weights, 0).sum(axis=1)

@@ -15,9 +15,10 @@ from link.code.ldpc import make_code, scrambled
 from link.code.message import Content, Message
 from link.code.rateless import make_rateless
 from link.code.words import weigh_words
+from link.types import Floats
 
 
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float32]:
+def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Floats:
     """Log-likelihood ratios of a binary symmetric channel, some of them erased."""
     signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
     scores = np.log((1 - ber) / ber) * signs * (rng.random(bits.shape) > 0.2)

@@ -11,8 +11,9 @@ from tolerances import FLOAT32, FLOAT32_SUM
 
 from link.code.collect import make_collector
 from link.code.framing import encode
+from link.types import Floats
 
-Scores = NDArray[np.float32]
+Scores = Floats
 
 
 def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Scores:

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases
-from numpy.typing import NDArray
 from port import Port, differences, same
 from tolerances import (
     FLOAT64,
@@ -31,6 +30,7 @@ from link.geometry import (
 from link.layout import make_layout
 from link.ratex import draw_patches, match_patches
 from link.robust import geman_mcclure_weights, reweighted, ridge_solution
+from link.types import Array, Image
 
 LAYOUT = make_layout(8, 8, 128, 96)
 SQUARE = np.array([[20.0, 15.0], [140.0, 12.0], [150.0, 100.0], [18.0, 95.0]])
@@ -41,7 +41,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-def photo(height: int, width: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+def photo(height: int, width: int, rng: np.random.Generator) -> Image:
     """Blurred noise over a slope, with the contrast of a picture."""
     noise = cv2.GaussianBlur(rng.normal(0, 1, (height, width)), (0, 0), 1.5)
     slope = np.linspace(0, 120, width)
@@ -75,7 +75,7 @@ def test_robust_least_squares(port: Port, rng: np.random.Generator) -> None:
     same(found.weights, weights, FLOAT64)
 
 
-def is_sound(corners: NDArray[np.float64], outside: float) -> bool:
+def is_sound(corners: Array, outside: float) -> bool:
     try:
         check_corners(corners, (110, 160), outside)
     except InputError:

@@ -46,13 +46,13 @@ from export.locate.quads import distinct, is_sound, upright
 from export.locate.refine import corners_on_edges, corners_on_patches
 from link.images import as_gray, as_rgb
 from link.layout import Layout
-from link.types import Gray
+from link.types import Array, Gray, Image
 
 STEP_WORK, SEARCH_WORK = 20, 450
 """Largest number of units of work of a step, and of a search in vain."""
 
 
-def film_gray(image: NDArray[np.floating] | NDArray[np.uint8]) -> Gray:
+def film_gray(image: NDArray[np.floating] | Image) -> Gray:
     return as_gray(np.clip(image, 0, 255).astype(np.uint8))
 
 
@@ -137,7 +137,7 @@ def test_correlation_of_patches_some_of_them_out_of_view(
         same(correlation(*seen), seen_correlation(*seen), FLOAT64)
 
 
-def covered(layout: Layout) -> NDArray[np.uint8]:
+def covered(layout: Layout) -> Image:
     """A picture one of whose corner patches something covers."""
     shown = content(layout)
     top, bottom, left, right = layout.cell_box(0, 7)
@@ -145,7 +145,7 @@ def covered(layout: Layout) -> NDArray[np.uint8]:
     return shown
 
 
-def dark(layout: Layout) -> NDArray[np.uint8]:
+def dark(layout: Layout) -> Image:
     """A picture that is black but for its patches, so that its border in a bezel has no edges."""
     shown = np.full((layout.height, layout.width, 3), 12, np.uint8)
     bright = content(layout)
@@ -155,9 +155,7 @@ def dark(layout: Layout) -> NDArray[np.uint8]:
     return shown
 
 
-def compare(
-    port: Port, gray: Gray, layout: Layout = LAYOUT, truth: NDArray[np.float64] | None = None
-) -> None:
+def compare(port: Port, gray: Gray, layout: Layout = LAYOUT, truth: Array | None = None) -> None:
     """Search a photograph in both languages.
 
     Args:

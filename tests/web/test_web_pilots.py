@@ -53,6 +53,7 @@ from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
+from link.types import Array, Floats
 
 SMALL = make_layout(12, 16, 128, 96, modulation="antipodal", pilots=40)
 UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
@@ -61,13 +62,13 @@ CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]
 CORNERS_JS, EVIDENCE_JS = "locate/pilots/corners.js", "locate/pilots/evidence.js"
 
 
-def expected(layout: Layout) -> NDArray[np.float64]:
+def expected(layout: Layout) -> Array:
     blocks = np.zeros(layout.rows * layout.cols)
     blocks[layout.pilot_blocks] = pilot_signs(layout)
     return blocks.reshape(layout.rows, layout.cols)
 
 
-def drawn(layout: Layout, size: tuple[int, int]) -> NDArray[np.float32]:
+def drawn(layout: Layout, size: tuple[int, int]) -> Floats:
     return cv2.resize(expected(layout).astype("f4"), size, interpolation=cv2.INTER_NEAREST)
 
 
@@ -78,9 +79,7 @@ def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
     return {"width": width, "height": height, **parts}
 
 
-def same_motion(
-    found: object, H: NDArray[np.float64] | None, size: tuple[int, int], tolerance: float
-) -> None:
+def same_motion(found: object, H: Array | None, size: tuple[int, int], tolerance: float) -> None:
     """Fail unless two homographies move all points of an image of a size alike."""
     __tracebackhide__ = True
     assert (found is None) == (H is None), f"{found}, not {H}"
@@ -115,7 +114,7 @@ GAPS = np.concatenate([np.arange(10), np.arange(1500, 1530)])
     (np.array([0, 30, 90, 95, 96, 101]), 1.0),
     ids=range(8),
 )
-def test_evidence_of_pilots(at: NDArray[np.float64], strength: float, port: Port) -> None:
+def test_evidence_of_pilots(at: Array, strength: float, port: Port) -> None:
     rng, signs, module = np.random.default_rng(0), pilot_signs(FINE), port(EVIDENCE_JS)
     noise = rng.standard_normal((len(at), len(signs)))
     slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))

@@ -10,7 +10,6 @@ from conftest import Command, Refuses
 from drawn_scenes import CORNERS, HEIGHT, LAYOUT, PLAIN, WIDTH, content, room, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from export.locate.__main__ import main
 from export.locate.candidates import display_candidates
@@ -19,6 +18,7 @@ from export.locate.refine import refine_corners
 from export.overlay import outline_display
 from link.images import read_image, write_image
 from link.layout import Layout
+from link.types import Array, Image
 from models import PRETRAINED
 
 CORNER_PX = 1.5
@@ -26,23 +26,21 @@ CORNER_PX = 1.5
 
 
 @pytest.fixture(scope="module")
-def with_patches() -> NDArray[np.uint8]:
+def with_patches() -> Image:
     return scene(content(LAYOUT))
 
 
 @pytest.fixture(scope="module")
-def without_patches() -> NDArray[np.uint8]:
+def without_patches() -> Image:
     return scene(content(PLAIN))
 
 
-def off(found: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
+def off(found: Array, corners: Array) -> float:
     return float(np.linalg.norm(found - corners, axis=1).max())
 
 
 @pytest.mark.parametrize("turns", range(4))
-def test_patches_tell_which_way_up_the_display_is(
-    turns: int, with_patches: NDArray[np.uint8]
-) -> None:
+def test_patches_tell_which_way_up_the_display_is(turns: int, with_patches: Image) -> None:
     turned = np.roll(CORNERS, turns, axis=0)  # the picture's top-left in another corner
     shape = content(LAYOUT)
     found = locate(scene(shape, turned), LAYOUT)
@@ -51,7 +49,7 @@ def test_patches_tell_which_way_up_the_display_is(
     assert found.score > 0.95
 
 
-def test_without_patches_corners_are_upright(without_patches: NDArray[np.uint8]) -> None:
+def test_without_patches_corners_are_upright(without_patches: Image) -> None:
     for layout in (None, PLAIN):
         found = locate(without_patches, layout)
         assert found is not None
@@ -74,12 +72,12 @@ def test_no_display() -> None:
     assert display_candidates(even) == []
 
 
-def test_a_display_without_the_patches_is_not_ours(without_patches: NDArray[np.uint8]) -> None:
+def test_a_display_without_the_patches_is_not_ours(without_patches: Image) -> None:
     assert locate(without_patches) is not None
     assert locate(without_patches, LAYOUT) is None
 
 
-def test_gray_images_and_the_small_copy_of_a_large_one(with_patches: NDArray[np.uint8]) -> None:
+def test_gray_images_and_the_small_copy_of_a_large_one(with_patches: Image) -> None:
     found = locate(cv2.cvtColor(with_patches, cv2.COLOR_RGB2GRAY), LAYOUT)
     assert found is not None
     assert off(found.corners, CORNERS) < CORNER_PX
@@ -110,7 +108,7 @@ def test_refine_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
     assert off(refine_corners(image, moved, layout), CORNERS) < CORNER_PX
 
 
-def test_refine_keeps_the_order_of_corners(with_patches: NDArray[np.uint8]) -> None:
+def test_refine_keeps_the_order_of_corners(with_patches: Image) -> None:
     turned = np.roll(CORNERS, 1, axis=0)
     assert off(refine_corners(with_patches, turned), turned) < CORNER_PX  # edges have no order
     even = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
@@ -133,7 +131,7 @@ def test_a_turned_image_has_turned_corners(degrees: float, shear: float, size: f
     assert off(quarter.corners, there) < CORNER_PX
 
 
-def test_command(tmp_path: Path, with_patches: NDArray[np.uint8], command: Command) -> None:
+def test_command(tmp_path: Path, with_patches: Image, command: Command) -> None:
     write_image(tmp_path / "a.png", with_patches)
     write_image(tmp_path / "empty.png", np.full((64, 64, 3), 90, np.uint8))
     (tmp_path / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
@@ -155,9 +153,7 @@ def test_command(tmp_path: Path, with_patches: NDArray[np.uint8], command: Comma
     np.testing.assert_array_equal(shown, outline_display(with_patches, found.corners))
 
 
-def test_command_takes_a_model(
-    tmp_path: Path, with_patches: NDArray[np.uint8], command: Command
-) -> None:
+def test_command_takes_a_model(tmp_path: Path, with_patches: Image, command: Command) -> None:
     write_image(tmp_path / "a.png", with_patches)
     done = command(main, tmp_path / "a.png", "--model", PRETRAINED / "decoder.onnx")
     assert off(np.array(json.loads(done.stdout)["corners"]), CORNERS) < CORNER_PX

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases, slow
-from numpy.typing import NDArray
 from pilot_films import (
     BENT_CORNERS,
     BENT_SIZE,
@@ -27,12 +26,13 @@ from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
+from link.types import Array, Floats, Image
 
 CLOSE_PX = 1.0
 """A twelfth of a block as it is filmed."""
 
 
-def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 60.0):
+def search(images: list[Image], layouts: list[Layout], fps: float = 60.0):
     finder = PilotSearch(layouts, fps)
     for number, image in enumerate(images):
         found = finder.push(np.repeat(image[:, :, None], 3, axis=2), number / fps)
@@ -158,7 +158,7 @@ def test_does_not_find_what_is_not_there(kind: str) -> None:
     assert search(images, [FINE]) is None
 
 
-def dropped(frames: int, kept: int, seed: int) -> NDArray[np.float64]:
+def dropped(frames: int, kept: int, seed: int) -> Array:
     """Positions of the frames that are left of some evenly spaced ones."""
     rng = np.random.default_rng(seed)
     return np.sort(rng.choice(frames, kept, replace=False)).astype(np.float64)
@@ -296,7 +296,7 @@ OFF = np.array([[5.0, -3.0], [-4.0, 2.0], [3.0, 4.0], [-2.0, -5.0]])
 """Errors of corners that the pilots may leave, in layout pixels; a block of FINE has 16."""
 
 
-def fitted_by_blocks(views: NDArray[np.float32], frequency: float) -> NDArray[np.float64]:
+def fitted_by_blocks(views: Floats, frequency: float) -> Array:
     """Corners, in layout pixels, to which the fit by all blocks moves those of the views."""
     fit = BlockFit(BlockMaps(FINE), views, range(len(views)), frequency)
     for _ in range(6):
@@ -316,7 +316,7 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
 
 @pytest.mark.parametrize("k", [-0.1, -0.04, 0.06])
 @pytest.mark.parametrize("off", [0 * OFF, OFF], ids=["right", "off"])
-def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: NDArray[np.float64]) -> None:
+def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> None:
     """Corners were found as if the lens bent nothing."""
     views = block_views(FINE, off, 24, 4, k=k)
     fit = BlockFit(BlockMaps(FINE), views, range(24), 0.25)

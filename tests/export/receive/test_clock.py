@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import cases, slow
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from export.receive.states import RectifiedFrame, compose_state
 from export.receive.timing.clock import DisplayClock, embedded_share
@@ -23,6 +23,7 @@ from export.receive.timing.toggles import PatchToggles, patch_toggles
 from lab.films.clock import Chunk, StillSettings, false_strengths
 from link.embed import embed
 from link.layout import make_layout
+from link.types import Array
 
 PATCHES = PatchToggles(make_layout())
 PLACES = PATCHES.places
@@ -114,12 +115,12 @@ def test_noise_and_stillness_give_no_clock() -> None:
 
 def toggles_of(
     clock: DisplayClock,
-    times: NDArray[np.float64],
+    times: Array,
     rng: np.random.Generator,
     amplitude: float,
     noise: ArrayLike,
     correlation: ArrayLike = 0.0,
-) -> NDArray[np.float64]:
+) -> Array:
     """Toggles (n, 5) of a clock in noise, correlated from frame to frame, of each place."""
     wave = embedded_share(np.array([astuple(clock)]), times, PLACES)[0].T
     left = rng.normal(size=wave.shape)
@@ -151,9 +152,7 @@ TRUE = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
 CODEC = np.array([0.65, 0.65, 0.0, 0.0, 0.3])
 
 
-def listen(
-    sync: Synchroniser, times: NDArray[np.float64], toggles: NDArray[np.float64]
-) -> list[DisplayClock | None]:
+def listen(sync: Synchroniser, times: Array, toggles: Array) -> list[DisplayClock | None]:
     """Give the toggles frame by frame; the clock after each."""
     clocks = []
     for time, values in zip(times, toggles, strict=True):

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases, slow
-from numpy.typing import NDArray
 from pilot_films import FINE, texture
 
 import export.receive.tracking.corners as corners_module
@@ -14,7 +13,7 @@ from export.locate.pilots.evidence import pilot_signs
 from export.receive.tracking.corners import CornerShift
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
-from link.types import Array
+from link.types import Array, Image
 
 CLOSE_PX = 0.2
 SURE = 6.0
@@ -46,7 +45,7 @@ class Display:
         self.rng = np.random.default_rng(0)
         self.picture = 130 + 25 * texture((layout.height, layout.width), 1, 12.0)
 
-    def pair(self, H_old_from_new: Array) -> tuple[NDArray[np.uint8], NDArray[np.uint8], Array]:
+    def pair(self, H_old_from_new: Array) -> tuple[Image, Image, Array]:
         layout = self.layout
         signs = self.rng.choice([-1.0, 1.0], layout.rows * layout.cols)
         signs[layout.pilot_blocks] = pilot_signs(layout)

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import slow
-from numpy.typing import NDArray
 from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
 
 import export.receive.tracking.pilots as pilots_module
@@ -19,7 +18,7 @@ from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 from link.errors import InputError
 from link.layout import make_layout
 from link.presets import PRESETS
-from link.types import Image
+from link.types import Array, Image
 
 FPS = 60.0
 """Frames a second of the films."""
@@ -28,7 +27,7 @@ CLOSE_PX = 4.0
 
 
 @pytest.fixture(scope="module")
-def film() -> tuple[list[Image], NDArray[np.float64]]:
+def film() -> tuple[list[Image], Array]:
     return filmed(FINE, 40, seed=2)
 
 
@@ -41,7 +40,7 @@ def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
 
 
 @pytest.mark.slow
-def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.float64]]) -> None:
+def test_a_display_is_found_and_followed(film: tuple[list[Image], Array]) -> None:
     images, corners = film
     tracker, seen = PilotTracker([OTHER, FINE], FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
@@ -91,7 +90,7 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
 
 @pytest.mark.slow
 def test_a_display_is_moved_within_its_rectified_image(
-    film: tuple[list[Image], NDArray[np.float64]],
+    film: tuple[list[Image], Array],
 ) -> None:
     images, _ = film
     plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
@@ -120,7 +119,7 @@ def test_a_display_is_moved_within_its_rectified_image(
 
 @pytest.mark.slow
 def test_a_display_that_stops_toggling_is_lost_and_found_again(
-    film: tuple[list[Image], NDArray[np.float64]],
+    film: tuple[list[Image], Array],
 ) -> None:
     images, _ = film
     rng = np.random.default_rng(1)
@@ -143,7 +142,7 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
 
 @pytest.mark.slow
 def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
-    film: tuple[list[Image], NDArray[np.float64]],
+    film: tuple[list[Image], Array],
 ) -> None:
     """The room may be dark; the picture may not move after all."""
     images, _ = film
@@ -155,7 +154,7 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
 
 
 @pytest.mark.slow
-def test_a_display_that_is_gone_is_lost(film: tuple[list[Image], NDArray[np.float64]]) -> None:
+def test_a_display_that_is_gone_is_lost(film: tuple[list[Image], Array]) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
@@ -265,7 +264,7 @@ def test_very_long_images_have_no_candidates() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["size", "colour", "black"])
 def test_a_followed_display_bears_a_change_of_the_frames(
-    kind: str, film: tuple[list[Image], NDArray[np.float64]]
+    kind: str, film: tuple[list[Image], Array]
 ) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)

@@ -19,11 +19,12 @@ from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
 from link.code.steps import run_to_end
+from link.types import Array
 
 N_BITS = 730
 
 
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float64]:
+def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Array:
     """Log-likelihood ratios of a binary symmetric channel."""
     signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
     return np.asarray(np.log((1 - ber) / ber) * signs)
@@ -32,9 +33,7 @@ def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> ND
 # Decoding in steps
 
 
-def came_at(
-    collector: Collector, rows: NDArray[np.float64], work: float, pushes: int
-) -> tuple[int, Message]:
+def came_at(collector: Collector, rows: Array, work: float, pushes: int) -> tuple[int, Message]:
     """The camera frame, of ``pushes`` for each frame pair, at which the message came."""
     for push in range(pushes * len(rows)):
         pair, left = divmod(push, pushes)

@@ -27,6 +27,7 @@ from link.errors import InputError
 from link.images import write_image
 from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
+from link.types import Image
 
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()
@@ -39,13 +40,13 @@ def decoder() -> Decoder:
 
 
 @pytest.fixture(scope="module")
-def states() -> list[NDArray[np.uint8]]:
+def states() -> list[Image]:
     return states_of(TEXT, LAYOUT, np.random.default_rng(5))
 
 
 def listen(
     decoder: Decoder,
-    states: list[NDArray[np.uint8]],
+    states: list[Image],
     stream: Stream,
     *,
     seconds: float = 6,
@@ -76,7 +77,7 @@ def listen(
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )
 def test_a_free_running_camera_reads_the_message(
-    stream: Stream, decoder: Decoder, states: list[NDArray[np.uint8]]
+    stream: Stream, decoder: Decoder, states: list[Image]
 ) -> None:
     receiver, data = listen(decoder, states, stream)
     assert data == TEXT
@@ -90,7 +91,7 @@ def test_a_free_running_camera_reads_the_message(
 
 
 @pytest.mark.slow
-def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
+def test_corners_follow_the_display(decoder: Decoder, states: list[Image]) -> None:
     receiver = Receiver(decoder)
     errors: list[float] = []
     for number, (time, image, corners) in enumerate(
@@ -109,7 +110,7 @@ def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.ui
 def spoils(kind: str) -> object:
     rng = np.random.default_rng(7)
 
-    def spoil(number: int, image: NDArray[np.uint8]) -> NDArray[np.generic] | None:
+    def spoil(number: int, image: Image) -> NDArray[np.generic] | None:
         if kind == "dropped":
             return None if rng.random() < 0.1 else image
         if kind == "leaves":
@@ -129,7 +130,7 @@ def spoils(kind: str) -> object:
 
 
 @cases("passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits")))
-def test_disturbances(kind: str, decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
+def test_disturbances(kind: str, decoder: Decoder, states: list[Image]) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
     assert data == TEXT
 
@@ -253,7 +254,7 @@ def receive(*words: object, status: int = 0) -> Finished:
 
 
 @pytest.mark.slow
-def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[Image]) -> None:
     """Single images, two of each state in order: no clock fits, their order is enough."""
     rng = np.random.default_rng(1)
     camera = Stream(noise=1.0)
@@ -269,9 +270,7 @@ def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[n
 
 
 @pytest.mark.slow
-def test_command_reads_two_images_in_either_order(
-    tmp_path: Path, states: list[NDArray[np.uint8]]
-) -> None:
+def test_command_reads_two_images_in_either_order(tmp_path: Path, states: list[Image]) -> None:
     rng = np.random.default_rng(1)
     for name, state in (("a", states[0]), ("b", states[1])):
         write_image(tmp_path / f"{name}.png", next(Stream().frames([state], 1, rng))[1])
@@ -282,7 +281,7 @@ def test_command_reads_two_images_in_either_order(
 
 
 @pytest.mark.slow
-def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+def test_command_reads_a_video(tmp_path: Path, states: list[Image]) -> None:
     film = SMALL.frames(states, 3, np.random.default_rng(2))
     path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
     assert events_of(receive(path).stdout)[-1]["message"] == TEXT.decode()

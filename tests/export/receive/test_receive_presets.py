@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Command, Refuses, cases
-from numpy.typing import NDArray
 from pilot_films import CORNERS, BlockMeans, filmed, texture
 from streams import Stream, states_of, write_film
 
@@ -31,6 +30,7 @@ from link.frames import SoftBits
 from link.images import write_image
 from link.layout import Layout, block_mean, make_layout
 from link.presets import PRESETS, Preset, preset_name
+from link.types import Image
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
@@ -42,13 +42,13 @@ def receiver_of(*layouts: Layout, fps: float = 30.0) -> Receiver:
     return Receiver([BlockMeans(layout) for layout in layouts], fps)
 
 
-def robust_film(frames: int = 70) -> list[NDArray[np.uint8]]:
+def robust_film(frames: int = 70) -> list[Image]:
     """A film of the preset robust, whose states are shown for two frames each."""
     loop = encode(TEXT, ROBUST.n_bits)
     return filmed(ROBUST, frames, seed=3, message=loop)[0]
 
 
-def read(receiver: Receiver, images: list[NDArray[np.uint8]]) -> bytes | None:
+def read(receiver: Receiver, images: list[Image]) -> bytes | None:
     for number, image in enumerate(images):
         step = receiver.push(image, number / 30)
         if step.message is not None:

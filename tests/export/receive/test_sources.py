@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases
-from numpy.typing import NDArray
 from streams import Stream, states_of
 
 from export.receive.receiver import Receiver
@@ -20,6 +19,7 @@ from link.errors import InputError
 from link.images import write_image
 from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
+from link.types import Image
 from models import PRETRAINED
 
 LAYOUT = make_layout()
@@ -29,11 +29,7 @@ SEEN = (0, 1, 2, 4, 5, 6, 8, 9, 10, 11, 13, 14, 15, 16, 17, 18)
 
 
 def write_timed(
-    path: Path,
-    frames: list[NDArray[np.uint8]],
-    times: list[float],
-    codec: str = "libx264",
-    **options: str,
+    path: Path, frames: list[Image], times: list[float], codec: str = "libx264", **options: str
 ) -> Path:
     """A film whose frames have the times given, by PyAV."""
     av = pytest.importorskip("av")
@@ -51,7 +47,7 @@ def write_timed(
     return path
 
 
-def grays(numbers: tuple[int, ...]) -> list[NDArray[np.uint8]]:
+def grays(numbers: tuple[int, ...]) -> list[Image]:
     """Even images whose level tells their number."""
     return [np.full((48, 64, 3), 40 + 8 * number, np.uint8) for number in numbers]
 
@@ -102,7 +98,7 @@ class ToldTimes:
         self.number += 1
         return self.number < len(self.times)
 
-    def read(self) -> tuple[bool, NDArray[np.uint8]]:
+    def read(self) -> tuple[bool, Image]:
         return self.grab(), np.zeros((16, 16, 3), np.uint8)
 
     def get(self, what: int) -> float:
@@ -218,7 +214,7 @@ def test_the_names_of_a_folder_number_its_frames(
         assert [int(frame.image[0, 0, 0]) for frame in frames] == list(range(len(names)))
 
 
-def noisy_film(count: int, noise: float = 1.5) -> list[NDArray[np.uint8]]:
+def noisy_film(count: int, noise: float = 1.5) -> list[Image]:
     """A display that stands still before a camera that stands still: only noise differs."""
     rng = np.random.default_rng(1)
     picture = cv2.resize(rng.integers(20, 230, (6, 8, 3)).astype(np.uint8), (320, 240))

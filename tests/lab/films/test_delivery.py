@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import ROOT, Command, slow
-from numpy.typing import NDArray
 from tolerances import FLOAT64
 
 from data_gen.film.codec import CodecSettings
@@ -23,6 +22,7 @@ from lab.films.trial import FilmSettings, Take, with_prints
 from lab.study import DOCS, read_results, stored_results
 from link.errors import InputError
 from link.layout import make_layout
+from link.types import Image
 from models import PRETRAINED
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
@@ -96,7 +96,7 @@ def test_patches_that_stand_still_are_where_they_are_asked_for() -> None:
     pictures = load_pictures("test", 512, 384)[:3]
     box = make_layout().cell_box(0, 0)[1::2]  # bottom and right of the first patch
 
-    def corner(picture: Picture, size: float = 1.0) -> NDArray[np.uint8]:
+    def corner(picture: Picture, size: float = 1.0) -> Image:
         starts = int((1 - size) * 192), int((1 - size) * 256)
         rows, cols = (
             slice(at, at + int(size * side)) for at, side in zip(starts, box, strict=True)
