@@ -49,7 +49,6 @@ def holder(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str
     """Another process that holds a lock, and what it printed then; it is killed at the end."""
     line = [sys.executable, "-c", HOLD, str(folder), *arguments]
     with subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         said = process.stdout.readline().strip()
         try:
             yield process, said

@@ -218,7 +218,6 @@ def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Co
         received = received or collector.add(
             8.0 * (2 * np.array(read_bits(pair, LAYOUT)) - 1), count
         )
-    assert received is not None
     assert received.data == (inputs / "layout.json").read_bytes()
 
 
@@ -237,7 +236,6 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
     received = framing.decode(scores)
     assert received is not None and received.signed
     found = verify(received.data, bytes(range(32)))
-    assert found is not None
     assert before <= found.stamp <= time.time()
 
 

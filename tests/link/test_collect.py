@@ -9,6 +9,7 @@ from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scores import noisy
 
 from link.code.collect import MAX_SCORE, Collector, Message, make_collector
 from link.code.framing import (
@@ -25,12 +26,6 @@ from link.code.ldpc import scrambled
 from link.types import Array, Image
 
 N_BITS = 59
-
-
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Array:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.asarray(np.log((1 - ber) / ber) * signs)
 
 
 def listen(

@@ -5,40 +5,16 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 from conftest import cases, slow
-from numpy.typing import NDArray
 from port import Port, PortError, same
+from scores import noisy, shown
 from tolerances import FLOAT32, FLOAT32_SUM
 
 from link.code.collect import make_collector
 from link.code.framing import encode
-from link.types import Floats
-
-Scores = Floats
+from link.types import Array
 
 
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Scores:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.asarray(np.log((1 - ber) / ber) * signs, np.float32)
-
-
-def shown(
-    bits: NDArray[np.integer],
-    rng: np.random.Generator,
-    frames: int,
-    start: int = 0,
-    ber: float = 0.02,
-    erased: float = 0.0,
-) -> Scores:
-    """Scores of a display that shows a loop from a frame on: (frames, n_bits)."""
-    rows = noisy(bits[np.arange(start, start + frames) % len(bits)], ber, rng)
-    rows[rng.random(rows.shape) < erased] = 0
-    return rows
-
-
-def compare(
-    port: Port, rows: Scores, starts: Iterable[int] = (), counts: Iterable[int] = ()
-) -> int:
+def compare(port: Port, rows: Array, starts: Iterable[int] = (), counts: Iterable[int] = ()) -> int:
     """Compare what the page's collector and Python's say to each row.
 
     Args:
@@ -50,7 +26,7 @@ def compare(
     Returns:
         how many messages came.
     """
-    collector = make_collector(rows.shape[1])
+    collector, rows = make_collector(rows.shape[1]), rows.astype(np.float32)
     ported = port("link/code/collect.js").makeCollector(rows.shape[1])
     counts, starts = list(counts) or range(1000, 1000 + len(rows)), set(starts)
     messages = 0

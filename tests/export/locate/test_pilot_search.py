@@ -41,32 +41,27 @@ def search(images: list[Image], layouts: list[Layout], fps: float = 60.0):
     return None
 
 
+def find(images: list[Image], corners: Array, layouts: list[Layout], within: float = CLOSE_PX):
+    """The frame in which a display is found, and the display, which must lie where it is."""
+    number, display = search(images, layouts)
+    assert np.abs(display.corners - corners[number]).max() < within
+    return number, display
+
+
 def test_finds_the_display_its_layout_and_its_corners() -> None:
-    images, corners = filmed(FINE, 30, seed=0)
-    found = search(images, [OTHER, FINE])
-    assert found is not None
-    number, display = found
+    _, display = find(*filmed(FINE, 30, seed=0), [OTHER, FINE])
     assert display.layout == FINE
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_finds_a_display_before_a_wall_that_moves_otherwise(seed: int) -> None:
-    images, corners = filmed(FINE, 30, seed=seed, parallax=1.0)
-    found = search(images, [FINE])
-    assert found is not None
-    number, display = found
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+    find(*filmed(FINE, 30, seed=seed, parallax=1.0), [FINE])
 
 
 def test_finds_a_display_to_which_the_camera_turns() -> None:
     """The search that began before a wall ends once the wall is out of view."""
     images, corners = filmed(FINE, 90, seed=0)
-    found = search(panned_to(images, 45), [FINE])
-    assert found is not None
-    number, display = found
-    assert number < 75
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+    assert find(panned_to(images, 45), corners, [FINE])[0] < 75
 
 
 def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
@@ -83,11 +78,8 @@ def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
 def test_finds_a_display_that_begins_to_play_late() -> None:
     still, _ = filmed(FINE, 40, seed=0, hold=10**6)
     images, corners = filmed(FINE, 160, seed=0)
-    found = search([*still, *images[40:]], [FINE])
-    assert found is not None
-    number, display = found
+    number, _ = find([*still, *images[40:]], corners, [FINE])
     assert number < (PATIENCE_S + 0.6) * 60
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
 @pytest.mark.slow
@@ -120,30 +112,19 @@ def test_points_that_lie_close_together_do_not_say_how_a_display_moves() -> None
 
 @pytest.mark.slow
 def test_finds_a_dark_picture_by_faint_edges() -> None:
-    images, corners = filmed(FINE, 48, seed=9, kappa=12.0, night=True)
-    found = search(images, [FINE])
-    assert found is not None
-    number, display = found
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+    find(*filmed(FINE, 48, seed=9, kappa=12.0, night=True), [FINE])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
 def test_all_blocks_place_the_corners_of_a_display_that_toggles_weakly(seed: int) -> None:
-    images, corners = filmed(FINE, 50, seed=seed, kappa=0.24)  # the noise is 1
-    found = search(images, [FINE])
-    assert found is not None
-    number, display = found
-    assert np.abs(display.corners - corners[number]).max() < 2 * CLOSE_PX
+    find(*filmed(FINE, 50, seed=seed, kappa=0.24), [FINE], 2 * CLOSE_PX)  # the noise is 1
 
 
 def test_tells_which_way_up() -> None:
     images, corners = filmed(FINE, 30, seed=1)
-    found = search([np.ascontiguousarray(image[::-1, ::-1]) for image in images], [FINE])
-    assert found is not None
-    number, display = found
-    turned = [639, 479] - corners[number]
-    assert np.abs(display.corners - turned).max() < CLOSE_PX
+    turned = [np.ascontiguousarray(image[::-1, ::-1]) for image in images]
+    find(turned, [639, 479] - corners, [FINE])
 
 
 @pytest.mark.parametrize("kind", ["still", slow("other layout"), slow("no message")])
@@ -286,7 +267,6 @@ def test_corner_shifts_are_recovered(shift: tuple[float, float]) -> None:
     seen = cv2.resize(moved, COARSE_SIZE, interpolation=cv2.INTER_AREA)
     seen = seen + rng.normal(0, 0.3, seen.shape)
     fit = coarse_shift((seen * np.exp(0.7j)).astype(np.complex64), blocks, FINE)
-    assert fit is not None
     found = transform(fit[0], frame_corners(FINE.width, FINE.height))
     expected = frame_corners(FINE.width, FINE.height) + shift
     assert np.abs(found - expected).max() < 4.0

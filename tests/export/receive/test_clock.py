@@ -163,7 +163,6 @@ def listen(sync: Synchroniser, times: Array, toggles: Array) -> list[DisplayCloc
 
 def offset(clock: DisplayClock | None, time: float) -> float:
     """States by which a clock is ahead of the true one, as the display's centre is seen."""
-    assert clock is not None
     seen = clock.number(time + clock.centre)
     return seen - TRUE.number(time + TRUE.centre)
 
@@ -290,9 +289,7 @@ def test_the_strongest_toggling_is_kept_where_no_clock_is_found() -> None:
     noisy, still = Synchroniser(30, PATCHES), Synchroniser(30, PATCHES)
     listen(noisy, times, rng.normal(0, 1, (60, 5)))
     listen(still, times, rng.normal(3, 0.02, (60, 5)))
-    assert noisy.best is not None
     assert 0.1 < noisy.best.strength < 0.75
-    assert still.best is not None
     assert (still.best.strength, still.best.deviation < MIN_TOGGLE) == (0, True)
 
 
@@ -315,7 +312,6 @@ def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:
     early = RectifiedFrame(0.05, np.full((layout.height, layout.width), 100, np.uint8))
     late = RectifiedFrame(0.15, np.full((layout.height, layout.width), 200, np.uint8))
     state = compose_state([early, late], clock, 1)
-    assert state is not None
     assert state.purity.min() > 0.99
     upper, lower = state.image[: layout.height // 3], state.image[-layout.height // 3 :]
     assert (upper == 200).all()

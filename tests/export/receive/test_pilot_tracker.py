@@ -79,7 +79,6 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
     stabiliser = Stabiliser()
     stabiliser.begin(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
     H = stabiliser.follow(moving_picture(6))
-    assert H is not None
     np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=0.01)
     assert stabiliser.share > 0.97
     everything = np.array([[-50.0, -50.0], [700.0, -50.0], [700.0, 700.0], [-50.0, 700.0]])
@@ -136,7 +135,6 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
     number = found_in(tracker, again)
     assert number is not None
     tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
-    assert tracked is not None
     assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
 
 

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 from conftest import run_process
-from numpy.typing import NDArray
 from pilot_films import FINE, BlockMeans, texture
+from scores import noisy
 
 from export.receive.occlusion import median_image
 from export.receive.reader import WORK_A_FRAME
@@ -22,12 +22,6 @@ from link.code.steps import run_to_end
 from link.types import Array
 
 N_BITS = 730
-
-
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Array:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.asarray(np.log((1 - ber) / ber) * signs)
 
 
 # Decoding in steps
@@ -70,7 +64,6 @@ def test_decoding_goes_on_while_frames_come_and_ends_when_asked() -> None:
     assert (collector.attempts, collector.decoding, collector.collecting) == (attempts, True, True)
     assert collector.progress > progress  # what comes meanwhile is kept
     message = collector.go_on()
-    assert message is not None
     assert message.data == data
     assert not collector.decoding
     assert collector.go_on() is None

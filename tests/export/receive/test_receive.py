@@ -101,7 +101,6 @@ def test_corners_follow_the_display(decoder: Decoder, states: list[Image]) -> No
         if tracked is None and not errors:
             assert number < 4  # a search is spread over some frames
             continue
-        assert tracked is not None
         errors.append(np.linalg.norm(tracked.corners - corners, axis=1).max())
     assert max(errors) < 2.0
     assert np.median(errors) < 1.0

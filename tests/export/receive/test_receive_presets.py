@@ -85,7 +85,6 @@ def test_a_film_with_patches_is_read_among_all_presets() -> None:
         message = message or step.message
         if message is not None:
             break
-    assert message is not None
     assert message.data == TEXT
     assert receiver.layout == PAPER
     assert sum(other.pairs for other in others) == 0

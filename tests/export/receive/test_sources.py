@@ -247,7 +247,6 @@ def test_a_recording_of_the_screen_is_read() -> None:
         step = receiver.push(states[number // 4 % len(states)], number / 60)
         if step.message is not None:
             break
-    assert step.message is not None
     assert step.message.data == TEXT
     assert receiver.repeated == 0
 
