@@ -5,12 +5,7 @@ import pytest
 from filming import PLAIN, develop_plainly, even_light, scene
 from hypothesis import given
 from hypothesis import strategies as st
-from tolerances import (
-    DEMOSAIC_RAMP,
-    FLOAT32,
-    IDENTITY_LEVELS,
-    NOISE_RELATIVE,
-)
+from tolerances import DEMOSAIC_RAMP, FLOAT32, IDENTITY_LEVELS, NOISE_RELATIVE
 
 from data_gen.channel.camera import RESPONSE_STEPS, collect, develop, jpeg, response_curve
 from data_gen.pairs import CAMERAS, PAIRS

@@ -8,12 +8,7 @@ from scipy.stats import binomtest, norm
 import evaluate
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
-from data_gen.ideal import (
-    OriginalSeen,
-    captured_blocks,
-    log_likelihood_ratios,
-    observe_ideally,
-)
+from data_gen.ideal import OriginalSeen, captured_blocks, log_likelihood_ratios, observe_ideally
 from link.captures import save_captures
 from link.layout import Layout, make_layout
 from link.types import Array, Image

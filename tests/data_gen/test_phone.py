@@ -9,12 +9,7 @@ import pytest
 from filming import ROOM, SMALL, only
 
 from data_gen.film.frame import VideoFrame
-from data_gen.film.phone import (
-    PhoneProcessor,
-    PhoneSettings,
-    blur_by_motion,
-    map_tones_locally,
-)
+from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion, map_tones_locally
 from data_gen.film.stream import VideoSettings, film
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair

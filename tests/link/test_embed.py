@@ -53,10 +53,7 @@ def random_bits(layout: Layout, seed: int = 1) -> NDArray[np.int64]:
 
 def message_pixels(layout: Layout) -> NDArray[np.bool_]:
     """(height, width), true where a pixel belongs to a message block."""
-    of_y, of_x = (
-        block_index(layout.height, layout.rows),
-        block_index(layout.width, layout.cols),
-    )
+    of_y, of_x = (block_index(layout.height, layout.rows), block_index(layout.width, layout.cols))
     return layout.message_mask[of_y[:, None], of_x]
 
 

@@ -112,13 +112,7 @@ def test_antipodal_patches_match_what_was_displayed(embedded: bool) -> None:
     np.testing.assert_array_equal(match.label, tile_labels(layout).reshape(5, -1))
 
 
-@given(
-    st.integers(2, 9),
-    st.integers(2, 9),
-    st.integers(4, 40),
-    st.integers(4, 40),
-    st.data(),
-)
+@given(st.integers(2, 9), st.integers(2, 9), st.integers(4, 40), st.integers(4, 40), st.data())
 def test_training_pixels_match_the_drawing_at_every_size_a_layout_allows(
     rows: int, cols: int, block_height: int, block_width: int, data: st.DataObject
 ) -> None:

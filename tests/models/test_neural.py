@@ -13,14 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import legval
 from sklearn.svm import LinearSVC
-from tolerances import (
-    FLOAT32,
-    FLOAT64,
-    ONNX_SCORE,
-    RESIDUAL_PX,
-    SVM_OBJECTIVE_GAP,
-    TWIN_SCORE,
-)
+from tolerances import FLOAT32, FLOAT64, ONNX_SCORE, RESIDUAL_PX, SVM_OBJECTIVE_GAP, TWIN_SCORE
 from torch import Tensor
 
 from data_gen.frame_pair import Cell, FramePair, Source

@@ -30,13 +30,7 @@ from reports.engine import predict as engine
 from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
 from reports.engine.digest import DATA, ROOT, code_digest, file_digest, imported_modules
 from reports.engine.methods import Method
-from reports.engine.predict import (
-    Condition,
-    checkpoint_digest,
-    fingerprint,
-    predict,
-    predict_all,
-)
+from reports.engine.predict import Condition, checkpoint_digest, fingerprint, predict, predict_all
 
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
 RUN += ["--methods", "oorc", "learned", "hidden_ratex", "--no-html"]

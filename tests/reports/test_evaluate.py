@@ -183,10 +183,7 @@ def test_unknown_bits_do_not_count(tmp_path: Path) -> None:
     unknown = {"pair": "captures", "view_deg": None, "kappa": None}
     rows = score(
         to_records(
-            [
-                prediction([1.0, 1.0, 1.0], [1, -1, -1]),
-                prediction([1.0, 1.0], [-1, -1], **unknown),
-            ]
+            [prediction([1.0, 1.0, 1.0], [1, -1, -1]), prediction([1.0, 1.0], [-1, -1], **unknown)]
         )
     )
     assert rows[["bits", "correct"]].to_numpy().tolist() == [[1, 1], [0, 0]]

@@ -1,7 +1,6 @@
 """Visibility: the model of the eye, the light of a display over time, and its pages."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -26,9 +25,6 @@ from export.visibility.flicker import (
 from export.visibility.viewing import COLOUR_LEVELS, Viewing
 from link.errors import InputError, ParameterError
 from link.layout import COLOURS, LUMINANCE_FROM_RGB
-
-if TYPE_CHECKING:
-    pass
 
 PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [
@@ -93,10 +89,7 @@ def test_what_the_model_does_not_know_is_refused(args: tuple[float, ...], name: 
 # The light
 
 
-@given(
-    st.lists(st.floats(-1, 1), min_size=2, max_size=40),
-    st.floats(10, 200),
-)
+@given(st.lists(st.floats(-1, 1), min_size=2, max_size=40), st.floats(10, 200))
 def test_parseval_over_all_frequencies(values: list[float], sample_hz: float) -> None:
     """Half the sum of the squared amplitudes is the variance of the held light."""
     samples = np.array(values)

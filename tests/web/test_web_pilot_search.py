@@ -30,9 +30,7 @@ LATER, NO_EDGES_LATER = 3, 6
 finer, and what toggles is outlined in several of them."""
 
 
-def film(
-    name: str,
-) -> tuple[list[Image], Array | None, list[Layout]]:
+def film(name: str) -> tuple[list[Image], Array | None, list[Layout]]:
     """Images, the display's corners in each or None where none is to be found, and layouts."""
     if name == "edges":
         images, corners = filmed(FINE, 30, seed=0)

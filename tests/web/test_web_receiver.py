@@ -121,10 +121,7 @@ FRAMES_APART = 10
 """Number of frames by which the page's receiver may be later or earlier than Python's."""
 BITS_ALIKE = 0.97
 """Share of bits in which a pair must be like one that Python has decoded."""
-MODELS = {
-    "paper": PRETRAINED / "decoder.onnx",
-    "robust": PRETRAINED_PILOTS / "24x32.onnx",
-}
+MODELS = {"paper": PRETRAINED / "decoder.onnx", "robust": PRETRAINED_PILOTS / "24x32.onnx"}
 
 
 def paper_film():

@@ -4,15 +4,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases, slow
-from pilot_films import (
-    BENT_CORNERS,
-    BENT_SIZE,
-    FINE,
-    OTHER,
-    block_views,
-    filmed,
-    panned_to,
-)
+from pilot_films import BENT_CORNERS, BENT_SIZE, FINE, OTHER, block_views, filmed, panned_to
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
 from export.locate.pilots.climb import climb_to_pilots

@@ -88,9 +88,7 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
 
 
 @pytest.mark.slow
-def test_a_display_is_moved_within_its_rectified_image(
-    film: tuple[list[Image], Array],
-) -> None:
+def test_a_display_is_moved_within_its_rectified_image(film: tuple[list[Image], Array]) -> None:
     images, _ = film
     plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
     first = found_in(plain, images)
