@@ -6,9 +6,11 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.all_blocks import BlockMaps
 from export.locate.pilots.evidence import pilot_signs
+from link.code.framing import encode
 from link.frames import SoftBits
 from link.geometry import Lens, frame_corners, homography_from_corners, transform
 from link.layout import Layout, block_mean, make_layout
+from link.presets import PRESETS
 from link.types import Array, Floats, Image
 
 FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
@@ -108,6 +110,24 @@ def filmed(
         images.append(np.clip(image + 0.5, 0, 255).astype(np.uint8))
         corners = np.concatenate([corners, transform(motion, CORNERS)[None]])
     return images, corners
+
+
+TEXT = b"no marks"
+"""The message of `robust_film`."""
+
+
+def robust_film(frames: int) -> tuple[list[Image], Array]:
+    """Frames of the preset robust, whose states are shown for two frames each, and corners."""
+    layout = PRESETS["robust"].layout
+    return filmed(layout, frames, seed=3, message=encode(TEXT, layout.n_bits))
+
+
+def pilots_alone(layout: Layout, size: tuple[int, int]) -> Floats:
+    """How pilots change, drawn at a size: 1 or -1 in their blocks, and 0 in others."""
+    blocks = np.zeros(layout.rows * layout.cols, np.float32)
+    blocks[layout.pilot_blocks] = pilot_signs(layout)
+    grid = blocks.reshape(layout.rows, layout.cols)
+    return cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
 
 
 def beside_print(images: list[Image], corners: Array, shown: Image) -> list[Image]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import cases, refusal
+from runs import write_run
 
 from data_gen.effects import parse_settings
 from export.locate.find import locate
@@ -18,31 +19,22 @@ from lab.films.locate import read_corners
 from lab.recorded import read_sent
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
-from link.images import read_image, size, write_bytes, write_image
+from link.images import read_image, size, write_bytes
 from link.images.video import VideoReader
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from models.neural.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from reports.engine.digest import ROOT
-from reports.engine.records import to_records
 from reports.run import RunFolder, Story
 
-META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 FILES = ("run.json", "predictions.jsonl", "metrics.json", "stories.json", "config.json")
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A small finished run with one picture."""
-    line = {"method": "oorc", "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": 0}
-    lines = [{**line, "picture": "p", "scores": [1.5, -2.0], "bits": [1, 1]}]
-    folder = RunFolder(tmp_path / "run")
-    folder.claim({"seed": 0})
-    folder.write_comparison(to_records(lines), META, "tables")
-    write_image(folder.path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
-    folder.write_stories([Story("strip", "title", "where", [("stories/a.jpg", "caption")])])
-    folder.finish(META, {"decoding": 1.0}, [])
-    return folder.path
+    write_run(tmp_path / "run")
+    return tmp_path / "run"
 
 
 def refused(folder: Path) -> str:
@@ -53,7 +45,7 @@ def refused(folder: Path) -> str:
 
 def test_a_whole_run_is_read(run: Path) -> None:
     read = RunFolder(run).read()
-    assert len(read.records) == 1
+    assert len(read.records) == 15
     assert read.stories[0].pictures == [("stories/a.jpg", "caption")]
 
 
@@ -121,7 +113,8 @@ def test_a_run_that_does_not_say_how_it_was_made_is_refused(
 )
 def test_a_prediction_out_of_range_is_refused(changes: dict[str, Any], run: Path) -> None:
     file = run / "predictions.jsonl"
-    file.write_text(json.dumps(json.loads(file.read_text()) | changes) + "\n")
+    first, *others = file.read_text().splitlines()
+    file.write_text("\n".join([json.dumps(json.loads(first) | changes), *others]) + "\n")
     assert f"{next(iter(changes))}" in refused(run) or "as many scores as bits" in refused(run)
 
 

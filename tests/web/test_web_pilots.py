@@ -12,6 +12,7 @@ from pilot_films import (
     MOVING_OUTLINE,
     block_views,
     moving_picture,
+    pilots_alone,
     texture,
 )
 from port import Port, differences, same
@@ -53,23 +54,13 @@ from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
-from link.types import Array, Floats
+from link.types import Array
 
 SMALL = make_layout(12, 16, 128, 96, modulation="antipodal", pilots=40)
 UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
 HIDDEN = make_layout(48, 64, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
 CORNERS_JS, EVIDENCE_JS = "locate/pilots/corners.js", "locate/pilots/evidence.js"
-
-
-def expected(layout: Layout) -> Array:
-    blocks = np.zeros(layout.rows * layout.cols)
-    blocks[layout.pilot_blocks] = pilot_signs(layout)
-    return blocks.reshape(layout.rows, layout.cols)
-
-
-def drawn(layout: Layout, size: tuple[int, int]) -> Floats:
-    return cv2.resize(expected(layout).astype("f4"), size, interpolation=cv2.INTER_NEAREST)
 
 
 def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
@@ -180,13 +171,15 @@ def test_corners_move_by_parts_of_a_display(
     rng, module = np.random.default_rng(1), port(CORNERS_JS)
     square = frame_corners(FINE.width, FINE.height)
     H = homography_from_corners(np.add(square, move), FINE.width, FINE.height)
-    shown = cv2.warpPerspective(drawn(FINE, (FINE.width, FINE.height)), H, (512, 384))
+    shown = cv2.warpPerspective(pilots_alone(FINE, (FINE.width, FINE.height)), H, (512, 384))
     seen = cv2.resize(shown, COARSE_SIZE, interpolation=cv2.INTER_AREA)
     real, imaginary = seen[None] * np.array([0.8, 0.6])[:, None, None] + rng.normal(
         0, noise, (2, *seen.shape)
     )
     change = (real + 1j * imaginary).astype(np.complex64)
-    known = coarse_shift(change, expected(FINE), FINE, far=far)
+    known = coarse_shift(
+        change, pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64), FINE, far=far
+    )
     blocks = module.expectedChanges(FINE)
     found = module.coarseShift(complex_plane(change), blocks, FINE, far)
     assert (found is None) == (known is None)
@@ -256,7 +249,8 @@ def test_corners_climb_to_the_pilots(port: Port) -> None:
     rng, size = np.random.default_rng(3), map_size(HIDDEN)
     right = frame_corners(*size).astype("f4")
     seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]]).astype("f4")
-    shown = cv2.warpPerspective(drawn(HIDDEN, size), cv2.getPerspectiveTransform(right, seen), size)
+    H_seen = cv2.getPerspectiveTransform(right, seen)
+    shown = cv2.warpPerspective(pilots_alone(HIDDEN, size), H_seen, size)
     noise = rng.normal(0, 1.5, (2, *shown.shape))
     change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
     found = port("locate/pilots/climb.js").climbToPilots(complex_plane(change), HIDDEN)

@@ -5,7 +5,7 @@ from dataclasses import asdict, astuple, dataclass
 import cv2
 import numpy as np
 import pytest
-from pilot_films import beside_print, filmed, texture
+from pilot_films import TEXT, beside_print, robust_film, texture
 from port import differences, same
 from streams import Stream, states_of
 from tolerances import (
@@ -23,7 +23,6 @@ from export.receive.states import RectifiedFrame, block_purity, compose_state, p
 from export.receive.timing.clock import DisplayClock
 from export.receive.timing.synchronise import Toggling
 from export.runtime import Decoder
-from link.code.framing import encode
 from link.layout import make_layout
 from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS
@@ -115,8 +114,7 @@ def test_silence_is_explained_in_the_words_of_python(port, seen):
     assert found == page_words(explain_silence(seen))
 
 
-PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
-TEXT = b"no marks"
+PAPER = PRESETS["paper"].layout
 FRAMES_APART = 10
 """Number of frames by which the page's receiver may be later or earlier than Python's."""
 BITS_ALIKE = 0.97
@@ -130,20 +128,21 @@ def paper_film():
     return gray_frames(Stream(), states, 4)
 
 
-def robust_film():
-    """Gray frames of the preset robust, whose states are shown for two frames each."""
-    loop = encode(TEXT, ROBUST.n_bits)
-    images, corners = filmed(ROBUST, 70, seed=3, message=loop)
+def timed(images, corners):
+    """Images of 30 frames a second, with their times and corners."""
     return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
+
+
+def pilots_film():
+    """Gray frames of the preset robust, whose states are shown for two frames each."""
+    return timed(*robust_film(70))
 
 
 def printed_film():
     """The same with a still print beside, which shows the layout of the preset paper."""
-    loop = encode(TEXT, ROBUST.n_bits)
-    images, corners = filmed(ROBUST, 150, seed=3, message=loop)
+    images, corners = robust_film(150)
     shown = cv2.cvtColor(states_of(TEXT, PAPER, np.random.default_rng(5))[1], cv2.COLOR_RGB2GRAY)
-    images = beside_print(images, corners, shown)
-    return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
+    return timed(beside_print(images, corners, shown), corners)
 
 
 def still_film():
@@ -199,7 +198,7 @@ def bits_alike(scores, others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("film", [paper_film, robust_film, printed_film, still_film, empty_film])
+@pytest.mark.parametrize("film", [paper_film, pilots_film, printed_film, still_film, empty_film])
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]

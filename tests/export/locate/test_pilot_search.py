@@ -4,7 +4,16 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases, slow
-from pilot_films import BENT_CORNERS, BENT_SIZE, FINE, OTHER, block_views, filmed, panned_to
+from pilot_films import (
+    BENT_CORNERS,
+    BENT_SIZE,
+    FINE,
+    OTHER,
+    block_views,
+    filmed,
+    panned_to,
+    pilots_alone,
+)
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
 from export.locate.pilots.climb import climb_to_pilots
@@ -230,10 +239,7 @@ def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
 def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
     layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
     size, rng = map_size(layout), np.random.default_rng(7)
-    blocks = np.zeros(layout.rows * layout.cols)
-    blocks[layout.pilot_blocks] = pilot_signs(layout)
-    grid = blocks.reshape(layout.rows, layout.cols).astype(np.float32)
-    drawn = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+    drawn = pilots_alone(layout, size)
     right = frame_corners(*size)
     seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]])  # up to one and a half blocks of 4 px
     H_seen_from_map = cv2.getPerspectiveTransform(right.astype("f4"), seen.astype("f4"))
@@ -249,10 +255,8 @@ def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (17.0, -12.0)])
 def test_corner_shifts_are_recovered(shift: tuple[float, float]) -> None:
     rng = np.random.default_rng(6)
-    blocks = np.zeros(FINE.rows * FINE.cols)
-    blocks[FINE.pilot_blocks] = pilot_signs(FINE)
-    blocks = blocks.reshape(FINE.rows, FINE.cols)
-    full = cv2.resize(blocks.astype(np.float32), (FINE.width, FINE.height), interpolation=0)
+    blocks = pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64)
+    full = pilots_alone(FINE, (FINE.width, FINE.height))
     moved = cv2.warpAffine(
         full, np.array([[1, 0, shift[0]], [0, 1, shift[1]]], float), full.shape[::-1]
     )

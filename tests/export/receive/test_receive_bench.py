@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import Command, Refuses
-from pilot_films import filmed
+from pilot_films import robust_film
 
 import export.receive.bench as bench_cli
-from link.code.framing import encode
 from link.images import write_image
-from link.presets import PRESETS
 
 
 def test_a_film_without_a_display_gives_nothing_to_time(tmp_path: Path, refuses: Refuses) -> None:
@@ -24,9 +22,7 @@ def test_a_film_without_a_display_gives_nothing_to_time(tmp_path: Path, refuses:
 def test_a_film_of_a_preset_with_pilots_is_timed(
     flags: tuple[str, ...], tmp_path: Path, command: Command
 ) -> None:
-    layout = PRESETS["robust"].layout
-    images = filmed(layout, 80, seed=3, message=encode(b"no marks", layout.n_bits))[0]
-    for number, image in enumerate(images):
+    for number, image in enumerate(robust_film(80)[0]):
         write_image(tmp_path / "film" / f"{number:03d}.png", image)
     done = command(bench_cli.main, tmp_path / "film", "--threads", 1, *flags)
     assert "| decode |" in done.stdout

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Command, Refuses, cases
-from pilot_films import CORNERS, BlockMeans, filmed, texture
+from pilot_films import CORNERS, TEXT, BlockMeans, filmed, robust_film, texture
 from streams import Stream, states_of, write_film
 
 import export.receive.__main__ as receive_cli
@@ -23,7 +23,6 @@ from export.receive.stream import MAX_PRINTED_BITS, pair_event
 from export.receive.tracking.patches import Tracker
 from export.receive.tracking.pilots import PilotTracker
 from export.runtime import Decoder
-from link.code.framing import encode
 from link.embed import embed
 from link.errors import InputError
 from link.frames import SoftBits
@@ -34,18 +33,11 @@ from link.types import Image
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
-TEXT = b"no marks"
 BARE = make_layout(ratex=0)
 
 
 def receiver_of(*layouts: Layout, fps: float = 30.0) -> Receiver:
     return Receiver([BlockMeans(layout) for layout in layouts], fps)
-
-
-def robust_film(frames: int = 70) -> list[Image]:
-    """A film of the preset robust, whose states are shown for two frames each."""
-    loop = encode(TEXT, ROBUST.n_bits)
-    return filmed(ROBUST, frames, seed=3, message=loop)[0]
 
 
 def read(receiver: Receiver, images: list[Image]) -> bytes | None:
@@ -61,7 +53,7 @@ def read(receiver: Receiver, images: list[Image]) -> bytes | None:
 def test_a_film_of_a_preset_with_pilots_delivers_its_message() -> None:
     receiver = receiver_of(PAPER, ROBUST)
     assert receiver.layout == PAPER
-    images = robust_film(80)
+    images, _ = robust_film(80)
     assert read(receiver, images) == TEXT
     assert receiver.layout == ROBUST
     assert receiver.progress > 0.9
@@ -242,7 +234,7 @@ def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: 
 
 @pytest.mark.slow
 def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
-    film = write_film(tmp_path / "film.avi", robust_film(), codec="FFV1")
+    film = write_film(tmp_path / "film.avi", robust_film(70)[0], codec="FFV1")
     graph = PRETRAINED_PILOTS / "24x32.onnx"
     done = command(receive_cli.main, film, "--model", graph)
     lines = events_of(done.stdout)
