@@ -505,12 +505,14 @@ def test_it_starts_by_itself_and_text_and_pointer_go_when_nothing_moves(
     assert "point its camera at the picture" in page.evaluate("note.textContent")
     assert page.title() == "OORC: hidden camera–display communication"
     seen = "[getComputedStyle(note).display, getComputedStyle(document.body).cursor]"
+    wait_for(page, f"{seen}.join() === 'none,none'")
     for move in (
         lambda: (page.mouse.move(50, 60), page.mouse.move(60, 60)),
         lambda: page.keyboard.press("a"),
         lambda: page.keyboard.press("Space"),
     ):
-        wait_for(page, f"{seen}.join() === 'none,none'")
+        page.evaluate("document.body.classList.add('rest')")  # as it does by itself after a while
+        assert page.evaluate(seen) == ["none", "none"]
         move()
         assert page.evaluate(seen) == ["block", "auto"]
     assert "Paused" in page.evaluate("note.textContent")
@@ -577,7 +579,7 @@ COUNT_BYTES = """
 """Script that counts the bytes that go to the graphics card."""
 
 
-@pytest.mark.parametrize("size", [(160, 90), slow((3840, 2160))])
+@pytest.mark.parametrize("size", [(160, 90), slow((1920, 1080))])
 def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
     size: tuple[int, int], open_window: OpenWindow, tmp_path: Path
 ) -> None:
@@ -651,7 +653,7 @@ def test_the_receiver_reads_a_film_of_screenshots(
     start(page, slow_player)
     receiver, message = Receiver(decoder, fps=10), None
     deadline = time.monotonic() + PATIENCE_S
-    while message is None and time.monotonic() < deadline:
+    while message is None and page.evaluate("player.count") < 40 and time.monotonic() < deadline:
         before = page.evaluate("performance.now()")
         shot = np.pad(screenshot(page), ((60, 60), (60, 60), (0, 0)))
         middle = (before + page.evaluate("performance.now()")) / 2
