@@ -7,11 +7,13 @@ import numpy as np
 
 from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
+from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
 from data_gen.pairs import CAMERAS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
+from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
 from link.types import Array, Floats, Image
 
@@ -81,3 +83,16 @@ def levels(frame: Image) -> Array:
 def develop_plainly(camera: Camera) -> Camera:
     """The camera without what mixes pixels: mosaic, sharpening, JPEG."""
     return replace(camera, bayer=False, sharpening=0.0, jpeg_quality=0)
+
+
+def seen_centre(frame: VideoFrame) -> Array:
+    """Centre of what is bright."""
+    found = cv2.moments((frame.rgb[:, :, 1] > 127).astype(np.uint8))
+    return np.array([found["m10"] / found["m00"], found["m01"] / found["m00"]])
+
+
+def true_centre(frame: VideoFrame) -> Array:
+    """Centre of where the display is."""
+    corners = transform(frame.H_captured_from_display, frame_corners(SMALL.width, SMALL.height))
+    shape = cv2.moments(corners.astype(np.float32)[:, None])
+    return np.array([shape["m10"] / shape["m00"], shape["m01"] / shape["m00"]])

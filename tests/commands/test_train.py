@@ -1,4 +1,5 @@
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -106,16 +107,13 @@ def test_the_exported_decoder_decodes_as_the_checkpoint(
     assert np.mean(soft.bits == captured.bits) > 0.8
 
 
-def agreed_parity(*_: object) -> Parity:
-    """Stand in for the export, which takes long; sent to the process that exports."""
-    return Parity(1, 59, 0, 0.0, 1.0, 0.5)
-
-
 @pytest.mark.slow
 def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(final_evaluation, "export", agreed_parity)
+    """Without the export, which takes long, and the process that exports."""
+    monkeypatch.setattr(final_evaluation, "export", lambda *_: Parity(1, 59, 0, 0.0, 1.0, 0.5))
+    monkeypatch.setattr(final_evaluation, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
     small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
     small += ["--frames", "1", "--out", str(tmp_path)]
     command(train.main, *small)

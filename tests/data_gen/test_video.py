@@ -6,11 +6,10 @@ from dataclasses import replace
 from itertools import islice, pairwise
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from conftest import Command, Refuses
-from filming import ROOM, SMALL, only
+from filming import ROOM, SMALL, only, seen_centre, true_centre
 from hypothesis import given
 from hypothesis import strategies as st
 from tolerances import FLOAT64
@@ -233,12 +232,8 @@ def test_the_picture_follows_the_truth_of_a_moving_camera() -> None:
     frames = stream(chosen, (WHITE,))
     centres = []
     for frame in frames:
-        seen = cv2.moments((frame.rgb[:, :, 1] > 127).astype(np.uint8))
-        corners = transform(frame.H_captured_from_display, frame_corners(128, 96))
-        shape = cv2.moments(corners.astype(np.float32)[:, None])
-        truth, middle = ([m["m10"] / m["m00"], m["m01"] / m["m00"]] for m in (shape, seen))
-        np.testing.assert_allclose(middle, truth, atol=0.3)
-        centres.append(truth)
+        np.testing.assert_allclose(seen_centre(frame), true_centre(frame), atol=0.3)
+        centres.append(true_centre(frame))
     assert np.ptp(centres, axis=0).max() > 0.3
     assert all(frame.visible for frame in frames)
 

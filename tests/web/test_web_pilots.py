@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+import tolerances as within
 from conftest import cases
 from numpy.typing import NDArray
 from pilot_films import (
@@ -16,22 +17,6 @@ from pilot_films import (
     texture,
 )
 from port import Port, differences, same
-from tolerances import (
-    CORNERS_PX,
-    FITTED,
-    FLOAT32_SUM,
-    FLOAT64,
-    FOUND_PX,
-    LENS_K,
-    MOVED_PX,
-    PILOT_CHANGE,
-    SAME_PX,
-    SAME_STEPS,
-    STILL_MEAN,
-    SUBPIXEL_PX,
-    TOGGLE_WORTH,
-    VIEW_MEAN,
-)
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
 from export.locate.pilots.climb import climb_to_pilots
@@ -86,7 +71,7 @@ def test_medians_and_quantiles(port: Port) -> None:
         values = rng.permutation(count).astype(np.float64)
         same(order.median(values), np.median(values))
         for share in (0.98, 0.123):
-            same(order.quantile(values, share), np.quantile(values, share), SAME_STEPS)
+            same(order.quantile(values, share), np.quantile(values, share), within.SAME_STEPS)
 
 
 RNG = np.random.default_rng(0)
@@ -113,14 +98,14 @@ def test_evidence_of_pilots(at: Array, strength: float, port: Port) -> None:
     values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
     same(module.pilotSigns(FINE), signs)
     found = module.pilotEvidence(list(values), FINE, at.tolist())
-    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), FITTED)
+    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), within.FITTED)
 
 
 @cases((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60)))
 def test_values_of_pilots_in_a_frame(layout: Layout, size: tuple[int, int], port: Port) -> None:
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
     module = port(EVIDENCE_JS)
-    same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_SUM)
+    same(module.pilotValues(gray, layout), pilot_values(gray, layout), within.FLOAT32_SUM)
 
 
 @pytest.mark.parametrize("slope", [(3.2, 0.0), (0.0, -1.4)])
@@ -130,7 +115,7 @@ def test_phases_that_slope(port: Port, slope: tuple[float, float]) -> None:
     seen = pilot_signs(FINE) * np.exp(1j * (centres @ slope + 0.4)) + noise[0] + 1j * noise[1]
     known, phase = common_phase(seen, FINE)
     found = port(EVIDENCE_JS).commonPhase(seen.real, seen.imag, FINE)
-    same([*found.slope, found.phase], [*known, phase], FLOAT64)
+    same([*found.slope, found.phase], [*known, phase], within.FLOAT64)
 
 
 @cases((30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2))
@@ -149,8 +134,8 @@ def test_times_of_frames_and_waves_at_them(
     frequencies, slower = np.arange(2, fastest + 1) / span, np.arange(2) / span
     made = waves(at, frequencies, slower)
     waved = module.waves(at, frequencies.tolist(), slower.tolist())
-    same([wave.real for wave in waved], made.real.reshape(len(waved), -1), FLOAT64)
-    same([wave.imaginary for wave in waved], made.imag.reshape(len(waved), -1), FLOAT64)
+    same([wave.real for wave in waved], made.real.reshape(len(waved), -1), within.FLOAT64)
+    same([wave.imaginary for wave in waved], made.imag.reshape(len(waved), -1), within.FLOAT64)
 
 
 TILT = np.array([[8.0, -6], [-9, 4], [12, 10], [3, -7]])
@@ -185,7 +170,7 @@ def test_corners_move_by_parts_of_a_display(
     assert (found is None) == (known is None)
     if known is not None:
         assert found.parts == known[1]
-        same_motion(found.HOldFromNew, known[0], (FINE.width, FINE.height), CORNERS_PX)
+        same_motion(found.HOldFromNew, known[0], (FINE.width, FINE.height), within.CORNERS_PX)
 
 
 @pytest.mark.parametrize("layout", [FINE, SMALL], ids=["fine", "small"])
@@ -195,7 +180,7 @@ def test_maps_without_slope(port: Port, layout: Layout) -> None:
     change = np.random.default_rng(2).normal(0, 1, size[::-1]).astype(np.float32)
     block = np.array([size[0] / layout.cols, size[1] / layout.rows])
     found = module.withoutSlope(change, block.tolist())
-    same(found, without_slope(change, block), FLOAT32_SUM)
+    same(found, without_slope(change, block), within.FLOAT32_SUM)
 
 
 @cases(
@@ -217,13 +202,13 @@ def test_corners_move_by_all_blocks(
     assert maps.size == list(views.shape[:0:-1])
     changes = run(module.periodChangeSteps(maps, list(views), at, 1 / period))
     fit, ported = BlockFit(BlockMaps(layout), views, at, 1 / period), module.BlockFit(maps, changes)
-    same(changes, fit.changes, PILOT_CHANGE)
+    same(changes, fit.changes, within.PILOT_CHANGE)
     for _ in range(5):
         settled = fit.step()
         assert run(ported.moveSteps()) == settled
         if settled:
             break
-    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), SUBPIXEL_PX)
+    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), within.SUBPIXEL_PX)
 
 
 @pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
@@ -241,8 +226,8 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> N
         assert ported.bends() == fit.bends()
         if settled:
             break
-    same(ported.k, fit.k, LENS_K)
-    same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), SUBPIXEL_PX)
+    same(ported.k, fit.k, within.LENS_K)
+    same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), within.SUBPIXEL_PX)
 
 
 def test_corners_climb_to_the_pilots(port: Port) -> None:
@@ -256,13 +241,13 @@ def test_corners_climb_to_the_pilots(port: Port) -> None:
     found = port("locate/pilots/climb.js").climbToPilots(complex_plane(change), HIDDEN)
     H = climb_to_pilots(change, HIDDEN)
     assert H is not None
-    same_motion(found, H, (HIDDEN.width, HIDDEN.height), CORNERS_PX)
+    same_motion(found, H, (HIDDEN.width, HIDDEN.height), within.CORNERS_PX)
 
 
 def test_corners_of_what_lies_elsewhere_in_its_rectified_image(port: Port) -> None:
     H = np.array([[1.01, 0.02, 3.0], [-0.01, 0.99, -2.0], [1e-5, -2e-5, 1.0]])
     found = port(CORNERS_JS).movedCorners(CORNERS.tolist(), H, FINE)
-    same(found, moved_corners(CORNERS, H, FINE), MOVED_PX)
+    same(found, moved_corners(CORNERS, H, FINE), within.MOVED_PX)
 
 
 def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
@@ -283,16 +268,16 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
     frequencies = (0.25, 0.0, 0.5)
     outlines = [toggle_map.outline(frequency) for frequency in frequencies]
     for number in (4, 12):
-        same(ported.logPower(number), toggle_map._logs[number], FLOAT32_SUM)
+        same(ported.logPower(number), toggle_map._logs[number], within.FLOAT32_SUM)
     for frequency, outline in zip(frequencies, outlines, strict=True):
-        same(ported.outline(frequency), outline, SAME_PX)
+        same(ported.outline(frequency), outline, within.SAME_PX)
     right = np.array([[80.0, 50.0], [208.0, 50.0], [208.0, 146.0], [80.0, 146.0]])
     quads = [right, right + 30, right[::-1] - 9, right[[0, 2, 1, 3]]]
     worths = [toggle_map.worth(quad) for quad in quads]
-    same(ported.worths([quad.tolist() for quad in quads]), worths, TOGGLE_WORTH)
+    same(ported.worths([quad.tolist() for quad in quads]), worths, within.TOGGLE_WORTH)
     views = ported.views(right.tolist(), 48, 48)
     for found, view in zip(views, toggle_map.views(right, 48, 48), strict=True):
-        assert differences(found, view)[1] < VIEW_MEAN
+        assert differences(found, view)[1] < within.VIEW_MEAN
 
 
 def motion_of_the_middle(port: Port, *begun: object) -> tuple[float, float]:
@@ -307,11 +292,11 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen(port
     everything = frame_corners(640, 640)
     for outline in (MOVING_OUTLINE, everything):
         moved, share = motion_of_the_middle(port, True, outline.tolist())
-        assert abs(moved) < FOUND_PX
+        assert abs(moved) < within.FOUND_PX
         assert (share > 0.97) == (outline is MOVING_OUTLINE)
     for far_apart, expected_px in ((False, 6), (True, 0)):
         moved, share = motion_of_the_middle(port, far_apart)
-        assert abs(moved - expected_px) < FOUND_PX
+        assert abs(moved - expected_px) < within.FOUND_PX
         assert 0 < share < 0.9
 
 
@@ -330,15 +315,15 @@ def test_frames_are_held_still(port: Port) -> None:
     motions = [stabiliser.follow(frame) for frame in frames]
     assert motions[3] is None
     for frame, H in zip(frames, motions, strict=True):
-        same_motion(ported.follow(frame), H, (960, 540), CORNERS_PX)
+        same_motion(ported.follow(frame), H, (960, 540), within.CORNERS_PX)
     still = stabiliser.still(frames[1], motions[1])
     assert (ported.height, ported.width) == still.shape
-    assert differences(ported.still(frames[1], motions[1]), still)[1] < STILL_MEAN
+    assert differences(ported.still(frames[1], motions[1]), still)[1] < within.STILL_MEAN
     places = [[0.0, 0.0], [100.0, 50.0]]
     points = stabiliser.on_image(np.array(places))
-    same(stabiliser.on_copy(points), places, FLOAT64)
-    same(ported.onImage(places), points, FLOAT64)
-    same(ported.onCopy(points.tolist()), places, FLOAT64)
+    same(stabiliser.on_copy(points), places, within.FLOAT64)
+    same(ported.onImage(places), points, within.FLOAT64)
+    same(ported.onCopy(points.tolist()), places, within.FLOAT64)
     assert ported.follow(np.zeros((3, 4), np.uint8)) is None
     ported.forget()
     assert ported.follow(frames[0]) is None

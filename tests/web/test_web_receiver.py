@@ -5,17 +5,10 @@ from dataclasses import asdict, astuple, dataclass
 import cv2
 import numpy as np
 import pytest
+import tolerances as within
 from pilot_films import TEXT, beside_print, robust_film, texture
 from port import differences, same
 from streams import Stream, states_of
-from tolerances import (
-    CLOCKS_APART,
-    CORNERS_WORSE_PX,
-    ROUNDED_LEVELS,
-    SAME_STEPS,
-    STATE_MEAN,
-    STATE_PURITY,
-)
 
 from export.receive.diagnosis import Observations, explain_silence
 from export.receive.receiver import Receiver
@@ -64,13 +57,13 @@ def test_states_are_put_together_as_by_python(port, name):
         if known is None:
             continue
         assert found.frames == known.frames
-        same(found.purity, known.purity, SAME_STEPS)
+        same(found.purity, known.purity, within.SAME_STEPS)
         most, mean = differences(found.image, known.image)
-        assert most <= ROUNDED_LEVELS
-        assert mean < STATE_MEAN
+        assert most <= within.ROUNDED_LEVELS
+        assert mean < within.STATE_MEAN
         for layout in LAYOUTS:
             blocks = block_purity(known.purity, layout)
-            same(module.blockPurity(found.purity, layout), blocks, STATE_PURITY)
+            same(module.blockPurity(found.purity, layout), blocks, within.STATE_PURITY)
 
 
 def test_points_in_view(port):
@@ -221,11 +214,11 @@ def test_a_film_is_read_as_by_python(film, port):
             off, known_off = (np.abs(e.corners - frame[2]).mean() for e in (event, other))
             worse.append(off - known_off)
         if event.state_hz and other.state_hz:
-            assert abs(event.state_hz / other.state_hz - 1) < CLOCKS_APART, f"frame {number}"
+            assert abs(event.state_hz / other.state_hz - 1) < within.CLOCKS_APART, f"frame {number}"
         if message is not None and decoded:
             for scores in event.scores:
                 assert bits_alike(scores, decoded) > BITS_ALIKE, f"frame {number}"
-    assert not worse or np.mean(worse) < CORNERS_WORSE_PX
+    assert not worse or np.mean(worse) < within.CORNERS_WORSE_PX
     if message is None:
         silence = port("receive/diagnosis.js").explainSilence(ported.observations)
         assert silence == page_words(explain_silence(receiver.observations))

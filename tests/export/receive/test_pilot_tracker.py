@@ -25,9 +25,12 @@ FPS = 60.0
 CLOSE_PX = 4.0
 """A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
 
+Film = tuple[list[Image], Array]
+"""Images, and the display's corners in each."""
+
 
 @pytest.fixture(scope="module")
-def film() -> tuple[list[Image], Array]:
+def film() -> Film:
     return filmed(FINE, 40, seed=2)
 
 
@@ -40,7 +43,7 @@ def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
 
 
 @pytest.mark.slow
-def test_a_display_is_found_and_followed(film: tuple[list[Image], Array]) -> None:
+def test_a_display_is_found_and_followed(film: Film) -> None:
     images, corners = film
     tracker, seen = PilotTracker([OTHER, FINE], FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
@@ -88,7 +91,7 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
 
 
 @pytest.mark.slow
-def test_a_display_is_moved_within_its_rectified_image(film: tuple[list[Image], Array]) -> None:
+def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
     images, _ = film
     plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
     first = found_in(plain, images)
@@ -115,9 +118,7 @@ def test_a_display_is_moved_within_its_rectified_image(film: tuple[list[Image], 
 
 
 @pytest.mark.slow
-def test_a_display_that_stops_toggling_is_lost_and_found_again(
-    film: tuple[list[Image], Array],
-) -> None:
+def test_a_display_that_stops_toggling_is_lost_and_found_again(film: Film) -> None:
     images, _ = film
     rng = np.random.default_rng(1)
     tracker = PilotTracker([FINE], FPS)
@@ -137,9 +138,7 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
 
 
 @pytest.mark.slow
-def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
-    film: tuple[list[Image], Array],
-) -> None:
+def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(film: Film) -> None:
     """The room may be dark; the picture may not move after all."""
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
@@ -150,7 +149,7 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
 
 
 @pytest.mark.slow
-def test_a_display_that_is_gone_is_lost(film: tuple[list[Image], Array]) -> None:
+def test_a_display_that_is_gone_is_lost(film: Film) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
@@ -259,9 +258,7 @@ def test_very_long_images_have_no_candidates() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["size", "colour", "black"])
-def test_a_followed_display_bears_a_change_of_the_frames(
-    kind: str, film: tuple[list[Image], Array]
-) -> None:
+def test_a_followed_display_bears_a_change_of_the_frames(kind: str, film: Film) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
