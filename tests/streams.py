@@ -3,9 +3,11 @@
 And films of any images in files.
 """
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -91,3 +93,8 @@ def write_film(path: Path, images: Iterable[Image], fps: float = 30.0, codec: st
     assert writer is not None
     writer.release()
     return path
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    """What the receiver's command printed."""
+    return [json.loads(line) for line in text.splitlines()]

@@ -86,7 +86,6 @@ def test_runtime_decodes_captured_images_with_corners(images: Path, captured: Ca
     line += ["--corners", *points(captured.corners)]
     done = run_process(*line)
     assert done.stderr == ""
-    assert captured.bits is not None
     assert np.mean(np.array(json.loads(done.stdout)["bits"]) == captured.bits) > 0.8
 
 

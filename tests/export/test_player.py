@@ -86,7 +86,6 @@ WITHOUT_CARD = """
 def screenshot(page: Page) -> Image:
     """What the window shows now, (H, W, 3) uint8, encoded RGB, in device pixels."""
     image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 

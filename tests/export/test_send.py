@@ -81,7 +81,6 @@ def read_png(text: str) -> NDArray[np.uint8]:
     assert png[25] in (0, 2)  # gray or colour
     assert png[28] == 0  # not interlaced
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert image is not None
     return image if image.ndim == 2 else image[:, :, ::-1]
 
 

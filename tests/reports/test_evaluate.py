@@ -340,7 +340,6 @@ def test_cells_of_the_papers_tables(
     pair: str, view: int, kappa: int, method: str, percent: float
 ) -> None:
     printed = paper_accuracy(pair, view, kappa, method)
-    assert printed is not None
     assert abs(printed - percent / 100) < FLOAT64
 
 

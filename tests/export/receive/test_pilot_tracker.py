@@ -72,7 +72,6 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
         stabiliser = Stabiliser()
         stabiliser.begin(moving_picture(0), far_apart=far_apart)
         H = stabiliser.follow(moving_picture(6))
-        assert H is not None
         middle = H @ [320.0, 320.0, 1.0]
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
         assert 0 < stabiliser.share < 0.9
@@ -132,7 +131,6 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(film: Film) -> No
     assert CHECK_EVERY * PATIENCE - len(images) < lost <= CHECK_EVERY * (PATIENCE + 3)
     again, corners = filmed(FINE, 50, seed=9)
     number = found_in(tracker, again)
-    assert number is not None
     tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
     assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
 

@@ -1,17 +1,15 @@
 """From camera frames to the message, and what is said where there is none."""
 
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 from conftest import ROOT, Command, Finished, Refuses, cases, run_process, slow
 from numpy.typing import NDArray
-from streams import Stream, states_of, write_film
+from streams import Stream, events_of, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 from export.receive.inbox import Inbox
@@ -242,10 +240,6 @@ def test_memory_is_bounded(decoder: Decoder) -> None:
 def test_arrays_that_are_no_images_are_refused(image: NDArray[np.generic]) -> None:
     with pytest.raises(InputError):
         as_uint8(image)
-
-
-def events_of(text: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in text.splitlines()]
 
 
 def receive(*words: object, status: int = 0) -> Finished:

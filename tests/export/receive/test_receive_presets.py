@@ -1,16 +1,14 @@
 """One receiver reads every preset: it finds what is shown, says which, and delivers the message."""
 
-import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from conftest import Command, Refuses, cases
 from pilot_films import CORNERS, TEXT, BlockMeans, filmed, robust_film, texture
-from streams import Stream, states_of, write_film
+from streams import Stream, events_of, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
@@ -108,10 +106,6 @@ def test_two_images_must_show_both_states() -> None:
 
 
 # the command
-
-
-def events_of(text: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in text.splitlines()]
 
 
 def test_by_default_all_shipped_graphs_are_read(
