@@ -2,8 +2,10 @@
 
 import gc
 import importlib
+import inspect
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
@@ -55,6 +57,21 @@ def pytest_collection() -> Generator[None, object, object]:
 def slow(*values: object) -> Any:
     """A case of a parametrised test that the default run leaves out."""
     return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def cases(*rows: Any, ids: Any = None) -> Callable[..., Any]:
+    """Run a test once with each row of a table; its first parameters take a row's values.
+
+    A row is a tuple, or what the test's first parameter takes. A row of `slow` is one, too.
+    """
+    first = rows[0].values if isinstance(rows[0], type(pytest.param())) else rows[0]
+    count = len(first) if isinstance(first, tuple) else 1
+
+    def run_with_each(test: Callable[..., Any]) -> Callable[..., Any]:
+        names = list(inspect.signature(test).parameters)[:count]
+        return pytest.mark.parametrize(names if count > 1 else names[0], rows, ids=ids)(test)
+
+    return run_with_each
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -178,21 +195,43 @@ Command = Callable[..., Finished]
 
 @pytest.fixture
 def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
-    """Run a script's ``main`` in this process, as its last two lines do."""
+    """Run a script's ``main`` in this process, as its last two lines do.
+
+    It must end with ``status``; where this is None, it may end with any.
+    """
 
     from link.cli import run_cli
 
-    def run(main: Callable[[], None], *arguments: object) -> Finished:
+    def run(main: Callable[[], None], *arguments: object, status: int | None = 0) -> Finished:
         monkeypatch.setattr(sys, "argv", ["program", *map(str, arguments)])
         capfd.readouterr()
-        status = 0
+        code = 0
         try:
             run_cli(main)
         except SystemExit as end:
-            status = int(end.code or 0)
-        return Finished(status, *capfd.readouterr())
+            code = int(end.code or 0)
+        done = Finished(code, *capfd.readouterr())
+        assert status in (code, None), done.stderr
+        return done
 
     return run
+
+
+def run_process(
+    *words: object, status: int | None = 0, cwd: Path = ROOT, limit_s: float = 300, **more: Any
+) -> Finished:
+    """Run a program in a process of its own, with some ``more`` variables of the environment.
+
+    It must end with ``status``; where this is None, it may end with any. A variable that is None is
+    taken out of the environment.
+    """
+    line, variables = [*map(str, words)], {**os.environ, **more}
+    variables = {name: value for name, value in variables.items() if value is not None}
+    ended = subprocess.run(
+        line, cwd=cwd, env=variables, capture_output=True, text=True, timeout=limit_s
+    )
+    assert status in (ended.returncode, None), ended.stdout[-2000:] + ended.stderr[-2000:]
+    return Finished(ended.returncode, ended.stdout, ended.stderr)
 
 
 def refusal(call: Callable[[], object]) -> str:
@@ -215,13 +254,13 @@ Refuses = Callable[..., str]
 
 
 @pytest.fixture
-def refuses(command: Command) -> Refuses:
+def refuses(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Refuses:
     """Run a command that must refuse what it is given, and return the line that it says.
 
     Called with the command's module, the words of its command line, as a text or one by one, and
     what the line must say. The exit status must be 2, stderr must hold one line and stdout
-    nothing, and all files of ``folder``, by default the current one, must be as before. Where work
-    ``began`` before the refusal, there may be other output before the line.
+    nothing. The command runs in ``folder``, by default the test's own, whose files must be as
+    before. Where work ``began`` before the refusal, there may be other output before the line.
     """
 
     def run(
@@ -229,13 +268,13 @@ def refuses(command: Command) -> Refuses:
         words: str | Sequence[object],
         *says: str,
         began: bool = False,
-        folder: Path | None = None,
+        folder: Path = tmp_path,
     ) -> str:
-        folder = folder or Path.cwd()
+        monkeypatch.chdir(folder)
         before = files_in(folder)
         main = importlib.import_module(module).main
-        done = command(main, *(words.split() if isinstance(words, str) else words))
-        assert done.status == 2, done.stderr
+        words = words.split() if isinstance(words, str) else words
+        done = command(main, *words, status=2)
         assert "Traceback" not in done.stderr
         line = done.stderr.splitlines()[-1]
         if not began:

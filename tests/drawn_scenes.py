@@ -2,12 +2,12 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.pictures.library import load_pictures
 from link.embed import embed
 from link.geometry import homography_from_corners, transform
 from link.layout import Layout, make_layout
+from link.types import Array, Floats, Image
 
 LAYOUT = make_layout()
 PLAIN = make_layout(ratex=0)
@@ -15,12 +15,12 @@ WIDTH, HEIGHT = 640, 480
 CORNERS = np.array([[150.2, 95.7], [520.4, 120.3], [490.8, 380.1], [130.6, 350.9]])
 
 
-def content(layout: Layout, picture: int = 0) -> NDArray[np.uint8]:
+def content(layout: Layout, picture: int = 0) -> Image:
     rgb = load_pictures("test", layout.width, layout.height)[picture].rgb
     return embed(rgb, np.arange(layout.n_bits) % 2, layout, 3).embedded
 
 
-def room() -> NDArray[np.float32]:
+def room() -> Floats:
     """A wall, a table, a sheet of paper and a poster."""
     rng = np.random.default_rng(8)
     image = np.full((HEIGHT, WIDTH, 3), (120, 110, 95), np.float32)
@@ -31,9 +31,7 @@ def room() -> NDArray[np.float32]:
     return image + rng.normal(0, 2, image.shape).astype(np.float32)
 
 
-def scene(
-    shown: NDArray[np.uint8], corners: NDArray[np.float64] = CORNERS, bezel: float = 0.025
-) -> NDArray[np.uint8]:
+def scene(shown: Image, corners: Array = CORNERS, bezel: float = 0.025) -> Image:
     """The room with a display in a black bezel; (480, 640, 3) uint8."""
     height, width = shown.shape[:2]
     H = homography_from_corners(corners, width, height)
@@ -56,9 +54,7 @@ def scene(
     return np.asarray(np.clip(cv2.GaussianBlur(image, (0, 0), 0.6), 0, 255), np.uint8)
 
 
-def with_corner_out(
-    corner: int, outside: float = 0.12, turn_deg: float = 12.0
-) -> NDArray[np.float64]:
+def with_corner_out(corner: int, outside: float = 0.12, turn_deg: float = 12.0) -> Array:
     """Corners of a turned display, one of which lies outside by a share of the width."""
     width, height = 330.0, 250.0
     box = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * [width, height]

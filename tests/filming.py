@@ -4,16 +4,18 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
 from data_gen.effects import EFFECTS, FILM_EFFECTS, switch_off
+from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
 from data_gen.pairs import CAMERAS, get_pair
 from data_gen.parameters import IDENTITY, LINEAR, Camera, Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
+from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
+from link.types import Array, Floats, Image
 
 SMALL = make_layout(4, 4, 128, 96, 2)
 ROOM = SceneSettings(
@@ -42,7 +44,7 @@ PLAIN = replace(
 """A camera whose file holds 255 x exposure, rounded."""
 
 
-def smooth_picture(layout: Layout, seed: int = 4) -> NDArray[np.uint8]:
+def smooth_picture(layout: Layout, seed: int = 4) -> Image:
     coarse = np.random.default_rng(seed).uniform(0, 255, (7, 9, 3)).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (layout.width, layout.height)).round(), np.uint8)
 
@@ -69,15 +71,28 @@ def film(pair: Pair, displayed: Displayed, view_deg: float = 0.0, seed: int = 0)
     return capture(displayed, pair, view_deg, np.random.default_rng(seed))
 
 
-def even_light(*rgb: float) -> NDArray[np.float32]:
+def even_light(*rgb: float) -> Floats:
     """(96, 128, 3): one colour, or one gray."""
     return np.full((96, 128, 3), rgb if len(rgb) == 3 else rgb[0], np.float32)
 
 
-def levels(frame: NDArray[np.uint8]) -> NDArray[np.float64]:
+def levels(frame: Image) -> Array:
     return frame.astype(np.float64)
 
 
 def develop_plainly(camera: Camera) -> Camera:
     """The camera without what mixes pixels: mosaic, sharpening, JPEG."""
     return replace(camera, bayer=False, sharpening=0.0, jpeg_quality=0)
+
+
+def seen_centre(frame: VideoFrame) -> Array:
+    """Centre of what is bright."""
+    found = cv2.moments((frame.rgb[:, :, 1] > 127).astype(np.uint8))
+    return np.array([found["m10"] / found["m00"], found["m01"] / found["m00"]])
+
+
+def true_centre(frame: VideoFrame) -> Array:
+    """Centre of where the display is."""
+    corners = transform(frame.H_captured_from_display, frame_corners(SMALL.width, SMALL.height))
+    shape = cv2.moments(corners.astype(np.float32)[:, None])
+    return np.array([shape["m10"] / shape["m00"], shape["m01"] / shape["m00"]])

@@ -43,10 +43,9 @@ from link.images import write_image
 from link.layout import make_layout
 from models import PRETRAINED
 from reports.engine.backends import one_thread
-from reports.engine.records import to_line, to_records
 from reports.evaluation.page import write_report
-from reports.run import Cost, RunFolder, Story
 from tests.forked import Ended, run_forked
+from tests.runs import write_run
 from tests.streams import Stream, states_of, write_film
 
 MAX_S, MAX_BYTES, KILL_S = 10.0, 2 * 10**9, 60.0
@@ -267,22 +266,8 @@ class Inputs:
             (self.good / f"layout{number}.json").write_text(json.dumps(layout.to_dict()))
         (self.good / "key").write_bytes(bytes(range(32)))
         shutil.copytree(PRETRAINED, self.good / "checkpoint")
-        self._write_run(self.good / "run", captured)
-
-    def _write_run(self, path: Path, captured: Captured) -> None:
-        from models import make_decoder
-
-        soft = make_decoder("naive").decode(captured.rectified())
-        line = to_line("naive", 0, soft, captured) | {"pair": "canon-lg", "view_deg": 0.0}
-        meta = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
-        run = RunFolder(path)
-        run.claim({"seed": 0, "ratex": 5})
-        run.write_comparison(to_records([line]), meta, "tables")
-        write_image(path / "stories" / "a.jpg", captured.original)
-        run.write_stories([Story("strip", "title", "where", [("stories/a.jpg", "caption")])])
-        run.write_cost(Cost(3, "warps", 1.0, {"naive": (1.0, 2.0, 3.0)}))
-        run.finish(meta, {"decoding": 1.0}, [])
-        write_report(path)
+        write_run(self.good / "run")
+        write_report(self.good / "run")
 
     def case(self, folder: Path) -> Case:
         """Make the next case in an empty folder."""

@@ -6,9 +6,12 @@ from numpy.typing import NDArray
 
 from export.locate.pilots.all_blocks import BlockMaps
 from export.locate.pilots.evidence import pilot_signs
+from link.code.framing import encode
 from link.frames import SoftBits
 from link.geometry import Lens, frame_corners, homography_from_corners, transform
 from link.layout import Layout, block_mean, make_layout
+from link.presets import PRESETS
+from link.types import Array, Floats, Image
 
 FINE = make_layout(24, 32, modulation="antipodal", pilots="auto")
 OTHER = make_layout(16, 16, modulation="antipodal", pilots="auto")
@@ -25,7 +28,7 @@ class BlockMeans:
     def prepare(self) -> None:
         """There is nothing to load."""
 
-    def decode(self, original: NDArray[np.uint8], embedded: NDArray[np.uint8]) -> SoftBits:
+    def decode(self, original: Image, embedded: Image) -> SoftBits:
         self.pairs += 1
         change = embedded.astype(np.float32) - original
         if change.ndim == 3:
@@ -34,7 +37,7 @@ class BlockMeans:
         return SoftBits(2.0 * blocks[self.layout.message_mask].astype(np.float64))
 
 
-def texture(shape: tuple[int, int], seed: int, sigma: float = 4.0) -> NDArray[np.float32]:
+def texture(shape: tuple[int, int], seed: int, sigma: float = 4.0) -> Floats:
     noise = np.random.default_rng(seed).standard_normal(shape).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), sigma)
     return np.asarray(smooth / smooth.std(), np.float32)
@@ -51,8 +54,8 @@ def filmed(
     message: NDArray[np.integer] | None = None,
     pan: float = 0.0,
     parallax: float = 0.0,
-    inset: NDArray[np.uint8] | None = None,
-) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64]]:
+    inset: Image | None = None,
+) -> tuple[list[Image], Array]:
     """Frames of 640 x 480 of a display before a wall, a hand that moves a little, and its corners.
 
     The display's edges cannot be seen where it is ``dark`` around. At ``night`` wall and picture
@@ -109,9 +112,25 @@ def filmed(
     return images, corners
 
 
-def beside_print(
-    images: list[NDArray[np.uint8]], corners: NDArray[np.float64], shown: NDArray[np.uint8]
-) -> list[NDArray[np.uint8]]:
+TEXT = b"no marks"
+"""The message of `robust_film`."""
+
+
+def robust_film(frames: int) -> tuple[list[Image], Array]:
+    """Frames of the preset robust, whose states are shown for two frames each, and corners."""
+    layout = PRESETS["robust"].layout
+    return filmed(layout, frames, seed=3, message=encode(TEXT, layout.n_bits))
+
+
+def pilots_alone(layout: Layout, size: tuple[int, int]) -> Floats:
+    """How pilots change, drawn at a size: 1 or -1 in their blocks, and 0 in others."""
+    blocks = np.zeros(layout.rows * layout.cols, np.float32)
+    blocks[layout.pilot_blocks] = pilot_signs(layout)
+    grid = blocks.reshape(layout.rows, layout.cols)
+    return cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+
+
+def beside_print(images: list[Image], corners: Array, shown: Image) -> list[Image]:
     """Frames of `filmed`, 1200 x 480, of a wall that goes on to the right, where a print hangs."""
     height, width = shown.shape
     wide = []
@@ -125,7 +144,7 @@ def beside_print(
     return wide
 
 
-def panned_to(images: list[NDArray[np.uint8]], frames: int) -> list[NDArray[np.uint8]]:
+def panned_to(images: list[Image], frames: int) -> list[Image]:
     """Frames of a camera that turns within ``frames`` frames from a wall to what images show."""
     height, width = images[0].shape
     wall = np.clip(60 + 20 * texture((height, width), 77), 0, 255).astype(np.uint8)
@@ -140,7 +159,7 @@ MOVING_OUTLINE = np.array([[79.5, 79.5], [559.5, 79.5], [559.5, 559.5], [79.5, 5
 """Corners of the picture in `moving_picture`, pixels."""
 
 
-def moving_picture(shift: int) -> NDArray[np.uint8]:
+def moving_picture(shift: int) -> Image:
     """A frame, 640 x 640, of a camera at rest before a picture that has moved by some pixels.
 
     The picture has more points than the room, of which two strips are seen.
@@ -162,14 +181,14 @@ BENT_CORNERS = np.array([[200.0, 60.0], [1130.0, 90.0], [1090.0, 660.0], [170.0,
 
 def block_views(
     layout: Layout,
-    off: NDArray[np.float64],
+    off: Array,
     frames: int,
     frames_a_period: int,
     slope: float = 0.0,
     noise: float = 3.0,
     toggling: float = 3.0,
     k: float = 0.0,
-) -> NDArray[np.float32]:
+) -> Floats:
     """Maps of `BlockMaps` of a display whose corners lie ``off`` by some layout pixels in them.
 
     Its phase slopes from top to bottom by ``slope`` radians. Each period shows another message.

@@ -3,23 +3,25 @@
 And films of any images in files.
 """
 
+import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from link.code.framing import encode
 from link.embed import embed
 from link.geometry import homography_from_corners
 from link.layout import Layout
+from link.types import Array, Image
 
 
 def states_of(
     message: bytes, layout: Layout, rng: np.random.Generator, kappa: int = 4
-) -> list[NDArray[np.uint8]]:
+) -> list[Image]:
     """Display states of a loop over one smooth random picture."""
     coarse = rng.integers(30, 220, (6, 8, 3)).astype(np.uint8)
     picture = cv2.resize(coarse, (layout.width, layout.height), interpolation=cv2.INTER_CUBIC)
@@ -42,7 +44,7 @@ class Stream:
     noise: float = 1.0
     size: tuple[int, int] = (640, 480)
 
-    def corners(self, time: float) -> NDArray[np.float64]:
+    def corners(self, time: float) -> Array:
         """(4, 2) of a display that drifts by a few pixels a second."""
         width, height = self.size
         sides = np.array([[0.2, 0.18], [0.83, 0.14], [0.8, 0.84], [0.22, 0.8]]) * [width, height]
@@ -50,8 +52,8 @@ class Stream:
         return np.roll(sides, self.turn, axis=0)
 
     def frames(
-        self, states: list[NDArray[np.uint8]], seconds: float, rng: np.random.Generator
-    ) -> Iterator[tuple[float, NDArray[np.uint8], NDArray[np.float64]]]:
+        self, states: list[Image], seconds: float, rng: np.random.Generator
+    ) -> Iterator[tuple[float, Image, Array]]:
         """Time, RGB image and true corners of each camera frame."""
         width, height = self.size
         room = cv2.GaussianBlur(rng.random((height, width, 3), np.float32), (0, 0), 6) * 0.4
@@ -78,9 +80,7 @@ class Stream:
             yield time, np.clip(encoded + 0.5, 0, 255).astype(np.uint8), corners
 
 
-def write_film(
-    path: Path, images: Iterable[NDArray[np.uint8]], fps: float = 30.0, codec: str = "MJPG"
-) -> Path:
+def write_film(path: Path, images: Iterable[Image], fps: float = 30.0, codec: str = "MJPG") -> Path:
     """A film of gray or RGB images in a file, by a codec that OpenCV writes."""
     writer = None
     for image in images:
@@ -93,3 +93,8 @@ def write_film(
     assert writer is not None
     writer.release()
     return path
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    """What the receiver's command printed."""
+    return [json.loads(line) for line in text.splitlines()]

@@ -1,14 +1,12 @@
 """The code that the documents show runs as it stands, from the first block to the last."""
 
-import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_process
 
 from link.images import write_image
 
@@ -44,15 +42,8 @@ def test_every_link_of_a_page_leads_to_a_file_and_a_heading(page: Path) -> None:
 def test_the_code_of_a_document_runs(file: Path, tmp_path: Path) -> None:
     """In a process and a folder of its own, where a document may write files and import them."""
     (tmp_path / "script.py").write_text("\n".join(SHOWN[file]))
-    done = subprocess.run(
-        [sys.executable, "script.py"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    variables = {"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
+    run_process(sys.executable, "script.py", cwd=tmp_path, **variables)
 
 
 @pytest.mark.slow
@@ -63,10 +54,7 @@ def test_the_commands_of_the_receiver_run(tmp_path: Path) -> None:
     write_image(tmp_path / "photo.png", photo)
     script = script.replace(".venv/bin/python", sys.executable)
     script = script.replace("runs/", f"{tmp_path}/").replace("photo.png", f"{tmp_path}/photo.png")
-    done = subprocess.run(
-        ["bash", "-ec", script], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
+    done = run_process("bash", "-ec", script)
     assert '"text": "Hello"' in done.stdout
     assert (tmp_path / "player.html").is_file()
     assert list((tmp_path / "sent").glob("*.png"))

@@ -3,7 +3,6 @@
 import functools
 import json
 import random
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,11 +11,10 @@ import cv2
 import numpy as np
 import onnx
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run_process
 from fuzz import mutated_bytes
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from streams import Stream, states_of
 
 from export.locate.find import locate
@@ -29,6 +27,7 @@ from link.geometry import frame_corners
 from link.images import read_image, write_image
 from link.layout import MAX_BLOCKS, MAX_PIXELS, Layout, make_layout
 from link.outside import parse_json
+from link.types import Image
 
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()
@@ -126,54 +125,39 @@ def test_mutated_metadata_of_a_model_is_refused_or_harmless(tmp_path: Path, seed
 
 @pytest.mark.slow
 def test_the_fuzz_command_finds_nothing() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.fuzz", "--cases", "40", "--seed", "1"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
+    done = run_process(sys.executable, "-m", "tests.fuzz", "--cases", 40, "--seed", 1)
     assert len(json.loads(done.stdout.splitlines()[-1])["kinds"]) == 10
 
 
 @pytest.mark.slow
 def test_a_killed_command_ends_in_the_same_bytes() -> None:
     names = ("data_gen", "film_folder", "film_mkv", "send_player", "send_mkv", "send_folder")
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.kills", "--kills", "2", "--commands", *names],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = ("--kills", 2, "--commands", *names)
+    done = run_process(sys.executable, "-m", "tests.kills", *words, limit_s=600)
     for name, line in zip(names, done.stdout.splitlines(), strict=True):
         found = json.loads(line)
         assert found["command"] == name and not found["failures"]
         assert found["kills"] >= 2 and found["stops"] >= 1 and found["files_compared"] > 0
 
 
-def noise(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def noise(rng: np.random.Generator, image: Image) -> Image:
     return rng.integers(0, 256, image.shape).astype(np.uint8)
 
 
-def shuffled(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def shuffled(rng: np.random.Generator, image: Image) -> Image:
     return np.ascontiguousarray(rng.permutation(image, axis=int(rng.integers(2))))
 
 
-def cut(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cut(rng: np.random.Generator, image: Image) -> Image:
     height, width = (int(rng.integers(16, side)) for side in image.shape[:2])
     return image[:height, :width]
 
 
-def flat(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def flat(rng: np.random.Generator, image: Image) -> Image:
     return np.full_like(image, rng.integers(256))
 
 
-def mirrored(rng: np.random.Generator, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def mirrored(rng: np.random.Generator, image: Image) -> Image:
     return np.ascontiguousarray(image[:, ::-1])
 
 
@@ -183,13 +167,13 @@ def decoder() -> Decoder:
 
 
 @functools.cache
-def frames_of_a_film() -> list[NDArray[np.uint8]]:
+def frames_of_a_film() -> list[Image]:
     rng = np.random.default_rng(0)
     film = Stream(size=(320, 240)).frames(states_of(TEXT, LAYOUT, rng), 0.5, rng)
     return [image for _, image, _ in film]
 
 
-CHANGES: list[Callable[..., NDArray[np.uint8]]] = [noise, shuffled, cut, flat, mirrored]
+CHANGES: list[Callable[..., Image]] = [noise, shuffled, cut, flat, mirrored]
 
 
 @pytest.mark.slow

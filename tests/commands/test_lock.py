@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from conftest import Command, Refuses, files_in, refusal
+from conftest import Command, Refuses, cases, files_in, refusal
 
 import train
 from export import to_onnx
@@ -49,7 +49,6 @@ def holder(folder: Path, *arguments: str) -> Iterator[tuple[subprocess.Popen[str
     """Another process that holds a lock, and what it printed then; it is killed at the end."""
     line = [sys.executable, "-c", HOLD, str(folder), *arguments]
     with subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         said = process.stdout.readline().strip()
         try:
             yield process, said
@@ -180,22 +179,19 @@ FILM_OF_ONE_FRAME = "--message a --seconds 0.02 --size 160 120"
 EVALUATE = "--pairs canon-lg --frames 1 --jobs 1 --views 0 --kappas 5 --methods naive"
 
 
-@pytest.mark.parametrize(
-    ("module", "words", "out", "lock"),
-    [
-        ("evaluate", EVALUATE, "run", ""),
-        ("train", "--episodes 1 --jobs 1", "run", ""),
-        ("lab.__main__", "channel --frames 2", "run", ""),
-        ("data_gen.__main__", "--frames 1", "captures", ""),
-        ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
-        ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
-        ("export.send.__main__", SEND, "sent.html", "sent.html"),
-        ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
-        ("export.send.__main__", SEND, "sent", "sent"),
-    ],
+@cases(
+    ("evaluate", EVALUATE, "run", ""),
+    ("train", "--episodes 1 --jobs 1", "run", ""),
+    ("lab.__main__", "channel --frames 2", "run", ""),
+    ("data_gen.__main__", "--frames 1", "captures", ""),
+    ("data_gen.video", FILM_OF_ONE_FRAME, "film", ""),
+    ("data_gen.video", FILM_OF_ONE_FRAME, "film.mkv", "film.jsonl"),
+    ("export.send.__main__", SEND, "sent.html", "sent.html"),
+    ("export.send.__main__", SEND, "sent.mkv", "sent.mkv"),
+    ("export.send.__main__", SEND, "sent", "sent"),
 )
 def test_commands_refuse_an_output_that_is_being_written(
-    tmp_path: Path, refuses: Refuses, module: str, words: str, out: str, lock: str
+    module: str, words: str, out: str, lock: str, tmp_path: Path, refuses: Refuses
 ) -> None:
     folder = tmp_path if lock else tmp_path / out
     folder.mkdir(exist_ok=True)
@@ -225,10 +221,10 @@ def test_train_refuses_the_folder_of_another_run_before_any_work(
     monkeypatch.setattr(train, "simulate_episodes", simulate)
     monkeypatch.setattr(train, "train", train_and_die)
     flags = ["--episodes", "2", "--rounds", "1", "--out", tmp_path]
-    assert command(train.main, *flags).status == 130
+    command(train.main, *flags, status=130)
     settings = json.loads((tmp_path / "config.json").read_text())["train"]
     assert (settings["episodes"], settings["pair"]) == (2, "canon-lg")
-    assert command(train.main, *flags, "--jobs", 1).status == 130  # decides nothing
+    command(train.main, *flags, "--jobs", 1, status=130)  # decides nothing
     assert len(simulated) == 2
     for other in (["--seed", 1], ["--frames", 3], ["--pair", "all"], ["--lr", 0.02]):
         refuses("train", [*flags, *other], OTHER_RUN.format(tmp_path), folder=tmp_path)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import refusal
+from conftest import cases, refusal
+from runs import write_run
 
 from data_gen.effects import parse_settings
 from export.locate.find import locate
@@ -18,31 +19,22 @@ from lab.films.locate import read_corners
 from lab.recorded import read_sent
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
-from link.images import read_image, size, write_bytes, write_image
+from link.images import read_image, size, write_bytes
 from link.images.video import VideoReader
 from link.layout import Layout, make_layout
 from link.outside import inside, parse_json, read_bounded, read_json
 from models.neural.checkpoint import MAX_STATE_BYTES, MAX_WEIGHTS_BYTES
 from reports.engine.digest import ROOT
-from reports.engine.records import to_records
 from reports.run import RunFolder, Story
 
-META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
 FILES = ("run.json", "predictions.jsonl", "metrics.json", "stories.json", "config.json")
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
     """A small finished run with one picture."""
-    line = {"method": "oorc", "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": 0}
-    lines = [{**line, "picture": "p", "scores": [1.5, -2.0], "bits": [1, 1]}]
-    folder = RunFolder(tmp_path / "run")
-    folder.claim({"seed": 0})
-    folder.write_comparison(to_records(lines), META, "tables")
-    write_image(folder.path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
-    folder.write_stories([Story("strip", "title", "where", [("stories/a.jpg", "caption")])])
-    folder.finish(META, {"decoding": 1.0}, [])
-    return folder.path
+    write_run(tmp_path / "run")
+    return tmp_path / "run"
 
 
 def refused(folder: Path) -> str:
@@ -53,7 +45,7 @@ def refused(folder: Path) -> str:
 
 def test_a_whole_run_is_read(run: Path) -> None:
     read = RunFolder(run).read()
-    assert len(read.records) == 1
+    assert len(read.records) == 15
     assert read.stories[0].pictures == [("stories/a.jpg", "caption")]
 
 
@@ -78,18 +70,15 @@ def test_pictures_of_a_stored_run_lie_inside_it(run: Path, kind: str) -> None:
     assert "leads out of" in said or "need the name of a file" in said
 
 
-@pytest.mark.parametrize(
-    ("file", "text", "message"),
-    [
-        ("run.json", "[" * 10**5, "32 deep"),
-        ("metrics.json", "9" * 5000, "64 digits"),
-        ("stories.json", "[NaN]", "finite"),
-        ("predictions.jsonl", "{}\n", "line 1, method"),
-        ("predictions.jsonl", "\xff", "not"),
-        ("cost.json", "", "not JSON"),
-    ],
+@cases(
+    ("run.json", "[" * 10**5, "32 deep"),
+    ("metrics.json", "9" * 5000, "64 digits"),
+    ("stories.json", "[NaN]", "finite"),
+    ("predictions.jsonl", "{}\n", "line 1, method"),
+    ("predictions.jsonl", "\xff", "not"),
+    ("cost.json", "", "not JSON"),
 )
-def test_damage_is_told_with_its_file(run: Path, file: str, text: str, message: str) -> None:
+def test_damage_is_told_with_its_file(file: str, text: str, message: str, run: Path) -> None:
     (run / file).write_bytes(text.encode("latin-1"))
     said = refused(run)
     assert file in said
@@ -107,39 +96,34 @@ def test_a_run_that_does_not_say_how_it_was_made_is_refused(
     assert f"run.json, meta, {key}" in refused(run)
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"scores": "12"},
-        {"scores": [1.5]},
-        {"scores": [None, 1]},
-        {"bits": [7, 0]},
-        {"kappa": 0},
-        {"kappa": 10**30},
-        {"index": -1},
-        {"index": 10**40},
-        {"view_deg": "steep"},
-        {"view_deg": 10**400},
-        {"method": None},
-        {"pair": ["canon-lg"]},
-    ],
+@cases(
+    {"scores": "12"},
+    {"scores": [1.5]},
+    {"scores": [None, 1]},
+    {"bits": [7, 0]},
+    {"kappa": 0},
+    {"kappa": 10**30},
+    {"index": -1},
+    {"index": 10**40},
+    {"view_deg": "steep"},
+    {"view_deg": 10**400},
+    {"method": None},
+    {"pair": ["canon-lg"]},
     ids=str,
 )
-def test_a_prediction_out_of_range_is_refused(run: Path, changes: dict[str, Any]) -> None:
+def test_a_prediction_out_of_range_is_refused(changes: dict[str, Any], run: Path) -> None:
     file = run / "predictions.jsonl"
-    file.write_text(json.dumps(json.loads(file.read_text()) | changes) + "\n")
+    first, *others = file.read_text().splitlines()
+    file.write_text("\n".join([json.dumps(json.loads(first) | changes), *others]) + "\n")
     assert f"{next(iter(changes))}" in refused(run) or "as many scores as bits" in refused(run)
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("[1, 2.5, -3e10]", [1, 2.5, -3e10]),
-        (f"[{10**60}, 1e+100, 1e-400]", [10**60, 1e100, 0.0]),
-        ('"\\ud83d\\ude00"', "\N{GRINNING FACE}"),
-        ("[" * 32 + "]" * 32, None),
-        (b'{"key": "\xc3\xa4"}', {"key": "ä"}),
-    ],
+@cases(
+    ("[1, 2.5, -3e10]", [1, 2.5, -3e10]),
+    (f"[{10**60}, 1e+100, 1e-400]", [10**60, 1e100, 0.0]),
+    ('"\\ud83d\\ude00"', "\N{GRINNING FACE}"),
+    ("[" * 32 + "]" * 32, None),
+    (b'{"key": "\xc3\xa4"}', {"key": "ä"}),
 )
 def test_json_within_bounds_is_read_as_it_is(text: str | bytes, expected: Any) -> None:
     value = parse_json(text, "here")
@@ -187,10 +171,7 @@ def test_a_link_that_leads_to_itself_is_no_way_out(tmp_path: Path) -> None:
         read_image(tmp_path / "loop")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["drift", "drift=", "drift=NaN", "drift=1e999", "drift=" + "[" * 10**5, "a=" + "9" * 5000],
-)
+@cases("drift", "drift=", "drift=NaN", "drift=1e999", "drift=" + "[" * 10**5, "a=" + "9" * 5000)
 def test_settings_beyond_bounds_name_their_flag(text: str) -> None:
     with pytest.raises(ParameterError, match=r"^--set: need name=value") as error:
         parse_settings([text])
@@ -210,16 +191,13 @@ SENT_LAYOUT = json.dumps(make_layout().to_dict())
 DEEP = "[" * 10**5
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
+@cases(
         "", "{}", "[]", "null", DEEP, f'{{"layout": {SENT_LAYOUT}}}', '{"kappa": 3}',
         f'{{"layout": {SENT_LAYOUT}, "kappa": NaN}}', f'{{"layout": {SENT_LAYOUT}, "kappa": true}}',
         f'{{"layout": {SENT_LAYOUT}, "kappa": 65}}', '{"layout": 5, "kappa": 3}',
         f'{{"layout": {SENT_LAYOUT}, "kappa": {"9" * 5000}}}',
-    ],
 )  # fmt: skip
-def test_what_was_sent_is_read_through_the_door(tmp_path: Path, content: str) -> None:
+def test_what_was_sent_is_read_through_the_door(content: str, tmp_path: Path) -> None:
     file = tmp_path / "sent.json"
     file.write_text(f'{{"layout": {SENT_LAYOUT}, "kappa": 3, "frames": 4}}')
     assert read_sent(tmp_path) == (make_layout(), 3)

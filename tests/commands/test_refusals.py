@@ -4,13 +4,12 @@ Numbers of flags are in test_flags.py, and damaged files of stored runs in test_
 """
 
 import json
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import ROOT, Refuses, slow
+from conftest import ROOT, Refuses, run_process, slow
 
 from data_gen.pairs import PAIRS
 from link.captures import MANIFEST
@@ -233,15 +232,13 @@ Refuse = Callable[..., None]
 
 
 @pytest.fixture
-def refuse(
-    inputs: Path, tmp_path: Path, refuses: Refuses, monkeypatch: pytest.MonkeyPatch
-) -> Refuse:
+def refuse(inputs: Path, tmp_path: Path, refuses: Refuses) -> Refuse:
     """Run a command of `COMMANDS` beside the inputs, with some more words."""
-    monkeypatch.chdir(inputs)
 
     def run(name: str, words: str, *says: str, began: bool = False) -> None:
         module, first = COMMANDS[name]
-        refuses(module, f"{first} {words}".format(claimed=tmp_path / "out"), *says, began=began)
+        line = f"{first} {words}".format(claimed=tmp_path / "out")
+        refuses(module, line, *says, began=began, folder=inputs)
 
     return run
 
@@ -262,10 +259,8 @@ def test_a_command_that_has_begun_ends_in_one_line(
 
 def test_every_command_prints_its_refusals_in_one_line() -> None:
     """What starts a command as a user does is the last line of its file."""
-    found = subprocess.run(
-        ["git", "grep", "-lE", r"^def main\(\)", "--", "*.py", ":!tests", ":!*_worker.py"],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+    where = ("--", "*.py", ":!tests", ":!*_worker.py")
+    found = run_process("git", "grep", "-lE", r"^def main\(\)", *where)
     files = [ROOT / file for file in found.stdout.split()]
     assert len(files) > 12
     end = 'if __name__ == "__main__":\n    run_cli(main)\n'

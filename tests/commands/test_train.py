@@ -1,4 +1,5 @@
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -6,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from conftest import Command
+from conftest import Command, Refuses, cases
 
 import reports.evaluation.trained as final_evaluation
 import train
@@ -102,28 +103,24 @@ def test_the_exported_decoder_decodes_as_the_checkpoint(
     decoder = Decoder(run_folder / "decoder.onnx")
     assert decoder.metadata["run"] == "canon-lg"
     soft = decoder.decode(captured.original, captured.embedded, captured.corners)
-    assert captured.bits is not None
     assert np.mean(soft.bits == captured.bits) > 0.8
-
-
-def agreed_parity(*_: object) -> Parity:
-    """Stand in for the export, which takes long; sent to the process that exports."""
-    return Parity(1, 59, 0, 0.0, 1.0, 0.5)
 
 
 @pytest.mark.slow
 def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
     tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(final_evaluation, "export", agreed_parity)
+    """Without the export, which takes long, and the process that exports."""
+    monkeypatch.setattr(final_evaluation, "export", lambda *_: Parity(1, 59, 0, 0.0, 1.0, 0.5))
+    monkeypatch.setattr(final_evaluation, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor(1))
     small = ["--episodes", "2", "--rounds", "1", "--steps", "1", "--batch", "2", "--jobs", "1"]
     small += ["--frames", "1", "--out", str(tmp_path)]
-    assert command(train.main, *small).status == 0
+    command(train.main, *small)
     decoder, metrics = ((tmp_path / name).read_bytes() for name in ("decoder.pt", "metrics.json"))
     cells = tmp_path / "evaluation" / "cells"
     stored = set(cells.iterdir())
     assert len(stored) == len(DECODERS)
-    assert command(train.main, *small).status == 0  # it is made again, to the same bytes
+    command(train.main, *small)  # it is made again, to the same bytes
     assert (tmp_path / "decoder.pt").read_bytes() == decoder
     assert (tmp_path / "metrics.json").read_bytes() == metrics
     assert set(cells.iterdir()) == stored
@@ -135,49 +132,29 @@ def test_training_again_into_the_same_folder_evaluates_the_new_decoder(
             next(module.parameters()).mul_(1.1)
 
     monkeypatch.setattr(train, "train", train_otherwise)
-    assert command(train.main, *small).status == 0
+    command(train.main, *small)
     assert (tmp_path / "decoder.pt").read_bytes() != decoder
     (anew,) = set(cells.iterdir()) - stored  # that of the learned decoder
     assert len(list(anew.iterdir())) == 4
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--kappas", "0", "65"], "--kappas: "),
-        (["--kappas"], "--kappas: name at least one"),
-        (["--max-view", "-1"], "--max-view: need at least 0 degrees, got -1"),
-        (["--max-view", "400"], "--max-view: need an angle within"),
-        (["--lr", "0"], "--lr: need more than 0 and less than 10, got 0"),
-        (["--lr", "nan"], "--lr: need -1000000 to 1000000, got nan"),
-        (["--batch", "0"], "--batch: need at least 1, got 0"),
-    ],
+@cases(
+    ("--kappas 0 65", "--kappas: "),
+    ("--kappas", "--kappas: name at least one"),
+    ("--max-view -1", "--max-view: need at least 0 degrees, got -1"),
+    ("--max-view 400", "--max-view: need an angle within"),
+    ("--lr 0", "--lr: need more than 0 and less than 10, got 0"),
+    ("--lr nan", "--lr: need -1000000 to 1000000, got nan"),
+    ("--batch 0", "--batch: need at least 1, got 0"),
+    ("--decoder.degree 40", "--decoder.degree: need 1 to 12, got 40"),
+    ("--decoder.coarsen 3", "--decoder.coarsen: need 1 or 2, got 3"),
+    ("--decoder.channels hsv", "Error parsing decoder: unknown channels 'hsv'"),
+    ("--decoder.refine 2", "--start: the shipped decoder has other parts; choose constants"),
 )
 def test_each_wrong_flag_has_a_message_of_its_own(
-    flags: list[str], message: str, tmp_path: Path, command: Command
+    flags: str, message: str, refuses: Refuses
 ) -> None:
-    done = command(train.main, "--out", tmp_path / "run", *flags)
-    assert done.status == 2
-    assert done.stderr.startswith(f"error: {message}")
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--decoder.degree", "40"], "degree: need 1 to 12, got 40"),
-        (["--decoder.coarsen", "3"], "coarsen: need 1 or 2, got 3"),
-        (["--decoder.channels", "hsv"], "unknown channels 'hsv'"),
-    ],
-)
-def test_a_wrong_part_of_the_decoder_is_refused_with_its_name(
-    flags: list[str], message: str, tmp_path: Path, command: Command
-) -> None:
-    done = command(train.main, "--out", tmp_path / "run", *flags)
-    assert done.status == 2
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
-    assert message in done.stderr
+    refuses("train", f"--out run {flags}", f"error: {message}")
 
 
 # The loop
@@ -201,13 +178,6 @@ def test_training_starts_from_the_shipped_parameters_or_from_constants() -> None
     assert parameters(initial_decoder(LAYOUT, FULL, "constants")) == parameters(constants)
     plain = initial_decoder(LAYOUT, DecoderConfig(), "constants")
     assert plain.log_temperature.item() == START_LOG_TEMPERATURE
-
-
-def test_the_shipped_parameters_fit_no_other_decoder(tmp_path: Path, command: Command) -> None:
-    done = command(train.main, "--out", tmp_path, "--decoder.refine", "2")
-    assert done.status == 2
-    assert "--start: the shipped decoder has other parts; choose constants" in done.stderr
-    assert not any(tmp_path.iterdir())
 
 
 def test_a_step_without_a_finite_loss_changes_nothing(episodes: EpisodeSet) -> None:

@@ -65,9 +65,7 @@ def test_augmentation_without_randomness_is_the_identity(
         torch.testing.assert_close(after, before.float(), atol=AUGMENT_LEVELS, rtol=0)
 
 
-def test_each_frame_of_a_batch_has_its_own_draw(
-    frames: tuple[torch.Tensor, torch.Tensor],
-) -> None:
+def test_each_frame_of_a_batch_has_its_own_draw(frames: tuple[torch.Tensor, torch.Tensor]) -> None:
     original, _ = augment(*frames, generator())
     assert torch.equal(frames[0][0], frames[0][1])
     assert (original[0] - original[1]).abs().mean() > 1

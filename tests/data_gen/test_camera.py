@@ -5,17 +5,12 @@ import pytest
 from filming import PLAIN, develop_plainly, even_light, scene
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
-from tolerances import (
-    DEMOSAIC_RAMP,
-    FLOAT32,
-    IDENTITY_LEVELS,
-    NOISE_RELATIVE,
-)
+from tolerances import DEMOSAIC_RAMP, FLOAT32, IDENTITY_LEVELS, NOISE_RELATIVE
 
 from data_gen.channel.camera import RESPONSE_STEPS, collect, develop, jpeg, response_curve
 from data_gen.pairs import CAMERAS, PAIRS
 from data_gen.parameters import IDENTITY, LINEAR, Camera
+from link.types import Array, Floats
 
 NOISY = replace(PLAIN, read_noise_e=20.0)
 BIG = 768, 576
@@ -23,19 +18,17 @@ EXPOSURE = np.linspace(0, 1, RESPONSE_STEPS + 1)
 signals = st.floats(0.0, 0.5)
 
 
-def file_of(light: NDArray[np.float32], camera: Camera = PLAIN) -> NDArray[np.float64]:
+def file_of(light: Floats, camera: Camera = PLAIN) -> Array:
     """Developed without noise, in [0, 255]."""
     return develop(light, camera, np.random.default_rng(0), 0.0).astype(np.float64)
 
 
-def raw_of(
-    light: NDArray[np.float32], camera: Camera, scale: float = 1.0, iso: float = 1.0
-) -> NDArray[np.float64]:
+def raw_of(light: Floats, camera: Camera, scale: float = 1.0, iso: float = 1.0) -> Array:
     """Developed with noise, in [0, 1]: without tone curve, so linear."""
     return develop(light, camera, np.random.default_rng(3), scale, iso) / 255.0
 
 
-def flat(signal: float) -> NDArray[np.float32]:
+def flat(signal: float) -> Floats:
     return np.full((BIG[1], BIG[0], 3), signal, np.float32)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import cases
 from filming import even_scene, film, levels, only, scene
 from numpy.typing import NDArray
 from tolerances import CDTF_LEVELS, FLOAT32, IDENTITY_LEVELS
@@ -25,6 +26,7 @@ from data_gen.parameters import Pair
 from link.embed import embed
 from link.frames import Captured, Displayed
 from link.layout import make_layout
+from link.types import Image
 
 SCENE = scene()
 
@@ -60,7 +62,6 @@ def test_every_pair_films_the_picture_inside_the_image(
 def test_a_capture_passes_on_what_the_receiver_and_the_reports_need() -> None:
     shown = replace(SCENE, ratex_kappa=10)
     captured = film(get_pair("nikon-lg"), shown, 20.0)
-    assert captured.bits is not None
     assert np.array_equal(captured.bits, shown.bits)
     assert (captured.layout, captured.kappa, captured.ratex_kappa) == (shown.layout, 5, 10)
     assert captured.meta == {"pair": "nikon-lg", "view_deg": 20.0}
@@ -91,7 +92,7 @@ def test_a_gray_picture_is_filmed_as_its_rgb_twin() -> None:
     assert np.array_equal(both[0].original, both[1].original)
 
 
-@pytest.mark.parametrize(("width", "height"), [(384, 512), (517, 389), (800, 200)])
+@cases((384, 512), (517, 389), (800, 200))
 def test_a_picture_of_another_shape_is_filmed_whole(width: int, height: int) -> None:
     layout = make_layout(4, 4, width, height, 2)
     picture = np.full((height, width, 3), 128, np.uint8)
@@ -128,18 +129,18 @@ def test_an_exposure_ends_at_saturation(room: bool) -> None:
     np.testing.assert_allclose(longer, np.minimum(8 * once, 1), rtol=20 * FLOAT32)
 
 
-def still(pair: Pair) -> NDArray[np.uint8]:
+def still(pair: Pair) -> Image:
     return film(pair, SCENE).original
 
 
-def still_in_a_room(pair: Pair) -> NDArray[np.uint8]:
+def still_in_a_room(pair: Pair) -> Image:
     rng = np.random.default_rng(0)
     settings = SceneSettings(size=(160, 96), room="dark", coverage=0.4, second_display=False)
     made = draw_scene(SCENE.layout, pair, 0.0, rng, settings)
     return photograph(SCENE.original, made, rng)
 
 
-def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
+def frame_of_a_film(pair: Pair) -> Image:
     scene_settings = SceneSettings(size=(160, 96), room="dark", coverage=0.4, second_display=False)
     settings = VideoSettings(scene_settings, seconds=0.01)
     rng = np.random.default_rng(0)
@@ -147,18 +148,12 @@ def frame_of_a_film(pair: Pair) -> NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("expose", [still, still_in_a_room, frame_of_a_film])
-@pytest.mark.parametrize(
-    ("holder", "name"),
-    [
-        (composition.Emission, "light"),
-        *((composition, n) for n in ("image_of", "collect", "pwm_gain", "moire_gain", "develop")),
-    ],
+@cases(
+    (composition.Emission, "light"),
+    *((composition, n) for n in ("image_of", "collect", "pwm_gain", "moire_gain", "develop")),
 )
 def test_stills_scenes_and_films_pass_through_the_same_stages(
-    expose: Callable[[Pair], NDArray[np.uint8]],
-    holder: Any,
-    name: str,
-    monkeypatch: pytest.MonkeyPatch,
+    holder: Any, name: str, expose: Callable[[Pair], Image], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An effect that is added to a stage of the composition reaches all of them."""
     if name == "pwm_gain" and expose is frame_of_a_film:

@@ -6,7 +6,6 @@ import pytest
 from filming import even_scene, film, only, smooth_picture
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT32
 
 from data_gen.channel.display import emitted_light, fall_to_corners, room_light
@@ -14,13 +13,14 @@ from data_gen.effects import with_parameter
 from data_gen.pairs import DISPLAYS, PAIRS
 from data_gen.parameters import Display
 from link.layout import make_layout
+from link.types import Array
 
 ANGLES = range(0, 80, 5)
 RAMP = np.repeat(np.arange(256, dtype=np.uint8)[None, :, None], 3, axis=2)
 displays = st.sampled_from([pair.display for pair in PAIRS.values()])
 
 
-def emitted(level: int, display: Display, degrees: float) -> NDArray[np.float64]:
+def emitted(level: int, display: Display, degrees: float) -> Array:
     """Light of an even picture's centre in R, G, B."""
     theta = np.full((3, 3), np.radians(degrees))
     light = emitted_light(np.full((3, 3, 3), level, np.uint8), display, theta)

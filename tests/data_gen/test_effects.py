@@ -7,7 +7,6 @@ import pytest
 from filming import SMALL, even_scene, film, levels, only, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT64, IDENTITY_LEVELS
 
 from data_gen.channel.camera import jpeg
@@ -17,6 +16,7 @@ from data_gen.pairs import PAIRS, get_pair
 from link.frames import Captured, Displayed
 from link.geometry import frame_corners
 from link.layout import make_layout
+from link.types import Image
 
 SCENE = scene()
 CORNERS = frame_corners(SMALL.width, SMALL.height)
@@ -29,7 +29,7 @@ def alone(effect: str, displayed: Displayed = SCENE, view: float = 30.0, seed: i
     return film(only("canon-samsung", effect), displayed, view, seed)
 
 
-def detail(frame: NDArray[np.uint8]) -> float:
+def detail(frame: Image) -> float:
     """Mean squared step between neighbours along rows."""
     return float(np.square(np.diff(levels(frame), axis=1)).mean())
 

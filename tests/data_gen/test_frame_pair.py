@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from conftest import cases
 from joblib import Parallel, delayed
-from numpy.typing import NDArray
 
 from data_gen import frame_pair
 from data_gen.effects import EFFECTS, switch_off, with_parameter
@@ -16,6 +16,7 @@ from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
 from link.frames import Captured
 from link.layout import Layout, make_layout
+from link.types import Image
 
 FRONTAL = Cell("canon-lg", 0.0, 5)
 OBLIQUE = Cell("sony-samsung", 45.0, 3)
@@ -24,8 +25,6 @@ SMALL = make_layout(4, 4, 256, 192, 2)
 
 
 def same(a: Captured, b: Captured) -> bool:
-    assert a.bits is not None
-    assert b.bits is not None
     return (
         np.array_equal(a.original, b.original)
         and np.array_equal(a.embedded, b.embedded)
@@ -44,12 +43,8 @@ def filmed(source: Source, cell: Cell, index: int) -> Captured:
 
 def test_cells_do_not_depend_on_the_order(layout: Layout) -> None:
     source = Source(layout)
-    there = [
-        FramePair(source, cell, index).captured for cell in (FRONTAL, OBLIQUE) for index in (0, 1)
-    ]
-    back = [
-        FramePair(source, cell, index).captured for cell in (OBLIQUE, FRONTAL) for index in (1, 0)
-    ]
+    there = [filmed(source, cell, index) for cell in (FRONTAL, OBLIQUE) for index in (0, 1)]
+    back = [filmed(source, cell, index) for cell in (OBLIQUE, FRONTAL) for index in (1, 0)]
     assert all(same(a, b) for a, b in zip(there, reversed(back), strict=True))
 
 
@@ -61,16 +56,13 @@ def test_cells_do_not_depend_on_the_process(layout: Layout) -> None:
     assert all(same(a, b) for a, b in zip(here, elsewhere, strict=True))
 
 
-@pytest.mark.parametrize(
-    ("source", "cell", "index"),
-    [
-        (Source(SMALL, seed=1), FRONTAL, 0),
-        (Source(SMALL, split="train"), FRONTAL, 0),
-        (Source(SMALL), replace(FRONTAL, pair="canon-imac"), 0),
-        (Source(SMALL), replace(FRONTAL, view_deg=1.0), 0),
-        (Source(SMALL), replace(FRONTAL, kappa=4), 0),
-        (Source(SMALL), FRONTAL, 1),
-    ],
+@cases(
+    (Source(SMALL, seed=1), FRONTAL, 0),
+    (Source(SMALL, split="train"), FRONTAL, 0),
+    (Source(SMALL), replace(FRONTAL, pair="canon-imac"), 0),
+    (Source(SMALL), replace(FRONTAL, view_deg=1.0), 0),
+    (Source(SMALL), replace(FRONTAL, kappa=4), 0),
+    (Source(SMALL), FRONTAL, 1),
     ids=["seed", "split", "pair", "view", "kappa", "index"],
 )
 def test_everything_that_names_a_frame_pair_changes_its_draw(
@@ -149,31 +141,20 @@ def test_parameters_are_set_after_effects_are_switched_off() -> None:
 
 def test_a_source_without_any_effect_films_what_it_displays() -> None:
     source = Source(SMALL, without=tuple(EFFECTS))
-    shown, captured = (
-        FramePair(source, OBLIQUE, 1).displayed,
-        FramePair(source, OBLIQUE, 1).captured,
-    )
-    assert np.array_equal(captured.original, shown.original)
-    assert np.array_equal(captured.embedded, shown.embedded)
+    pair = FramePair(source, OBLIQUE, 1)
+    assert np.array_equal(pair.captured.original, pair.displayed.original)
+    assert np.array_equal(pair.captured.embedded, pair.displayed.embedded)
 
 
-@pytest.mark.parametrize(
-    "other",
-    [
-        Source(SMALL, without=("noise",)),
-        Source(SMALL, parameters=(("jpeg_quality", 60),)),
-        Source(SMALL, ratex_kappa=12),
-    ],
+@cases(
+    Source(SMALL, without=("noise",)),
+    Source(SMALL, parameters=(("jpeg_quality", 60),)),
+    Source(SMALL, ratex_kappa=12),
     ids=["without", "parameters", "ratex_kappa"],
 )
 def test_a_changed_channel_keeps_the_draws_and_changes_the_frames(other: Source) -> None:
-    usual, changed = (
-        FramePair(Source(SMALL), FRONTAL, 0).captured,
-        FramePair(other, FRONTAL, 0).captured,
-    )
+    usual, changed = (filmed(source, FRONTAL, 0) for source in (Source(SMALL), other))
     assert not np.array_equal(usual.embedded, changed.embedded)
-    assert usual.bits is not None
-    assert changed.bits is not None
     assert np.array_equal(usual.bits, changed.bits)
     assert np.array_equal(usual.corners, changed.corners)
 
@@ -185,9 +166,7 @@ def test_kappa_of_the_ratex_patches_reaches_the_receiver() -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_does_not() -> None:
-    first, again, other = (
-        FramePair(Source(SMALL, seed=seed), OBLIQUE, 0).captured for seed in (1, 1, 2)
-    )
+    first, again, other = (filmed(Source(SMALL, seed=seed), OBLIQUE, 0) for seed in (1, 1, 2))
     assert same(first, again)
     for frames in ((first.original, other.original), (first.embedded, other.embedded)):
         assert frames[0].tobytes() != frames[1].tobytes()
@@ -284,7 +263,7 @@ def test_episodes_vary_the_channel_except_what_the_source_sets(
 ) -> None:
     channels: list[Pair] = []
 
-    def note(source: Source, cell: Cell, index: int) -> tuple[NDArray[np.uint8], ...]:
+    def note(source: Source, cell: Cell, index: int) -> tuple[Image, ...]:
         channels.append(source.pair(cell.pair))
         return np.zeros((1, 1, 3), np.uint8), np.zeros((1, 1, 3), np.uint8), np.zeros(1, np.uint8)
 

@@ -2,21 +2,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command
-from numpy.typing import NDArray
+from conftest import Command, cases
 from scipy.stats import binomtest, norm
 
 import evaluate
 from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
-from data_gen.ideal import (
-    OriginalSeen,
-    captured_blocks,
-    log_likelihood_ratios,
-    observe_ideally,
-)
+from data_gen.ideal import OriginalSeen, captured_blocks, log_likelihood_ratios, observe_ideally
 from link.captures import save_captures
 from link.layout import Layout, make_layout
+from link.types import Array, Image
 from models import make_decoder
 from reports.engine.methods import METHODS
 
@@ -29,15 +24,13 @@ BLOCKS = np.kron(np.arange(COUNT).reshape(8, 8), np.ones((SIDE, SIDE), np.int16)
 SHAPE = (*BLOCKS.shape, 3)
 
 
-def noisy(
-    level: float | NDArray[np.float64], rng: np.random.Generator, *many: int
-) -> NDArray[np.uint8]:
+def noisy(level: float | Array, rng: np.random.Generator, *many: int) -> Image:
     """Captures of ``level`` under white noise: (*many, H, W, 3)."""
     noise = SIGMA * rng.standard_normal((*many, *SHAPE))
     return np.asarray((level + noise).round().astype(np.uint8))
 
 
-def draws_of_both_bits(rng: np.random.Generator) -> NDArray[np.uint8]:
+def draws_of_both_bits(rng: np.random.Generator) -> Image:
     noise = SIGMA * rng.standard_normal((64, *SHAPE))
     return np.stack([LOW + noise, LOW + STEP + noise]).round().astype(np.uint8)
 
@@ -83,15 +76,12 @@ def test_bits_that_look_alike_are_left_undecided() -> None:
     assert log_likelihood_ratios(burnt[0, 0], burnt, blocks, 2).tolist() == [0, 0]
 
 
-@pytest.mark.parametrize(
-    "layout",
-    [
-        SMALL,
-        make_layout(3, 5, 117, 201, 1),
-        make_layout(4, 4, 256, 192, 2, "antipodal"),
-        make_layout(6, 7, 219, 205, modulation="antipodal", pilots=11),
-        make_layout(6, 7, 219, 205, pilots=11),
-    ],
+@cases(
+    SMALL,
+    make_layout(3, 5, 117, 201, 1),
+    make_layout(4, 4, 256, 192, 2, "antipodal"),
+    make_layout(6, 7, 219, 205, modulation="antipodal", pilots=11),
+    make_layout(6, 7, 219, 205, pilots=11),
 )
 def test_a_channel_without_effects_leaves_no_error(layout: Layout) -> None:
     source = Source(layout, "train", without=tuple(EFFECTS))
@@ -193,8 +183,7 @@ def test_a_message_given_in_place_of_the_drawn_one_changes_nothing_else() -> Non
 def test_the_comparison_knows_it_as_a_method(tmp_path: Path, command: Command) -> None:
     methods = ("oorc", "ideal", "ideal_change")
     flags = ["--pairs", "canon-lg", "--views", 0, "--kappas", 5, "--frames", 1, "--jobs", 1]
-    result = command(evaluate.main, *flags, "--methods", *methods, "--out", tmp_path)
-    assert result.status == 0, result.stderr
+    command(evaluate.main, *flags, "--methods", *methods, "--out", tmp_path)
     tables = (tmp_path / "tables.md").read_text()
     assert all(f"| {method} |" in tables for method in methods)
     assert "ideal" not in evaluate.EvaluateConfig().methods
@@ -210,6 +199,5 @@ def test_captures_without_a_simulation_leave_it_out(
     )
     flags = ["--captures", tmp_path / "real", "--out", tmp_path / "out"]
     result = command(evaluate.main, *flags, "--methods", "oorc", "ideal")
-    assert result.status == 0, result.stderr
     assert "ideal: left out of 1 of 1, needs the simulation's true channel" in result.stdout
     assert "ideal" not in (tmp_path / "out" / "tables.md").read_text()

@@ -5,7 +5,6 @@ import pytest
 from filming import only
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, MOIRE_AMPLITUDE, MOIRE_MEAN
 
 from data_gen.channel.moire import moire_gain
@@ -13,6 +12,7 @@ from data_gen.effects import with_parameter
 from data_gen.pairs import PAIRS
 from data_gen.parameters import Pair
 from link.layout import make_layout
+from link.types import Array
 
 LAYOUT = make_layout()
 SIZE = (768, 32)
@@ -22,18 +22,18 @@ PAIR = with_parameter(only("canon-imac", "moire", "crosstalk"), "native_width", 
 COLUMNS = 1080 / 384  # of the panel a display pixel
 
 
-def frontal(frequency: float) -> NDArray[np.float64]:
+def frontal(frequency: float) -> Array:
     """Scaling under which a sensor pixel spans ``frequency`` panel columns."""
     scale = COLUMNS / (frequency * NATIVE)
     return np.diag([scale, scale, 1.0])
 
 
-def gain_row(pair: Pair, frequency: float, channel: int) -> NDArray[np.float64]:
+def gain_row(pair: Pair, frequency: float, channel: int) -> Array:
     gain = moire_gain(pair, LAYOUT, frontal(frequency), SIZE)
     return gain[16, :, channel].astype(np.float64)
 
 
-def sampled_row(pair: Pair, frequency: float, channel: int) -> NDArray[np.float64]:
+def sampled_row(pair: Pair, frequency: float, channel: int) -> Array:
     """Light at the sensor's R, G or B pixels of a row: stripes, blur, aperture, mosaic."""
     edge = frequency * (np.arange(int(SIZE[0] * NATIVE) * FINE + 1) / FINE - 0.5)  # columns
     phase = edge[:, None] - np.arange(3) / 3 + 1 / 6  # of each primary's stripe, a third wide
@@ -47,7 +47,7 @@ def sampled_row(pair: Pair, frequency: float, channel: int) -> NDArray[np.float6
     return np.asarray((inner[0::2], inner, inner[1::2])[channel])
 
 
-def peak(row: NDArray[np.float64], spacing: float) -> tuple[float, float]:
+def peak(row: Array, spacing: float) -> tuple[float, float]:
     """Frequency, cycles per captured pixel, and amplitude of the strongest wave below 0.5."""
     window = np.hanning(len(row))
     spectrum = np.abs(np.fft.rfft((row - row.mean()) * window, 8 * len(row)))

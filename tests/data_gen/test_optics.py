@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, SUBPIXEL_PX
 
 from data_gen.channel.optics import (
@@ -20,6 +20,7 @@ from data_gen.channel.optics import (
     view_angles,
 )
 from link.geometry import frame_corners, transform
+from link.types import Array
 
 SIZE = (CAPTURE_WIDTH, CAPTURE_HEIGHT)
 
@@ -41,9 +42,7 @@ def test_the_far_edge_is_seen_at_a_wider_angle() -> None:
     assert np.all(np.diff(angles, axis=1) < 0)
 
 
-def pinhole(
-    pose: Pose, points: NDArray[np.float64], width: int, height: int
-) -> NDArray[np.float64]:
+def pinhole(pose: Pose, points: Array, width: int, height: int) -> Array:
     """Project display pixels (N, 2) by explicit 3-D geometry, without a homography."""
     world = np.zeros((len(points), 3))  # x right, y down, z towards the camera, width 1
     world[:, :2] = (points - [(width - 1) / 2, (height - 1) / 2]) / width
@@ -65,15 +64,12 @@ def pinhole(
     return focal * np.column_stack([x, y]) + centre
 
 
-@pytest.mark.parametrize(
-    "pose",
-    [
-        Pose(0.0, 0.0, 0.0, 2.0),
-        Pose(45.0, 0.0, 0.0, 2.5),
-        Pose(-45.0, 2.0, -2.0, 3.0),
-        Pose(30.0, -10.0, 5.0, 2.2),
-        Pose(75.0, 1.5, 2.0, 2.0),
-    ],
+@cases(
+    Pose(0.0, 0.0, 0.0, 2.0),
+    Pose(45.0, 0.0, 0.0, 2.5),
+    Pose(-45.0, 2.0, -2.0, 3.0),
+    Pose(30.0, -10.0, 5.0, 2.2),
+    Pose(75.0, 1.5, 2.0, 2.0),
 )
 def test_project_agrees_with_explicit_pinhole_geometry(pose: Pose) -> None:
     points = np.vstack([frame_corners(512, 384), [[100.0, 50.0], [255.5, 191.5], [400.0, 333.0]]])
@@ -112,7 +108,7 @@ def test_drawn_poses_keep_to_what_is_promised_and_vary() -> None:
     assert len({pose.distance for pose in poses}) == 200
 
 
-@pytest.mark.parametrize(("width", "height"), [(512, 384), (384, 512), (800, 200), (256, 256)])
+@cases((512, 384), (384, 512), (800, 200), (256, 256))
 @given(view=st.floats(-76, 76), pitch=st.floats(-2, 2), roll=st.floats(-2, 2), far=st.floats(2, 3))
 def test_a_picture_of_any_shape_lies_inside_the_image(
     width: int, height: int, view: float, pitch: float, roll: float, far: float

@@ -6,25 +6,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT32, PHASE_MEAN
 
 from data_gen.channel.panel import LEAST_SHARE, Panel, dithered
 from data_gen.pairs import DISPLAYS
 from data_gen.parameters import SCANS, Display
 from data_gen.today import LAPTOP
+from link.types import Floats, Image
 
 SIZE = 64, 48
 STEADY = replace(DISPLAYS["lg"], scan="none", rise_s=(0, 0, 0), fall_s=(0, 0, 0), pwm_depth=0.0)
 
 
-def pictures(levels: list[int]) -> list[NDArray[np.uint8]]:
+def pictures(levels: list[int]) -> list[Image]:
     return [np.full((SIZE[1], SIZE[0], 3), level, np.uint8) for level in levels]
 
 
 def exposed(
     display: Display, levels: list[int], state_hz: float, opens: float, shutter_s: float
-) -> tuple[NDArray[np.float32], dict[int, float]]:
+) -> tuple[Floats, dict[int, float]]:
     """Mean level, (H, W), of a panel whose light is its level, and the states' shares."""
     states = pictures(levels)
     panel = Panel(

@@ -6,20 +6,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from filming import ROOM, SMALL, only
-from numpy.typing import NDArray
+from filming import ROOM, SMALL, only, seen_centre, true_centre
 
 from data_gen.film.frame import VideoFrame
-from data_gen.film.phone import (
-    PhoneProcessor,
-    PhoneSettings,
-    blur_by_motion,
-    map_tones_locally,
-)
+from data_gen.film.phone import PhoneProcessor, PhoneSettings, blur_by_motion, map_tones_locally
 from data_gen.film.stream import VideoSettings, film
 from data_gen.pairs import get_pair
 from data_gen.parameters import Pair
 from link.geometry import Lens, frame_corners, transform
+from link.types import Image
 
 DISPLAY = SMALL.width, SMALL.height
 SHORT = VideoSettings(scene=ROOM, seconds=0.3, clock_error=0.0, start_s=0.0)
@@ -37,7 +32,7 @@ EFFECTS = {
 def stream(
     chosen: VideoSettings,
     pair: Pair = QUIET,
-    states: Sequence[NDArray[np.uint8]] = (WHITE, GRAY),
+    states: Sequence[Image] = (WHITE, GRAY),
     seed: int = 0,
 ) -> list[VideoFrame]:
     return list(film(states, SMALL, pair, 0.0, chosen, np.random.default_rng(seed)))
@@ -45,18 +40,6 @@ def stream(
 
 def pixels(frames: list[VideoFrame]) -> list[bytes]:
     return [frame.rgb.tobytes() for frame in frames]
-
-
-def seen_centre(frame: VideoFrame) -> NDArray[np.float64]:
-    """Centre of what is bright."""
-    found = cv2.moments((frame.rgb[:, :, 1] > 127).astype(np.uint8))
-    return np.array([found["m10"] / found["m00"], found["m01"] / found["m00"]])
-
-
-def true_centre(frame: VideoFrame) -> NDArray[np.float64]:
-    corners = transform(frame.H_captured_from_display, frame_corners(*DISPLAY))
-    shape = cv2.moments(corners.astype(np.float32)[:, None])
-    return np.array([shape["m10"] / shape["m00"], shape["m01"] / shape["m00"]])
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -4,10 +4,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from data_gen.pictures.library import Picture, load_folder, load_pictures
 from link.errors import InputError
+from link.types import Image
 
 SIZE = (320, 240)
 SPLITS = ("train", "test")
@@ -28,7 +28,7 @@ def is_photo(picture: Picture) -> bool:
     return picture.name.startswith("photo/")
 
 
-def save(path: Path, rgb: NDArray[np.uint8]) -> None:
+def save(path: Path, rgb: Image) -> None:
     assert cv2.imwrite(str(path), cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tolerances import FLOAT64
 
 from data_gen.channel.optics import CAPTURE_HEIGHT, CAPTURE_WIDTH
@@ -14,6 +13,7 @@ from data_gen.effects import EFFECTS
 from data_gen.frame_pair import Cell, FramePair, Source
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
+from link.types import Image
 
 CELL = Cell("canon-lg", 45.0, 3)
 
@@ -57,7 +57,7 @@ def test_the_picture_is_that_of_the_usual_capture_reduced(
     area = cv2.resize(usual.original, (width, height), interpolation=cv2.INTER_AREA)
     shown = area.max(axis=2) > 30  # beside the picture the room is dark in both
 
-    def apart(image: NDArray[np.uint8]) -> float:
+    def apart(image: Image) -> float:
         return float(np.abs(image.astype(int) - small.original)[shown].mean())
 
     shifted = np.roll(area, 3, axis=1)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from filming import even_scene, only, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from tolerances import FLOAT32, SUBPIXEL_PX
 
 from data_gen.channel.composition import Shot
@@ -31,6 +31,7 @@ from data_gen.pairs import get_pair
 from data_gen.pictures.library import Picture
 from link.geometry import frame_corners, transform
 from link.layout import make_layout
+from link.types import Array, Image
 
 LAYOUT = make_layout(4, 4, 128, 96, 2)
 SMALL = SceneSettings(size=(320, 180), margin_px=8)
@@ -41,7 +42,7 @@ def drawn(seed: int = 0, view: float = 0.0, chosen: SceneSettings = SMALL) -> Sc
     return draw_scene(LAYOUT, get_pair("canon-lg"), view, np.random.default_rng(seed), chosen)
 
 
-def even(level: int) -> NDArray[np.uint8]:
+def even(level: int) -> Image:
     return even_scene(level, LAYOUT).original
 
 
@@ -115,7 +116,7 @@ def test_a_seed_gives_the_same_scene_and_still() -> None:
     assert not np.array_equal(stills[0], photograph(even(90), first, np.random.default_rng(2)))
 
 
-@pytest.mark.parametrize(("seed", "view"), [(0, 0.0), (1, 40.0), (2, -55.0), (3, 20.0)])
+@cases((0, 0.0), (1, 40.0), (2, -55.0), (3, 20.0))
 def test_the_truth_lies_on_the_edges_of_the_drawn_display(seed: int, view: float) -> None:
     size = SceneSettings(size=(640, 360), coverage=0.2, room="dark")
     made = draw_scene(
@@ -234,7 +235,7 @@ def test_a_camera_that_moves_sees_the_wall_move_behind_the_display() -> None:
     moved = made.camera.copy()
     moved[:, 3] -= made.camera[:, :3] @ way
 
-    def seen(camera: NDArray[np.float64], depth: float) -> NDArray[np.float64]:
+    def seen(camera: Array, depth: float) -> Array:
         points = np.array([[0, 0, -depth, 1], [0.4, 0.1, -depth, 1], [-0.3, 0.2, -depth, 1]])
         image = points @ camera.T
         return np.asarray(image[:, :2] / image[:, 2:])

@@ -2,13 +2,7 @@
 
 import pytest
 
-from data_gen.effects import (
-    EFFECTS,
-    parameter_names,
-    parse_settings,
-    switch_off,
-    with_parameter,
-)
+from data_gen.effects import EFFECTS, parameter_names, parse_settings, switch_off, with_parameter
 from data_gen.pairs import get_pair
 from link.errors import InputError
 

@@ -1,5 +1,4 @@
 import json
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +12,7 @@ import onnx
 import onnxruntime
 import pytest
 import torch
-from conftest import ROOT, Command, refusal, slow
+from conftest import Command, cases, refusal, run_process, slow
 from numpy.typing import NDArray
 from tolerances import ONNX_SCORE
 
@@ -28,6 +27,7 @@ from link import __version__
 from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.layout import Layout, make_layout
+from link.types import Image
 from models import PRETRAINED
 from models.neural.checkpoint import load_checkpoint
 from models.neural.config import FULL
@@ -73,7 +73,7 @@ def unseen(layout: Layout) -> list[Rectified]:
     return [captured.rectified() for captured in pairs]
 
 
-def batch(frames: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+def batch(frames: list[Image]) -> Image:
     return np.ascontiguousarray(np.stack(frames).transpose(0, 3, 1, 2))
 
 
@@ -139,14 +139,11 @@ def test_compare_reports_another_checkpoint(layout: Layout, onnx_decoder: Decode
     assert parity.max_difference > ONNX_SCORE
 
 
-@pytest.mark.parametrize(
-    ("parity", "holds"),
-    [
-        (Parity(1, 59, 0, 1e-5, 10.0, 5.0), True),
-        (Parity(1, 59, 1, 1e-5, 10.0, 5.0), False),
-        (Parity(1, 59, 0, 1e-2, 10.0, 5.0), False),
-        (Parity(1, 59, 0, float("nan"), 10.0, 5.0), False),
-    ],
+@cases(
+    (Parity(1, 59, 0, 1e-5, 10.0, 5.0), True),
+    (Parity(1, 59, 1, 1e-5, 10.0, 5.0), False),
+    (Parity(1, 59, 0, 1e-2, 10.0, 5.0), False),
+    (Parity(1, 59, 0, float("nan"), 10.0, 5.0), False),
 )
 def test_parity_needs_equal_bits_and_close_scores(parity: Parity, holds: bool) -> None:
     assert parity.holds is holds
@@ -173,8 +170,7 @@ def test_an_export_with_parity_leaves_the_model_alone(
 
 
 def test_shipped_folders_get_no_file_unasked(command: Command) -> None:
-    done = command(to_onnx.main, PRETRAINED)
-    assert done.status == 2
+    done = command(to_onnx.main, PRETRAINED, status=2)
     assert "error: --out: " in done.stderr
     assert "ships as it is; name the new .onnx file" in done.stderr
 
@@ -475,15 +471,7 @@ def test_a_loop_that_cannot_be_stopped_ends_the_process_with_one_line(
         "frame = np.zeros((384, 512, 3), np.uint8)\n"
         "Decoder(sys.argv[1], 1, time_limit_s=0.5).decode(frame, frame)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script, str(path)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    assert done.returncode == 2
+    done = run_process(sys.executable, "-c", script, path, status=2, limit_s=30)
     assert done.stderr == (
         "error: the model takes too long and cannot be stopped; the process ends\n"
     )
@@ -543,7 +531,6 @@ def test_gray_frames_decode_as_their_rgb_twins(shipped: Decoder, rectified: Rect
     plain, repeated = shipped.decode(*gray), shipped.decode(*rgb)
     assert np.array_equal(plain.scores, repeated.scores)
     assert plain.head is not None
-    assert repeated.head is not None
     assert np.array_equal(plain.head, repeated.head)
 
 
@@ -561,7 +548,6 @@ def test_decode_with_corners_is_rectifying_first(onnx_decoder: Decoder, captured
     assert np.array_equal(
         with_corners.scores, onnx_decoder.decode(pair.original, pair.embedded).scores
     )
-    assert captured.bits is not None
     assert np.mean(with_corners.bits == captured.bits) > 0.8
 
 
@@ -586,21 +572,18 @@ def test_the_embedded_frame_may_have_its_own_corners(
 FRAME = np.zeros((384, 512, 3), np.uint8)
 
 
-@pytest.mark.parametrize(
-    ("original", "embedded", "message"),
-    [
-        (FRAME.astype(np.float32), FRAME, "must be uint8"),
-        (FRAME, FRAME.astype(np.int16), "must be uint8"),
-        (FRAME[None], FRAME[None], "must be uint8"),
-        (FRAME[0, :, 0], FRAME[0, :, 0], "must be uint8"),
-        (FRAME[..., :2], FRAME[..., :2], "must be uint8"),
-        (np.zeros((384, 512, 4), np.uint8), np.zeros((384, 512, 4), np.uint8), "must be uint8"),
-        (FRAME, FRAME[:, :-1], "512x384 and embedded is 511x384"),
-        (FRAME, FRAME[..., 0], "original is"),
-        (FRAME[:31], FRAME[:31], "512x31 frame is too small for 8x8 blocks"),
-        (FRAME[:, :31], FRAME[:, :31], "31x384 frame is too small for 8x8 blocks"),
-        (FRAME[:0], FRAME[:0], "too small"),
-    ],
+@cases(
+    (FRAME.astype(np.float32), FRAME, "must be uint8"),
+    (FRAME, FRAME.astype(np.int16), "must be uint8"),
+    (FRAME[None], FRAME[None], "must be uint8"),
+    (FRAME[0, :, 0], FRAME[0, :, 0], "must be uint8"),
+    (FRAME[..., :2], FRAME[..., :2], "must be uint8"),
+    (np.zeros((384, 512, 4), np.uint8), np.zeros((384, 512, 4), np.uint8), "must be uint8"),
+    (FRAME, FRAME[:, :-1], "512x384 and embedded is 511x384"),
+    (FRAME, FRAME[..., 0], "original is"),
+    (FRAME[:31], FRAME[:31], "512x31 frame is too small for 8x8 blocks"),
+    (FRAME[:, :31], FRAME[:, :31], "31x384 frame is too small for 8x8 blocks"),
+    (FRAME[:0], FRAME[:0], "too small"),
 )
 def test_frames_of_wrong_type_shape_or_size_are_refused(
     original: NDArray, embedded: NDArray, message: str, shipped: Decoder
@@ -618,19 +601,16 @@ def test_the_smallest_frame_that_fits_is_decoded(
     )
 
 
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        ([[10, 10], [500, 10], [500, 370], [10, np.nan]], "four finite points"),
-        ([[10, 10], [500, 10], [500, 370], [10, np.inf]], "four finite points"),
-        ([[-5, 10], [500, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
-        ([[10, 10], [512, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
-        ([[10, 10], [500, 10], [500, 370]], "four finite points"),
-        ([[10, 10], [10, 370], [500, 370], [500, 10]], "not a convex quadrilateral"),
-        ([[10, 10], [12, 10], [12, 12], [10, 12]], "covers only 4 square pixels"),
-        ([[10, 10], [500], [500, 370], [10, 370]], "four"),
-        ("top left", "four"),
-    ],
+@cases(
+    ([[10, 10], [500, 10], [500, 370], [10, np.nan]], "four finite points"),
+    ([[10, 10], [500, 10], [500, 370], [10, np.inf]], "four finite points"),
+    ([[-5, 10], [500, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
+    ([[10, 10], [512, 10], [500, 370], [10, 370]], "outside the 512x384 image"),
+    ([[10, 10], [500, 10], [500, 370]], "four finite points"),
+    ([[10, 10], [10, 370], [500, 370], [500, 10]], "not a convex quadrilateral"),
+    ([[10, 10], [12, 10], [12, 12], [10, 12]], "covers only 4 square pixels"),
+    ([[10, 10], [500], [500, 370], [10, 370]], "four"),
+    ("top left", "four"),
 )
 def test_corners_that_do_not_fit_are_refused(
     corners: object, message: str, shipped: Decoder

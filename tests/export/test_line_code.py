@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,14 +13,11 @@ ANTIPODAL = [name for name in LINE_CODES if name != "on_off"]
 BITS = st.lists(st.integers(0, 1), min_size=1, max_size=12)
 
 
-@pytest.mark.parametrize(
-    ("name", "expected"),
-    [
-        ("on_off", [0, 1, 0, 0]),
-        ("toggle", [-0.5, 0.5, 0.5, -0.5]),
-        ("hold2", [-0.5, 0.5, -0.5, 0.5, 0.5, -0.5, 0.5, -0.5]),
-        ("balanced", [-0.5, 0.5, 0.5, -0.5, 0.5, -0.5, -0.5, 0.5]),
-    ],
+@cases(
+    ("on_off", [0, 1, 0, 0]),
+    ("toggle", [-0.5, 0.5, 0.5, -0.5]),
+    ("hold2", [-0.5, 0.5, -0.5, 0.5, 0.5, -0.5, 0.5, -0.5]),
+    ("balanced", [-0.5, 0.5, 0.5, -0.5, 0.5, -0.5, -0.5, 0.5]),
 )
 def test_a_one_and_a_zero(name: str, expected: list[float]) -> None:
     assert LINE_CODES[name].amplitudes([1, 0]).tolist() == expected
@@ -60,7 +58,7 @@ def test_balanced_bits_have_no_slope(bits: list[int]) -> None:
     np.testing.assert_array_equal(shown @ np.arange(4), 0)
 
 
-@pytest.mark.parametrize(("soft", "hold"), [("soft2", "hold2"), ("soft4", "hold4")])
+@cases(("soft2", "hold2"), ("soft4", "hold4"))
 def test_soft_is_hold_where_the_sign_stays(soft: str, hold: str) -> None:
     for bits in ([1, 1, 1], [0, 0]):
         np.testing.assert_allclose(

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, OpenWindow, slow
+from conftest import ROOT, OpenWindow, cases, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
@@ -25,18 +25,19 @@ from link.code import framing
 from link.code.collect import make_collector
 from link.layout import Layout, block_index, make_layout
 from link.loop import Loop
+from link.types import Array, Image
 
 PRETRAINED = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"
 PATIENCE_S = 60.0
 
 
-def make_loop(layout: Layout, kappa: int, *pictures: NDArray[np.uint8], **more: Any) -> Loop:
+def make_loop(layout: Layout, kappa: int, *pictures: Image, **more: Any) -> Loop:
     bits = framing.encode(MESSAGE, layout.n_bits)
     return Loop(layout, kappa, bits, lambda: iter(pictures), **more)
 
 
-def noise(height: int, width: int) -> NDArray[np.uint8]:
+def noise(height: int, width: int) -> Image:
     """A picture in which every wrong pixel shows."""
     return np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
 
@@ -82,14 +83,13 @@ WITHOUT_CARD = """
 """Script that takes WebGL2 away."""
 
 
-def screenshot(page: Page) -> NDArray[np.uint8]:
+def screenshot(page: Page) -> Image:
     """What the window shows now, (H, W, 3) uint8, encoded RGB, in device pixels."""
     image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
-def cut_out(page: Page, shot: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def cut_out(page: Page, shot: Image) -> Image:
     """The picture in a screenshot, in device pixels; around it all is black."""
     script = "(({ x, y, width, height }) => [x, y, width, height])(canvas.getBoundingClientRect())"
     ratio = page.evaluate("devicePixelRatio")
@@ -151,14 +151,14 @@ CANVAS = """() => {
 """Script that gives what the canvas holds, before the browser takes it to the display."""
 
 
-def pixels_of(page: Page, texts: list[str]) -> list[NDArray[np.uint8]]:
+def pixels_of(page: Page, texts: list[str]) -> list[Image]:
     """What `CANVAS` gave, as images (H, W, 3)."""
     width, height = page.evaluate("[canvas.width, canvas.height]")
     images = [np.frombuffer(base64.b64decode(text), np.uint8) for text in texts]
     return [image.reshape(height, width, 4)[:, :, :3] for image in images]
 
 
-def drawn_states(page: Page, player: Path, count: int) -> list[NDArray[np.uint8]]:
+def drawn_states(page: Page, player: Path, count: int) -> list[Image]:
     """Open a player, and draw its first ``count`` states."""
     page.goto(player.resolve().as_uri())
     wait_for(page, "window.player && painter && room")
@@ -166,12 +166,12 @@ def drawn_states(page: Page, player: Path, count: int) -> list[NDArray[np.uint8]
     return pixels_of(page, page.evaluate(script))
 
 
-def assert_shown(shown: list[NDArray[np.uint8]], wanted: list[NDArray[np.uint8]]) -> None:
+def assert_shown(shown: list[Image], wanted: list[Image]) -> None:
     for number, (image, state) in enumerate(zip(shown, wanted, strict=True)):
         np.testing.assert_array_equal(image, state, f"state {number}")
 
 
-def ramp(height: int, width: int) -> NDArray[np.uint8]:
+def ramp(height: int, width: int) -> Image:
     """From black to white, so that offsets meet both ends of what may be shown."""
     row = np.linspace(0, 255, width).round().astype(np.uint8)
     return np.stack([np.tile(row, (height, 1)), np.tile(row[::-1], (height, 1))] * 2, 2)[:, :, :3]
@@ -243,10 +243,10 @@ def offsets_at(loop: Loop, width: int, height: int) -> Iterator[NDArray[np.intp]
             yield offsets[numbers, y, x]
 
 
-def resized(picture: NDArray[np.uint8], width: int, height: int) -> NDArray[np.float64]:
+def resized(picture: Image, width: int, height: int) -> Array:
     """A picture at another size, by a triangle as wide as the larger of both sizes' pixels."""
 
-    def weights(given: int, wanted: int) -> NDArray[np.float64]:
+    def weights(given: int, wanted: int) -> Array:
         ratio = given / wanted
         centres = (np.arange(wanted) + 0.5) * ratio - 0.5
         reach = np.ceil(max(ratio, 1))
@@ -289,12 +289,9 @@ def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
         assert_shown(around, [around[0]] * len(around))
 
 
-@pytest.mark.parametrize(
-    ("fault", "word"),
-    [
-        ("given[6][40] ^= 1", "it changes gray levels"),
-        ("for (const end = performance.now() + 70; performance.now() < end;);", "it takes 7"),
-    ],
+@cases(
+    ("given[6][40] ^= 1", "it changes gray levels"),
+    ("for (const end = performance.now() + 70; performance.now() < end;);", "it takes 7"),
 )
 def test_a_graphics_card_that_changes_levels_or_is_slow_is_not_used(
     fault: str, word: str, open_window: OpenWindow, player: Path, small: Loop
@@ -340,7 +337,7 @@ def at_display(page: Page, player: Path, hz: float, state_hz: float) -> None:
     )
 
 
-def after_refreshes(page: Page, gaps: list[float]) -> list[NDArray[np.uint8]]:
+def after_refreshes(page: Page, gaps: list[float]) -> list[Image]:
     """What the canvas holds after each of some refreshes, by the milliseconds before it."""
     return pixels_of(
         page, page.evaluate(f"(gaps) => gaps.map((gap) => (refresh(gap), ({CANVAS})()))", gaps)
@@ -378,18 +375,15 @@ def test_a_late_refresh_is_told_and_the_states_keep_time(
     assert "/ 1 = 59.98 states/s, 3 refreshes skipped" in page.evaluate("line.textContent")
 
 
-@pytest.mark.parametrize(
-    ("hz", "asked", "hold", "word"),
-    [
-        (120, 120, 1, ""),
-        (60, 120, 1, "60.0 states a second, not 120 as asked"),
-        slow(120, 60, 2, ""),
-        slow(59.94, 60, 1, ""),
-        slow(60, 15, 4, ""),
-        slow(240, 15, 16, ""),
-        slow(30, 60, 1, "30.0 states a second, not 60 as asked"),
-        slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
-    ],
+@cases(
+    (120, 120, 1, ""),
+    (60, 120, 1, "60.0 states a second, not 120 as asked"),
+    slow(120, 60, 2, ""),
+    slow(59.94, 60, 1, ""),
+    slow(60, 15, 4, ""),
+    slow(240, 15, 16, ""),
+    slow(30, 60, 1, "30.0 states a second, not 60 as asked"),
+    slow(144, 60, 2, "72.0 states a second, not 60 as asked"),
 )
 def test_the_rate_is_the_nearest_that_the_display_has(
     hz: float, asked: float, hold: int, word: str, open_window: OpenWindow, player: Path
@@ -510,12 +504,14 @@ def test_it_starts_by_itself_and_text_and_pointer_go_when_nothing_moves(
     assert "point its camera at the picture" in page.evaluate("note.textContent")
     assert page.title() == "OORC: hidden camera–display communication"
     seen = "[getComputedStyle(note).display, getComputedStyle(document.body).cursor]"
+    wait_for(page, f"{seen}.join() === 'none,none'")
     for move in (
         lambda: (page.mouse.move(50, 60), page.mouse.move(60, 60)),
         lambda: page.keyboard.press("a"),
         lambda: page.keyboard.press("Space"),
     ):
-        wait_for(page, f"{seen}.join() === 'none,none'")
+        page.evaluate("document.body.classList.add('rest')")  # as it does by itself after a while
+        assert page.evaluate(seen) == ["none", "none"]
         move()
         assert page.evaluate(seen) == ["block", "auto"]
     assert "Paused" in page.evaluate("note.textContent")
@@ -582,7 +578,7 @@ COUNT_BYTES = """
 """Script that counts the bytes that go to the graphics card."""
 
 
-@pytest.mark.parametrize("size", [(160, 90), slow((3840, 2160))])
+@pytest.mark.parametrize("size", [(160, 90), slow((1920, 1080))])
 def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
     size: tuple[int, int], open_window: OpenWindow, tmp_path: Path
 ) -> None:
@@ -633,7 +629,7 @@ def test_screenshots_decode_to_the_message(
     page = open_window(decoder.layout.width, decoder.layout.height)
     start(page, slow_player)
     collector, message = make_collector(decoder.layout.n_bits), None
-    shots: dict[int, NDArray[np.uint8]] = {}
+    shots: dict[int, Image] = {}
     deadline = time.monotonic() + PATIENCE_S
     while message is None and time.monotonic() < deadline:
         before = page.evaluate("player.count")
@@ -644,7 +640,6 @@ def test_screenshots_decode_to_the_message(
         if before % 2 == 1 and before - 1 in shots:
             soft = decoder.decode(shots[before - 1], shots[before])
             message = collector.add(soft.scores, before // 2)
-    assert message is not None
     assert message.data == MESSAGE
 
 
@@ -657,13 +652,12 @@ def test_the_receiver_reads_a_film_of_screenshots(
     start(page, slow_player)
     receiver, message = Receiver(decoder, fps=10), None
     deadline = time.monotonic() + PATIENCE_S
-    while message is None and time.monotonic() < deadline:
+    while message is None and page.evaluate("player.count") < 40 and time.monotonic() < deadline:
         before = page.evaluate("performance.now()")
         shot = np.pad(screenshot(page), ((60, 60), (60, 60), (0, 0)))
         middle = (before + page.evaluate("performance.now()")) / 2
         message = receiver.push(shot, middle / 1000).message
     message = message or receiver.finish().message
-    assert message is not None
     assert message.data == MESSAGE
 
 

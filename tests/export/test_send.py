@@ -4,7 +4,6 @@ import base64
 import json
 import re
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, Finished, slow
+from conftest import Command, Finished, Refuses, cases, run_process, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -82,7 +81,6 @@ def read_png(text: str) -> NDArray[np.uint8]:
     assert png[25] in (0, 2)  # gray or colour
     assert png[28] == 0  # not interlaced
     image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
-    assert image is not None
     return image if image.ndim == 2 else image[:, :, ::-1]
 
 
@@ -150,7 +148,7 @@ def notes(done: Finished) -> list[str]:
 
 
 def report(done: Finished) -> Any:
-    assert (done.status, notes(done)[1:]) == (0, [])
+    assert notes(done)[1:] == []
     assert re.match(r"note: [\d.]+ states a second need a camera of \d+ frames", notes(done)[0])
     assert len(done.stdout.splitlines()) == 1
     return json.loads(done.stdout)
@@ -219,7 +217,6 @@ def test_the_folder_says_what_was_sent(inputs: Path, tmp_path: Path, command: Co
         received = received or collector.add(
             8.0 * (2 * np.array(read_bits(pair, LAYOUT)) - 1), count
         )
-    assert received is not None
     assert received.data == (inputs / "layout.json").read_bytes()
 
 
@@ -238,7 +235,6 @@ def test_a_key_adds_stamp_and_tag_to_the_message_and_nothing_else(
     received = framing.decode(scores)
     assert received is not None and received.signed
     found = verify(received.data, bytes(range(32)))
-    assert found is not None
     assert before <= found.stamp <= time.time()
 
 
@@ -256,8 +252,8 @@ def test_a_folder_shows_every_picture_and_whole_messages(
         assert read_bits(pair, LAYOUT) == SENT[number % len(SENT)].tolist()
 
 
-@pytest.mark.parametrize(("pair_hz", "step"), [(7.5, 4), (30, 1), (60, 0.5), (20, 1.5)])
-def test_a_video_keeps_its_speed(inputs: Path, pair_hz: float, step: float) -> None:
+@cases((7.5, 4), (30, 1), (60, 0.5), (20, 1.5))
+def test_a_video_keeps_its_speed(pair_hz: float, step: float, inputs: Path) -> None:
     shown = [int(frame[0, 0, 0]) for frame in open_pictures(inputs / "clip.avi", pair_hz)()]
     assert (
         shown == [int(np.ceil(step * number)) for number in range(round(60 / step))][: len(shown)]
@@ -283,9 +279,7 @@ def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
 # Presets
 
 
-@pytest.mark.parametrize(
-    "name", ["hidden", slow("paper"), slow("fast"), slow("robust"), slow(None)]
-)
+@cases("hidden", slow("paper"), slow("fast"), slow("robust"), slow(None))
 def test_a_preset_says_all_and_no_flag_is_needed(
     name: str | None, tmp_path: Path, send: Send
 ) -> None:
@@ -319,14 +313,11 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None
     assert (said["layout"], said["kappa"]) == (LAYOUT.to_dict(), 1)
 
 
-@pytest.mark.parametrize(
-    ("words", "display"),
-    [
-        ((), (120, 80, "cover", False)),
-        (("--fit", "stretch"), (120, 80, "stretch", False)),
-        (("--size", "300x160"), (300, 160, "contain", False)),
-        (("--size", "160x300", "--fit", "cover"), (160, 300, "cover", True)),
-    ],
+@cases(
+    ((), (120, 80, "cover", False)),
+    (("--fit", "stretch"), (120, 80, "stretch", False)),
+    (("--size", "300x160"), (300, 160, "contain", False)),
+    (("--size", "160x300", "--fit", "cover"), (160, 300, "cover", True)),
     ids=["usual", "fit", "size", "upright"],
 )
 def test_a_display_has_its_own_size(
@@ -344,14 +335,9 @@ def test_a_display_has_its_own_size(
 
 
 @pytest.mark.parametrize("size", ["1920", "0x5", "9000x10", "8000x8000", "axb"])
-def test_a_size_that_no_display_has_is_refused(
-    size: str, inputs: Path, tmp_path: Path, command: Command
-) -> None:
-    words = (inputs / "picture.png", "--message", MESSAGE, "--out", tmp_path / "sent")
-    done = command(send_cli.main, *words, "--size", size)
-    assert done.status != 0
-    assert "--size: need WIDTHxHEIGHT in pixels" in done.stderr
-    assert not (tmp_path / "sent").exists()
+def test_a_size_that_no_display_has_is_refused(size: str, inputs: Path, refuses: Refuses) -> None:
+    words = (inputs / "picture.png", "--message", MESSAGE, "--out", "sent", "--size", size)
+    refuses("export.send.__main__", words, "--size: need WIDTHxHEIGHT in pixels")
 
 
 def test_what_the_picture_changes_by_is_reported(tmp_path: Path, send: Send) -> None:
@@ -370,7 +356,7 @@ def test_pictures_that_move_bring_a_note_where_pilots_take_the_place_of_patches(
     small = ("--rows", 24, "--cols", 32, "--width", 256, "--height", 192)
     words = (inputs / pictures, "--message", MESSAGE, "--preset", "robust", *small, "--out")
     done = command(send_cli.main, *words, tmp_path / "a.html")
-    assert (done.status, notes(done)[1:]) == (0, [send_cli.MOVING])
+    assert notes(done)[1:] == [send_cli.MOVING]
     report(command(send_cli.main, *words, tmp_path / "b.html", "--ratex", 2))
 
 
@@ -420,9 +406,7 @@ def test_a_picture_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         assert len(read) == times
 
 
-@pytest.mark.parametrize(
-    ("suffix", "kind"), [(".png", np.uint8), (".png", np.uint16), (".webp", np.uint8)]
-)
+@cases((".png", np.uint8), (".png", np.uint16), (".webp", np.uint8))
 def test_what_is_transparent_is_white_and_told_once(
     suffix: str, kind: type, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -447,13 +431,10 @@ def test_what_is_transparent_is_white_and_told_once(
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "data", "kind"),
-    [
-        ("a.heic", bytes(4) + b"ftypheic" + bytes(500), "HEIC"),
-        ("a.jpg", bytes(4) + b"ftypmif1" + bytes(500), "HEIC"),
-        ("a.svg", b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>', "SVG"),
-    ],
+@cases(
+    ("a.heic", bytes(4) + b"ftypheic" + bytes(500), "HEIC"),
+    ("a.jpg", bytes(4) + b"ftypmif1" + bytes(500), "HEIC"),
+    ("a.svg", b'<?xml version="1.0"?>\n<svg xmlns="http://www.w3.org/2000/svg"/>', "SVG"),
 )
 def test_kinds_that_are_not_read_are_named(
     name: str, data: bytes, kind: str, tmp_path: Path
@@ -626,10 +607,7 @@ def test_the_largest_kappa_below_a_visibility_is_taken(
     assert {**same, "out": said["out"]} == said
 
 
-@pytest.mark.parametrize(
-    ("name", "kappa", "found"),
-    [("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes")],
-)
+@cases(("hidden", 1, ""), ("robust", 3, "seen"), ("paper", 3, "seen"), ("paper", 40, "flashes"))
 def test_flicker_is_warned_of(name: str, kappa: int, found: str) -> None:
     preset = PRESETS[name]
     onlooker = Onlooker(distance=preset.distance_m)
@@ -658,8 +636,8 @@ def test_opencv_adds_no_lines_of_its_own(inputs: Path, tmp_path: Path) -> None:
     film = tmp_path / "text.mp4"
     film.write_bytes(b"\0\0\0\x18ftypmp42" + bytes(400))
     line = [sys.executable, "-m", "export.send", film, "--message", "hi", "--out", tmp_path / "x"]
-    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
+    done = run_process(*line, status=2)
+    assert len(done.stderr.splitlines()) == 1
     assert str(film) in done.stderr
 
 

@@ -1,7 +1,6 @@
 """How much a message changes the picture: hardly with antipodal blocks, plainly with patches."""
 
-import pytest
-from conftest import slow
+from conftest import cases, slow
 
 from data_gen.pictures.library import load_pictures
 from lab.visibility.fidelity import PICTURES, Shown, changed_colours
@@ -14,9 +13,7 @@ def test_all_pictures_are_there_and_none_counts_twice() -> None:
     assert len({name for names in PICTURES.values() for name in names}) == 10
 
 
-@pytest.mark.parametrize(
-    ("preset", "most"), [("hidden", BLACK), slow("robust", 3 * BLACK), slow("paper", None)]
-)
+@cases(("hidden", BLACK), slow("robust", 3 * BLACK), slow("paper", None))
 def test_patches_change_the_picture_and_pilots_do_not(preset: str, most: int | None) -> None:
     found = changed_colours(Shown(preset, "slide/4", "test"))
     assert 0 <= found["mean"] <= found["high"]

@@ -81,7 +81,6 @@ def test_recordings_are_stale_and_the_same_message_is_not() -> None:
     replayed = verifier.judge(first, NOW + 70)
     assert replayed.stale
     assert replayed.signed == SignedMessage(b"door open", NOW)
-    assert replayed.refused is not None
     assert "older than" in replayed.refused
     assert verifier.judge(second, NOW + 80).refused is None
 
@@ -101,7 +100,6 @@ def test_old_messages_are_stale_where_there_is_a_largest_age() -> None:
     ahead = NOW + MAX_CLOCK_SKEW_S
     assert verifier.judge(sign(b"old", KEY, NOW - 101), NOW).stale
     judged = verifier.judge(sign(b"from tomorrow", KEY, ahead + 1), NOW)
-    assert judged.refused is not None
     assert "ahead of this machine's clock" in judged.refused
     assert verifier.judge(sign(b"new", KEY, NOW - 100), NOW).refused is None
     assert verifier.judge(sign(b"newer", KEY, ahead), NOW).refused is None

@@ -1,6 +1,5 @@
 import json
 import struct
-import subprocess
 import sys
 import zlib
 from dataclasses import replace
@@ -10,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, refusal
+from conftest import cases, refusal, run_process
 from PIL import Image, ImageOps
 from tolerances import IDENTITY_LEVELS
 
@@ -226,22 +225,19 @@ def test_a_manifest_that_is_none_is_named(tmp_path: Path, content: bytes, says: 
     assert len(said) < 400
 
 
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"sha256": "0" * 64}, f"00000_original.png or 00000_embedded.png: {SHA256}"),
-        ({"original": "00001_original.png"}, f"00000_embedded.png: {SHA256}"),
-        ({"embedded": "00001_original.png"}, f"00001_original.png: {SHA256}"),
-        ({"corners": [[0, 0], [1, 1]]}, "corners"),
-        ({"corners": [[0, 0], [99, 0], [99, 40], [0, 40]]}, "corners"),
-        *(
-            ({"original": name}, f"{name}: no such image file")
-            for name in ("nowhere.png", "a/b.png", "n" * 300)
-        ),
-    ],
+@cases(
+    ({"sha256": "0" * 64}, f"00000_original.png or 00000_embedded.png: {SHA256}"),
+    ({"original": "00001_original.png"}, f"00000_embedded.png: {SHA256}"),
+    ({"embedded": "00001_original.png"}, f"00001_original.png: {SHA256}"),
+    ({"corners": [[0, 0], [1, 1]]}, "corners"),
+    ({"corners": [[0, 0], [99, 0], [99, 40], [0, 40]]}, "corners"),
+    *(
+        ({"original": name}, f"{name}: no such image file")
+        for name in ("nowhere.png", "a/b.png", "n" * 300)
+    ),
 )
 def test_frames_that_cannot_be_read_are_named(
-    folder: Path, changes: dict[str, Any], says: str
+    changes: dict[str, Any], says: str, folder: Path
 ) -> None:
     rewrite(folder, **changes)
     assert says in refusal(lambda: load(folder)[0].rectified())
@@ -430,13 +426,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
 def test_a_small_file_of_too_many_pixels_is_refused_without_decoding_them(tmp_path: Path) -> None:
     file = tmp_path / "bomb.png"
     file.write_bytes(black_png(8000))
-    done = subprocess.run(
-        [sys.executable, "-c", READ_IN_LITTLE_MEMORY, str(file)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_process(sys.executable, "-c", READ_IN_LITTLE_MEMORY, file)
     message, grown_kib = done.stdout.splitlines()
     assert message.startswith(f"{file}: image is 8000x8000, more than 50 megapixels")
     assert int(grown_kib) < 20_000
@@ -480,24 +470,21 @@ def test_the_limit_of_pixels_can_be_moved(tmp_path: Path, monkeypatch: pytest.Mo
             read_image(file)
 
 
-@pytest.mark.parametrize(
-    ("suffix", "options"),
-    [
-        (".png", {}),
-        (".jpg", {}),
-        (".jpg", {"progressive": True}),
-        (".bmp", {}),
-        (".tif", {}),
-        (".tif", {"compression": "tiff_lzw"}),
-        (".tif", {"big_tiff": True}),
-        (".webp", {"lossless": True}),
-        (".webp", {"quality": 80}),
-        (".webp", {"quality": 80, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}),
-    ],
+@cases(
+    (".png", {}),
+    (".jpg", {}),
+    (".jpg", {"progressive": True}),
+    (".bmp", {}),
+    (".tif", {}),
+    (".tif", {"compression": "tiff_lzw"}),
+    (".tif", {"big_tiff": True}),
+    (".webp", {"lossless": True}),
+    (".webp", {"quality": 80}),
+    (".webp", {"quality": 80, "exif": b"Exif\0\0II*\0\x08\0\0\0\0\0"}),
 )
 @pytest.mark.parametrize("size", [(70, 33), (300, 16)])
 def test_the_header_tells_the_size_before_any_pixel_is_decoded(
-    tmp_path: Path, suffix: str, options: dict[str, Any], size: tuple[int, int]
+    suffix: str, options: dict[str, Any], tmp_path: Path, size: tuple[int, int]
 ) -> None:
     file = tmp_path / f"picture{suffix}"
     noise = np.random.default_rng(5).integers(0, 256, (size[1], size[0], 3), np.uint8)

@@ -5,10 +5,11 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scores import noisy
 
 from link.code.collect import MAX_SCORE, Collector, Message, make_collector
 from link.code.framing import (
@@ -22,18 +23,13 @@ from link.code.framing import (
     signatures,
 )
 from link.code.ldpc import scrambled
+from link.types import Array, Image
 
 N_BITS = 59
 
 
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.asarray(np.log((1 - ber) / ber) * signs)
-
-
 def listen(
-    collector: Collector, rows: Iterable[NDArray[np.float64]], count: int = 0
+    collector: Collector, rows: Iterable[Array], count: int = 0
 ) -> list[tuple[int, Message]]:
     """Every message that came, with the number of rows until then."""
     came = []
@@ -50,7 +46,7 @@ def shown(
     rng: np.random.Generator,
     ber: float = 0.02,
     at: int = 0,
-) -> list[NDArray[np.float64]]:
+) -> list[Array]:
     """Scores of a display that shows a loop from frame ``at`` on."""
     frames = range(at, at + round(loops * len(bits)))
     return [noisy(bits[frame % len(bits)], ber, rng) for frame in frames]
@@ -112,9 +108,7 @@ DISTURBED_LOOPS = 100
 """Number of loops of each kind in which nothing but disturbances happen."""
 
 
-def disturbed(
-    kind: str, loop: NDArray[np.integer], rng: np.random.Generator
-) -> list[NDArray[np.float64]]:
+def disturbed(kind: str, loop: NDArray[np.integer], rng: np.random.Generator) -> list[Array]:
     """Scores of one loop of a message that goes on."""
     rows = np.array(shown(loop, 1, rng))
     if kind == "wrong bits":
@@ -135,18 +129,15 @@ def disturbed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "every", "starts", "attempts"),
-    [
-        ("nothing", 1, 0.01, 0),
-        ("wrong bits", 1, 0.09, 0.01),
-        ("sure and wrong", 1, 0.05, 0.01),
-        ("a third is covered and looks certain", 4, 0.06, 0.15),
-        ("nearly all is covered", 2, 0.01, 0),
-        ("noise", 4, 0.04, 0.04),
-        ("bodies of noise", 4, 0.04, 0.25),
-        ("frames in disorder", 4, 0.04, 0.25),
-    ],
+@cases(
+    ("nothing", 1, 0.01, 0),
+    ("wrong bits", 1, 0.09, 0.01),
+    ("sure and wrong", 1, 0.05, 0.01),
+    ("a third is covered and looks certain", 4, 0.06, 0.15),
+    ("nearly all is covered", 2, 0.01, 0),
+    ("noise", 4, 0.04, 0.04),
+    ("bodies of noise", 4, 0.04, 0.25),
+    ("frames in disorder", 4, 0.04, 0.25),
 )
 def test_disturbances_are_no_change(kind: str, every: int, starts: float, attempts: float) -> None:
     """Per frame: how often collecting began afresh for nothing, and how often it was decoded."""
@@ -171,9 +162,7 @@ def test_disturbances_are_no_change(kind: str, every: int, starts: float, attemp
     assert [message.changed for _, message in came] == [True]
 
 
-@pytest.mark.parametrize(
-    "kind", ["noise", "bodies of noise", "a third is covered and looks certain"]
-)
+@cases("noise", "bodies of noise", "a third is covered and looks certain")
 def test_a_change_after_a_bad_time_comes_soon(kind: str) -> None:
     rng = np.random.default_rng(3)
     loops = [encode(rng.bytes(30), N_BITS) for _ in range(2)]
@@ -199,7 +188,7 @@ def test_a_small_change_of_the_message_changes_the_parity_bits_all_over(
     assert 0.25 < (before != after)[parity].mean() < 0.75
 
 
-def padded_loop(message: bytes, frames: int) -> NDArray[np.uint8]:
+def padded_loop(message: bytes, frames: int) -> Image:
     """A longer loop than the message needs, padded with zeros, its CRC-32 right."""
     room = information_bytes(frames, N_BITS) - CRC_BYTES
     data = (len(message).to_bytes(LENGTH_BYTES, "big") + message).ljust(room, b"\0")

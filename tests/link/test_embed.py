@@ -4,6 +4,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -36,7 +37,7 @@ from link.layout import (
     make_layout,
 )
 from link.strength import block_steps
-from link.types import Image
+from link.types import Array, Image
 
 SMALL = make_layout(4, 4, 160, 128, ratex=2)  # blocks of 40x32 pixels: the least for level 3
 
@@ -52,10 +53,7 @@ def random_bits(layout: Layout, seed: int = 1) -> NDArray[np.int64]:
 
 def message_pixels(layout: Layout) -> NDArray[np.bool_]:
     """(height, width), true where a pixel belongs to a message block."""
-    of_y, of_x = (
-        block_index(layout.height, layout.rows),
-        block_index(layout.width, layout.cols),
-    )
+    of_y, of_x = (block_index(layout.height, layout.rows), block_index(layout.width, layout.cols))
     return layout.message_mask[of_y[:, None], of_x]
 
 
@@ -416,7 +414,7 @@ def test_the_picture_passed_in_is_not_changed(layout: Layout) -> None:
     np.testing.assert_array_equal(picture, before)
 
 
-def pyramid(picture: NDArray[np.float64], levels: int) -> list[NDArray[np.float64]]:
+def pyramid(picture: Array, levels: int) -> list[Array]:
     """Laplacian pyramid: ``levels`` bands, then the coarse picture that is left."""
     bands = []
     for _ in range(levels):
@@ -426,7 +424,7 @@ def pyramid(picture: NDArray[np.float64], levels: int) -> list[NDArray[np.float6
     return [*bands, picture]
 
 
-def collapse(bands: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def collapse(bands: list[Array]) -> Array:
     picture = bands[-1]
     for band in reversed(bands[:-1]):
         picture = band + cv2.pyrUp(picture, dstsize=band.shape[::-1])
@@ -513,11 +511,8 @@ def test_a_whole_kappa_of_any_type_becomes_an_int() -> None:
     assert [type(check_kappa(kappa)) for kappa in kappas] == [int, int, int]
 
 
-@pytest.mark.parametrize(
-    "bits",
-    [np.zeros(58), np.zeros((1, 59)), np.full(59, 2), np.full(59, 0.5), np.full(59, np.nan)],
-)
-def test_bits_must_fit_the_layout(layout: Layout, bits: NDArray[np.float64]) -> None:
+@cases(np.zeros(58), np.zeros((1, 59)), np.full(59, 2), np.full(59, 0.5), np.full(59, np.nan))
+def test_bits_must_fit_the_layout(bits: Array, layout: Layout) -> None:
     with pytest.raises(InputError, match="need 59 bits of 0 or 1"):
         embed(noise(layout), bits, layout, 3)
 

@@ -4,16 +4,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from numpy.typing import NDArray
 from tolerances import FLOAT64, IDENTITY_LEVELS
 
 from link.images.equalise import equalise, uniform_mapping
+from link.types import Image
 
 frames = arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 
 
 @pytest.fixture(scope="module")
-def photo() -> NDArray[np.uint8]:
+def photo() -> Image:
     """Random, but dark and smooth as photographs are."""
     rng = np.random.default_rng(5)
     coarse = rng.uniform(0, 1, (12, 16, 3)).astype(np.float32)
@@ -21,13 +21,13 @@ def photo() -> NDArray[np.uint8]:
     return np.asarray((255 * smooth**2).round(), np.uint8)
 
 
-def unevenness(picture: NDArray[np.uint8]) -> float:
+def unevenness(picture: Image) -> float:
     """Largest distance of the cumulative histogram from that of even intensities."""
     shares = np.cumsum(np.bincount(picture.ravel(), minlength=256)) / picture.size
     return float(np.abs(shares - np.arange(1, 257) / 256).max())
 
 
-def test_the_histogram_becomes_near_uniform(photo: NDArray[np.uint8]) -> None:
+def test_the_histogram_becomes_near_uniform(photo: Image) -> None:
     assert unevenness(photo) > 0.2
     assert unevenness(equalise(photo)) < 0.03
     assert equalise(photo).shape == photo.shape
@@ -35,7 +35,7 @@ def test_the_histogram_becomes_near_uniform(photo: NDArray[np.uint8]) -> None:
 
 
 @given(frames)
-def test_the_mapping_never_falls(frame: NDArray[np.uint8]) -> None:
+def test_the_mapping_never_falls(frame: Image) -> None:
     mapping = uniform_mapping(frame)
     assert mapping.shape == (256,)
     assert (np.diff(mapping) >= 0).all()
@@ -44,12 +44,12 @@ def test_the_mapping_never_falls(frame: NDArray[np.uint8]) -> None:
 
 
 @given(frames)
-def test_the_mapping_keeps_different_intensities_apart(frame: NDArray[np.uint8]) -> None:
+def test_the_mapping_keeps_different_intensities_apart(frame: Image) -> None:
     assert (np.diff(uniform_mapping(frame)[np.unique(frame)]) > 0).all()
 
 
 @given(frames)
-def test_the_mean_becomes_mid_gray(frame: NDArray[np.uint8]) -> None:
+def test_the_mean_becomes_mid_gray(frame: Image) -> None:
     assert uniform_mapping(frame)[frame].mean() == pytest.approx(127.5, abs=255 * FLOAT64)
 
 
@@ -58,7 +58,7 @@ def test_mid_ranks_of_three_pixels() -> None:
     np.testing.assert_allclose(mapping[[6, 7, 8, 9, 10]], [0, 85, 170, 212.5, 255], atol=FLOAT64)
 
 
-def test_equalising_again_changes_next_to_nothing(photo: NDArray[np.uint8]) -> None:
+def test_equalising_again_changes_next_to_nothing(photo: Image) -> None:
     once = equalise(photo)
     assert np.abs(equalise(once).astype(int) - once).max() <= IDENTITY_LEVELS
 
@@ -70,12 +70,12 @@ def test_a_constant_picture_becomes_mid_gray() -> None:
         np.testing.assert_array_equal(uniform_mapping(flat)[flat], 127.5)
 
 
-def test_a_tone_curve_between_leaves_no_trace(photo: NDArray[np.uint8]) -> None:
+def test_a_tone_curve_between_leaves_no_trace(photo: Image) -> None:
     curve = np.sort(np.random.default_rng(6).permutation(256)[:128]).astype(np.uint8)
     darker = photo // 2  # 128 levels, which the curve spreads unevenly but in order
     np.testing.assert_array_equal(equalise(curve[darker]), equalise(darker))
 
 
-def test_one_mapping_serves_all_channels(photo: NDArray[np.uint8]) -> None:
+def test_one_mapping_serves_all_channels(photo: Image) -> None:
     side_by_side = np.concatenate(list(photo.transpose(2, 0, 1)), axis=1)
     np.testing.assert_array_equal(uniform_mapping(photo), uniform_mapping(side_by_side))

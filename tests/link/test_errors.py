@@ -1,6 +1,5 @@
 """One line for whoever made the mistake: a parameter in Python, a flag on the command line."""
 
-import os
 import pickle
 import subprocess
 import sys
@@ -8,7 +7,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases, run_process
 
 from link.cli import run_cli
 from link.embed import check_kappa
@@ -28,15 +27,12 @@ def printed(error: BaseException, capsys: pytest.CaptureFixture[str]) -> str:
     return said.err
 
 
-@pytest.mark.parametrize(
-    ("call", "python", "command"),
-    [
-        (lambda: check_kappa(0), "kappa: need 1 to 64", "error: --kappa: need 1 to 64"),
-        (lambda: check_kappa(0, "--kappas"), "--kappas: need", "error: --kappas: need"),
-        (lambda: make_layout(ratex=4), "ratex: choose", "error: --ratex: choose"),
-        (lambda: at_least(1, test_frames=0), "test_frames: need", "error: --test-frames: need"),
-        (lambda: each_once(views=[1, 1]), "views: name at", "error: --views: name at"),
-    ],
+@cases(
+    (lambda: check_kappa(0), "kappa: need 1 to 64", "error: --kappa: need 1 to 64"),
+    (lambda: check_kappa(0, "--kappas"), "--kappas: need", "error: --kappas: need"),
+    (lambda: make_layout(ratex=4), "ratex: choose", "error: --ratex: choose"),
+    (lambda: at_least(1, test_frames=0), "test_frames: need", "error: --test-frames: need"),
+    (lambda: each_once(views=[1, 1]), "views: name at", "error: --views: name at"),
     ids=["kappa", "named by its caller", "ratex", "at_least", "each_once"],
 )
 def test_python_reads_of_parameters_and_the_command_line_of_flags(
@@ -49,16 +45,13 @@ def test_python_reads_of_parameters_and_the_command_line_of_flags(
     assert printed(raised.value, capsys).startswith(command)
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (OSError(28, "No space left on device"), "the output or a file: No space left on device"),
-        (FileNotFoundError(2, "No such file", "a\nb.txt"), "a b.txt: No such file"),
-        (OSError(36, "File name too long", "n" * 300), f"{'n' * 300}: File name too long"),
-        (MemoryError("Unable to allocate 112 GiB"), "too little memory; use smaller sizes"),
-        (cv2.error("(-4:Insufficient memory) Failed to allocate"), "too little memory; use"),
-        (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "too little memory; use"),
-    ],
+@cases(
+    (OSError(28, "No space left on device"), "the output or a file: No space left on device"),
+    (FileNotFoundError(2, "No such file", "a\nb.txt"), "a b.txt: No such file"),
+    (OSError(36, "File name too long", "n" * 300), f"{'n' * 300}: File name too long"),
+    (MemoryError("Unable to allocate 112 GiB"), "too little memory; use smaller sizes"),
+    (cv2.error("(-4:Insufficient memory) Failed to allocate"), "too little memory; use"),
+    (RuntimeError("DefaultCPUAllocator: can't allocate memory"), "too little memory; use"),
 )
 def test_what_the_system_refuses_is_one_line(
     error: Exception, said: str, capsys: pytest.CaptureFixture[str]
@@ -78,15 +71,9 @@ def test_other_errors_of_libraries_are_not_hidden() -> None:
 
 def test_a_terminal_without_the_characters_of_an_output_gets_escapes() -> None:
     script = "from link.cli import run_cli; run_cli(lambda: print('κ', chr(0xdcff)))"
-    for encoding, said in (("ascii", b"\\u03ba"), ("utf-8:strict", "κ".encode())):
-        done = subprocess.run(
-            [sys.executable, "-c", script],
-            cwd=ROOT,
-            env={**os.environ, "PYTHONIOENCODING": encoding},
-            capture_output=True,
-            timeout=20,
-        )
-        assert (done.stdout, done.stderr) == (said + b" \\udcff\n", b"")
+    for encoding, said in (("ascii", "\\u03ba"), ("utf-8:strict", "κ")):
+        done = run_process(sys.executable, "-c", script, PYTHONIOENCODING=encoding)
+        assert (done.stdout, done.stderr) == (f"{said} \\udcff\n", "")
 
 
 PRINTS_FOR_EVER = """
@@ -105,8 +92,6 @@ def test_a_reader_that_leaves_ends_the_command_in_silence() -> None:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     ) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
         process.stdout.readline()
         process.stdout.close()
         assert process.stderr.read() == b""
@@ -116,26 +101,19 @@ def test_a_reader_that_leaves_ends_the_command_in_silence() -> None:
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
 @pytest.mark.parametrize("script", [PRINTS_FOR_EVER, PRINTS_FOR_EVER.replace("while", "if")])
 def test_a_full_device_is_named_in_one_line(script: str) -> None:
-    with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(
-            [sys.executable, "-c", script],
-            cwd=ROOT,
-            stdout=full,
-            stderr=subprocess.PIPE,
-            timeout=20,
-        )
-    assert done.stderr == b"error: the output or a file: No space left on device\n"
-    assert done.returncode == 2
+    line = '"$0" -c "$1" > /dev/full'
+    done = run_process("sh", "-c", line, sys.executable, script, status=2)
+    assert done.stderr == "error: the output or a file: No space left on device\n"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
-@pytest.mark.parametrize(("redirected", "status"), [("> /dev/full", 2), (">&-", 0), ("| true", 0)])
+@cases(("> /dev/full", 2), (">&-", 0), ("| true", 0))
 @pytest.mark.parametrize("words", ["--help", "gone.png"])
 def test_a_command_with_an_output_that_takes_nothing(
     redirected: str, status: int, words: str
 ) -> None:
     line = f"{sys.executable} -m export.locate {words} {redirected}"
-    done = subprocess.run(["sh", "-c", line], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    done = run_process("sh", "-c", line, status=None)
     if words != "--help":
         assert done.stderr == "error: gone.png: no such image file; check the path\n"
     elif status:
@@ -143,7 +121,7 @@ def test_a_command_with_an_output_that_takes_nothing(
     else:
         assert done.stderr == ""
     if redirected != "| true":
-        assert done.returncode == (status if words == "--help" else 2)
+        assert done.status == (status if words == "--help" else 2)
 
 
 def test_an_error_that_names_no_parameter_is_printed_as_it_is(

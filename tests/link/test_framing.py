@@ -4,11 +4,13 @@ import hashlib
 
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scores import listen, noisy
 
-from link.code.collect import Message, make_collector
+from link.code.collect import make_collector
 from link.code.framing import (
     MAX_FRAMES,
     SIGNATURE,
@@ -21,6 +23,7 @@ from link.code.framing import (
     signatures,
 )
 from link.errors import InputError
+from link.types import Array
 
 N_BITS = 59
 CERTAIN = 6.0
@@ -30,16 +33,8 @@ GOLDEN_SIGNED = {
 }
 
 
-def certain(bits: NDArray[np.integer]) -> NDArray[np.float64]:
+def certain(bits: NDArray[np.integer]) -> Array:
     return CERTAIN * (2.0 * bits - 1)
-
-
-def received(
-    bits: NDArray[np.integer], ber: float, rng: np.random.Generator
-) -> NDArray[np.float64]:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    flips = np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.log((1 - ber) / ber) * (2.0 * bits - 1) * flips
 
 
 @settings(max_examples=40, deadline=None)
@@ -79,56 +74,31 @@ def test_signatures_tell_short_loops_apart() -> None:
     assert len(sequences) == 37
 
 
-@pytest.mark.parametrize(
-    ("message", "n_bits", "says"),
-    [
-        (b"", N_BITS, "empty"),
-        (b"x" * 4000, N_BITS, "carries 3258"),
-        (b"x", 15, "15 message blocks a frame, a message needs at least 16"),
-    ],
+@cases(
+    (b"", N_BITS, "empty"),
+    (b"x" * 4000, N_BITS, "carries 3258"),
+    (b"x", 15, "15 message blocks a frame, a message needs at least 16"),
 )
 def test_wrong_messages_are_refused(message: bytes, n_bits: int, says: str) -> None:
     with pytest.raises(InputError, match=says):
         encode(message, n_bits)
 
 
-def collect(
-    bits: NDArray[np.integer],
-    rng: np.random.Generator,
-    *,
-    ber: float = 0.01,
-    loss: float = 0.0,
-    loops: float = 6,
-    start: int = 0,
-) -> tuple[Message | None, int]:
-    collector = make_collector(bits.shape[1])
-    frames = len(bits)
-    for step in range(int(loops * frames) + 4):
-        if rng.random() < loss:
-            continue
-        scores = received(bits[(start + step) % frames], ber, rng)
-        message = collector.add(scores, 1000 + step)
-        if message is not None:
-            return message, step + 1
-    return None, 0
-
-
 @pytest.mark.parametrize("size", [1, 5, 30, 100])
-@pytest.mark.parametrize(("ber", "loss", "loops"), [(0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8)])
-def test_a_loop_is_joined_anywhere(size: int, ber: float, loss: float, loops: float) -> None:
+@cases((0.001, 0, 1.4), (0.05, 0.1, 4), (0.1, 0.2, 8))
+def test_a_loop_is_joined_anywhere(ber: float, loss: float, loops: float, size: int) -> None:
     rng = np.random.default_rng(size)
     data = rng.bytes(size)
     bits = encode(data, N_BITS)
     for start in rng.integers(0, len(bits), 3):
-        message, _ = collect(bits, rng, ber=ber, loss=loss, loops=loops + 1, start=int(start))
-        assert message is not None
+        message, _, _ = listen(bits, rng, ber=ber, loss=loss, loops=loops + 1, start=int(start))
         assert message.data == data
 
 
 def test_a_clean_message_needs_little_more_than_half_a_loop() -> None:
     rng = np.random.default_rng(0)
     bits = encode(rng.bytes(100), N_BITS)
-    _, steps = collect(bits, rng, ber=0.001)
+    _, steps, _ = listen(bits, rng, ber=0.001)
     assert steps <= 0.65 * len(bits)
 
 
@@ -136,8 +106,7 @@ def test_repetitions_add_up_where_one_loop_is_not_enough() -> None:
     rng = np.random.default_rng(1)
     data = rng.bytes(60)
     bits = encode(data, N_BITS)
-    message, steps = collect(bits, rng, ber=0.2, loops=8)
-    assert message is not None
+    message, steps, _ = listen(bits, rng, ber=0.2, loops=8)
     assert message.data == data
     assert steps > len(bits)
 
@@ -150,9 +119,8 @@ def test_lost_count_is_found_again() -> None:
     message = None
     for step in range(4 * len(bits)):
         jumped = step + 3 * (step // 9)  # the count slips every ninth frame, unannounced
-        scores = received(bits[jumped % len(bits)], 0.03, rng)
+        scores = noisy(bits[jumped % len(bits)], 0.03, rng)
         message = collector.add(scores, step) or message
-    assert message is not None
     assert message.data == data
 
 
@@ -162,7 +130,7 @@ def test_a_new_message_wins_over_the_old_one() -> None:
     collector = make_collector(N_BITS)
     got: list[bytes] = []
     for step, bits in enumerate([*encode(first, N_BITS)] * 2 + [*encode(second, N_BITS)] * 40):
-        message = collector.add(received(bits, 0.02, rng), step)
+        message = collector.add(noisy(bits, 0.02, rng), step)
         if message is not None:
             got.append(message.data)
     assert got[0] == first
@@ -186,7 +154,7 @@ def test_a_noisy_message_is_right_or_absent(ber: float) -> None:
     rng = np.random.default_rng(int(100 * ber))
     for _ in range(50):
         data = rng.bytes(int(rng.integers(1, 60)))
-        assert decode(received(encode(data, N_BITS), ber, rng)) in ((data, False), None)
+        assert decode(noisy(encode(data, N_BITS), ber, rng)) in ((data, False), None)
 
 
 def test_nothing_received_is_no_message() -> None:

@@ -2,7 +2,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from conftest import cases
 from tolerances import FLOAT64, IDENTITY_LEVELS, SUBPIXEL_PX
 
 from link.errors import InputError
@@ -16,29 +16,28 @@ from link.geometry import (
     transform,
 )
 from link.layout import make_layout
+from link.types import Array, Image
 
 WIDTH, HEIGHT = 96, 64
 TILTED = np.array([[30.25, 20.5], [170.5, 41.0], [161.75, 140.25], [18.0, 118.5]])
 
 
-def noise(width: int, height: int, *channels: int) -> NDArray[np.uint8]:
+def noise(width: int, height: int, *channels: int) -> Image:
     return np.random.default_rng(3).integers(0, 256, (height, width, *channels), np.uint8)
 
 
-def scene(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def scene(points: Array) -> Array:
     """Gray levels of a smooth picture of WIDTH x HEIGHT at any points (..., 2) of it."""
     x, y = points[..., 0], points[..., 1]
     return 128 + 60 * np.sin(x / 9) * np.cos(y / 7) + 0.5 * x - 0.4 * y
 
 
-def grid(width: int, height: int) -> NDArray[np.float64]:
+def grid(width: int, height: int) -> Array:
     """(height, width, 2) pixel centres (x, y)."""
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float)
 
 
-def photograph(
-    H: NDArray[np.float64], width: int, height: int, lens: Lens | None = None
-) -> NDArray[np.uint8]:
+def photograph(H: Array, width: int, height: int, lens: Lens | None = None) -> Image:
     """What a camera sees of `scene` through the homography, sampled without any image library."""
     seen = grid(width, height).reshape(-1, 2)
     points = transform(np.linalg.inv(H), seen if lens is None else lens.undistort(seen))
@@ -46,7 +45,7 @@ def photograph(
     return np.asarray(levels.round().clip(0, 255), np.uint8)
 
 
-def levels_apart(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> int:
+def levels_apart(a: Image, b: Image) -> int:
     assert a.shape == b.shape
     return int(np.abs(a.astype(int) - b).max())
 
@@ -149,33 +148,30 @@ def test_corners_may_touch_the_border_of_the_image() -> None:
     )
 
 
-def moved(corner: int, x: float, y: float) -> NDArray[np.float64]:
+def moved(corner: int, x: float, y: float) -> Array:
     corners = TILTED.copy()
     corners[corner] = x, y
     return corners
 
 
-@pytest.mark.parametrize(
-    ("corners", "message"),
-    [
-        (moved(2, np.nan, 140), "need four"),
-        (moved(0, 30, np.inf), "need four"),
-        (TILTED[:3], "need four"),
-        (np.zeros((4, 3)), "need four"),
-        ([[1, 2], [3]], "need four finite points"),
-        ("here", "need four finite points"),
-        (None, "need four"),
-        (moved(1, 199.51, 41), r"\(199.51, 41\) lies outside the 200x160 image"),
-        (moved(3, 18, 159.6), r"\(18, 159.6\) lies outside the 200x160 image"),
-        (moved(0, -0.6, 20), r"\(-0.6, 20\) lies outside the 200x160 image"),
-        (TILTED[[1, 0, 3, 2]], "order top-left, top-right"),  # mirrored
-        (TILTED[::-1], "order top-left, top-right"),
-        (TILTED[[0, 2, 1, 3]], "not a convex quadrilateral"),  # edges cross
-        (moved(2, 60, 60), "not a convex quadrilateral"),
-        (np.full((4, 2), 50.0), "not a convex quadrilateral"),
-        ([[10, 10], [20, 10], [30, 10], [10, 90]], "not a convex quadrilateral"),
-        (frame_corners(15, 15) + 20, "covers only 225 square pixels"),
-    ],
+@cases(
+    (moved(2, np.nan, 140), "need four"),
+    (moved(0, 30, np.inf), "need four"),
+    (TILTED[:3], "need four"),
+    (np.zeros((4, 3)), "need four"),
+    ([[1, 2], [3]], "need four finite points"),
+    ("here", "need four finite points"),
+    (None, "need four"),
+    (moved(1, 199.51, 41), r"\(199.51, 41\) lies outside the 200x160 image"),
+    (moved(3, 18, 159.6), r"\(18, 159.6\) lies outside the 200x160 image"),
+    (moved(0, -0.6, 20), r"\(-0.6, 20\) lies outside the 200x160 image"),
+    (TILTED[[1, 0, 3, 2]], "order top-left, top-right"),  # mirrored
+    (TILTED[::-1], "order top-left, top-right"),
+    (TILTED[[0, 2, 1, 3]], "not a convex quadrilateral"),  # edges cross
+    (moved(2, 60, 60), "not a convex quadrilateral"),
+    (np.full((4, 2), 50.0), "not a convex quadrilateral"),
+    ([[10, 10], [20, 10], [30, 10], [10, 90]], "not a convex quadrilateral"),
+    (frame_corners(15, 15) + 20, "covers only 225 square pixels"),
 )
 def test_bad_corners_are_refused(corners: Any, message: str) -> None:
     with pytest.raises(InputError, match=message):

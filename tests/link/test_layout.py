@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import cases
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -53,7 +54,7 @@ def test_the_default_layout_carries_59_bits_and_5_patches() -> None:
     assert set(layout.ratex) == {(0, 0), (0, 7), (7, 0), (7, 7), (4, 4)}
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(8, 8), (16, 16), (6, 10), (1, 9)])
+@cases((8, 8), (16, 16), (6, 10), (1, 9))
 def test_without_patches_every_block_carries_a_bit(rows: int, cols: int) -> None:
     layout = make_layout(rows, cols, ratex=0)
     assert layout.n_bits == rows * cols
@@ -61,7 +62,7 @@ def test_without_patches_every_block_carries_a_bit(rows: int, cols: int) -> None
     assert layout.message_mask.all()
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (6, 10), (5, 3)])
+@cases((16, 16), (6, 10), (5, 3))
 @pytest.mark.parametrize("ratex", [1, 2, 3, 5])
 def test_each_patch_takes_one_message_block(rows: int, cols: int, ratex: int) -> None:
     layout = make_layout(rows, cols, ratex=ratex)
@@ -128,12 +129,9 @@ def test_more_pilots_keep_the_fewer(layout: Layout, data: st.DataObject) -> None
         np.testing.assert_array_equal(layout.pilot_blocks[kept], fewer.pilot_blocks)
 
 
-@pytest.mark.parametrize(
-    ("rows", "cols", "blocks"),
-    [
-        (8, 8, [53, 33, 2, 42, 32, 43, 41, 4, 52, 49, 6, 56, 18, 31, 37, 62]),
-        (24, 32, [410, 366, 503, 254, 566, 203, 543, 735, 319, 53, 572, 514, 33, 709, 94, 249]),
-    ],
+@cases(
+    (8, 8, [53, 33, 2, 42, 32, 43, 41, 4, 52, 49, 6, 56, 18, 31, 37, 62]),
+    (24, 32, [410, 366, 503, 254, 566, 203, 543, 735, 319, 53, 572, 514, 33, 709, 94, 249]),
 )
 def test_the_first_pilots_are_where_every_receiver_expects_them(
     rows: int, cols: int, blocks: list[int]
@@ -145,7 +143,7 @@ def test_the_first_pilots_are_where_every_receiver_expects_them(
     assert layout.pilot_bits[in_reading_order].tolist() == [0, 1] * 8
 
 
-@pytest.mark.parametrize(("rows", "cols"), [(16, 16), (24, 32), (48, 64), (96, 128)])
+@cases((16, 16), (24, 32), (48, 64), (96, 128))
 def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) -> None:
     layout = make_layout(rows, cols, pilots=count_pilots("auto", rows, cols))
     row, col = np.divmod(layout.pilot_blocks, cols)
@@ -159,20 +157,17 @@ def test_pilots_of_either_bit_are_spread_over_the_frame(rows: int, cols: int) ->
     assert np.bincount(quarter, minlength=4).min() >= 1
 
 
-@pytest.mark.parametrize(
-    ("pilots", "rows", "cols", "count"),
-    [
-        ("0", 8, 8, 0),
-        ("0.0", 8, 8, 0),
-        ("auto", 8, 8, 16),
-        ("auto", 16, 16, 32),
-        ("auto", 24, 32, 38),
-        ("auto", 48, 64, 154),
-        ("auto", 96, 128, 614),
-        ("auto", 3, 3, 2),
-        ("0.25", 8, 8, 16),
-        ("1e-1", 24, 32, 77),
-    ],
+@cases(
+    ("0", 8, 8, 0),
+    ("0.0", 8, 8, 0),
+    ("auto", 8, 8, 16),
+    ("auto", 16, 16, 32),
+    ("auto", 24, 32, 38),
+    ("auto", 48, 64, 154),
+    ("auto", 96, 128, 614),
+    ("auto", 3, 3, 2),
+    ("0.25", 8, 8, 16),
+    ("1e-1", 24, 32, 77),
 )
 def test_shares_of_pilots_become_numbers(pilots: str, rows: int, cols: int, count: int) -> None:
     assert count_pilots(pilots, rows, cols) == count
@@ -232,28 +227,25 @@ def test_a_patch_outside_the_grid_is_named(cell: tuple[int, int]) -> None:
         replace(make_layout(), ratex=(cell,))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"ratex": ((1, 2), (3, 3), (1, 2))}, "listed twice"),
-        ({"rows": 0}, "rows and cols must be positive, got 0x8"),
-        ({"cols": -1}, "rows and cols must be positive, got 8x-1"),
-        ({"width": 31}, "at least 32x32 pixels, got 31x384"),
-        ({"height": 31}, "at least 32x32 pixels, got 512x31"),
-        ({"width": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
-        ({"height": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
-        ({"width": 5000, "height": 5000}, "5000x5000 frame has more than 20000000 pixels"),
-        ({"rows": 129, "cols": 128, "width": 600, "height": 600}, "128x129 blocks are more than"),
-        ({"rows": 1, "cols": 1, "ratex": ((0, 0),)}, "no block is left"),
-        ({"ratex": (), "pilots": 64}, "no block is left"),
-        ({"ratex": (), "pilots": 1}, "need 2 pilots, so that both bits occur, got 1"),
-        ({"ratex": (), "pilots": -2}, "need 2 pilots, so that both bits occur, got -2"),
-        ({"pilots": 2}, "pilots beside ratex patches"),
-        ({"modulation": "onoff"}, "unknown modulation 'onoff'; choose one of: on_off, antipodal"),
-        ({"modulation": ""}, "unknown modulation ''"),
-        ({"ratex": (), "colour": "red"}, "unknown colour 'red'; choose one of: gray, chroma"),
-        ({"colour": "chroma"}, "layout: ratex patches are gray, bits are chroma; take pilots"),
-    ],
+@cases(
+    ({"ratex": ((1, 2), (3, 3), (1, 2))}, "listed twice"),
+    ({"rows": 0}, "rows and cols must be positive, got 0x8"),
+    ({"cols": -1}, "rows and cols must be positive, got 8x-1"),
+    ({"width": 31}, "at least 32x32 pixels, got 31x384"),
+    ({"height": 31}, "at least 32x32 pixels, got 512x31"),
+    ({"width": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
+    ({"height": MAX_SIDE_PX + 1}, f"larger than {MAX_SIDE_PX}"),
+    ({"width": 5000, "height": 5000}, "5000x5000 frame has more than 20000000 pixels"),
+    ({"rows": 129, "cols": 128, "width": 600, "height": 600}, "128x129 blocks are more than"),
+    ({"rows": 1, "cols": 1, "ratex": ((0, 0),)}, "no block is left"),
+    ({"ratex": (), "pilots": 64}, "no block is left"),
+    ({"ratex": (), "pilots": 1}, "need 2 pilots, so that both bits occur, got 1"),
+    ({"ratex": (), "pilots": -2}, "need 2 pilots, so that both bits occur, got -2"),
+    ({"pilots": 2}, "pilots beside ratex patches"),
+    ({"modulation": "onoff"}, "unknown modulation 'onoff'; choose one of: on_off, antipodal"),
+    ({"modulation": ""}, "unknown modulation ''"),
+    ({"ratex": (), "colour": "red"}, "unknown colour 'red'; choose one of: gray, chroma"),
+    ({"colour": "chroma"}, "layout: ratex patches are gray, bits are chroma; take pilots"),
 )
 def test_a_grid_that_does_not_fit_says_why(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -312,10 +304,7 @@ def test_chroma_layouts_have_no_patches_unless_they_are_asked_for() -> None:
         make_layout(colour="chroma", ratex=2)
 
 
-@pytest.mark.parametrize(
-    "ratex",
-    [None, 5, [5], [[0]], [[0, 1, 2]], [[0, None]], [["a", "b"]], [[math.nan, 0]]],
-)
+@cases(None, 5, [5], [[0]], [[0, 1, 2]], [[0, None]], [["a", "b"]], [[math.nan, 0]])
 def test_patches_must_be_pairs(ratex: Any) -> None:
     with pytest.raises(InputError, match="ratex must be a list of"):
         Layout.from_dict(as_dict(ratex=ratex))

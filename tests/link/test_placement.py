@@ -2,19 +2,19 @@
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from link.code import framing
 from link.errors import InputError
 from link.layout import make_layout
 from link.loop import Loop
 from link.placement import FITS, Placement
+from link.types import Image
 
 LAYOUT = make_layout(4, 6, 96, 64, modulation="antipodal", pilots=4)
 SIZES = {"lying": (192, 108), "upright": (108, 192), "square": (144, 144)}
 
 
-def ramp(width: int, height: int) -> NDArray[np.uint8]:
+def ramp(width: int, height: int) -> Image:
     """A picture whose red grows from left to right, and whose green grows from top to bottom."""
     red = np.broadcast_to(np.linspace(40, 200, width), (height, width))
     green = np.broadcast_to(np.linspace(40, 200, height)[:, None], (height, width))

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from conftest import Command
+from conftest import Command, Refuses, cases
 
 import data_gen.video as film_cli
 from export.visibility.line_code import CODE_OF_MODULATION
@@ -43,17 +43,9 @@ def test_a_film_shows_the_preset(name: str | None, tmp_path: Path, command: Comm
     assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("loud",), "error: unknown preset 'loud'; choose one of: paper"),
-        ((), "error: Missing value for argument '--preset'"),
-    ],
+@cases(
+    ("loud", "error: unknown preset 'loud'; choose one of: paper"),
+    ("", "error: Missing value for argument '--preset'"),
 )
-def test_a_wrong_preset_gives_one_line(
-    words: tuple[str, ...], expected: str, tmp_path: Path, command: Command
-) -> None:
-    done = command(film_cli.main, *FILM, "--out", tmp_path / "a", "--preset", *words)
-    assert done.status == 2
-    assert done.stderr.startswith(expected)
-    assert len(done.stderr.splitlines()) == 1
+def test_a_wrong_preset_gives_one_line(name: str, says: str, refuses: Refuses) -> None:
+    refuses("data_gen.video", [*FILM, "--out", "a", "--preset", *name.split()], says)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from link.layout import Layout, make_layout
 from link.ratex import (
@@ -21,6 +20,7 @@ from link.ratex import (
     tile_levels,
     training_pixels,
 )
+from link.types import Array, Image
 
 LAYOUTS = {
     "default": make_layout(),
@@ -36,13 +36,13 @@ every_layout = pytest.mark.parametrize("layout", LAYOUTS.values(), ids=list(LAYO
 every_kappa = pytest.mark.parametrize("kappa", [1, 3, 10, 64])
 
 
-def drawn(layout: Layout, kappa: int, *, embedded: bool) -> NDArray[np.uint8]:
+def drawn(layout: Layout, kappa: int, *, embedded: bool) -> Image:
     frame = np.full((layout.height, layout.width), 99, np.uint8)
     draw_patches(frame, layout, kappa, embedded=embedded)
     return frame
 
 
-def correlation(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def correlation(a: Array, b: Array) -> float:
     return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
@@ -112,13 +112,7 @@ def test_antipodal_patches_match_what_was_displayed(embedded: bool) -> None:
     np.testing.assert_array_equal(match.label, tile_labels(layout).reshape(5, -1))
 
 
-@given(
-    st.integers(2, 9),
-    st.integers(2, 9),
-    st.integers(4, 40),
-    st.integers(4, 40),
-    st.data(),
-)
+@given(st.integers(2, 9), st.integers(2, 9), st.integers(4, 40), st.integers(4, 40), st.data())
 def test_training_pixels_match_the_drawing_at_every_size_a_layout_allows(
     rows: int, cols: int, block_height: int, block_width: int, data: st.DataObject
 ) -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from tolerances import EVEN_CONTRAST, FLOAT64
 
 from export.send.hiding import MESSAGE_SEED, SECONDS, Onlooker
@@ -13,11 +12,12 @@ from export.visibility.line_code import CODE_OF_MODULATION
 from link.layout import make_layout
 from link.presets import PRESETS
 from link.strength import EVEN, FACTORS, block_steps, even_factor, light_of_level, masking
+from link.types import Image
 
 LAYOUT = make_layout(12, 16, 160, 120, modulation="antipodal", pilots=8)
 
 
-def plain(level: int) -> NDArray[np.uint8]:
+def plain(level: int) -> Image:
     return np.full((LAYOUT.height, LAYOUT.width, 3), level, np.uint8)
 
 

@@ -3,6 +3,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 
 from data_gen.channel.stills import capture
@@ -12,6 +13,7 @@ from link.embed import embed
 from link.frames import Captured, Rectified
 from link.images import intensity
 from link.layout import Layout, make_layout
+from link.types import Image
 from models import DECODERS, make_decoder
 from models.classical.blind import SIGNAL_SPREAD, fit, log_odds
 from models.classical.register import REACH_PX, align_frames, high_pass, whole_pixel_shift
@@ -27,7 +29,7 @@ def filmed() -> Captured:
 
 
 @pytest.fixture(scope="module")
-def scene() -> NDArray[np.uint8]:
+def scene() -> Image:
     """A textured picture, (384, 512, 3) uint8."""
     picture = shuffled_pictures(Source(NO_PATCHES))[0]
     return picture.rgb
@@ -61,7 +63,7 @@ def test_blind_reads_every_bit_and_wants_neither_patches_nor_kappa(filmed: Captu
     np.testing.assert_array_equal(known, unknown)
 
 
-@pytest.mark.parametrize(("side", "wrong"), [(8, 0), (16, 4)])
+@cases((8, 0), (16, 4))
 @pytest.mark.parametrize("method", ["blind", "hidden_ratex"])
 def test_antipodal_messages_are_read_without_patches(side: int, wrong: int, method: str) -> None:
     """The darkest of 16 x 16 blocks emit next to nothing, so that some of their bits are lost."""
@@ -189,7 +191,7 @@ def test_a_brighter_block_is_never_less_likely_a_one(variance: float) -> None:
 
 @pytest.mark.parametrize("shift", [(0, 0), (3, -5), (-7, 2), (1, 7)])
 def test_whole_pixel_shift_is_found_through_blocks_and_drift(
-    scene: NDArray[np.uint8], shift: tuple[int, int]
+    scene: Image, shift: tuple[int, int]
 ) -> None:
     bits = np.random.default_rng(1).integers(0, 2, NO_PATCHES.n_bits)
     shown = embed(scene, bits, NO_PATCHES, 20)
@@ -198,7 +200,7 @@ def test_whole_pixel_shift_is_found_through_blocks_and_drift(
     assert whole_pixel_shift(shown.original, moved) == (dy, dx)
 
 
-def test_whole_pixel_shift_is_zero_where_it_is_unsure(scene: NDArray[np.uint8]) -> None:
+def test_whole_pixel_shift_is_zero_where_it_is_unsure(scene: Image) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (2, 100, 120)).astype(np.uint8)
     assert whole_pixel_shift(noise[0], noise[1]) == (0, 0)
     flat = np.full((100, 120), 90, np.uint8)
@@ -207,7 +209,7 @@ def test_whole_pixel_shift_is_zero_where_it_is_unsure(scene: NDArray[np.uint8]) 
     assert whole_pixel_shift(scene[:40, :40], far[:40, :40]) == (0, 0)
 
 
-def test_align_undoes_a_homography_and_an_exposure(scene: NDArray[np.uint8]) -> None:
+def test_align_undoes_a_homography_and_an_exposure(scene: Image) -> None:
     height, width = scene.shape[:2]
     ends = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
     moved = ends + np.array([[5, -3], [-4, 2], [3, 6], [-6, -2]], np.float32)

@@ -5,6 +5,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from sklearn.svm import SVC
@@ -17,6 +18,7 @@ from link.images import intensity
 from link.images.equalise import equalise
 from link.layout import MODULATIONS, Layout, make_layout
 from link.ratex import training_pixels
+from link.types import Array
 from models import DECODERS, PRETRAINED, make_decoder
 from models.classical.common import fit_svm, training_samples
 from models.classical.hidden_ratex import HiddenRatex, cluster_threshold
@@ -33,10 +35,10 @@ KAPPA = 8
 SHRINKAGE = HiddenRatex().shrinkage
 WITH_RATEX = ["naive", "two_step", "oorc"]
 CLASSICAL = [*WITH_RATEX, "hidden_ratex"]
-Curve = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Curve = Callable[[Array], Array]
 
 
-def bright(i: NDArray[np.float64]) -> NDArray[np.float64]:
+def bright(i: Array) -> Array:
     """A CDTF that raises dark tones, so that the same kappa is captured as 4 to 20 levels."""
     return np.asarray(i**0.6)
 
@@ -90,7 +92,7 @@ def test_every_method_reads_a_noise_free_pair_through_a_curved_cdtf(
 both_modulations = pytest.mark.parametrize("modulation", MODULATIONS)
 
 
-def differs(pair: Rectified, scores: NDArray[np.float64], name: str, **options: Any) -> bool:
+def differs(pair: Rectified, scores: Array, name: str, **options: Any) -> bool:
     return not np.array_equal(make_decoder(name, **options).decode(pair).scores, scores)
 
 
@@ -157,9 +159,7 @@ def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None
 
 
 @both_modulations
-@pytest.mark.parametrize(
-    "name", ["naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn"]
-)
+@cases("naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn")
 def test_methods_read_chroma_pairs_whose_luma_hardly_changes(name: str, modulation: str) -> None:
     hidden = DECODERS[name].equalised
     layout = make_layout(modulation=modulation, pilots=16, colour="chroma")
@@ -299,7 +299,7 @@ def test_intensity_of_a_colour_frame_is_its_luma() -> None:
     np.testing.assert_array_equal(intensity(np.array([[0, 255]], np.uint8)), [[0, 1]])
 
 
-def random_pixels(count: int, seed: int) -> NDArray[np.float64]:
+def random_pixels(count: int, seed: int) -> Array:
     """(count, 2) columns i_o, i_e."""
     i_o = np.random.default_rng(seed).uniform(0.1, 0.9, count)
     return np.column_stack([i_o, i_o + np.random.default_rng(seed + 1).normal(0, 0.05, count)])
@@ -447,9 +447,7 @@ def test_hidden_ratex_wants_no_patches() -> None:
     assert DECODERS["hidden_ratex"].equalised
 
 
-@pytest.mark.parametrize(
-    ("name", "options"), [("two_step", {}), ("hidden_ratex", {"threshold": "constant"})]
-)
+@cases(("two_step", {}), ("hidden_ratex", {"threshold": "constant"}))
 def test_methods_that_need_kappa_say_so(name: str, options: dict[str, str]) -> None:
     pair, _ = make_pair()
     with pytest.raises(InputError, match="needs kappa"):
@@ -464,9 +462,10 @@ def test_the_other_methods_do_not_use_kappa(name: str) -> None:
     np.testing.assert_array_equal(decoder.decode(pair).scores, without)
 
 
-@pytest.mark.parametrize(
-    "layout",
-    [make_layout(16, 16, 512, 512), make_layout(5, 9, 333, 250, ratex=2), make_layout(ratex=1)],
+@cases(
+    make_layout(16, 16, 512, 512),
+    make_layout(5, 9, 333, 250, ratex=2),
+    make_layout(ratex=1),
     ids=["16x16", "5x9", "one patch"],
 )
 def test_oorc_reads_other_grids(layout: Layout) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from conftest import cases
 
 from link.errors import InputError
 from link.frames import Captured, Rectified
@@ -36,10 +37,7 @@ def parameters(module: BlockNet) -> dict[str, list[float]]:
 # The network
 
 
-@pytest.mark.parametrize(
-    ("rows", "cols", "width", "height"),
-    [(8, 8, 512, 384), (3, 7, 333, 101), (1, 1, 40, 40), (6, 4, 16, 24)],
-)
+@cases((8, 8, 512, 384), (3, 7, 333, 101), (1, 1, 40, 40), (6, 4, 16, 24))
 def test_one_network_reads_any_grid_and_size(rows: int, cols: int, width: int, height: int) -> None:
     module = load_cnn(PRETRAINED_CNN)
     frames = noise(2, 3, height, width), noise(2, 3, height, width)
@@ -65,7 +63,7 @@ def test_the_network_is_small() -> None:
     assert sum(p.numel() for p in BlockNet(CnnConfig()).parameters()) <= 300_000
 
 
-@pytest.mark.parametrize(("field", "value"), [("width", 12), ("width", 0), ("rounds", 1.5)])
+@cases(("width", 12), ("width", 0), ("rounds", 1.5))
 def test_a_config_that_makes_no_network_is_refused(field: str, value: float) -> None:
     with pytest.raises(InputError, match=f"^{field}: need a"):
         CnnConfig(**{**asdict(SMALL), field: value})
@@ -124,25 +122,22 @@ def not_finite(folder: Path) -> None:
     save_checkpoint(folder, module, {})
 
 
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (damage_weights, "decoder.pt: differs from the sha256"),
-        (other_width, "decoder.pt: does not fit config.json"),
-        (not_finite, "not finite"),
-        (
-            lambda folder: (folder / "decoder.pt").unlink(),
-            "not found; train first: python -m reports.lab.cnn_baseline at the tag",
-        ),
-        (lambda folder: (folder / "config.json").write_text("{"), "not a decoder configuration"),
-        (
-            lambda folder: (folder / "config.json").write_text('{"sha256": "", "cnn": {"w": 1}}'),
-            "not a network's configuration",
-        ),
-    ],
+@cases(
+    (damage_weights, "decoder.pt: differs from the sha256"),
+    (other_width, "decoder.pt: does not fit config.json"),
+    (not_finite, "not finite"),
+    (
+        lambda folder: (folder / "decoder.pt").unlink(),
+        "not found; train first: python -m reports.lab.cnn_baseline at the tag",
+    ),
+    (lambda folder: (folder / "config.json").write_text("{"), "not a decoder configuration"),
+    (
+        lambda folder: (folder / "config.json").write_text('{"sha256": "", "cnn": {"w": 1}}'),
+        "not a network's configuration",
+    ),
 )
 def test_a_damaged_checkpoint_is_refused(
-    folder: Path, damage: Callable[[Path], object], message: str
+    damage: Callable[[Path], object], message: str, folder: Path
 ) -> None:
     damage(folder)
     with pytest.raises(InputError, match=message):

@@ -8,20 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from conftest import slow
+from conftest import cases, slow
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import legval
-from numpy.typing import NDArray
 from sklearn.svm import LinearSVC
-from tolerances import (
-    FLOAT32,
-    FLOAT64,
-    ONNX_SCORE,
-    RESIDUAL_PX,
-    SVM_OBJECTIVE_GAP,
-    TWIN_SCORE,
-)
+from tolerances import FLOAT32, FLOAT64, ONNX_SCORE, RESIDUAL_PX, SVM_OBJECTIVE_GAP, TWIN_SCORE
 from torch import Tensor
 
 from data_gen.frame_pair import Cell, FramePair, Source
@@ -30,6 +22,7 @@ from link.errors import InputError
 from link.frames import Captured, Rectified
 from link.images import as_batch, intensity
 from link.layout import Layout, make_layout
+from link.types import Array
 from models import PRETRAINED, make_decoder
 from models.classical.oorc import explicit_map
 from models.neural.checkpoint import load_checkpoint, save_checkpoint
@@ -81,8 +74,8 @@ def batch(pairs: list[Rectified]) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize(("dtype", "atol"), [(torch.float64, FLOAT64), (torch.float32, FLOAT32)])
-@pytest.mark.parametrize(("degree", "drift"), [(1, 0), (4, 0), (4, 4), (7, 2)])
-def test_phi_agrees_with_numpy(dtype: torch.dtype, atol: float, degree: int, drift: int) -> None:
+@cases((1, 0), (4, 0), (4, 4), (7, 2))
+def test_phi_agrees_with_numpy(degree: int, drift: int, dtype: torch.dtype, atol: float) -> None:
     i_o, i_e = np.random.default_rng(0).uniform(0, 1, (2, 5, 6))
     phi = PhiPolynomial(degree, drift)
     features = torch.stack(
@@ -105,14 +98,11 @@ def test_phi_agrees_with_the_classical_map() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("degree", "drift", "message"),
-    [
-        (0, 0, "degree: need 1 to 12, got 0"),
-        (MAX_DEGREE + 1, 0, "degree: need 1 to 12, got 13"),
-        (4, 5, "drift_degree: need 0 to degree 4, got 5"),
-        (4, -1, "drift_degree: need 0 to degree 4, got -1"),
-    ],
+@cases(
+    (0, 0, "degree: need 1 to 12, got 0"),
+    (MAX_DEGREE + 1, 0, "degree: need 1 to 12, got 13"),
+    (4, 5, "drift_degree: need 0 to degree 4, got 5"),
+    (4, -1, "drift_degree: need 0 to degree 4, got -1"),
 )
 def test_degrees_out_of_range_are_refused(degree: int, drift: int, message: str) -> None:
     for build in (
@@ -134,17 +124,14 @@ def test_unknown_options_list_the_valid_ones() -> None:
         DecoderConfig(train_on="frame")
 
 
-@pytest.mark.parametrize(
-    ("options", "flag"),
-    [
-        ({"coarsen": 3}, "coarsen: need 1 or 2, got 3"),
-        ({"refine": 9}, "refine: need 0 to 8, got 9"),
-        ({"texture": -0.1}, "texture: need at least 0 and below 1, got -0.1"),
-        ({"rows": True}, "rows: needs refine"),
-        ({"space": True}, "space: needs refine"),
-        ({"space": 1}, "space: must be of type bool"),
-        ({"drift_degree": 1.5}, "drift_degree: must be of type int"),
-    ],
+@cases(
+    ({"coarsen": 3}, "coarsen: need 1 or 2, got 3"),
+    ({"refine": 9}, "refine: need 0 to 8, got 9"),
+    ({"texture": -0.1}, "texture: need at least 0 and below 1, got -0.1"),
+    ({"rows": True}, "rows: needs refine"),
+    ({"space": True}, "space: needs refine"),
+    ({"space": 1}, "space: must be of type bool"),
+    ({"drift_degree": 1.5}, "drift_degree: must be of type int"),
 )
 def test_options_that_make_no_decoder_are_refused(options: dict[str, Any], flag: str) -> None:
     with pytest.raises(InputError, match=flag):
@@ -163,17 +150,17 @@ def test_solve_spd_agrees_with_torch(size: int) -> None:
     torch.testing.assert_close(solve_spd(A, y), torch.linalg.solve(A, y), rtol=FLOAT64, atol=1e-8)
 
 
-def sklearn_head(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> NDArray[np.float64]:
+def sklearn_head(X: Array, y: Array, C: float) -> Array:
     """What scikit-learn makes of features whose last column is ones; that is the intercept's."""
     svm = LinearSVC(C=C, loss="squared_hinge", dual=False, tol=1e-8, max_iter=100_000)
     svm.fit(X[:, :-1], y)
     return np.append(svm.coef_[0], svm.intercept_[0])
 
 
-def objective_gap(X: NDArray[np.float64], y: NDArray[np.float64], C: float) -> float:
+def objective_gap(X: Array, y: Array, C: float) -> float:
     """Objective of `fit_head` relative to scikit-learn's, minus 1."""
 
-    def value(w: NDArray[np.float64]) -> float:
+    def value(w: Array) -> float:
         return float(0.5 * w @ w + C * (np.maximum(0, 1 - y * (X @ w)) ** 2).sum())
 
     zeros = torch.zeros(X.shape[1], dtype=torch.float64)
@@ -281,7 +268,7 @@ def test_fit_head_has_the_right_gradient(C: float) -> None:
 # --- registration
 
 
-def smooth_scene(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+def smooth_scene(x: Array, y: Array) -> Array:
     """Encoded intensities in [0.1, 0.9]; its period of some 40 px leaves no aliasing."""
     return (
         0.5
@@ -291,11 +278,11 @@ def smooth_scene(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.f
     )
 
 
-def as_maps(image: NDArray[np.float64]) -> Tensor:
+def as_maps(image: Array) -> Tensor:
     return torch.from_numpy(image.astype(np.float32))[None, None]
 
 
-def motion_left(moved: NDArray[np.float64], still: NDArray[np.float64]) -> float:
+def motion_left(moved: Array, still: Array) -> float:
     """Largest mean shift in x or y, in pixels, by least squares on the slopes of ``still``."""
     inner = np.s_[8:-8, 8:-8]
     slope_y, slope_x = np.gradient(still)
@@ -305,7 +292,7 @@ def motion_left(moved: NDArray[np.float64], still: NDArray[np.float64]) -> float
 
 
 Y, X = np.mgrid[:192, :256].astype(np.float64)
-PHOTOMETRY: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
+PHOTOMETRY: dict[str, Callable[[Array], Array]] = {
     "none": lambda i: i,
     "gain": lambda i: 0.9 * i,
     "gain and offset": lambda i: 1.05 * i - 0.03,
@@ -318,7 +305,7 @@ def aligned(i_o: torch.Tensor, i_e: torch.Tensor) -> torch.Tensor:
 
 
 def test_derivatives_of_a_polynomial() -> None:
-    def f(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def f(x: Array, y: Array) -> Array:
         return (2 + x + 3 * y + x * y - x * x + 2 * y * y) / 10_000
 
     x, y = X[:8, :9], Y[:8, :9]
@@ -471,9 +458,7 @@ def test_bin_mean_integrates_over_every_bin_however_small(
     np.testing.assert_allclose(matrix.numpy() @ values, expected, rtol=0, atol=FLOAT64)
 
 
-@pytest.mark.parametrize(
-    ("margin", "expected"), [(0.0, [1 / 6] * 6), (1 / 6, [0, *[1 / 4] * 4, 0])]
-)
+@cases((0.0, [1 / 6] * 6), (1 / 6, [0, *[1 / 4] * 4, 0]))
 def test_bin_mean_leaves_the_margins_out(margin: float, expected: list[float]) -> None:
     like = torch.zeros(0, dtype=torch.float64)
     matrix = bin_mean(12, 2, torch.tensor([1]), margin, like)
@@ -485,7 +470,7 @@ every_intensity = pytest.mark.parametrize(
 )
 
 
-def intensities(frames: NDArray[np.float64], colour: str, channels: str) -> NDArray[np.float64]:
+def intensities(frames: Array, colour: str, channels: str) -> Array:
     """Weigh the channels of (B, 3, H, W) frames in [0, 1] as `Reduce` should."""
     weights = np.array(CHANNELS[colour][channels])
     offset = -np.minimum(weights, 0).sum(axis=1)

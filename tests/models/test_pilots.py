@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from conftest import cases
 from numpy.typing import NDArray
 from tolerances import FLOAT32, FLOAT64, ONNX_SCORE
 from torch import Tensor
@@ -189,9 +190,7 @@ def test_a_checkpoint_is_for_patches_or_for_pilots() -> None:
         load_checkpoint(PRETRAINED_PILOTS, layouts[PRETRAINED])
 
 
-@pytest.mark.parametrize(
-    ("modulation", "colour"), [*((each, "gray") for each in MODULATIONS), ("antipodal", "chroma")]
-)
+@cases(*((each, "gray") for each in MODULATIONS), ("antipodal", "chroma"))
 def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colour: str) -> None:
     source = Source(layout_of((24, 32), modulation, colour))
     pair = FramePair(source, Cell("nikon-samsung", 45.0, 5), 3)  # number 0 is mostly black
@@ -199,17 +198,17 @@ def test_learned_reads_pilots_with_the_shipped_checkpoint(modulation: str, colou
     assert wrong.mean() < 0.02
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("grid", "modulation"), [((24, 32), "antipodal")])
-def test_the_exported_graph_decides_as_torch_does(
-    grid: tuple[int, int], modulation: str, tmp_path: Path
-) -> None:
-    decoder = load_checkpoint(PRETRAINED_PILOTS, layout_of(grid, modulation))
-    model = tmp_path / "decoder.onnx"
-    model.write_bytes(to_onnx(decoder, "pilots"))
-    parity = compare_with_torch(decoder, Decoder(model), frames=6, seed=3)
+def decides_as_torch_does(decoder: PhiDecoder, folder: Path) -> None:
+    (folder / "decoder.onnx").write_bytes(to_onnx(decoder, "run"))
+    parity = compare_with_torch(decoder, Decoder(folder / "decoder.onnx"), frames=6, seed=3)
     assert parity.different_bits == 0
     assert parity.max_difference < ONNX_SCORE
+
+
+@pytest.mark.slow
+def test_the_exported_graph_decides_as_torch_does(tmp_path: Path) -> None:
+    decoder = load_checkpoint(PRETRAINED_PILOTS, layout_of((24, 32), "antipodal"))
+    decides_as_torch_does(decoder, tmp_path)
 
 
 @pytest.mark.slow
@@ -217,11 +216,7 @@ def test_the_exported_graph_takes_chroma_as_torch_does(tmp_path: Path) -> None:
     """Refinement is left out: it does not know of colour, and takes long to export."""
     layout = layout_of((8, 8), "antipodal", "chroma")
     decoder = PhiDecoder(layout, replace(FULL, refine=0, rows=False, space=False))
-    model = tmp_path / "decoder.onnx"
-    model.write_bytes(to_onnx(decoder, "chroma"))
-    parity = compare_with_torch(decoder, Decoder(model), frames=6, seed=3)
-    assert parity.different_bits == 0
-    assert parity.max_difference < ONNX_SCORE
+    decides_as_torch_does(decoder, tmp_path)
 
 
 def test_neither_patches_nor_pilots_are_not_enough() -> None:

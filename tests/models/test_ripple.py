@@ -12,6 +12,7 @@ from torch.nn.functional import conv2d, conv_transpose2d, pad
 from link.embed import embed
 from link.frames import Rectified
 from link.layout import make_layout
+from link.types import Array
 from models import PRETRAINED_PILOTS
 from models.neural.checkpoint import load_checkpoint
 from models.neural.methods import decode_with
@@ -57,7 +58,7 @@ def test_a_wave_alone_lies_in_few_frequencies() -> None:
     np.testing.assert_allclose(np.sort(mine), np.sort(unique_half(power)), rtol=1e-3, atol=1e-6)
 
 
-def unique_half(power: NDArray[np.float64]) -> NDArray[np.float64]:
+def unique_half(power: Array) -> Array:
     """One of each pair of a frequency and its negative."""
     half = WINDOW // 2
     return np.array(

@@ -17,7 +17,7 @@ import dask
 import distributed
 import pytest
 import torch
-from conftest import Command
+from conftest import Command, cases
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import evaluate
@@ -30,13 +30,7 @@ from reports.engine import predict as engine
 from reports.engine.backends import Backend, make_backend, one_thread, run_tasks
 from reports.engine.digest import DATA, ROOT, code_digest, file_digest, imported_modules
 from reports.engine.methods import Method
-from reports.engine.predict import (
-    Condition,
-    checkpoint_digest,
-    fingerprint,
-    predict,
-    predict_all,
-)
+from reports.engine.predict import Condition, checkpoint_digest, fingerprint, predict, predict_all
 
 RUN = ["--pairs", "canon-lg", "--views", "0", "45", "--kappas", "5", "3", "--frames", "1"]
 RUN += ["--methods", "oorc", "learned", "hidden_ratex", "--no-html"]
@@ -88,7 +82,7 @@ def results(folder: Path) -> tuple[bytes, bytes, Any]:
 def test_two_processes_write_the_bytes_of_one(
     alone: Path, tmp_path: Path, command: Command
 ) -> None:
-    assert command(evaluate.main, *RUN, "--jobs", 2, "--out", tmp_path).status == 0
+    command(evaluate.main, *RUN, "--jobs", 2, "--out", tmp_path)
     assert results(tmp_path) == results(alone)
 
 
@@ -97,8 +91,7 @@ def test_two_dask_workers_write_the_bytes_of_one_process(
     alone: Path, tmp_path: Path, command: Command, scheduler: str
 ) -> None:
     dask = ("--backend", "dask", "--scheduler", scheduler)
-    done = command(evaluate.main, *RUN, *dask, "--out", tmp_path)
-    assert done.status == 0, done.stderr
+    command(evaluate.main, *RUN, *dask, "--out", tmp_path)
     assert results(tmp_path) == results(alone)
     with distributed.Client(scheduler, set_as_default=False) as client:
         loaded = client.run(lambda: "reports.engine.predict" in sys.modules)
@@ -125,7 +118,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(
     kept = {file: file.stat().st_mtime_ns for file in cell_files(tmp_path)}
     assert 1 <= len(kept) < N_CELLS * N_METHODS
     assert not (tmp_path / "predictions.jsonl").exists()
-    assert command(evaluate.main, *RUN, "--jobs", 1, "--out", tmp_path).status == 0
+    command(evaluate.main, *RUN, "--jobs", 1, "--out", tmp_path)
     assert results(tmp_path) == results(alone)
     assert all(file.stat().st_mtime_ns == time_ns for file, time_ns in kept.items())
 
@@ -143,8 +136,7 @@ def test_a_failing_cell_is_reported_and_the_others_are_written(
     run = (*RUN, "--jobs", 1, "--out", tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr(engine, "decode_cell", failing)
-        done = command(evaluate.main, *run)
-    assert done.status == 2
+        done = command(evaluate.main, *run, status=2)
     report, last = done.stderr.splitlines()[-2:]
     assert report.startswith(
         "failed: canon-lg, 45°, kappa 5: ZeroDivisionError: made to fail (" + str(tmp_path)
@@ -161,7 +153,7 @@ def test_a_failing_cell_is_reported_and_the_others_are_written(
     rows = results(alone)[2]["rows"]
     assert metrics["rows"] == [r for r in rows if (r["view_deg"], r["kappa"]) != (45.0, 5)]
 
-    assert command(evaluate.main, *run).status == 0  # mended, it is tried again
+    command(evaluate.main, *run)  # mended, it is tried again
     assert results(tmp_path) == results(alone)
     assert not trace.exists()
 
@@ -276,15 +268,12 @@ def test_what_is_not_run_decides_nothing(checkout: Path) -> None:
     assert before == digest_after(checkout, "link/used.py", commented)
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("link/used.py", "FACTOR = 3\n"),
-        ("models/decoder.py", "from link import used\n\n\ndef f(x):\n    return used.FACTOR + x\n"),
-        ("models/decoder.py", "def f(x):\n    return 2 * x\n"),
-    ],
+@cases(
+    ("link/used.py", "FACTOR = 3\n"),
+    ("models/decoder.py", "from link import used\n\n\ndef f(x):\n    return used.FACTOR + x\n"),
+    ("models/decoder.py", "def f(x):\n    return 2 * x\n"),
 )
-def test_what_is_run_decides(checkout: Path, name: str, text: str) -> None:
+def test_what_is_run_decides(name: str, text: str, checkout: Path) -> None:
     assert code_digest("models.decoder", root=checkout) != digest_after(checkout, name, text)
 
 
@@ -326,13 +315,10 @@ def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
 # Flags
 
 
-@pytest.mark.parametrize(
-    ("name", "scheduler", "message"),
-    [
-        ("dask", None, "--backend dask: give --scheduler"),
-        ("loky", "tcp://host:8786", "--scheduler: needs --backend dask"),
-        ("slurm", None, "--backend: choose one of loky, dask, got 'slurm'"),
-    ],
+@cases(
+    ("dask", None, "--backend dask: give --scheduler"),
+    ("loky", "tcp://host:8786", "--scheduler: needs --backend dask"),
+    ("slurm", None, "--backend: choose one of loky, dask, got 'slurm'"),
 )
 def test_flags_that_clash(name: str, scheduler: str | None, message: str) -> None:
     with pytest.raises(InputError, match=message):
@@ -358,9 +344,7 @@ def test_something_else_listens(monkeypatch: pytest.MonkeyPatch) -> None:
         no_tasks(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
 
 
-@pytest.mark.parametrize(
-    "address", ["nonsense", "http://host:1", "tcp://host", "tcp://host:99999", "tcp://[", ""]
-)
+@cases("nonsense", "http://host:1", "tcp://host", "tcp://host:99999", "tcp://[", "")
 def test_an_address_that_is_none(address: str) -> None:
     with pytest.raises(InputError, match="--scheduler: need an address such as tcp://host:8786"):
         no_tasks(address)

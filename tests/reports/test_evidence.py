@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import cases
 
 from data_gen.frame_pair import Cell, FramePair, Source
 from data_gen.pairs import PAIRS
@@ -71,18 +72,12 @@ def test_typical_frame_pairs_are_of_several_displays_and_count_whole_bits(layout
     assert _caption(chosen[0]) == "oorc: 0 of 59 bits wrong"
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (
-            {"signal": 0.2, "level": 10.0},
-            "arrives there as 0.20 gray levels, for the picture",
-        ),
-        ({"signal": 0.2, "level": 250.0}, "near saturation"),
-        ({"noise": 3.0}, "noise changes it by 3.00 gray levels, a bit by 2.00"),
-        ({"motion": -3.0}, "motion of 0.70 px over texture changes it by 3.00"),
-        ({}, "neither motion nor drift nor noise by half of that"),
-    ],
+@cases(
+    ({"signal": 0.2, "level": 10.0}, "arrives there as 0.20 gray levels, for the picture"),
+    ({"signal": 0.2, "level": 250.0}, "near saturation"),
+    ({"noise": 3.0}, "noise changes it by 3.00 gray levels, a bit by 2.00"),
+    ({"motion": -3.0}, "motion of 0.70 px over texture changes it by 3.00"),
+    ({}, "neither motion nor drift nor noise by half of that"),
 )
 def test_the_reason_names_the_largest_obstacle(change: dict[str, float], words: str) -> None:
     wrong = np.zeros((2, 3), bool)

@@ -3,12 +3,11 @@
 import csv
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases, run_process
 
 from link.errors import InputError
 from models import Card, find_card, make_decoder
@@ -40,15 +39,8 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_method_of_another_folder_is_compared(elsewhere: Path) -> None:
     flags = ["--pairs", "canon-lg", "--views", "0", "--kappas", "5", "--frames", "1", "--jobs", "1"]
     flags += ["--methods", "elsewhere.mine:Mine", "naive", "--no-html"]
-    done = subprocess.run(
-        [sys.executable, "evaluate.py", *flags, "--out", elsewhere / "run"],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": f"{elsewhere}{os.pathsep}{ROOT}"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    line = (sys.executable, "evaluate.py", *flags, "--out", elsewhere / "run")
+    run_process(*line, PYTHONPATH=f"{elsewhere}{os.pathsep}{ROOT}")
     rows = json.loads((elsewhere / "run" / "metrics.json").read_text())["rows"]
     assert [row["method"] for row in rows] == ["Mine", "naive"]
     assert rows[0]["correct"] == rows[1]["correct"] > 0
@@ -69,17 +61,14 @@ def test_its_card_and_its_code_count(elsewhere: Path) -> None:
     assert outside_digest("models.classical.naive") == ""
 
 
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("nowhere.mine:Mine", "cannot be imported: No module named 'nowhere'"),
-        ("elsewhere.mine:Other", "cannot be imported: module 'elsewhere.mine' has no attribute"),
-        (":Mine", "cannot be imported"),
-        ("elsewhere.mine:Card", "has no decode"),
-        ("mine", "unknown method 'mine'; choose one of: naive"),
-    ],
+@cases(
+    ("nowhere.mine:Mine", "cannot be imported: No module named 'nowhere'"),
+    ("elsewhere.mine:Other", "cannot be imported: module 'elsewhere.mine' has no attribute"),
+    (":Mine", "cannot be imported"),
+    ("elsewhere.mine:Card", "has no decode"),
+    ("mine", "unknown method 'mine'; choose one of: naive"),
 )
-def test_what_is_no_method_is_refused(elsewhere: Path, name: str, says: str) -> None:
+def test_what_is_no_method_is_refused(name: str, says: str, elsewhere: Path) -> None:
     with pytest.raises(InputError, match=says):
         methods_for([name])
 

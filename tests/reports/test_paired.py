@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import slow
+from conftest import cases, slow
 from scipy.stats import binomtest
 from tolerances import FLOAT64
 
@@ -110,15 +110,12 @@ def test_behind_lists_the_cells_that_lose() -> None:
     assert paired.difference == -25
 
 
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        ([], "unknown method 'b'; choose one of: a"),
-        (lines("b", [[0, 0]]), "not decoded from the same frame pairs"),
-        (lines("b", [[0, 0], [0, 0]], kappa=5), "not decoded from the same frame pairs"),
-        (lines("b", [[0, 0], [0, 0, 0]]), r"bits of frame pair .* differ"),
-        (lines("b", [[0, 0], [0, 0]]) * 2, "is there twice"),
-    ],
+@cases(
+    ([], "unknown method 'b'; choose one of: a"),
+    (lines("b", [[0, 0]]), "not decoded from the same frame pairs"),
+    (lines("b", [[0, 0], [0, 0]], kappa=5), "not decoded from the same frame pairs"),
+    (lines("b", [[0, 0], [0, 0, 0]]), r"bits of frame pair .* differ"),
+    (lines("b", [[0, 0], [0, 0]]) * 2, "is there twice"),
 )
 def test_what_cannot_be_paired_is_refused(other: list[dict[str, Any]], message: str) -> None:
     with pytest.raises(InputError, match=message):

@@ -1,11 +1,10 @@
 """Visibility: the model of the eye, the light of a display over time, and its pages."""
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,9 +25,6 @@ from export.visibility.flicker import (
 from export.visibility.viewing import COLOUR_LEVELS, Viewing
 from link.errors import InputError, ParameterError
 from link.layout import COLOURS, LUMINANCE_FROM_RGB
-
-if TYPE_CHECKING:
-    pass
 
 PAGE = ROOT / "docs" / "visibility.md"
 AUTHORS = [
@@ -84,9 +80,7 @@ def test_a_small_square_is_its_spot_times_the_root_of_its_area() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("args", "name"), [((0.01, 1, 1), "luminance_cd_m2"), ((50, 0, 1), "width_deg")]
-)
+@cases(((0.01, 1, 1), "luminance_cd_m2"), ((50, 0, 1), "width_deg"))
 def test_what_the_model_does_not_know_is_refused(args: tuple[float, ...], name: str) -> None:
     with pytest.raises(ParameterError, match=name):
         flicker_sensitivity(10, *args)
@@ -95,10 +89,7 @@ def test_what_the_model_does_not_know_is_refused(args: tuple[float, ...], name: 
 # The light
 
 
-@given(
-    st.lists(st.floats(-1, 1), min_size=2, max_size=40),
-    st.floats(10, 200),
-)
+@given(st.lists(st.floats(-1, 1), min_size=2, max_size=40), st.floats(10, 200))
 def test_parseval_over_all_frequencies(values: list[float], sample_hz: float) -> None:
     """Half the sum of the squared amplitudes is the variance of the held light."""
     samples = np.array(values)
@@ -127,11 +118,9 @@ def test_degrees_of_blocks_and_screen() -> None:
     assert square.degrees("block")[0] == pytest.approx(2 * np.degrees(np.arctan(0.5)))
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("rows", 0), ("states_hz", 45.0), ("states_hz", 120.0), ("picture_level", 256.0),
+@cases(("rows", 0), ("states_hz", 45.0), ("states_hz", 120.0), ("picture_level", 256.0),
      ("picture_level", (0.0, 0.0, -1.0)), ("picture_level", (9.0, 9.0)), ("kappa", -1.0),
-     ("gazes_deg", ()), ("distance_m", float("nan")), ("gamma", 0.0)],
+     ("gazes_deg", ()), ("distance_m", float("nan")), ("gamma", 0.0),
 )  # fmt: skip
 def test_wrong_viewings_name_the_parameter(name: str, value: object) -> None:
     with pytest.raises(ParameterError, match=name):
@@ -209,10 +198,8 @@ def test_a_short_sequence_is_refused() -> None:
         contrast_over_threshold(np.zeros(29), FINE)
 
 
-@pytest.mark.parametrize(
-    ("rows", "cols", "states_hz", "square", "on_off", "toggle"),
-    [(8, 8, 30, 7.8, 7.6, 9.5), (8, 8, 60, 1.95, 5.6, 5.5),
-     (48, 64, 30, 3.0, 3.0, 3.8), (48, 64, 60, 0.67, 2.2, 2.2)],
+@cases((8, 8, 30, 7.8, 7.6, 9.5), (8, 8, 60, 1.95, 5.6, 5.5),
+     (48, 64, 30, 3.0, 3.0, 3.8), (48, 64, 60, 0.67, 2.2, 2.2),
 )  # fmt: skip
 def test_messages_are_as_visible_as_an_independent_computation_found(
     rows: int, cols: int, states_hz: int, square: float, on_off: float, toggle: float

@@ -4,8 +4,10 @@ import zlib
 
 import numpy as np
 import pytest
+from conftest import cases
 from numpy.typing import NDArray
 from port import Port, same
+from scores import noisy
 from tolerances import FLOAT32_SUM
 
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
@@ -14,13 +16,12 @@ from link.code.ldpc import make_code, scrambled
 from link.code.message import Content, Message
 from link.code.rateless import make_rateless
 from link.code.words import weigh_words
+from link.types import Floats
 
 
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Log-likelihood ratios of a binary symmetric channel, some of them erased."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    scores = np.log((1 - ber) / ber) * signs * (rng.random(bits.shape) > 0.2)
-    return np.asarray(scores, np.float32)
+def partly(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Floats:
+    """Scores of a binary symmetric channel, some of them erased."""
+    return np.asarray(noisy(bits, ber, rng) * (rng.random(bits.shape) > 0.2), np.float32)
 
 
 @pytest.mark.parametrize("seed", [0, 13, 1005, 2**24 - 1])
@@ -60,8 +61,8 @@ def test_texts_and_their_sums(port: Port, data: bytes) -> None:
     assert bytes(bits.packBits(bits.unpackBits(data))) == data
 
 
-@pytest.mark.parametrize(("information", "parity"), [(8, 9), (72, 81), (400, 416)])
-def test_graphs_and_codewords(port: Port, information: int, parity: int) -> None:
+@cases((8, 9), (72, 81), (400, 416))
+def test_graphs_and_codewords(information: int, parity: int, port: Port) -> None:
     code = make_code(information, parity)
     ported = port("link/code/ldpc.js").makeCode(information, parity)
     bits = np.random.default_rng(1).integers(0, 2, information).astype(np.uint8)
@@ -77,15 +78,15 @@ def test_codewords_are_found_where_python_finds_them(port: Port) -> None:
     found = []
     for ber in (0.001, 0.02, 0.05, 0.08, 0.3):
         bits = code.encode(rng.integers(0, 2, code.information))
-        llr = noisy(bits, ber, rng).astype(float)
+        llr = partly(bits, ber, rng).astype(float)
         llr[:4] = [np.nan, *np.copysign([np.inf, np.inf, 1e300], bits[1:4] - 0.5)]
         found.append(code.decode(llr))
         same(ported.decode(llr), found[-1])
     assert {codeword is None for codeword in found} == {True, False}
 
 
-@pytest.mark.parametrize(("n_bytes", "n_bits"), [(1, 16), (5, 59), (40, 59), (30, 251)])
-def test_loops_of_coarse_grids(port: Port, n_bytes: int, n_bits: int) -> None:
+@cases((1, 16), (5, 59), (40, 59), (30, 251))
+def test_loops_of_coarse_grids(n_bytes: int, n_bits: int, port: Port) -> None:
     rng, ported = np.random.default_rng(1), port("link/code/framing.js")
     message = rng.bytes(n_bytes)
     signed = n_bytes > 20
@@ -95,7 +96,7 @@ def test_loops_of_coarse_grids(port: Port, n_bytes: int, n_bits: int) -> None:
     same(ported.signatures(len(bits)), signatures(len(bits)))
     same(ported.parityMask(len(bits), n_bits), parity_mask(len(bits), n_bits))
     for ber in (0.001, 0.03, 0.3):
-        scores = noisy(bits, ber, rng).astype(float)
+        scores = partly(bits, ber, rng).astype(float)
         found, known = ported.decode(scores, n_bits), decode(scores)
         assert (found and (bytes(found.data), found.signed)) == known
     assert ported.decode(np.zeros(bits.size), n_bits) is None
@@ -177,7 +178,7 @@ def test_information_is_found_where_python_finds_it(port: Port) -> None:
     is_found = set()
     for blocks, count, ber in ((1, 900, 0.001), (3, 900, 0.02), (2, 620, 0.02), (18, 2600, 0.1)):
         information = rng.integers(0, 2, (512, blocks), np.uint8)
-        llr = noisy(code.encode(information, count), ber, rng)
+        llr = partly(code.encode(information, count), ber, rng)
         bits, done = code.decode(llr)
         assert np.array_equal(bits[:, done], information[:, done])
         found = run_to_end(ported.decodingSteps(llr.reshape(-1), blocks))

@@ -80,7 +80,6 @@ def test_messages_are_delivered_alike(
         delivery = ported.take(message(data, 4, 3, 0.9, stamp > 5, flagged), NOW)
         assert (delivery.refused is None) == delivered
         assert vars(port("../npm/events.js").messageEvent(delivery)) == event
-        assert inbox.last is not None
         assert bytes(ported.last.data) == inbox.last.data
         assert ported.last.changed == inbox.last.changed
         assert ported.last.signed == inbox.last.signed

@@ -4,40 +4,17 @@ from collections.abc import Iterable
 
 import numpy as np
 import pytest
-from conftest import slow
-from numpy.typing import NDArray
+from conftest import cases, slow
 from port import Port, PortError, same
+from scores import noisy, shown
 from tolerances import FLOAT32, FLOAT32_SUM
 
 from link.code.collect import make_collector
 from link.code.framing import encode
-
-Scores = NDArray[np.float32]
-
-
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> Scores:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.asarray(np.log((1 - ber) / ber) * signs, np.float32)
+from link.types import Array
 
 
-def shown(
-    bits: NDArray[np.integer],
-    rng: np.random.Generator,
-    frames: int,
-    start: int = 0,
-    ber: float = 0.02,
-    erased: float = 0.0,
-) -> Scores:
-    """Scores of a display that shows a loop from a frame on: (frames, n_bits)."""
-    rows = noisy(bits[np.arange(start, start + frames) % len(bits)], ber, rng)
-    rows[rng.random(rows.shape) < erased] = 0
-    return rows
-
-
-def compare(
-    port: Port, rows: Scores, starts: Iterable[int] = (), counts: Iterable[int] = ()
-) -> int:
+def compare(port: Port, rows: Array, starts: Iterable[int] = (), counts: Iterable[int] = ()) -> int:
     """Compare what the page's collector and Python's say to each row.
 
     Args:
@@ -49,7 +26,7 @@ def compare(
     Returns:
         how many messages came.
     """
-    collector = make_collector(rows.shape[1])
+    collector, rows = make_collector(rows.shape[1]), rows.astype(np.float32)
     ported = port("link/code/collect.js").makeCollector(rows.shape[1])
     counts, starts = list(counts) or range(1000, 1000 + len(rows)), set(starts)
     messages = 0
@@ -120,8 +97,8 @@ def test_wrong_scores_are_no_message(port: Port) -> None:
         assert compare(port, rows) == 0
 
 
-@pytest.mark.parametrize(("n_bits", "ber"), [(730, 0.05), slow(2918, 0.1)])
-def test_a_fine_loop_is_joined_at_every_start(port: Port, n_bits: int, ber: float) -> None:
+@cases((730, 0.05), slow(2918, 0.1))
+def test_a_fine_loop_is_joined_at_every_start(n_bits: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(4)
     bits = encode(rng.bytes(n_bits // 8), n_bits)
     for start in range(len(bits)):
@@ -152,8 +129,8 @@ def test_fine_runs_that_are_lost(port: Port) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("n_bytes", "ber"), [(20_000, 0.05), (2000, 0.2)])
-def test_the_finest_grid(port: Port, n_bytes: int, ber: float) -> None:
+@cases((20_000, 0.05), (2000, 0.2))
+def test_the_finest_grid(n_bytes: int, ber: float, port: Port) -> None:
     rng = np.random.default_rng(7)
     bits = encode(rng.bytes(n_bytes), 11674)
     assert compare(port, shown(bits, rng, 40, 5, ber, 0.1)) == 1

@@ -3,19 +3,9 @@
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+import tolerances as within
+from conftest import cases
 from port import Port, differences, same
-from tolerances import (
-    FLOAT64,
-    GROWN_MEAN,
-    MOVED_PX,
-    RECTIFIED_MEAN,
-    ROUNDED_LEVELS,
-    SAME_PX,
-    SAME_STEPS,
-    SHRUNK_LEVELS,
-    SHRUNK_MEAN,
-)
 
 from link.errors import InputError
 from link.geometry import (
@@ -30,6 +20,7 @@ from link.geometry import (
 from link.layout import make_layout
 from link.ratex import draw_patches, match_patches
 from link.robust import geman_mcclure_weights, reweighted, ridge_solution
+from link.types import Array, Image
 
 LAYOUT = make_layout(8, 8, 128, 96)
 SQUARE = np.array([[20.0, 15.0], [140.0, 12.0], [150.0, 100.0], [18.0, 95.0]])
@@ -40,7 +31,7 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(0)
 
 
-def photo(height: int, width: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+def photo(height: int, width: int, rng: np.random.Generator) -> Image:
     """Blurred noise over a slope, with the contrast of a picture."""
     noise = cv2.GaussianBlur(rng.normal(0, 1, (height, width)), (0, 0), 1.5)
     slope = np.linspace(0, 120, width)
@@ -49,11 +40,11 @@ def photo(height: int, width: int, rng: np.random.Generator) -> NDArray[np.uint8
 
 def test_small_linear_algebra(port: Port, rng: np.random.Generator) -> None:
     A, b, linear = rng.normal(size=(8, 8)), rng.normal(size=8), port("link/linear.js")
-    same(linear.solve(A, b), np.linalg.solve(A, b), FLOAT64)
-    same(linear.inverse(A), np.linalg.inv(A), FLOAT64)
-    same(linear.determinant(A) / np.linalg.det(A), 1, FLOAT64)
+    same(linear.solve(A, b), np.linalg.solve(A, b), within.FLOAT64)
+    same(linear.inverse(A), np.linalg.inv(A), within.FLOAT64)
+    same(linear.determinant(A) / np.linalg.det(A), 1, within.FLOAT64)
     product = linear.multiply3(A[:3, :3], A[3:6, 3:6])
-    same(product, A[:3, :3] @ A[3:6, 3:6], SAME_STEPS)
+    same(product, A[:3, :3] @ A[3:6, 3:6], within.SAME_STEPS)
     assert linear.determinant([1, 2, 2, 4]) == 0
 
 
@@ -70,11 +61,11 @@ def test_robust_least_squares(port: Port, rng: np.random.Generator) -> None:
         weigh=geman_mcclure_weights,
     )
     found = port("../tests/robust.js").solvedRobustly(rows, right, ridge, pull, 6)
-    same(found.solution, solution, FLOAT64)
-    same(found.weights, weights, FLOAT64)
+    same(found.solution, solution, within.FLOAT64)
+    same(found.weights, weights, within.FLOAT64)
 
 
-def is_sound(corners: NDArray[np.float64], outside: float) -> bool:
+def is_sound(corners: Array, outside: float) -> bool:
     try:
         check_corners(corners, (110, 160), outside)
     except InputError:
@@ -86,9 +77,9 @@ def test_homographies_and_corners_that_are_sound(port: Port, rng: np.random.Gene
     geometry = port("link/geometry.js")
     H = homography_from_corners(SQUARE, 128, 96)
     found = geometry.homographyFromCorners(SQUARE.tolist(), 128, 96)
-    same(found, H, FLOAT64)
+    same(found, H, within.FLOAT64)
     points = rng.uniform(-20, 140, (30, 2))
-    same(geometry.transform(found, points.tolist()), transform(H, points), FLOAT64)
+    same(geometry.transform(found, points.tolist()), transform(H, points), within.FLOAT64)
     same(geometry.inImage(points.tolist(), 128, 96), in_image(points, (96, 128)))
     moved = [SQUARE + np.array([30, 0]) * step for step in range(6)]
     odd = [SQUARE[::-1], SQUARE[[0, 2, 1, 3]], SQUARE / 10, np.full((4, 2), 1e9)]
@@ -108,11 +99,11 @@ def test_areas_are_averaged(port: Port, rng: np.random.Generator, size: tuple[in
     shrunk = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     most, mean = differences(resize(image, *size), shrunk)
     grows = size[0] > 128 or size[1] > 90
-    assert most <= ROUNDED_LEVELS
-    assert mean < (GROWN_MEAN if grows else SHRUNK_MEAN)
+    assert most <= within.ROUNDED_LEVELS
+    assert mean < (within.GROWN_MEAN if grows else within.SHRUNK_MEAN)
     floats = image.astype(np.float32)
     shrunk = cv2.resize(floats, size, interpolation=cv2.INTER_AREA)
-    same(resize(floats, *size), shrunk, SHRUNK_LEVELS)
+    same(resize(floats, *size), shrunk, within.SHRUNK_LEVELS)
 
 
 RECTIFIED = {
@@ -131,8 +122,8 @@ def test_displays_are_rectified(port: Port, rng: np.random.Generator, name: str)
     most, mean = differences(
         port("link/geometry.js").rectify(image, H, *size), rectify(image, H, *size)
     )
-    assert most <= ROUNDED_LEVELS
-    assert mean < RECTIFIED_MEAN
+    assert most <= within.ROUNDED_LEVELS
+    assert mean < within.RECTIFIED_MEAN
 
 
 @pytest.mark.parametrize("name", RECTIFIED)
@@ -143,15 +134,17 @@ def test_displays_are_rectified_through_a_lens(
     lens, module = Lens(-0.1, (width, height)), port("link/geometry.js")
     ported = module.Lens(lens.k, width, height)
     for way in ("distort", "undistort"):
-        same(getattr(ported, way)(corners.tolist()), getattr(lens, way)(corners), FLOAT64)
+        same(getattr(ported, way)(corners.tolist()), getattr(lens, way)(corners), within.FLOAT64)
     image, H = photo(height, width, rng), lens.homography(corners, *size)
     found = np.reshape(ported.homography(corners.tolist(), *size), (3, 3))
-    same(transform(found, frame_corners(*size)), transform(H, frame_corners(*size)), MOVED_PX)
+    same(
+        transform(found, frame_corners(*size)), transform(H, frame_corners(*size)), within.MOVED_PX
+    )
     most, mean = differences(
         module.rectify(image, H, *size, None, ported), rectify(image, H, *size, lens)
     )
-    assert most <= 2 * ROUNDED_LEVELS
-    assert mean < GROWN_MEAN
+    assert most <= 2 * within.ROUNDED_LEVELS
+    assert mean < within.GROWN_MEAN
 
 
 def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random.Generator) -> None:
@@ -159,9 +152,9 @@ def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random
     draw_patches(frame, LAYOUT, 3, embedded=True)
     frame = np.clip(frame + rng.normal(0, 30, frame.shape), 0, 255).astype(np.uint8)
     match, found = match_patches(frame, LAYOUT), port("link/ratex.js").matchPatches(frame, LAYOUT)
-    same(found.captured, match.captured, FLOAT64)
-    same(found.shown, match.shown, FLOAT64)
-    same(found.correlation, match.correlation, FLOAT64)
+    same(found.captured, match.captured, within.FLOAT64)
+    same(found.shown, match.shown, within.FLOAT64)
+    same(found.correlation, match.correlation, within.FLOAT64)
     same(found.label, match.label)
 
 
@@ -182,9 +175,9 @@ def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:
         )  # of two that are equally strong, rounding chooses
 
 
-@pytest.mark.parametrize(("window_px", "guess"), [(13, (0.0, 0.0)), (15, (2.0, -3.0))])
+@cases((13, (0.0, 0.0)), (15, (2.0, -3.0)))
 def test_points_are_followed(
-    port: Port, rng: np.random.Generator, window_px: int, guess: tuple[float, float]
+    window_px: int, guess: tuple[float, float], port: Port, rng: np.random.Generator
 ) -> None:
     """Some of them near the border."""
     first = photo(192, 256, rng)
@@ -204,4 +197,4 @@ def test_points_are_followed(
     found = flow.follow(second, begun.tolist())
     same(found.found, status)
     kept = status[:, 0] == 1
-    same(np.array(found.moved)[kept], moved[kept], SAME_PX)
+    same(np.array(found.moved)[kept], moved[kept], within.SAME_PX)

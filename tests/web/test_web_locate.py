@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 import pytest
+import tolerances as within
+from conftest import cases
 from drawn_scenes import (
     CORNERS,
     HEIGHT,
@@ -16,18 +18,6 @@ from drawn_scenes import (
 )
 from numpy.typing import NDArray
 from port import Port, same
-from tolerances import (
-    ALIGNED_PX,
-    CORNERS_PX,
-    FLOAT64,
-    FOUND_PX,
-    SAME_PX,
-    SEARCH_SCORE,
-    SIDE_FEATURES,
-    SNAPPED_PX,
-    TRUE_PX,
-    VISIBILITY,
-)
 
 from data_gen.film.scenes import SceneSettings, draw_scene, photograph
 from data_gen.pairs import get_pair
@@ -45,13 +35,13 @@ from export.locate.quads import distinct, is_sound, upright
 from export.locate.refine import corners_on_edges, corners_on_patches
 from link.images import as_gray, as_rgb
 from link.layout import Layout
-from link.types import Gray
+from link.types import Array, Gray, Image
 
 STEP_WORK, SEARCH_WORK = 20, 450
 """Largest number of units of work of a step, and of a search in vain."""
 
 
-def film_gray(image: NDArray[np.floating] | NDArray[np.uint8]) -> Gray:
+def film_gray(image: NDArray[np.floating] | Image) -> Gray:
     return as_gray(np.clip(image, 0, 255).astype(np.uint8))
 
 
@@ -84,19 +74,19 @@ def test_what_the_sides_show_and_snap_to(port: Port, gray: Gray, rng: np.random.
     quads, edges = CORNERS + rng.uniform(-4, 4, (20, 4, 2)), port("locate/edges.js")
     levels = edges.edgeLevels(gray)
     found = [edges.sideFeatures(gray, quad.tolist(), levels) for quad in quads]
-    same(np.reshape(found, (20, -1)), side_features(as_rgb(gray), quads), SIDE_FEATURES)
+    same(np.reshape(found, (20, -1)), side_features(as_rgb(gray), quads), within.SIDE_FEATURES)
 
     smooth = cv2.GaussianBlur(gray, (0, 0), 0.7).astype(np.float32)
     blurred = port("image/blur.js").blurred(gray, 0.7)
     snapped = [edges.snapToEdges(blurred, quad.tolist(), 5) for quad in quads]
     off = np.abs(snapped - snap_to_edges(smooth, quads, 5.0)).max(axis=(1, 2))
     # steps of a pixel are tried, and two of them may be as good
-    assert (off < SAME_PX).mean() >= 0.8, off
-    assert off.max() < SNAPPED_PX, off
+    assert (off < within.SAME_PX).mean() >= 0.8, off
+    assert off.max() < within.SNAPPED_PX, off
 
     for quad in quads:
         found = port("locate/refine.js").cornersOnEdges(gray, quad.tolist(), 6)
-        same(found, corners_on_edges(gray, quad, 6.0), CORNERS_PX)
+        same(found, corners_on_edges(gray, quad, 6.0), within.CORNERS_PX)
 
 
 def test_patches_are_found(port: Port, gray: Gray, rng: np.random.Generator) -> None:
@@ -107,10 +97,10 @@ def test_patches_are_found(port: Port, gray: Gray, rng: np.random.Generator) -> 
     for corners in (near, cut):
         promise, places = search_patches(pyramid, corners, LAYOUT)
         found = module.searchPatches(ported, corners.tolist(), LAYOUT)
-        same(found.promise, promise, SEARCH_SCORE)
-        same(found.found, places, SAME_PX)
+        same(found.promise, promise, within.SEARCH_SCORE)
+        same(found.found, places, within.SAME_PX)
         moved = module.cornersFromPatches(corners.tolist(), found.found, LAYOUT)
-        same(moved, corners_from_patches(corners, places, LAYOUT), CORNERS_PX)
+        same(moved, corners_from_patches(corners, places, LAYOUT), within.CORNERS_PX)
     in_view = module.patchesInView(cut.tolist(), LAYOUT, WIDTH, HEIGHT)
     same(in_view, patches_in_view(cut, LAYOUT, gray.shape))
 
@@ -120,11 +110,11 @@ def test_corners_move_onto_patches(port: Port, gray: Gray, rng: np.random.Genera
     pyramid, ported = image_pyramid(gray), port("locate/patches.js").imagePyramid(gray)
     steps = port("locate/align.js").alignSteps(ported, close.tolist(), LAYOUT)
     aligned = port("link/code/steps.js").runToEnd(steps)
-    same(aligned, align_corners(pyramid, close, LAYOUT), ALIGNED_PX)
+    same(aligned, align_corners(pyramid, close, LAYOUT), within.ALIGNED_PX)
     corners, seen = corners_on_patches(gray, pyramid, near, LAYOUT)
     found = port("locate/refine.js").cornersOnPatches(gray, ported, near.tolist(), LAYOUT)
-    same(found.corners, corners, ALIGNED_PX)
-    same(found.seen, seen, VISIBILITY)
+    same(found.corners, corners, within.ALIGNED_PX)
+    same(found.seen, seen, within.VISIBILITY)
 
 
 def test_correlation_of_patches_some_of_them_out_of_view(
@@ -133,10 +123,10 @@ def test_correlation_of_patches_some_of_them_out_of_view(
     correlation = port("locate/patches.js").seenCorrelation
     match, in_view = rng.uniform(0.5, 1, (30, 5)), rng.random((30, 5)) < 0.8
     for seen in zip(match, in_view, strict=True):
-        same(correlation(*seen), seen_correlation(*seen), FLOAT64)
+        same(correlation(*seen), seen_correlation(*seen), within.FLOAT64)
 
 
-def covered(layout: Layout) -> NDArray[np.uint8]:
+def covered(layout: Layout) -> Image:
     """A picture one of whose corner patches something covers."""
     shown = content(layout)
     top, bottom, left, right = layout.cell_box(0, 7)
@@ -144,7 +134,7 @@ def covered(layout: Layout) -> NDArray[np.uint8]:
     return shown
 
 
-def dark(layout: Layout) -> NDArray[np.uint8]:
+def dark(layout: Layout) -> Image:
     """A picture that is black but for its patches, so that its border in a bezel has no edges."""
     shown = np.full((layout.height, layout.width, 3), 12, np.uint8)
     bright = content(layout)
@@ -154,9 +144,7 @@ def dark(layout: Layout) -> NDArray[np.uint8]:
     return shown
 
 
-def compare(
-    port: Port, gray: Gray, layout: Layout = LAYOUT, truth: NDArray[np.float64] | None = None
-) -> None:
+def compare(port: Port, gray: Gray, layout: Layout = LAYOUT, truth: Array | None = None) -> None:
     """Search a photograph in both languages.
 
     Args:
@@ -175,9 +163,9 @@ def compare(
     if known is None:
         assert sum(works) <= SEARCH_WORK
         return
-    for corners, within in ((known.corners, FOUND_PX), (truth, TRUE_PX)):
-        assert np.linalg.norm(found.corners - corners, axis=1).max() < within
-    same(found.score, known.score, SEARCH_SCORE)
+    for corners, most in ((known.corners, within.FOUND_PX), (truth, within.TRUE_PX)):
+        assert np.linalg.norm(found.corners - corners, axis=1).max() < most
+    same(found.score, known.score, within.SEARCH_SCORE)
 
 
 def test_a_turned_display_is_found(port: Port) -> None:
@@ -218,8 +206,8 @@ def test_a_display_is_found_of_which_a_corner_is_out_of_view(port: Port, corner:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("view_deg", "seed"), [(0.0, 0), (30.0, 1), (45.0, 2)])
-def test_simulated_displays_are_found(port: Port, view_deg: float, seed: int) -> None:
+@cases((0.0, 0), (30.0, 1), (45.0, 2))
+def test_simulated_displays_are_found(view_deg: float, seed: int, port: Port) -> None:
     """In photographs of 1280 x 720 by the simulated camera."""
     rng = np.random.default_rng(seed)
     drawn = draw_scene(LAYOUT, get_pair("canon-lg"), view_deg, rng, SceneSettings((1280, 720)))

@@ -17,7 +17,7 @@ import av
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, cases
 from web_films import gray, limited, y4m_bytes
 
 from export.web.site import MAX_GZIP_BYTES, WEB, measure_site
@@ -168,13 +168,20 @@ def test_the_page_says_what_is_going_on(browser, short_film) -> None:
         assert page.locator("#message").is_visible()
 
 
+@contextmanager
+def received(browser, short_film, text, **more):
+    """A page that has received a message."""
+    with open_page(browser, worker=answering(arrived(text)), **more) as page:
+        page.goto(short_film)
+        wait_for(page, lambda: text_of(page, "status") == "Message received")
+        yield page
+
+
 HOSTILE = "<img src=x onerror=alert(1)><script>alert(2)</script>\u202ejavascript:alert(3)"
 
 
 def test_a_hostile_message_is_shown_as_text(browser, short_film) -> None:
-    with open_page(browser, worker=answering(arrived(HOSTILE))) as page:
-        page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "message"))
+    with received(browser, short_film, HOSTILE) as page:
         assert text_of(page, "message") == HOSTILE
         assert page.evaluate("document.getElementById('message').childElementCount") == 0
         assert not page.locator("#open").is_visible()
@@ -184,9 +191,7 @@ def test_a_hostile_message_is_shown_as_text(browser, short_film) -> None:
 
 def test_a_link_can_be_opened_and_says_where_it_leads(browser, short_film) -> None:
     text = "https://example.org/path?x=1"
-    with open_page(browser, worker=answering(arrived(text))) as page:
-        page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "message"))
+    with received(browser, short_film, text) as page:
         link = page.locator("#open")
         assert link.inner_text() == "Open example.org"
         assert link.get_attribute("href") == text
@@ -219,9 +224,7 @@ UNSEEN = {
 
 @pytest.mark.parametrize("text", UNSEEN, ids=["bell", "bytes", "turned", "hebrew", "long"])
 def test_what_cannot_be_seen_in_a_message_is_said(text, browser, short_film) -> None:
-    with open_page(browser, worker=answering(arrived(text))) as page:
-        page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "status") == "Message received")
+    with received(browser, short_film, text) as page:
         assert text_of(page, "message") == text
         assert UNSEEN[text] in text_of(page, "note")
         assert page.locator("#note").is_visible() == bool(UNSEEN[text])
@@ -330,9 +333,7 @@ def test_a_damaged_film_is_said_to_be_damaged(browser, address, tmp_path) -> Non
 
 
 def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film) -> None:
-    with open_page(browser, worker=answering(arrived("https://example.org"))) as page:
-        page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "message"))
+    with received(browser, short_film, "https://example.org") as page:
         page.locator("summary").click()
         reached = set()
         for _ in range(20):
@@ -350,10 +351,8 @@ def test_every_control_has_a_name_and_the_tab_key_reaches_it(browser, short_film
 
 @pytest.mark.parametrize("width", [320, 390, 1280])
 def test_nothing_is_wider_than_the_window(width, browser, short_film) -> None:
-    long = arrived("https://example.org/" + "a" * 500)
-    with open_page(browser, worker=answering(long), width=width, height=800) as page:
-        page.goto(short_film)
-        wait_for(page, lambda: text_of(page, "message"))
+    long = "https://example.org/" + "a" * 500
+    with received(browser, short_film, long, width=width, height=800) as page:
         page.locator("summary").click()
         assert page.evaluate("document.documentElement.scrollWidth") <= width
 
@@ -384,7 +383,7 @@ class Shown:
 FILMS = {
     "paper 0": Shown("paper", 0, 3, "Hello", 4, (640, 480)),
     "paper 45": Shown("paper", 45, 3, "https://example.org", 3),
-    "robust 0": Shown("robust", 0, 3, "A robust message", 3),
+    "robust 0": Shown("robust", 0, 3, "A robust message", 3, (640, 480)),
     "hidden 45": Shown("hidden", 45, 2, "From the side", 3),
 }
 """Films of 30 frames a second of displays that show 15 states a second."""
@@ -494,7 +493,7 @@ def turn_upright(film: Path) -> None:
     film.write_bytes(content[:track] + content[track:].replace(unturned, turned, 1))
 
 
-@pytest.mark.parametrize(("kind", "size"), [("mp4", "480 × 640"), ("webm", "640 × 480")])
+@cases(("mp4", "480 × 640"), ("webm", "640 × 480"))
 def test_a_compressed_film_is_read_whole(kind, size, browser, address, film_at) -> None:
     """No frame is lost, however slow the machine; the film's name says nothing of its kind."""
     url, folder = address

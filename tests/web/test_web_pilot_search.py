@@ -5,7 +5,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from pilot_films import FINE, OTHER, filmed, panned_to
 from port import Port, PortError
 from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
@@ -13,6 +12,7 @@ from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
 from export.locate.pilots.search import PilotSearch
 from link.geometry import Lens
 from link.layout import Layout, make_layout
+from link.types import Array, Image
 
 FPS = 60.0
 FILMS = [
@@ -30,9 +30,7 @@ LATER, NO_EDGES_LATER = 3, 6
 finer, and what toggles is outlined in several of them."""
 
 
-def film(
-    name: str,
-) -> tuple[list[NDArray[np.uint8]], NDArray[np.float64] | None, list[Layout]]:
+def film(name: str) -> tuple[list[Image], Array | None, list[Layout]]:
     """Images, the display's corners in each or None where none is to be found, and layouts."""
     if name == "edges":
         images, corners = filmed(FINE, 30, seed=0)
@@ -61,7 +59,7 @@ def film(
     return images, corners, [OTHER, FINE]
 
 
-def first_found(search: Any, images: list[NDArray[np.uint8]]) -> tuple[int, Any] | None:
+def first_found(search: Any, images: list[Image]) -> tuple[int, Any] | None:
     """The frame in which a search, Python's or the page's, finds a display, and the display."""
     for number, image in enumerate(images):
         display = search.push(image, number / FPS)

@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 import pytest
+import tolerances as within
+from conftest import cases
 from numpy.typing import NDArray
 from pilot_films import (
     BENT_CORNERS,
@@ -11,25 +13,10 @@ from pilot_films import (
     MOVING_OUTLINE,
     block_views,
     moving_picture,
+    pilots_alone,
     texture,
 )
 from port import Port, differences, same
-from tolerances import (
-    CORNERS_PX,
-    FITTED,
-    FLOAT32_SUM,
-    FLOAT64,
-    FOUND_PX,
-    LENS_K,
-    MOVED_PX,
-    PILOT_CHANGE,
-    SAME_PX,
-    SAME_STEPS,
-    STILL_MEAN,
-    SUBPIXEL_PX,
-    TOGGLE_WORTH,
-    VIEW_MEAN,
-)
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps
 from export.locate.pilots.climb import climb_to_pilots
@@ -52,22 +39,13 @@ from export.locate.pilots.toggle_map import ToggleMap
 from export.locate.pilots.waves import position, span_of, waves
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
+from link.types import Array
 
 SMALL = make_layout(12, 16, 128, 96, modulation="antipodal", pilots=40)
 UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
 HIDDEN = make_layout(48, 64, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
 CORNERS_JS, EVIDENCE_JS = "locate/pilots/corners.js", "locate/pilots/evidence.js"
-
-
-def expected(layout: Layout) -> NDArray[np.float64]:
-    blocks = np.zeros(layout.rows * layout.cols)
-    blocks[layout.pilot_blocks] = pilot_signs(layout)
-    return blocks.reshape(layout.rows, layout.cols)
-
-
-def drawn(layout: Layout, size: tuple[int, int]) -> NDArray[np.float32]:
-    return cv2.resize(expected(layout).astype("f4"), size, interpolation=cv2.INTER_NEAREST)
 
 
 def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
@@ -77,9 +55,7 @@ def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
     return {"width": width, "height": height, **parts}
 
 
-def same_motion(
-    found: object, H: NDArray[np.float64] | None, size: tuple[int, int], tolerance: float
-) -> None:
+def same_motion(found: object, H: Array | None, size: tuple[int, int], tolerance: float) -> None:
     """Fail unless two homographies move all points of an image of a size alike."""
     __tracebackhide__ = True
     assert (found is None) == (H is None), f"{found}, not {H}"
@@ -95,7 +71,7 @@ def test_medians_and_quantiles(port: Port) -> None:
         values = rng.permutation(count).astype(np.float64)
         same(order.median(values), np.median(values))
         for share in (0.98, 0.123):
-            same(order.quantile(values, share), np.quantile(values, share), SAME_STEPS)
+            same(order.quantile(values, share), np.quantile(values, share), within.SAME_STEPS)
 
 
 RNG = np.random.default_rng(0)
@@ -103,21 +79,18 @@ DROPS = np.sort(RNG.choice(120, 26, replace=False)) + RNG.uniform(0, 0.4, 26)
 GAPS = np.concatenate([np.arange(10), np.arange(1500, 1530)])
 
 
-@pytest.mark.parametrize(
-    ("at", "strength"),
-    [
-        (np.arange(24), 0.0),
-        (np.arange(24), 0.6),
-        (np.arange(37), 1.5),
-        (np.arange(3), 1.0),
-        (DROPS, 1.0),
-        (DROPS, 0.0),
-        (GAPS, 1.0),
-        (np.array([0, 30, 90, 95, 96, 101]), 1.0),
-    ],
+@cases(
+    (np.arange(24), 0.0),
+    (np.arange(24), 0.6),
+    (np.arange(37), 1.5),
+    (np.arange(3), 1.0),
+    (DROPS, 1.0),
+    (DROPS, 0.0),
+    (GAPS, 1.0),
+    (np.array([0, 30, 90, 95, 96, 101]), 1.0),
     ids=range(8),
 )
-def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float) -> None:
+def test_evidence_of_pilots(at: Array, strength: float, port: Port) -> None:
     rng, signs, module = np.random.default_rng(0), pilot_signs(FINE), port(EVIDENCE_JS)
     noise = rng.standard_normal((len(at), len(signs)))
     slow = 9 * np.cos(2 * np.pi * at / 150)[:, None] * rng.standard_normal(len(signs))
@@ -125,16 +98,14 @@ def test_evidence_of_pilots(port: Port, at: NDArray[np.float64], strength: float
     values = noise + strength * wave[:, None] * signs + (slow if at[-1] > 40 else 0)
     same(module.pilotSigns(FINE), signs)
     found = module.pilotEvidence(list(values), FINE, at.tolist())
-    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), FITTED)
+    same([found.evidence, found.frequency], pilot_evidence(list(values), FINE, at), within.FITTED)
 
 
-@pytest.mark.parametrize(
-    ("layout", "size"), [(SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60))]
-)
-def test_values_of_pilots_in_a_frame(port: Port, layout: Layout, size: tuple[int, int]) -> None:
+@cases((SMALL, (128, 96)), (UNEVEN, (128, 96)), (SMALL, (100, 60)))
+def test_values_of_pilots_in_a_frame(layout: Layout, size: tuple[int, int], port: Port) -> None:
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
     module = port(EVIDENCE_JS)
-    same(module.pilotValues(gray, layout), pilot_values(gray, layout), FLOAT32_SUM)
+    same(module.pilotValues(gray, layout), pilot_values(gray, layout), within.FLOAT32_SUM)
 
 
 @pytest.mark.parametrize("slope", [(3.2, 0.0), (0.0, -1.4)])
@@ -144,14 +115,12 @@ def test_phases_that_slope(port: Port, slope: tuple[float, float]) -> None:
     seen = pilot_signs(FINE) * np.exp(1j * (centres @ slope + 0.4)) + noise[0] + 1j * noise[1]
     known, phase = common_phase(seen, FINE)
     found = port(EVIDENCE_JS).commonPhase(seen.real, seen.imag, FINE)
-    same([*found.slope, found.phase], [*known, phase], FLOAT64)
+    same([*found.slope, found.phase], [*known, phase], within.FLOAT64)
 
 
-@pytest.mark.parametrize(
-    ("fps", "kept", "digits"), [(30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2)]
-)
+@cases((30.0, 1.0, 3), (120.0, 1.0, 6), (60.0, 0.4, 3), (29.97, 0.5, 2))
 def test_times_of_frames_and_waves_at_them(
-    port: Port, fps: float, kept: float, digits: int
+    fps: float, kept: float, digits: int, port: Port
 ) -> None:
     """The times are rounded, and some frames are missing."""
     rng, module = np.random.default_rng(9), port("locate/pilots/waves.js")
@@ -165,44 +134,43 @@ def test_times_of_frames_and_waves_at_them(
     frequencies, slower = np.arange(2, fastest + 1) / span, np.arange(2) / span
     made = waves(at, frequencies, slower)
     waved = module.waves(at, frequencies.tolist(), slower.tolist())
-    same([wave.real for wave in waved], made.real.reshape(len(waved), -1), FLOAT64)
-    same([wave.imaginary for wave in waved], made.imag.reshape(len(waved), -1), FLOAT64)
+    same([wave.real for wave in waved], made.real.reshape(len(waved), -1), within.FLOAT64)
+    same([wave.imaginary for wave in waved], made.imag.reshape(len(waved), -1), within.FLOAT64)
 
 
 TILT = np.array([[8.0, -6], [-9, 4], [12, 10], [3, -7]])
 
 
-@pytest.mark.parametrize(
-    ("move", "noise", "far"),
-    [
-        ([0.0, 0.0], 0.3, False),
-        ([17.0, -12.0], 0.3, False),
-        ([40.0, 30.0], 0.5, True),
-        (TILT, 0.3, False),
-        ([9.0, 5.0], 3.0, False),
-        ([150.0, 0.0], 2.0, False),
-    ],
+@cases(
+    ([0.0, 0.0], 0.3, False),
+    ([17.0, -12.0], 0.3, False),
+    ([40.0, 30.0], 0.5, True),
+    (TILT, 0.3, False),
+    ([9.0, 5.0], 3.0, False),
+    ([150.0, 0.0], 2.0, False),
     ids=["still", "shifted", "far", "tilted", "noisy", "absent"],
 )
 def test_corners_move_by_parts_of_a_display(
-    port: Port, move: object, noise: float, far: bool
+    move: object, noise: float, far: bool, port: Port
 ) -> None:
     rng, module = np.random.default_rng(1), port(CORNERS_JS)
     square = frame_corners(FINE.width, FINE.height)
     H = homography_from_corners(np.add(square, move), FINE.width, FINE.height)
-    shown = cv2.warpPerspective(drawn(FINE, (FINE.width, FINE.height)), H, (512, 384))
+    shown = cv2.warpPerspective(pilots_alone(FINE, (FINE.width, FINE.height)), H, (512, 384))
     seen = cv2.resize(shown, COARSE_SIZE, interpolation=cv2.INTER_AREA)
     real, imaginary = seen[None] * np.array([0.8, 0.6])[:, None, None] + rng.normal(
         0, noise, (2, *seen.shape)
     )
     change = (real + 1j * imaginary).astype(np.complex64)
-    known = coarse_shift(change, expected(FINE), FINE, far=far)
+    known = coarse_shift(
+        change, pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64), FINE, far=far
+    )
     blocks = module.expectedChanges(FINE)
     found = module.coarseShift(complex_plane(change), blocks, FINE, far)
     assert (found is None) == (known is None)
     if known is not None:
         assert found.parts == known[1]
-        same_motion(found.HOldFromNew, known[0], (FINE.width, FINE.height), CORNERS_PX)
+        same_motion(found.HOldFromNew, known[0], (FINE.width, FINE.height), within.CORNERS_PX)
 
 
 @pytest.mark.parametrize("layout", [FINE, SMALL], ids=["fine", "small"])
@@ -212,16 +180,18 @@ def test_maps_without_slope(port: Port, layout: Layout) -> None:
     change = np.random.default_rng(2).normal(0, 1, size[::-1]).astype(np.float32)
     block = np.array([size[0] / layout.cols, size[1] / layout.rows])
     found = module.withoutSlope(change, block.tolist())
-    same(found, without_slope(change, block), FLOAT32_SUM)
+    same(found, without_slope(change, block), within.FLOAT32_SUM)
 
 
-@pytest.mark.parametrize(
-    ("layout", "period", "slope", "noise"),
-    [(SMALL, 4, 0.0, 1.0), (UNEVEN, 4, 2.0, 1.0), (SMALL, 2, 0.0, 2.0), (SMALL, 4, 0.0, 30.0)],
+@cases(
+    (SMALL, 4, 0.0, 1.0),
+    (UNEVEN, 4, 2.0, 1.0),
+    (SMALL, 2, 0.0, 2.0),
+    (SMALL, 4, 0.0, 30.0),
     ids=["plain", "slope", "fast", "noisy"],
 )
 def test_corners_move_by_all_blocks(
-    port: Port, layout: Layout, period: int, slope: float, noise: float
+    layout: Layout, period: int, slope: float, noise: float, port: Port
 ) -> None:
     """Corners are off by less than a block."""
     module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd
@@ -232,13 +202,13 @@ def test_corners_move_by_all_blocks(
     assert maps.size == list(views.shape[:0:-1])
     changes = run(module.periodChangeSteps(maps, list(views), at, 1 / period))
     fit, ported = BlockFit(BlockMaps(layout), views, at, 1 / period), module.BlockFit(maps, changes)
-    same(changes, fit.changes, PILOT_CHANGE)
+    same(changes, fit.changes, within.PILOT_CHANGE)
     for _ in range(5):
         settled = fit.step()
         assert run(ported.moveSteps()) == settled
         if settled:
             break
-    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), SUBPIXEL_PX)
+    same_motion(ported.shift(), fit.shift(), (layout.width, layout.height), within.SUBPIXEL_PX)
 
 
 @pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
@@ -256,27 +226,28 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> N
         assert ported.bends() == fit.bends()
         if settled:
             break
-    same(ported.k, fit.k, LENS_K)
-    same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), SUBPIXEL_PX)
+    same(ported.k, fit.k, within.LENS_K)
+    same_motion(ported.shift(), fit.shift(), (FINE.width, FINE.height), within.SUBPIXEL_PX)
 
 
 def test_corners_climb_to_the_pilots(port: Port) -> None:
     rng, size = np.random.default_rng(3), map_size(HIDDEN)
     right = frame_corners(*size).astype("f4")
     seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]]).astype("f4")
-    shown = cv2.warpPerspective(drawn(HIDDEN, size), cv2.getPerspectiveTransform(right, seen), size)
+    H_seen = cv2.getPerspectiveTransform(right, seen)
+    shown = cv2.warpPerspective(pilots_alone(HIDDEN, size), H_seen, size)
     noise = rng.normal(0, 1.5, (2, *shown.shape))
     change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
     found = port("locate/pilots/climb.js").climbToPilots(complex_plane(change), HIDDEN)
     H = climb_to_pilots(change, HIDDEN)
     assert H is not None
-    same_motion(found, H, (HIDDEN.width, HIDDEN.height), CORNERS_PX)
+    same_motion(found, H, (HIDDEN.width, HIDDEN.height), within.CORNERS_PX)
 
 
 def test_corners_of_what_lies_elsewhere_in_its_rectified_image(port: Port) -> None:
     H = np.array([[1.01, 0.02, 3.0], [-0.01, 0.99, -2.0], [1e-5, -2e-5, 1.0]])
     found = port(CORNERS_JS).movedCorners(CORNERS.tolist(), H, FINE)
-    same(found, moved_corners(CORNERS, H, FINE), MOVED_PX)
+    same(found, moved_corners(CORNERS, H, FINE), within.MOVED_PX)
 
 
 def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
@@ -297,16 +268,16 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
     frequencies = (0.25, 0.0, 0.5)
     outlines = [toggle_map.outline(frequency) for frequency in frequencies]
     for number in (4, 12):
-        same(ported.logPower(number), toggle_map._logs[number], FLOAT32_SUM)
+        same(ported.logPower(number), toggle_map._logs[number], within.FLOAT32_SUM)
     for frequency, outline in zip(frequencies, outlines, strict=True):
-        same(ported.outline(frequency), outline, SAME_PX)
+        same(ported.outline(frequency), outline, within.SAME_PX)
     right = np.array([[80.0, 50.0], [208.0, 50.0], [208.0, 146.0], [80.0, 146.0]])
     quads = [right, right + 30, right[::-1] - 9, right[[0, 2, 1, 3]]]
     worths = [toggle_map.worth(quad) for quad in quads]
-    same(ported.worths([quad.tolist() for quad in quads]), worths, TOGGLE_WORTH)
+    same(ported.worths([quad.tolist() for quad in quads]), worths, within.TOGGLE_WORTH)
     views = ported.views(right.tolist(), 48, 48)
     for found, view in zip(views, toggle_map.views(right, 48, 48), strict=True):
-        assert differences(found, view)[1] < VIEW_MEAN
+        assert differences(found, view)[1] < within.VIEW_MEAN
 
 
 def motion_of_the_middle(port: Port, *begun: object) -> tuple[float, float]:
@@ -321,11 +292,11 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen(port
     everything = frame_corners(640, 640)
     for outline in (MOVING_OUTLINE, everything):
         moved, share = motion_of_the_middle(port, True, outline.tolist())
-        assert abs(moved) < FOUND_PX
+        assert abs(moved) < within.FOUND_PX
         assert (share > 0.97) == (outline is MOVING_OUTLINE)
     for far_apart, expected_px in ((False, 6), (True, 0)):
         moved, share = motion_of_the_middle(port, far_apart)
-        assert abs(moved - expected_px) < FOUND_PX
+        assert abs(moved - expected_px) < within.FOUND_PX
         assert 0 < share < 0.9
 
 
@@ -344,15 +315,15 @@ def test_frames_are_held_still(port: Port) -> None:
     motions = [stabiliser.follow(frame) for frame in frames]
     assert motions[3] is None
     for frame, H in zip(frames, motions, strict=True):
-        same_motion(ported.follow(frame), H, (960, 540), CORNERS_PX)
+        same_motion(ported.follow(frame), H, (960, 540), within.CORNERS_PX)
     still = stabiliser.still(frames[1], motions[1])
     assert (ported.height, ported.width) == still.shape
-    assert differences(ported.still(frames[1], motions[1]), still)[1] < STILL_MEAN
+    assert differences(ported.still(frames[1], motions[1]), still)[1] < within.STILL_MEAN
     places = [[0.0, 0.0], [100.0, 50.0]]
     points = stabiliser.on_image(np.array(places))
-    same(stabiliser.on_copy(points), places, FLOAT64)
-    same(ported.onImage(places), points, FLOAT64)
-    same(ported.onCopy(points.tolist()), places, FLOAT64)
+    same(stabiliser.on_copy(points), places, within.FLOAT64)
+    same(ported.onImage(places), points, within.FLOAT64)
+    same(ported.onCopy(points.tolist()), places, within.FLOAT64)
     assert ported.follow(np.zeros((3, 4), np.uint8)) is None
     ported.forget()
     assert ported.follow(frames[0]) is None

@@ -5,17 +5,10 @@ from dataclasses import asdict, astuple, dataclass
 import cv2
 import numpy as np
 import pytest
-from pilot_films import beside_print, filmed, texture
+import tolerances as within
+from pilot_films import TEXT, beside_print, robust_film, texture
 from port import differences, same
 from streams import Stream, states_of
-from tolerances import (
-    CLOCKS_APART,
-    CORNERS_WORSE_PX,
-    ROUNDED_LEVELS,
-    SAME_STEPS,
-    STATE_MEAN,
-    STATE_PURITY,
-)
 
 from export.receive.diagnosis import Observations, explain_silence
 from export.receive.receiver import Receiver
@@ -23,7 +16,6 @@ from export.receive.states import RectifiedFrame, block_purity, compose_state, p
 from export.receive.timing.clock import DisplayClock
 from export.receive.timing.synchronise import Toggling
 from export.runtime import Decoder
-from link.code.framing import encode
 from link.layout import make_layout
 from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS
@@ -65,13 +57,13 @@ def test_states_are_put_together_as_by_python(port, name):
         if known is None:
             continue
         assert found.frames == known.frames
-        same(found.purity, known.purity, SAME_STEPS)
+        same(found.purity, known.purity, within.SAME_STEPS)
         most, mean = differences(found.image, known.image)
-        assert most <= ROUNDED_LEVELS
-        assert mean < STATE_MEAN
+        assert most <= within.ROUNDED_LEVELS
+        assert mean < within.STATE_MEAN
         for layout in LAYOUTS:
             blocks = block_purity(known.purity, layout)
-            same(module.blockPurity(found.purity, layout), blocks, STATE_PURITY)
+            same(module.blockPurity(found.purity, layout), blocks, within.STATE_PURITY)
 
 
 def test_points_in_view(port):
@@ -115,16 +107,12 @@ def test_silence_is_explained_in_the_words_of_python(port, seen):
     assert found == page_words(explain_silence(seen))
 
 
-PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
-TEXT = b"no marks"
+PAPER = PRESETS["paper"].layout
 FRAMES_APART = 10
 """Number of frames by which the page's receiver may be later or earlier than Python's."""
 BITS_ALIKE = 0.97
 """Share of bits in which a pair must be like one that Python has decoded."""
-MODELS = {
-    "paper": PRETRAINED / "decoder.onnx",
-    "robust": PRETRAINED_PILOTS / "24x32.onnx",
-}
+MODELS = {"paper": PRETRAINED / "decoder.onnx", "robust": PRETRAINED_PILOTS / "24x32.onnx"}
 
 
 def paper_film():
@@ -133,20 +121,21 @@ def paper_film():
     return gray_frames(Stream(), states, 4)
 
 
-def robust_film():
-    """Gray frames of the preset robust, whose states are shown for two frames each."""
-    loop = encode(TEXT, ROBUST.n_bits)
-    images, corners = filmed(ROBUST, 70, seed=3, message=loop)
+def timed(images, corners):
+    """Images of 30 frames a second, with their times and corners."""
     return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
+
+
+def pilots_film():
+    """Gray frames of the preset robust, whose states are shown for two frames each."""
+    return timed(*robust_film(70))
 
 
 def printed_film():
     """The same with a still print beside, which shows the layout of the preset paper."""
-    loop = encode(TEXT, ROBUST.n_bits)
-    images, corners = filmed(ROBUST, 150, seed=3, message=loop)
+    images, corners = robust_film(150)
     shown = cv2.cvtColor(states_of(TEXT, PAPER, np.random.default_rng(5))[1], cv2.COLOR_RGB2GRAY)
-    images = beside_print(images, corners, shown)
-    return [(number / 30, *both) for number, both in enumerate(zip(images, corners, strict=True))]
+    return timed(beside_print(images, corners, shown), corners)
 
 
 def still_film():
@@ -202,7 +191,7 @@ def bits_alike(scores, others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("film", [paper_film, robust_film, printed_film, still_film, empty_film])
+@pytest.mark.parametrize("film", [paper_film, pilots_film, printed_film, still_film, empty_film])
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]
@@ -225,11 +214,11 @@ def test_a_film_is_read_as_by_python(film, port):
             off, known_off = (np.abs(e.corners - frame[2]).mean() for e in (event, other))
             worse.append(off - known_off)
         if event.state_hz and other.state_hz:
-            assert abs(event.state_hz / other.state_hz - 1) < CLOCKS_APART, f"frame {number}"
+            assert abs(event.state_hz / other.state_hz - 1) < within.CLOCKS_APART, f"frame {number}"
         if message is not None and decoded:
             for scores in event.scores:
                 assert bits_alike(scores, decoded) > BITS_ALIKE, f"frame {number}"
-    assert not worse or np.mean(worse) < CORNERS_WORSE_PX
+    assert not worse or np.mean(worse) < within.CORNERS_WORSE_PX
     if message is None:
         silence = port("receive/diagnosis.js").explainSilence(ported.observations)
         assert silence == page_words(explain_silence(receiver.observations))

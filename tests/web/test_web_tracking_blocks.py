@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from conftest import cases
 from port import Port, same
 
 from export.receive.occlusion import Occlusion
@@ -73,11 +74,9 @@ def test_covered_blocks_are_found(port: Port) -> None:
     assert any(is_covered)
 
 
-@pytest.mark.parametrize(
-    ("shape", "deviation"), [((96, 128), 3.0), ((45, 250), 3.0), ((96, 128), 0.0)]
-)
+@cases(((96, 128), 3.0), ((45, 250), 3.0), ((96, 128), 0.0))
 def test_repeated_frames_are_recognised(
-    port: Port, shape: tuple[int, int], deviation: float
+    shape: tuple[int, int], deviation: float, port: Port
 ) -> None:
     """In films with noise and without, of odd sizes."""
     base = smooth(*shape, 0)

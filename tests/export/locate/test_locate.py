@@ -6,11 +6,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from conftest import Command
+from conftest import Command, Refuses
 from drawn_scenes import CORNERS, HEIGHT, LAYOUT, PLAIN, WIDTH, content, room, scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from export.locate.__main__ import main
 from export.locate.candidates import display_candidates
@@ -19,6 +18,7 @@ from export.locate.refine import refine_corners
 from export.overlay import outline_display
 from link.images import read_image, write_image
 from link.layout import Layout
+from link.types import Array, Image
 from models import PRETRAINED
 
 CORNER_PX = 1.5
@@ -26,39 +26,34 @@ CORNER_PX = 1.5
 
 
 @pytest.fixture(scope="module")
-def with_patches() -> NDArray[np.uint8]:
+def with_patches() -> Image:
     return scene(content(LAYOUT))
 
 
 @pytest.fixture(scope="module")
-def without_patches() -> NDArray[np.uint8]:
+def without_patches() -> Image:
     return scene(content(PLAIN))
 
 
-def off(found: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
+def off(found: Array, corners: Array) -> float:
     return float(np.linalg.norm(found - corners, axis=1).max())
 
 
 @pytest.mark.parametrize("turns", range(4))
-def test_patches_tell_which_way_up_the_display_is(
-    turns: int, with_patches: NDArray[np.uint8]
-) -> None:
+def test_patches_tell_which_way_up_the_display_is(turns: int, with_patches: Image) -> None:
     turned = np.roll(CORNERS, turns, axis=0)  # the picture's top-left in another corner
     shape = content(LAYOUT)
     found = locate(scene(shape, turned), LAYOUT)
-    assert found is not None
     assert off(found.corners, turned) < CORNER_PX
     assert found.score > 0.95
 
 
-def test_without_patches_corners_are_upright(without_patches: NDArray[np.uint8]) -> None:
+def test_without_patches_corners_are_upright(without_patches: Image) -> None:
     for layout in (None, PLAIN):
         found = locate(without_patches, layout)
-        assert found is not None
         assert off(found.corners, CORNERS) < CORNER_PX
         assert 0 <= found.score <= 1
     upside_down = locate(np.ascontiguousarray(without_patches[::-1, ::-1]))
-    assert upside_down is not None
     there = np.roll([WIDTH - 1, HEIGHT - 1] - CORNERS, 2, axis=0)
     assert off(upside_down.corners, there) < CORNER_PX
 
@@ -74,18 +69,16 @@ def test_no_display() -> None:
     assert display_candidates(even) == []
 
 
-def test_a_display_without_the_patches_is_not_ours(without_patches: NDArray[np.uint8]) -> None:
+def test_a_display_without_the_patches_is_not_ours(without_patches: Image) -> None:
     assert locate(without_patches) is not None
     assert locate(without_patches, LAYOUT) is None
 
 
-def test_gray_images_and_the_small_copy_of_a_large_one(with_patches: NDArray[np.uint8]) -> None:
+def test_gray_images_and_the_small_copy_of_a_large_one(with_patches: Image) -> None:
     found = locate(cv2.cvtColor(with_patches, cv2.COLOR_RGB2GRAY), LAYOUT)
-    assert found is not None
     assert off(found.corners, CORNERS) < CORNER_PX
     large = cv2.resize(with_patches, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
     found = locate(large, LAYOUT)
-    assert found is not None
     assert off((found.corners + 0.5) / 3 - 0.5, CORNERS) < CORNER_PX
 
 
@@ -96,7 +89,6 @@ def test_glare_and_a_hand(layout: Layout) -> None:
     image += 200 * np.exp(-((x - 440) ** 2 + (y - 125) ** 2) / (2 * 30.0**2))[..., None]
     cv2.ellipse(image, (300, 400), (30, 55), 10, 0, 360, (190, 140, 120), -1)  # over the bottom
     found = locate(np.clip(image, 0, 255).astype(np.uint8), layout)
-    assert found is not None
     assert off(found.corners, CORNERS) < 2 * CORNER_PX
 
 
@@ -110,7 +102,7 @@ def test_refine_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
     assert off(refine_corners(image, moved, layout), CORNERS) < CORNER_PX
 
 
-def test_refine_keeps_the_order_of_corners(with_patches: NDArray[np.uint8]) -> None:
+def test_refine_keeps_the_order_of_corners(with_patches: Image) -> None:
     turned = np.roll(CORNERS, 1, axis=0)
     assert off(refine_corners(with_patches, turned), turned) < CORNER_PX  # edges have no order
     even = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
@@ -125,24 +117,19 @@ def test_a_turned_image_has_turned_corners(degrees: float, shear: float, size: f
     turn = cv2.getRotationMatrix2D((0, 0), degrees, size)[:, :2] @ np.array([[1, shear], [0, 1]])
     corners = (CORNERS - CORNERS.mean(axis=0)) @ turn.T + centre
     found = locate(scene(content(LAYOUT), corners), LAYOUT)
-    assert found is not None
     assert off(found.corners, corners) < CORNER_PX
     quarter = locate(np.ascontiguousarray(np.rot90(scene(content(LAYOUT), corners))), LAYOUT)
-    assert quarter is not None
     there = np.column_stack([corners[:, 1], WIDTH - 1 - corners[:, 0]])
     assert off(quarter.corners, there) < CORNER_PX
 
 
-def test_command(tmp_path: Path, with_patches: NDArray[np.uint8], command: Command) -> None:
+def test_command(tmp_path: Path, with_patches: Image, command: Command) -> None:
     write_image(tmp_path / "a.png", with_patches)
     write_image(tmp_path / "empty.png", np.full((64, 64, 3), 90, np.uint8))
     (tmp_path / "layout.json").write_text(json.dumps(LAYOUT.to_dict()))
-    done = command(
-        main,
-        *(tmp_path / name for name in ("a.png", "missing.png", "empty.png")),
-        "--layout", tmp_path / "layout.json", "--show", tmp_path / "shown",
-    )  # fmt: skip
-    assert done.status == 2
+    images = [tmp_path / name for name in ("a.png", "missing.png", "empty.png")]
+    flags = ("--layout", tmp_path / "layout.json", "--show", tmp_path / "shown")
+    done = command(main, *images, *flags, status=2)
     assert done.stderr.count("\n") == 1
     assert "missing.png" in done.stderr
     first, second = (json.loads(line) for line in done.stdout.splitlines())
@@ -154,24 +141,16 @@ def test_command(tmp_path: Path, with_patches: NDArray[np.uint8], command: Comma
     assert (shown != with_patches).any()
     assert (read_image(tmp_path / "shown" / "empty.png") == 90).all()
     found = locate(with_patches, LAYOUT)
-    assert found is not None
     np.testing.assert_array_equal(shown, outline_display(with_patches, found.corners))
 
 
-def test_command_takes_a_model(
-    tmp_path: Path, with_patches: NDArray[np.uint8], command: Command
-) -> None:
+def test_command_takes_a_model(tmp_path: Path, with_patches: Image, command: Command) -> None:
     write_image(tmp_path / "a.png", with_patches)
     done = command(main, tmp_path / "a.png", "--model", PRETRAINED / "decoder.onnx")
-    assert done.status == 0
     assert off(np.array(json.loads(done.stdout)["corners"]), CORNERS) < CORNER_PX
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"rows": 8}', "\xff"])
-def test_wrong_layout(text: str, tmp_path: Path, command: Command) -> None:
-    path = tmp_path / "layout.json"
-    path.write_bytes(text.encode("latin-1"))
-    done = command(main, tmp_path / "a.png", "--layout", path)
-    assert done.status == 2
-    assert done.stderr.startswith("error: ")
-    assert done.stderr.count("\n") == 1
+def test_wrong_layout(text: str, tmp_path: Path, refuses: Refuses) -> None:
+    (tmp_path / "layout.json").write_bytes(text.encode("latin-1"))
+    refuses("export.locate.__main__", "a.png --layout layout.json")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from conftest import slow
 from drawn_scenes import HEIGHT, LAYOUT, WIDTH, content, room, scene, with_corner_out
-from numpy.typing import NDArray
 from streams import Stream, states_of
 
 import export.receive.tracking.patches as track
@@ -30,7 +29,7 @@ from link.geometry import (
     transform,
 )
 from link.layout import Layout, make_layout
-from link.types import Array
+from link.types import Array, Image
 from models import PRETRAINED
 
 TEXT = b"hidden"
@@ -41,7 +40,7 @@ SEARCH_WORK = 450
 unit on two idle cores."""
 
 
-def error_in_view(found: NDArray[np.float64], corners: NDArray[np.float64]) -> float:
+def error_in_view(found: Array, corners: Array) -> float:
     """Largest error of the display's places that lie in the image, pixels."""
     x, y = np.meshgrid(np.linspace(0, LAYOUT.width, 9), np.linspace(0, LAYOUT.height, 9))
     places = np.column_stack([x.ravel(), y.ravel()]) - 0.5
@@ -56,7 +55,6 @@ def test_a_display_with_a_corner_out_of_view_is_found(corner: int) -> None:
     corners = with_corner_out(corner)
     assert not in_image(corners, (HEIGHT, WIDTH))[corner]
     found = locate(scene(content(LAYOUT), corners), LAYOUT)
-    assert found is not None
     assert error_in_view(found.corners, corners) < IN_VIEW_PX
 
 
@@ -68,7 +66,6 @@ def test_a_display_with_covered_patches_is_found(cells: tuple[tuple[int, int], .
         shown[top:bottom, left:right] = (150, 110, 90)
     corners = np.array([[150.2, 95.7], [520.4, 120.3], [490.8, 380.1], [130.6, 350.9]])
     found = locate(scene(shown, corners), LAYOUT)
-    assert found is not None
     assert error_in_view(found.corners, corners) < IN_VIEW_PX
 
 
@@ -111,7 +108,7 @@ class Counted:
     work: int = 0
 
     def __call__(
-        self, image: NDArray[np.uint8], layout: Layout, avoid: Sequence[Array]
+        self, image: Image, layout: Layout, avoid: Sequence[Array]
     ) -> Steps[Located | None]:
         for _ in range(self.steps):
             self.work += self.each
@@ -119,7 +116,7 @@ class Counted:
         return None
 
 
-def noisy(level: int, rng: np.random.Generator) -> NDArray[np.uint8]:
+def noisy(level: int, rng: np.random.Generator) -> Image:
     return np.clip(rng.normal(level, 3, (120, 160, 3)), 0, 255).astype(np.uint8)
 
 
@@ -144,7 +141,7 @@ class Noted(Counted):
         self.searches: list[tuple[int, int]] = []
 
     def __call__(
-        self, image: NDArray[np.uint8], layout: Layout, avoid: Sequence[Array]
+        self, image: Image, layout: Layout, avoid: Sequence[Array]
     ) -> Steps[Located | None]:
         begun = self.now
         yield from super().__call__(image, layout, avoid)
@@ -223,7 +220,7 @@ def test_nothing_hidden_changes_nothing() -> None:
     assert fill_unseen(images, ~nothing, LAYOUT)[0] is images[0]  # and where all is
 
 
-def numbered(layout: Layout) -> NDArray[np.uint8]:
+def numbered(layout: Layout) -> Image:
     """An image whose blocks have the colours of their row and column."""
     image = np.zeros((layout.height, layout.width, 3), np.uint8)
     for row, col in np.ndindex(layout.rows, layout.cols):
@@ -280,7 +277,7 @@ def test_the_finest_grid_is_filled_soon() -> None:
 class CutOff(Stream):
     """A stream whose display has a corner out of view."""
 
-    def corners(self, time: float) -> NDArray[np.float64]:
+    def corners(self, time: float) -> Array:
         swing = 4 * np.sin(1.3 * time + np.arange(8).reshape(4, 2) / 9)
         return np.asarray(with_corner_out(2, 0.12) + swing)
 
@@ -294,5 +291,4 @@ def test_a_message_comes_with_a_corner_out_of_view(decoder: Decoder) -> None:
         if step.tracked is not None:
             assert error_in_view(step.tracked.corners, corners) < IN_VIEW_PX
         message = message or step.message
-    assert message is not None
     assert message.data == TEXT

@@ -3,8 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from conftest import slow
-from numpy.typing import NDArray
+from conftest import cases, slow
 from pilot_films import (
     BENT_CORNERS,
     BENT_SIZE,
@@ -13,6 +12,7 @@ from pilot_films import (
     block_views,
     filmed,
     panned_to,
+    pilots_alone,
 )
 
 from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
@@ -27,12 +27,13 @@ from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.presets import PRESETS
+from link.types import Array, Floats, Image
 
 CLOSE_PX = 1.0
 """A twelfth of a block as it is filmed."""
 
 
-def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 60.0):
+def search(images: list[Image], layouts: list[Layout], fps: float = 60.0):
     finder = PilotSearch(layouts, fps)
     for number, image in enumerate(images):
         found = finder.push(np.repeat(image[:, :, None], 3, axis=2), number / fps)
@@ -41,32 +42,27 @@ def search(images: list[NDArray[np.uint8]], layouts: list[Layout], fps: float = 
     return None
 
 
+def find(images: list[Image], corners: Array, layouts: list[Layout], within: float = CLOSE_PX):
+    """The frame in which a display is found, and the display, which must lie where it is."""
+    number, display = search(images, layouts)
+    assert np.abs(display.corners - corners[number]).max() < within
+    return number, display
+
+
 def test_finds_the_display_its_layout_and_its_corners() -> None:
-    images, corners = filmed(FINE, 30, seed=0)
-    found = search(images, [OTHER, FINE])
-    assert found is not None
-    number, display = found
+    _, display = find(*filmed(FINE, 30, seed=0), [OTHER, FINE])
     assert display.layout == FINE
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_finds_a_display_before_a_wall_that_moves_otherwise(seed: int) -> None:
-    images, corners = filmed(FINE, 30, seed=seed, parallax=1.0)
-    found = search(images, [FINE])
-    assert found is not None
-    number, display = found
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+    find(*filmed(FINE, 30, seed=seed, parallax=1.0), [FINE])
 
 
 def test_finds_a_display_to_which_the_camera_turns() -> None:
     """The search that began before a wall ends once the wall is out of view."""
     images, corners = filmed(FINE, 90, seed=0)
-    found = search(panned_to(images, 45), [FINE])
-    assert found is not None
-    number, display = found
-    assert number < 75
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+    assert find(panned_to(images, 45), corners, [FINE])[0] < 75
 
 
 def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
@@ -83,11 +79,8 @@ def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
 def test_finds_a_display_that_begins_to_play_late() -> None:
     still, _ = filmed(FINE, 40, seed=0, hold=10**6)
     images, corners = filmed(FINE, 160, seed=0)
-    found = search([*still, *images[40:]], [FINE])
-    assert found is not None
-    number, display = found
+    number, _ = find([*still, *images[40:]], corners, [FINE])
     assert number < (PATIENCE_S + 0.6) * 60
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
 
 
 @pytest.mark.slow
@@ -120,30 +113,19 @@ def test_points_that_lie_close_together_do_not_say_how_a_display_moves() -> None
 
 @pytest.mark.slow
 def test_finds_a_dark_picture_by_faint_edges() -> None:
-    images, corners = filmed(FINE, 48, seed=9, kappa=12.0, night=True)
-    found = search(images, [FINE])
-    assert found is not None
-    number, display = found
-    assert np.abs(display.corners - corners[number]).max() < CLOSE_PX
+    find(*filmed(FINE, 48, seed=9, kappa=12.0, night=True), [FINE])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
 def test_all_blocks_place_the_corners_of_a_display_that_toggles_weakly(seed: int) -> None:
-    images, corners = filmed(FINE, 50, seed=seed, kappa=0.24)  # the noise is 1
-    found = search(images, [FINE])
-    assert found is not None
-    number, display = found
-    assert np.abs(display.corners - corners[number]).max() < 2 * CLOSE_PX
+    find(*filmed(FINE, 50, seed=seed, kappa=0.24), [FINE], 2 * CLOSE_PX)  # the noise is 1
 
 
 def test_tells_which_way_up() -> None:
     images, corners = filmed(FINE, 30, seed=1)
-    found = search([np.ascontiguousarray(image[::-1, ::-1]) for image in images], [FINE])
-    assert found is not None
-    number, display = found
-    turned = [639, 479] - corners[number]
-    assert np.abs(display.corners - turned).max() < CLOSE_PX
+    turned = [np.ascontiguousarray(image[::-1, ::-1]) for image in images]
+    find(turned, [639, 479] - corners, [FINE])
 
 
 @pytest.mark.parametrize("kind", ["still", slow("other layout"), slow("no message")])
@@ -158,7 +140,7 @@ def test_does_not_find_what_is_not_there(kind: str) -> None:
     assert search(images, [FINE]) is None
 
 
-def dropped(frames: int, kept: int, seed: int) -> NDArray[np.float64]:
+def dropped(frames: int, kept: int, seed: int) -> Array:
     """Positions of the frames that are left of some evenly spaced ones."""
     rng = np.random.default_rng(seed)
     return np.sort(rng.choice(frames, kept, replace=False)).astype(np.float64)
@@ -257,10 +239,7 @@ def test_finds_each_preset_where_most_frames_are_dropped(name: str) -> None:
 def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
     layout = make_layout(48, 64, modulation="antipodal", pilots="auto")
     size, rng = map_size(layout), np.random.default_rng(7)
-    blocks = np.zeros(layout.rows * layout.cols)
-    blocks[layout.pilot_blocks] = pilot_signs(layout)
-    grid = blocks.reshape(layout.rows, layout.cols).astype(np.float32)
-    drawn = cv2.resize(grid, size, interpolation=cv2.INTER_NEAREST)
+    drawn = pilots_alone(layout, size)
     right = frame_corners(*size)
     seen = np.add(right, [[0, 0], [5, -4], [-6, 5], [3, 0]])  # up to one and a half blocks of 4 px
     H_seen_from_map = cv2.getPerspectiveTransform(right.astype("f4"), seen.astype("f4"))
@@ -276,17 +255,14 @@ def test_climbing_leads_to_pilots_that_no_part_shows_alone() -> None:
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (17.0, -12.0)])
 def test_corner_shifts_are_recovered(shift: tuple[float, float]) -> None:
     rng = np.random.default_rng(6)
-    blocks = np.zeros(FINE.rows * FINE.cols)
-    blocks[FINE.pilot_blocks] = pilot_signs(FINE)
-    blocks = blocks.reshape(FINE.rows, FINE.cols)
-    full = cv2.resize(blocks.astype(np.float32), (FINE.width, FINE.height), interpolation=0)
+    blocks = pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64)
+    full = pilots_alone(FINE, (FINE.width, FINE.height))
     moved = cv2.warpAffine(
         full, np.array([[1, 0, shift[0]], [0, 1, shift[1]]], float), full.shape[::-1]
     )
     seen = cv2.resize(moved, COARSE_SIZE, interpolation=cv2.INTER_AREA)
     seen = seen + rng.normal(0, 0.3, seen.shape)
     fit = coarse_shift((seen * np.exp(0.7j)).astype(np.complex64), blocks, FINE)
-    assert fit is not None
     found = transform(fit[0], frame_corners(FINE.width, FINE.height))
     expected = frame_corners(FINE.width, FINE.height) + shift
     assert np.abs(found - expected).max() < 4.0
@@ -296,7 +272,7 @@ OFF = np.array([[5.0, -3.0], [-4.0, 2.0], [3.0, 4.0], [-2.0, -5.0]])
 """Errors of corners that the pilots may leave, in layout pixels; a block of FINE has 16."""
 
 
-def fitted_by_blocks(views: NDArray[np.float32], frequency: float) -> NDArray[np.float64]:
+def fitted_by_blocks(views: Floats, frequency: float) -> Array:
     """Corners, in layout pixels, to which the fit by all blocks moves those of the views."""
     fit = BlockFit(BlockMaps(FINE), views, range(len(views)), frequency)
     for _ in range(6):
@@ -305,7 +281,7 @@ def fitted_by_blocks(views: NDArray[np.float32], frequency: float) -> NDArray[np
     return transform(fit.shift(), frame_corners(FINE.width, FINE.height))
 
 
-@pytest.mark.parametrize(("frames_a_period", "slope"), [(4, 0.0), (4, 2.5), (2, 0.0)])
+@cases((4, 0.0), (4, 2.5), (2, 0.0))
 def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float) -> None:
     """Bits need not be known, the phase may slope, and noise is as strong as the toggling."""
     views = block_views(FINE, OFF, 6 * frames_a_period, frames_a_period, slope=slope)
@@ -316,7 +292,7 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
 
 @pytest.mark.parametrize("k", [-0.1, -0.04, 0.06])
 @pytest.mark.parametrize("off", [0 * OFF, OFF], ids=["right", "off"])
-def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: NDArray[np.float64]) -> None:
+def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> None:
     """Corners were found as if the lens bent nothing."""
     views = block_views(FINE, off, 24, 4, k=k)
     fit = BlockFit(BlockMaps(FINE), views, range(24), 0.25)

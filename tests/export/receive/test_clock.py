@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import slow
-from numpy.typing import ArrayLike, NDArray
+from conftest import cases, slow
+from numpy.typing import ArrayLike
 
 from export.receive.states import RectifiedFrame, compose_state
 from export.receive.timing.clock import DisplayClock, embedded_share
@@ -23,6 +23,7 @@ from export.receive.timing.toggles import PatchToggles, patch_toggles
 from lab.films.clock import Chunk, StillSettings, false_strengths
 from link.embed import embed
 from link.layout import make_layout
+from link.types import Array
 
 PATCHES = PatchToggles(make_layout())
 PLACES = PATCHES.places
@@ -61,15 +62,12 @@ def test_the_toggle_is_kappa_between_the_frames_and_blind_to_exposure() -> None:
     assert np.isnan(patch_toggles(covered, layout)).tolist() == [True, False, False, False, False]
 
 
-@pytest.mark.parametrize(
-    ("fps", "state_hz", "delays"),
-    [
-        (30, 10.07, (0.0, 0.015)),
-        (30, 15.1, (0.004, -0.012)),
-        (60, 29.8, (0.0, 0.0)),
-        (60, 15.0, (0.012, 0.0)),
-        (30, 24.1, (-0.02, 0.01)),
-    ],
+@cases(
+    (30, 10.07, (0.0, 0.015)),
+    (30, 15.1, (0.004, -0.012)),
+    (60, 29.8, (0.0, 0.0)),
+    (60, 15.0, (0.012, 0.0)),
+    (30, 24.1, (-0.02, 0.01)),
 )
 def test_the_clock_is_found_in_noisy_toggles(
     fps: float, state_hz: float, delays: tuple[float, float]
@@ -117,12 +115,12 @@ def test_noise_and_stillness_give_no_clock() -> None:
 
 def toggles_of(
     clock: DisplayClock,
-    times: NDArray[np.float64],
+    times: Array,
     rng: np.random.Generator,
     amplitude: float,
     noise: ArrayLike,
     correlation: ArrayLike = 0.0,
-) -> NDArray[np.float64]:
+) -> Array:
     """Toggles (n, 5) of a clock in noise, correlated from frame to frame, of each place."""
     wave = embedded_share(np.array([astuple(clock)]), times, PLACES)[0].T
     left = rng.normal(size=wave.shape)
@@ -154,9 +152,7 @@ TRUE = DisplayClock(1 / 14.93, 0.123, 0.004, -0.012, 0.016)
 CODEC = np.array([0.65, 0.65, 0.0, 0.0, 0.3])
 
 
-def listen(
-    sync: Synchroniser, times: NDArray[np.float64], toggles: NDArray[np.float64]
-) -> list[DisplayClock | None]:
+def listen(sync: Synchroniser, times: Array, toggles: Array) -> list[DisplayClock | None]:
     """Give the toggles frame by frame; the clock after each."""
     clocks = []
     for time, values in zip(times, toggles, strict=True):
@@ -167,7 +163,6 @@ def listen(
 
 def offset(clock: DisplayClock | None, time: float) -> float:
     """States by which a clock is ahead of the true one, as the display's centre is seen."""
-    assert clock is not None
     seen = clock.number(time + clock.centre)
     return seen - TRUE.number(time + TRUE.centre)
 
@@ -294,9 +289,7 @@ def test_the_strongest_toggling_is_kept_where_no_clock_is_found() -> None:
     noisy, still = Synchroniser(30, PATCHES), Synchroniser(30, PATCHES)
     listen(noisy, times, rng.normal(0, 1, (60, 5)))
     listen(still, times, rng.normal(3, 0.02, (60, 5)))
-    assert noisy.best is not None
     assert 0.1 < noisy.best.strength < 0.75
-    assert still.best is not None
     assert (still.best.strength, still.best.deviation < MIN_TOGGLE) == (0, True)
 
 
@@ -319,7 +312,6 @@ def test_a_state_is_put_together_from_the_pure_parts_of_two_frames() -> None:
     early = RectifiedFrame(0.05, np.full((layout.height, layout.width), 100, np.uint8))
     late = RectifiedFrame(0.15, np.full((layout.height, layout.width), 200, np.uint8))
     state = compose_state([early, late], clock, 1)
-    assert state is not None
     assert state.purity.min() > 0.99
     upper, lower = state.image[: layout.height // 3], state.image[-layout.height // 3 :]
     assert (upper == 200).all()

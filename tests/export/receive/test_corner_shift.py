@@ -5,8 +5,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 import pytest
-from conftest import slow
-from numpy.typing import NDArray
+from conftest import cases, slow
 from pilot_films import FINE, texture
 
 import export.receive.tracking.corners as corners_module
@@ -14,7 +13,7 @@ from export.locate.pilots.evidence import pilot_signs
 from export.receive.tracking.corners import CornerShift
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout
-from link.types import Array
+from link.types import Array, Image
 
 CLOSE_PX = 0.2
 SURE = 6.0
@@ -46,7 +45,7 @@ class Display:
         self.rng = np.random.default_rng(0)
         self.picture = 130 + 25 * texture((layout.height, layout.width), 1, 12.0)
 
-    def pair(self, H_old_from_new: Array) -> tuple[NDArray[np.uint8], NDArray[np.uint8], Array]:
+    def pair(self, H_old_from_new: Array) -> tuple[Image, Image, Array]:
         layout = self.layout
         signs = self.rng.choice([-1.0, 1.0], layout.rows * layout.cols)
         signs[layout.pilot_blocks] = pilot_signs(layout)
@@ -75,15 +74,12 @@ def follow(display: Display, H: Array, pairs: int, score_of: Callable[[Array], A
     return H / H[2, 2]
 
 
-@pytest.mark.parametrize(
-    ("misplaced", "colour"),
-    [
-        (moved(), False),
-        (moved(x=4.0, y=-3.0), False),
-        slow(moved(corner=5.0), False),
-        slow(moved(x=-3.0, y=1.5, corner=4.0), False),
-        slow(moved(x=4.0, y=-3.0), True),
-    ],
+@cases(
+    (moved(), False),
+    (moved(x=4.0, y=-3.0), False),
+    slow(moved(corner=5.0), False),
+    slow(moved(x=-3.0, y=1.5, corner=4.0), False),
+    slow(moved(x=4.0, y=-3.0), True),
     ids=["nothing", "translation", "one corner", "both", "RGB"],
 )
 def test_the_display_is_moved_to_where_its_blocks_lie(misplaced: Array, colour: bool) -> None:
@@ -93,7 +89,6 @@ def test_the_display_is_moved_to_where_its_blocks_lie(misplaced: Array, colour: 
     for _ in range(14):
         shifts.take(*display.pair(H), shifts.total)
         shift = shifts.shift()
-        assert shift is not None
         H = np.linalg.inv(shift) @ H
         errors.append(transform(H, corners) - corners)
     settled = np.array(errors[6:])
@@ -113,7 +108,6 @@ def test_frame_pairs_that_waited_move_the_display_once(at_once: int) -> None:
         shifts.take(*display.pair(misplaced), before)
         if number % at_once == at_once - 1:
             shift = shifts.shift()
-            assert shift is not None
             H = np.linalg.inv(shift) @ H
         assert largest_move(H) < 1.1 * largest_move(misplaced)
     assert largest_move(H) < 0.5 * largest_move(misplaced)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import cases
 
 from export.receive.diagnosis import Observations, explain_silence
 from export.receive.receiver import Receiver
@@ -20,39 +21,33 @@ WEAK = Toggling(strength=0.8, amplitude=0.6, state_hz=14.94, deviation=0.9)
 FOUND = Observations(fps=30, frames=210, found=180, seconds=6.1, level=90.0)
 
 
-@pytest.mark.parametrize(
-    ("seen", "says"),
-    [
-        (replace(FOUND, refused=3), ["every message was refused (3)", "sender's key"]),
-        (
-            Observations(30, frames=90, level=100.0),
-            ["no display that is looked for in any of 90 frames", "focus"],
-        ),
-        (Observations(30, frames=90, level=9.0), ["in any of 90 frames", "dark (mean level 9 of"]),
-        (Observations(30, frames=9, level=200.0, clipped=0.6), ["60% of whose pixels", "shorter"]),
-        (replace(FOUND, seconds=0.6), ["in 180 of 210 frames", "for 0.6 s", "film longer"]),
-        (
-            replace(FOUND, toggling=STILL),
-            ["180 of 210", "patches or pilots do not change", "playing"],
-        ),
-        (replace(FOUND, toggling=NOISE), ["than noise (40% of the evidence", "--fps right (30)"]),
-        (
-            replace(FOUND, toggling=WEAK),
-            ["toggle weakly (by 0.6 gray levels at 14.9 states a second, 80% of", "--kappa"],
-        ),
-        (replace(FOUND, toggling=WEAK, level=12.0), ["dark there (mean level 12 of 255", "80% of"]),
-        (replace(FOUND, toggling=WEAK, clipped=0.5), ["50% of it at the camera's limit", "80% of"]),
-        (replace(FOUND, toggling=WEAK, cut=90), ["only in part in 90 of them", "move back"]),
-        (replace(FOUND, state_hz=15.0), ["its clock was found (15.0 states a second)", "longer"]),
-        (
-            replace(FOUND, state_hz=29.9, decoded=80, mixed=0.8, progress=0.3),
-            ["80 frame pairs gave 30%", "29.9 states a second", "takes 30 frames", "send at 15"],
-        ),
-        (
-            replace(FOUND, state_hz=15.0, decoded=40, mixed=0.1, progress=0.72),
-            ["40 frame pairs gave 72%", "film longer or closer"],
-        ),
-    ],
+@cases(
+    (replace(FOUND, refused=3), ["every message was refused (3)", "sender's key"]),
+    (
+        Observations(30, frames=90, level=100.0),
+        ["no display that is looked for in any of 90 frames", "focus"],
+    ),
+    (Observations(30, frames=90, level=9.0), ["in any of 90 frames", "dark (mean level 9 of"]),
+    (Observations(30, frames=9, level=200.0, clipped=0.6), ["60% of whose pixels", "shorter"]),
+    (replace(FOUND, seconds=0.6), ["in 180 of 210 frames", "for 0.6 s", "film longer"]),
+    (replace(FOUND, toggling=STILL), ["180 of 210", "patches or pilots do not change", "playing"]),
+    (replace(FOUND, toggling=NOISE), ["than noise (40% of the evidence", "--fps right (30)"]),
+    (
+        replace(FOUND, toggling=WEAK),
+        ["toggle weakly (by 0.6 gray levels at 14.9 states a second, 80% of", "--kappa"],
+    ),
+    (replace(FOUND, toggling=WEAK, level=12.0), ["dark there (mean level 12 of 255", "80% of"]),
+    (replace(FOUND, toggling=WEAK, clipped=0.5), ["50% of it at the camera's limit", "80% of"]),
+    (replace(FOUND, toggling=WEAK, cut=90), ["only in part in 90 of them", "move back"]),
+    (replace(FOUND, state_hz=15.0), ["its clock was found (15.0 states a second)", "longer"]),
+    (
+        replace(FOUND, state_hz=29.9, decoded=80, mixed=0.8, progress=0.3),
+        ["80 frame pairs gave 30%", "29.9 states a second", "takes 30 frames", "send at 15"],
+    ),
+    (
+        replace(FOUND, state_hz=15.0, decoded=40, mixed=0.1, progress=0.72),
+        ["40 frame pairs gave 72%", "film longer or closer"],
+    ),
 )
 def test_each_reason_names_what_was_seen(seen: Observations, says: list[str]) -> None:
     line = explain_silence(seen)
@@ -101,6 +96,5 @@ def test_points_outside_the_image_are_known() -> None:
     corners = frame_corners(160, 120)
     assert points_in_view(corners, (120, 160)) is None
     seen = points_in_view(corners - [80, 0], (120, 160, 3))
-    assert seen is not None
     assert not seen[:, : MESH // 2].any()
     assert seen[:, MESH // 2 :].all()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import cases
 
 from data_gen.film.codec import CodecSettings, through_codec
 from data_gen.film.phone import PhoneSettings
@@ -23,11 +24,7 @@ TEXT = b"phones"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("hand", "codec"),
-    [(6.0, CodecSettings()), (1.0, CodecSettings("h264", kbits=8000))],
-    ids=["hand 6", "h264"],
-)
+@cases((6.0, CodecSettings()), (1.0, CodecSettings("h264", kbits=8000)), ids=["hand 6", "h264"])
 def test_a_film_at_an_angle_is_read(hand: float, codec: CodecSettings) -> None:
     layout = make_layout()
     source = Source(layout, "test", 0)

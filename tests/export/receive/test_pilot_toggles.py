@@ -7,24 +7,16 @@ import pytest
 from numpy.typing import NDArray
 
 from export.locate.pilots.evidence import pilot_signs
-from export.receive.timing.toggles import (
-    PARTS,
-    PatchToggles,
-    PilotToggles,
-    make_toggles,
-)
+from export.receive.timing.toggles import PARTS, PatchToggles, PilotToggles, make_toggles
 from link.layout import Layout, make_layout
+from link.types import Array, Image
 
 LAYOUT = make_layout(16, 16, 128, 128, modulation="antipodal", pilots=128)
 WAVE = np.resize([1.0, 1.0, -1.0, -1.0], 80)
 """State of the display in each frame: each is shown for two frames."""
 
 
-def rectified(
-    layout: Layout,
-    level: float | NDArray[np.float64],
-    picture: float | NDArray[np.float64] = 120.0,
-) -> NDArray[np.uint8]:
+def rectified(layout: Layout, level: float | Array, picture: float | Array = 120.0) -> Image:
     """A frame whose pilots stand out of the blocks of a picture by a level each."""
     blocks = np.zeros(layout.rows * layout.cols) + picture
     blocks[layout.pilot_blocks] += level * pilot_signs(layout)
@@ -33,7 +25,7 @@ def rectified(
     return np.kron(grid, np.ones((tall, wide))).round().astype(np.uint8)
 
 
-def toggles_of(toggles: PilotToggles, frames: Iterable[NDArray[np.uint8]]) -> NDArray[np.float64]:
+def toggles_of(toggles: PilotToggles, frames: Iterable[Image]) -> Array:
     """Toggles (n, P) of rectified frames."""
     return toggles.over_time(np.array([toggles.measure(frame) for frame in frames]))
 

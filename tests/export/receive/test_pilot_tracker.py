@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import slow
-from numpy.typing import NDArray
 from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_picture
 
 import export.receive.tracking.pilots as pilots_module
@@ -20,16 +19,19 @@ from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
 from link.errors import InputError
 from link.layout import make_layout
 from link.presets import PRESETS
-from link.types import Image
+from link.types import Array, Image
 
 FPS = 60.0
 """Frames a second of the films."""
 CLOSE_PX = 4.0
 """A third of a block as it is filmed; what is left is mended when blocks have been decoded."""
 
+Film = tuple[list[Image], Array]
+"""Images, and the display's corners in each."""
+
 
 @pytest.fixture(scope="module")
-def film() -> tuple[list[Image], NDArray[np.float64]]:
+def film() -> Film:
     return filmed(FINE, 40, seed=2)
 
 
@@ -42,7 +44,7 @@ def found_in(tracker: PilotTracker, images: list[Image]) -> int | None:
 
 
 @pytest.mark.slow
-def test_a_display_is_found_and_followed(film: tuple[list[Image], NDArray[np.float64]]) -> None:
+def test_a_display_is_found_and_followed(film: Film) -> None:
     images, corners = film
     tracker, seen = PilotTracker([OTHER, FINE], FPS), []
     for number, (image, expected) in enumerate(zip(images, corners, strict=True)):
@@ -108,7 +110,6 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
         stabiliser = Stabiliser()
         stabiliser.begin(moving_picture(0), far_apart=far_apart)
         H = stabiliser.follow(moving_picture(6))
-        assert H is not None
         middle = H @ [320.0, 320.0, 1.0]
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
         assert 0 < stabiliser.share < 0.9
@@ -118,7 +119,6 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
     stabiliser = Stabiliser()
     stabiliser.begin(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
     H = stabiliser.follow(moving_picture(6))
-    assert H is not None
     np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=0.01)
     assert stabiliser.share > 0.97
     everything = np.array([[-50.0, -50.0], [700.0, -50.0], [700.0, 700.0], [-50.0, 700.0]])
@@ -128,9 +128,7 @@ def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
 
 
 @pytest.mark.slow
-def test_a_display_is_moved_within_its_rectified_image(
-    film: tuple[list[Image], NDArray[np.float64]],
-) -> None:
+def test_a_display_is_moved_within_its_rectified_image(film: Film) -> None:
     images, _ = film
     plain, moved = PilotTracker([FINE], FPS), PilotTracker([FINE], FPS)
     first = found_in(plain, images)
@@ -157,9 +155,7 @@ def test_a_display_is_moved_within_its_rectified_image(
 
 
 @pytest.mark.slow
-def test_a_display_that_stops_toggling_is_lost_and_found_again(
-    film: tuple[list[Image], NDArray[np.float64]],
-) -> None:
+def test_a_display_that_stops_toggling_is_lost_and_found_again(film: Film) -> None:
     images, _ = film
     rng = np.random.default_rng(1)
     tracker = PilotTracker([FINE], FPS)
@@ -173,16 +169,12 @@ def test_a_display_that_stops_toggling_is_lost_and_found_again(
     assert CHECK_EVERY * PATIENCE - len(images) < lost <= CHECK_EVERY * (PATIENCE + 3)
     again, corners = filmed(FINE, 50, seed=9)
     number = found_in(tracker, again)
-    assert number is not None
     tracked = tracker.follow(again[number + 1], (number + 1) / FPS)
-    assert tracked is not None
     assert np.abs(tracked.corners - corners[number + 1]).max() < CLOSE_PX
 
 
 @pytest.mark.slow
-def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
-    film: tuple[list[Image], NDArray[np.float64]],
-) -> None:
+def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(film: Film) -> None:
     """The room may be dark; the picture may not move after all."""
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
@@ -193,7 +185,7 @@ def test_a_display_that_the_room_loses_is_followed_by_its_picture_next(
 
 
 @pytest.mark.slow
-def test_a_display_that_is_gone_is_lost(film: tuple[list[Image], NDArray[np.float64]]) -> None:
+def test_a_display_that_is_gone_is_lost(film: Film) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None
@@ -302,9 +294,7 @@ def test_very_long_images_have_no_candidates() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["size", "colour", "black"])
-def test_a_followed_display_bears_a_change_of_the_frames(
-    kind: str, film: tuple[list[Image], NDArray[np.float64]]
-) -> None:
+def test_a_followed_display_bears_a_change_of_the_frames(kind: str, film: Film) -> None:
     images, _ = film
     tracker = PilotTracker([FINE], FPS)
     assert found_in(tracker, images) is not None

@@ -1,15 +1,13 @@
 """The receiver's work is spread over camera frames, and what makes it quick changes no result."""
 
-import os
-import subprocess
 import sys
 
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
-from numpy.typing import NDArray
+from conftest import run_process
 from pilot_films import FINE, BlockMeans, texture
+from scores import noisy
 
 from export.receive.occlusion import median_image
 from export.receive.reader import WORK_A_FRAME
@@ -21,22 +19,15 @@ from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
 from link.code.steps import run_to_end
+from link.types import Array
 
 N_BITS = 730
-
-
-def noisy(bits: NDArray[np.integer], ber: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Log-likelihood ratios of a binary symmetric channel."""
-    signs = (2.0 * bits - 1) * np.where(rng.random(bits.shape) < ber, -1, 1)
-    return np.asarray(np.log((1 - ber) / ber) * signs)
 
 
 # Decoding in steps
 
 
-def came_at(
-    collector: Collector, rows: NDArray[np.float64], work: float, pushes: int
-) -> tuple[int, Message]:
+def came_at(collector: Collector, rows: Array, work: float, pushes: int) -> tuple[int, Message]:
     """The camera frame, of ``pushes`` for each frame pair, at which the message came."""
     for push in range(pushes * len(rows)):
         pair, left = divmod(push, pushes)
@@ -73,7 +64,6 @@ def test_decoding_goes_on_while_frames_come_and_ends_when_asked() -> None:
     assert (collector.attempts, collector.decoding, collector.collecting) == (attempts, True, True)
     assert collector.progress > progress  # what comes meanwhile is kept
     message = collector.go_on()
-    assert message is not None
     assert message.data == data
     assert not collector.decoding
     assert collector.go_on() is None
@@ -239,9 +229,5 @@ def test_the_commands_multiply_matrices_with_one_thread() -> None:
     shown = "os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules"
     code = f"import os, sys, export.receive; print({shown})"
     for given, seen in ((None, "1 False"), ("3", "3 False")):
-        kept = {key: os.environ[key] for key in os.environ if key != "OPENBLAS_NUM_THREADS"}
-        env = kept if given is None else {**kept, "OPENBLAS_NUM_THREADS": given}
-        done = subprocess.run(
-            [sys.executable, "-c", code], cwd=ROOT, env=env, capture_output=True, text=True
-        )
+        done = run_process(sys.executable, "-c", code, OPENBLAS_NUM_THREADS=given)
         assert done.stdout.strip() == seen, done.stderr

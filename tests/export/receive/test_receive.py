@@ -1,18 +1,15 @@
 """From camera frames to the message, and what is said where there is none."""
 
-import json
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, Command, slow
+from conftest import ROOT, Command, Finished, Refuses, cases, run_process, slow
 from numpy.typing import NDArray
-from streams import Stream, states_of, write_film
+from streams import Stream, events_of, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 from export.receive.inbox import Inbox
@@ -28,6 +25,7 @@ from link.errors import InputError
 from link.images import write_image
 from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
+from link.types import Image
 
 MODEL = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 LAYOUT = make_layout()
@@ -40,13 +38,13 @@ def decoder() -> Decoder:
 
 
 @pytest.fixture(scope="module")
-def states() -> list[NDArray[np.uint8]]:
+def states() -> list[Image]:
     return states_of(TEXT, LAYOUT, np.random.default_rng(5))
 
 
 def listen(
     decoder: Decoder,
-    states: list[NDArray[np.uint8]],
+    states: list[Image],
     stream: Stream,
     *,
     seconds: float = 6,
@@ -67,20 +65,17 @@ def listen(
     return receiver, step.message.data if step.message is not None else None
 
 
-@pytest.mark.parametrize(
-    "stream",
-    [
-        Stream(),
-        slow(Stream(state_hz=10.07, readout=0.0)),
-        slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
-        slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
-        slow(Stream(turn=1)),
-        slow(Stream(turn=2, readout=0.02)),
-    ],
+@cases(
+    Stream(),
+    slow(Stream(state_hz=10.07, readout=0.0)),
+    slow(Stream(state_hz=29.8, fps=60, shutter=1 / 120)),
+    slow(Stream(state_hz=30.2, readout=0.025, shutter=1 / 100)),
+    slow(Stream(turn=1)),
+    slow(Stream(turn=2, readout=0.02)),
     ids=lambda s: f"{s.state_hz}Hz_{s.fps:.0f}fps_turn{s.turn}",
 )
 def test_a_free_running_camera_reads_the_message(
-    decoder: Decoder, states: list[NDArray[np.uint8]], stream: Stream
+    stream: Stream, decoder: Decoder, states: list[Image]
 ) -> None:
     receiver, data = listen(decoder, states, stream)
     assert data == TEXT
@@ -94,7 +89,7 @@ def test_a_free_running_camera_reads_the_message(
 
 
 @pytest.mark.slow
-def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.uint8]]) -> None:
+def test_corners_follow_the_display(decoder: Decoder, states: list[Image]) -> None:
     receiver = Receiver(decoder)
     errors: list[float] = []
     for number, (time, image, corners) in enumerate(
@@ -104,7 +99,6 @@ def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.ui
         if tracked is None and not errors:
             assert number < 4  # a search is spread over some frames
             continue
-        assert tracked is not None
         errors.append(np.linalg.norm(tracked.corners - corners, axis=1).max())
     assert max(errors) < 2.0
     assert np.median(errors) < 1.0
@@ -113,7 +107,7 @@ def test_corners_follow_the_display(decoder: Decoder, states: list[NDArray[np.ui
 def spoils(kind: str) -> object:
     rng = np.random.default_rng(7)
 
-    def spoil(number: int, image: NDArray[np.uint8]) -> NDArray[np.generic] | None:
+    def spoil(number: int, image: Image) -> NDArray[np.generic] | None:
         if kind == "dropped":
             return None if rng.random() < 0.1 else image
         if kind == "leaves":
@@ -132,11 +126,8 @@ def spoils(kind: str) -> object:
     return spoil
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits"))],
-)
-def test_disturbances(decoder: Decoder, states: list[NDArray[np.uint8]], kind: str) -> None:
+@cases("passer-by", *map(slow, ("dropped", "leaves", "exposure jumps", "gray", "16 bits")))
+def test_disturbances(kind: str, decoder: Decoder, states: list[Image]) -> None:
     _, data = listen(decoder, states, Stream(), seconds=12, spoil=spoils(kind))
     assert data == TEXT
 
@@ -160,7 +151,6 @@ def film_of(path: Path, shown: list[tuple[bytes, int]]) -> Path:
 def test_command_says_that_the_message_has_changed(tmp_path: Path, command: Command) -> None:
     film = film_of(tmp_path / "film.avi", [(b"before", 4), (b"behind", 2), (b"later on", 2)])
     done = command(receive_cli.main, film, "--keep-on", "--out", tmp_path / "text")
-    assert done.status == 0, done.stderr
     said = [line for line in events_of(done.stdout) if line["event"] == "message"]
     assert [(line["text"], line.get("changed")) for line in said] == [
         ("before", None),
@@ -178,7 +168,6 @@ def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, comman
     film = film_of(tmp_path / "film.avi", shown)
     words = (film, "--keep-on", "--out", tmp_path / "text", "--key", tmp_path / "key")
     done = command(receive_cli.main, *words)
-    assert done.status == 0, done.stderr
     lines = events_of(done.stdout)
     refused = [line for line in lines if line["event"] == "refused"]
     assert [(line["stale"], line.get("text")) for line in refused] == [(False, None), (True, "old")]
@@ -189,8 +178,7 @@ def test_command_delivers_only_what_was_sent_with_the_key(tmp_path: Path, comman
     ]
     assert lines[-1]["message"] == "new"
     assert (tmp_path / "text").read_bytes() == b"new"
-    done = command(receive_cli.main, *words, "--max-age", 3600)
-    assert done.status == 2
+    done = command(receive_cli.main, *words, "--max-age", 3600, status=2)
     assert "every message was refused (3)" in done.stderr
 
 
@@ -219,7 +207,7 @@ def test_names_that_are_no_camera_are_names_of_files(name: str) -> None:
         open_source(name)
 
 
-@pytest.mark.parametrize(("nominal", "real"), [(5, 60), (2, 30), (0.5, 30)])
+@cases((5, 60), (2, 30), (0.5, 30))
 def test_a_nominal_rate_that_is_far_too_low_finds_no_clock(nominal: float, real: float) -> None:
     """As of a camera that does not know its own rate, or of a wrong --fps."""
     clock, rng = Synchroniser(nominal, PatchToggles(make_layout())), np.random.default_rng(0)
@@ -248,31 +236,18 @@ def test_memory_is_bounded(decoder: Decoder) -> None:
     assert receiver.decoded == 0
 
 
-@pytest.mark.parametrize(
-    "image", [np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64))]
-)
+@cases(np.zeros((8, 8)), np.zeros((64, 64, 4), np.uint8), np.zeros((64, 64)))
 def test_arrays_that_are_no_images_are_refused(image: NDArray[np.generic]) -> None:
     with pytest.raises(InputError):
         as_uint8(image)
 
 
-def events_of(text: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in text.splitlines()]
-
-
-def receive(*words: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "export.receive", *map(str, words)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+def receive(*words: object, status: int = 0) -> Finished:
+    return run_process(sys.executable, "-m", "export.receive", *words, status=status)
 
 
 @pytest.mark.slow
-def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[Image]) -> None:
     """Single images, two of each state in order: no clock fits, their order is enough."""
     rng = np.random.default_rng(1)
     camera = Stream(noise=1.0)
@@ -281,7 +256,6 @@ def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[n
         write_image(tmp_path / "in" / f"{number:04d}.png", image)
     done = receive(tmp_path / "in", "--show", tmp_path / "show", "--out", tmp_path / "text")
     lines = events_of(done.stdout)
-    assert done.returncode == 0, done.stderr
     assert [line["text"] for line in lines if line["event"] == "message"] == [TEXT.decode()]
     assert lines[-1]["event"] == "end"
     assert (tmp_path / "text").read_bytes() == TEXT
@@ -289,32 +263,24 @@ def test_command_reads_a_folder_and_draws(tmp_path: Path, states: list[NDArray[n
 
 
 @pytest.mark.slow
-def test_command_reads_two_images_in_either_order(
-    tmp_path: Path, states: list[NDArray[np.uint8]]
-) -> None:
+def test_command_reads_two_images_in_either_order(tmp_path: Path, states: list[Image]) -> None:
     rng = np.random.default_rng(1)
     for name, state in (("a", states[0]), ("b", states[1])):
         write_image(tmp_path / f"{name}.png", next(Stream().frames([state], 1, rng))[1])
     forward = receive(tmp_path / "a.png", tmp_path / "b.png")
     backward = receive(tmp_path / "b.png", tmp_path / "a.png")
-    assert forward.returncode == backward.returncode == 0, forward.stderr + backward.stderr
     assert events_of(forward.stdout)[-1]["bits"] == events_of(backward.stdout)[-1]["bits"]
-    same = receive(tmp_path / "a.png", tmp_path / "a.png")
-    assert same.returncode == 2
-    assert "same state" in same.stderr
+    assert "same state" in receive(*2 * (tmp_path / "a.png",), status=2).stderr
 
 
 @pytest.mark.slow
-def test_command_reads_a_video(tmp_path: Path, states: list[NDArray[np.uint8]]) -> None:
+def test_command_reads_a_video(tmp_path: Path, states: list[Image]) -> None:
     film = SMALL.frames(states, 3, np.random.default_rng(2))
     path = write_film(tmp_path / "film.avi", (image for _, image, _ in film))
-    done = receive(path)
-    assert done.returncode == 0, done.stderr
-    assert events_of(done.stdout)[-1]["message"] == TEXT.decode()
+    assert events_of(receive(path).stdout)[-1]["message"] == TEXT.decode()
     whole = path.read_bytes()
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) // 12])
-    cut = receive(tmp_path / "cut.avi")
-    assert cut.returncode == 2
+    cut = receive(tmp_path / "cut.avi", status=2)
     assert cut.stderr.strip().splitlines()[-1].startswith("error: ")
     assert "Traceback" not in cut.stderr
 
@@ -338,8 +304,6 @@ def test_a_video_that_breaks_off_is_an_error_for_the_sender_and_a_warning_for_th
     assert received[9].time == pytest.approx(0.3)
 
 
-def test_command_says_why_there_is_no_message(tmp_path: Path, command: Command) -> None:
+def test_command_says_why_there_is_no_message(tmp_path: Path, refuses: Refuses) -> None:
     write_image(tmp_path / "a.png", np.full((200, 300, 3), 90, np.uint8))
-    done = command(receive_cli.main, tmp_path)
-    assert (done.status, len(done.stderr.splitlines())) == (2, 1)
-    assert "no display that is looked for" in done.stderr
+    refuses("export.receive.__main__", ".", "no display that is looked for", began=True)

@@ -1,17 +1,14 @@
 """One receiver reads every preset: it finds what is shown, says which, and delivers the message."""
 
-import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from conftest import Command
-from numpy.typing import NDArray
-from pilot_films import CORNERS, BlockMeans, filmed, texture
-from streams import Stream, states_of, write_film
+from conftest import Command, Refuses, cases
+from pilot_films import CORNERS, TEXT, BlockMeans, filmed, robust_film, texture
+from streams import Stream, events_of, states_of, write_film
 
 import export.receive.__main__ as receive_cli
 import export.receive.decoders as decoders_module
@@ -24,17 +21,16 @@ from export.receive.stream import MAX_PRINTED_BITS, pair_event
 from export.receive.tracking.patches import Tracker
 from export.receive.tracking.pilots import PilotTracker
 from export.runtime import Decoder
-from link.code.framing import encode
 from link.embed import embed
 from link.errors import InputError
 from link.frames import SoftBits
 from link.images import write_image
 from link.layout import Layout, block_mean, make_layout
 from link.presets import PRESETS, Preset, preset_name
+from link.types import Image
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_graphs
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
-TEXT = b"no marks"
 BARE = make_layout(ratex=0)
 
 
@@ -42,13 +38,7 @@ def receiver_of(*layouts: Layout, fps: float = 30.0) -> Receiver:
     return Receiver([BlockMeans(layout) for layout in layouts], fps)
 
 
-def robust_film(frames: int = 70) -> list[NDArray[np.uint8]]:
-    """A film of the preset robust, whose states are shown for two frames each."""
-    loop = encode(TEXT, ROBUST.n_bits)
-    return filmed(ROBUST, frames, seed=3, message=loop)[0]
-
-
-def read(receiver: Receiver, images: list[NDArray[np.uint8]]) -> bytes | None:
+def read(receiver: Receiver, images: list[Image]) -> bytes | None:
     for number, image in enumerate(images):
         step = receiver.push(image, number / 30)
         if step.message is not None:
@@ -61,7 +51,7 @@ def read(receiver: Receiver, images: list[NDArray[np.uint8]]) -> bytes | None:
 def test_a_film_of_a_preset_with_pilots_delivers_its_message() -> None:
     receiver = receiver_of(PAPER, ROBUST)
     assert receiver.layout == PAPER
-    images = robust_film(80)
+    images, _ = robust_film(80)
     assert read(receiver, images) == TEXT
     assert receiver.layout == ROBUST
     assert receiver.progress > 0.9
@@ -85,7 +75,6 @@ def test_a_film_with_patches_is_read_among_all_presets() -> None:
         message = message or step.message
         if message is not None:
             break
-    assert message is not None
     assert message.data == TEXT
     assert receiver.layout == PAPER
     assert sum(other.pairs for other in others) == 0
@@ -119,12 +108,8 @@ def test_two_images_must_show_both_states() -> None:
 # the command
 
 
-def events_of(text: str) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in text.splitlines()]
-
-
 def test_by_default_all_shipped_graphs_are_read(
-    monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, command: Command, refuses: Refuses, tmp_path: Path
 ) -> None:
     loaded: list[Path] = []
     checked: dict[Layout, Path] = {}
@@ -140,19 +125,18 @@ def test_by_default_all_shipped_graphs_are_read(
     monkeypatch.setattr(decoders_module, "Decoder", load)
     monkeypatch.setattr(decoders_module, "ShippedDecoder", check)
     write_image(tmp_path / "in" / "a.png", np.full((60, 80, 3), 90, np.uint8))
-    done = command(receive_cli.main, tmp_path / "in")
+    command(receive_cli.main, tmp_path / "in", status=2)
     assert checked == shipped_graphs()
     assert len(checked) > 2
     assert loaded == []  # a film without a display needs none of them
     chosen = [PRETRAINED / "decoder.onnx", PRETRAINED_PILOTS / "24x32.onnx"]
-    done = command(receive_cli.main, tmp_path / "in", "--model", chosen[0], "--model", chosen[1])
-    assert loaded == chosen
-    assert done.status == 2
+    words = (tmp_path / "in", "--model", chosen[1], "--model")
+    done = command(receive_cli.main, *words, chosen[0], status=2)
+    assert loaded == chosen[::-1]
     assert len(done.stderr.splitlines()) == 1
     assert [line["event"] for line in events_of(done.stdout)] == ["end"]
-    twice = command(receive_cli.main, tmp_path / "in", "--model", chosen[1], "--model", chosen[1])
-    assert (twice.status, twice.stderr.count("\n")) == (2, 1)
-    assert "decoders: two of them read the same layout" in twice.stderr
+    said = "decoders: two of them read the same layout"
+    refuses("export.receive.__main__", [*words, chosen[1]], said)
 
 
 def test_a_shipped_graph_is_loaded_when_it_decodes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,41 +179,33 @@ def test_a_shipped_graph_is_loaded_once_beside_other_work(monkeypatch: pytest.Mo
     assert len(loaded) == 1
 
 
-@pytest.mark.parametrize(
-    ("damage", "says"),
-    [
-        (lambda data: data[: len(data) // 2], "not a readable ONNX model; export it again (it is"),
-        (lambda data: b"version https://git-lfs", "not a readable ONNX model; export it again (it"),
-        (None, "no such model"),
-    ],
+@cases(
+    (lambda data: data[: len(data) // 2], "not a readable ONNX model; export it again (it is"),
+    (lambda data: b"version https://git-lfs", "not a readable ONNX model; export it again (it"),
+    (None, "no such model"),
     ids=["cut off", "another file", "missing"],
 )
 def test_a_damaged_shipped_graph_is_refused_at_once(
     damage: Callable[[bytes], bytes] | None,
     says: str,
     monkeypatch: pytest.MonkeyPatch,
-    command: Command,
+    refuses: Refuses,
     tmp_path: Path,
 ) -> None:
     broken = tmp_path / "24x32.onnx"
     if damage is not None:
         broken.write_bytes(damage((PRETRAINED_PILOTS / "24x32.onnx").read_bytes()))
     monkeypatch.setattr(decoders_module, "shipped_graphs", lambda: {ROBUST: broken})
-    done = command(receive_cli.main, tmp_path / "no film")
-    assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
-    assert f"{broken}: {says}" in done.stderr
+    refuses("export.receive.__main__", ["no film"], f"{broken}: {says}")
 
 
 def test_two_images_of_pilots_give_one_line(
-    monkeypatch: pytest.MonkeyPatch, command: Command, tmp_path: Path
+    monkeypatch: pytest.MonkeyPatch, refuses: Refuses, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(decoders_module, "Decoder", lambda *_: BlockMeans(ROBUST))
     write_image(tmp_path / "a.png", np.full((60, 80, 3), 90, np.uint8))
-    images = (tmp_path / "a.png", tmp_path / "a.png")
-    done = command(receive_cli.main, *images, "--model", "pilots.onnx")
-    assert (done.status, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
-    assert "no display is in both whose blocks change" in done.stderr
-    assert "(robust looked for)" in done.stderr
+    says = ("no display is in both whose blocks change", "(robust looked for)")
+    refuses("export.receive.__main__", "a.png a.png --model pilots.onnx", *says)
 
 
 def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: Command) -> None:
@@ -240,7 +216,7 @@ def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: 
     found = []
     for names in ("ab", "ba"):
         done = command(receive_cli.main, *(tmp_path / f"{name}.png" for name in names))
-        assert (done.status, done.stderr) == (0, "")
+        assert done.stderr == ""
         *displays, pair = events_of(done.stdout)
         assert [line["preset"] for line in displays] == ["robust", "robust"]
         for line, name in zip(displays, names, strict=True):
@@ -252,10 +228,9 @@ def test_two_images_of_pilots_are_read_in_either_order(tmp_path: Path, command: 
 
 @pytest.mark.slow
 def test_the_command_says_which_preset_is_shown(tmp_path: Path, command: Command) -> None:
-    film = write_film(tmp_path / "film.avi", robust_film(), codec="FFV1")
+    film = write_film(tmp_path / "film.avi", robust_film(70)[0], codec="FFV1")
     graph = PRETRAINED_PILOTS / "24x32.onnx"
     done = command(receive_cli.main, film, "--model", graph)
-    assert done.status == 0, done.stderr
     lines = events_of(done.stdout)
     display = next(line for line in lines if line["event"] == "display")
     assert display["preset"] == "robust"

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from conftest import cases
 from streams import Stream, states_of
 
 from export.receive.receiver import Receiver
@@ -19,6 +19,7 @@ from link.errors import InputError
 from link.images import write_image
 from link.images.video import VideoReader, read_video, write_video
 from link.layout import make_layout
+from link.types import Image
 from models import PRETRAINED
 
 LAYOUT = make_layout()
@@ -28,11 +29,7 @@ SEEN = (0, 1, 2, 4, 5, 6, 8, 9, 10, 11, 13, 14, 15, 16, 17, 18)
 
 
 def write_timed(
-    path: Path,
-    frames: list[NDArray[np.uint8]],
-    times: list[float],
-    codec: str = "libx264",
-    **options: str,
+    path: Path, frames: list[Image], times: list[float], codec: str = "libx264", **options: str
 ) -> Path:
     """A film whose frames have the times given, by PyAV."""
     av = pytest.importorskip("av")
@@ -50,17 +47,14 @@ def write_timed(
     return path
 
 
-def grays(numbers: tuple[int, ...]) -> list[NDArray[np.uint8]]:
+def grays(numbers: tuple[int, ...]) -> list[Image]:
     """Even images whose level tells their number."""
     return [np.full((48, 64, 3), 40 + 8 * number, np.uint8) for number in numbers]
 
 
-@pytest.mark.parametrize(
-    ("name", "options"),
-    [("film.mp4", {}), ("film.mp4", {"bf": "0"}), ("film.mkv", {}), ("late.mp4", {})],
-)
+@cases(("film.mp4", {}), ("film.mp4", {"bf": "0"}), ("film.mkv", {}), ("late.mp4", {}))
 def test_a_file_with_missing_frames_keeps_their_times(
-    tmp_path: Path, name: str, options: dict[str, str]
+    name: str, options: dict[str, str], tmp_path: Path
 ) -> None:
     start = 2.5 if name == "late.mp4" else 0.0
     times = [start + number / 30 for number in SEEN]
@@ -104,7 +98,7 @@ class ToldTimes:
         self.number += 1
         return self.number < len(self.times)
 
-    def read(self) -> tuple[bool, NDArray[np.uint8]]:
+    def read(self) -> tuple[bool, Image]:
         return self.grab(), np.zeros((16, 16, 3), np.uint8)
 
     def get(self, what: int) -> float:
@@ -117,18 +111,15 @@ class ToldTimes:
         pass
 
 
-@pytest.mark.parametrize(
-    ("told", "used"),
-    [
-        ((0, 0, 0, 0), (0, 0.05, 0.1, 0.15)),
-        ((3, 2, 1, 0), (0, 0.05, 0.1, 0.15)),
-        ((float("nan"),) * 4, (0, 0.05, 0.1, 0.15)),
-        ((-1e300, 1e300, float("inf"), 0), (0, 0.05, 0.1, 0.15)),
-        ((0, 0.05, 0.02, 0.15), (0, 0.05, 0.1, 0.15)),  # one is wrong, and the next are right
-        ((0, 0.05, 900, 0.15), (0, 0.05, 0.1, 0.15)),
-        ((0, 0.05, 0, 0.05), (0, 0.05, 0.1, 0.15)),  # two files joined
-        ((0, 0.05, 0.2, 0.25), (0, 0.05, 0.2, 0.25)),
-    ],
+@cases(
+    ((0, 0, 0, 0), (0, 0.05, 0.1, 0.15)),
+    ((3, 2, 1, 0), (0, 0.05, 0.1, 0.15)),
+    ((float("nan"),) * 4, (0, 0.05, 0.1, 0.15)),
+    ((-1e300, 1e300, float("inf"), 0), (0, 0.05, 0.1, 0.15)),
+    ((0, 0.05, 0.02, 0.15), (0, 0.05, 0.1, 0.15)),  # one is wrong, and the next are right
+    ((0, 0.05, 900, 0.15), (0, 0.05, 0.1, 0.15)),
+    ((0, 0.05, 0, 0.05), (0, 0.05, 0.1, 0.15)),  # two files joined
+    ((0, 0.05, 0.2, 0.25), (0, 0.05, 0.2, 0.25)),
 )
 def test_times_that_cannot_be_are_replaced(
     told: tuple[float, ...],
@@ -156,16 +147,13 @@ def test_a_camera_that_is_unplugged_ends_with_a_warning(
         list(open_source("0").frames)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("list.avi", "ffconcat version 1.0\nfile secret.avi\n"),
-        ("list.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.avi\n"),
-        ("list.sdp", "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nt=0 0\nm=video 5004 RTP/AVP 96\n"),
-        ("text.avi", "a screen full of text\n" * 500),
-    ],
+@cases(
+    ("list.avi", "ffconcat version 1.0\nfile secret.avi\n"),
+    ("list.m3u8", "#EXTM3U\n#EXT-X-TARGETDURATION:9\n#EXTINF:9,\nsecret.avi\n"),
+    ("list.sdp", "v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nt=0 0\nm=video 5004 RTP/AVP 96\n"),
+    ("text.avi", "a screen full of text\n" * 500),
 )
-def test_a_file_that_leads_to_others_is_no_video(tmp_path: Path, name: str, content: str) -> None:
+def test_a_file_that_leads_to_others_is_no_video(name: str, content: str, tmp_path: Path) -> None:
     write_video(tmp_path / "secret.avi", grays((0, 1)), 30)
     (tmp_path / name).write_text(content)
     with pytest.raises(InputError, match=f"{name}: not a readable video"):
@@ -206,17 +194,14 @@ def test_a_constant_rate_is_read_as_before(tmp_path: Path) -> None:
     assert source.fps == pytest.approx(25)
 
 
-@pytest.mark.parametrize(
-    ("names", "numbers"),
-    [
-        (("f_0007", "f_0008", "f_0011"), (0, 1, 4)),
-        (("f8", "f9", "f10", "f12"), (0, 1, 2, 4)),
-        (("2026 frame 3 ", "2026 frame 5 "), (0, 2)),
-        (("a", "b2", "c5"), (0, 1, 2)),
-        (("f_1_cam2", "f_5_cam2", "f_6_cam2"), (0, 1, 2)),
-        (("a7", "b3", "c9"), (0, 1, 2)),
-        (("f1" + "0" * 200, "f2" + "0" * 200), (0, 1)),
-    ],
+@cases(
+    (("f_0007", "f_0008", "f_0011"), (0, 1, 4)),
+    (("f8", "f9", "f10", "f12"), (0, 1, 2, 4)),
+    (("2026 frame 3 ", "2026 frame 5 "), (0, 2)),
+    (("a", "b2", "c5"), (0, 1, 2)),
+    (("f_1_cam2", "f_5_cam2", "f_6_cam2"), (0, 1, 2)),
+    (("a7", "b3", "c9"), (0, 1, 2)),
+    (("f1" + "0" * 200, "f2" + "0" * 200), (0, 1)),
 )
 def test_the_names_of_a_folder_number_its_frames(
     names: tuple[str, ...], numbers: tuple[int, ...], tmp_path: Path
@@ -229,7 +214,7 @@ def test_the_names_of_a_folder_number_its_frames(
         assert [int(frame.image[0, 0, 0]) for frame in frames] == list(range(len(names)))
 
 
-def noisy_film(count: int, noise: float = 1.5) -> list[NDArray[np.uint8]]:
+def noisy_film(count: int, noise: float = 1.5) -> list[Image]:
     """A display that stands still before a camera that stands still: only noise differs."""
     rng = np.random.default_rng(1)
     picture = cv2.resize(rng.integers(20, 230, (6, 8, 3)).astype(np.uint8), (320, 240))
@@ -262,7 +247,6 @@ def test_a_recording_of_the_screen_is_read() -> None:
         step = receiver.push(states[number // 4 % len(states)], number / 60)
         if step.message is not None:
             break
-    assert step.message is not None
     assert step.message.data == TEXT
     assert receiver.repeated == 0
 

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 from drawn_scenes import content
-from numpy.typing import NDArray
 from pilot_films import BlockMeans, beside_print, filmed
 
 from export.locate.find import is_at
@@ -15,13 +14,14 @@ from link.geometry import frame_corners
 from link.images import as_gray
 from link.layout import make_layout
 from link.presets import PRESETS
+from link.types import Image
 
 PAPER, ROBUST = PRESETS["paper"].layout, PRESETS["robust"].layout
 TEXT = b"it lives"
 UPRIGHT = frame_corners(PAPER.width, PAPER.height)
 
 
-def wall_with_prints(*lefts: int) -> NDArray[np.uint8]:
+def wall_with_prints(*lefts: int) -> Image:
     """A gray wall, 1280 x 480, on which still frames of the preset paper hang."""
     wall = np.full((480, 1280), 90, np.uint8)
     for number, left in enumerate(lefts):

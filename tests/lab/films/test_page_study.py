@@ -7,9 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import Command
 
-from lab import __main__ as lab
 from lab.films import browser, page
 from lab.films.browser import open_chromium
 from lab.films.page import (
@@ -164,18 +162,3 @@ def test_what_is_missing_for_the_camera_is_said_in_one_line(monkeypatch) -> None
     monkeypatch.setitem(sys.modules, "playwright.sync_api", None)
     with pytest.raises(InputError, match=r"Playwright is missing.*pip install"), open_chromium():
         pass
-
-
-@pytest.mark.parametrize(
-    ("flags", "says"),
-    [
-        (["--films", "0"], "--films: need"),
-        (["--settings", "x"], "unknown name in --settings 'x'"),
-        (["--by", "x"], "unknown way in --by 'x'"),
-        (["--settings", "paper", "paper"], "--settings: name at least one, and none twice"),
-    ],
-)
-def test_a_wrong_flag_is_refused(flags: list[str], says: str, command: Command) -> None:
-    done = command(lab.main, "page", *flags)
-    assert (done.status, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert done.stderr.startswith(f"error: {says}")

@@ -1,0 +1,56 @@
+"""A small stored run, as evaluate.py leaves it, for the tests of what reads it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from link.images import write_image
+from reports.engine.records import to_records
+from reports.run import Cost, Response, RunFolder, Story, SweepCurve, SweepPoint
+
+META = {"simulated": True, "seed": 0, "command": "python evaluate.py"}
+
+
+def prediction(method: str, index: int, condition: str = "") -> dict[str, Any]:
+    """A prediction of eight bits, the first of which are wrong, as a run stores it."""
+    bits = [(index + i) % 2 for i in range(8)]
+    wrong = {"naive": 3, "oorc": 2}.get(method, 0)
+    scores = [(2.5 if bit else -2.5) * (-1 if i < wrong else 1) for i, bit in enumerate(bits)]
+    cell = {"method": method, "pair": "canon-lg", "view_deg": 45.0, "kappa": 3, "index": index}
+    return {"condition": condition, **cell, "picture": "p", "bits": bits, "scores": scores}
+
+
+def write_run(path: Path) -> None:
+    """A finished run that has every file, each as small as it may be."""
+    run = RunFolder(path)
+    run.claim({"seed": 0, "ratex": 5, "checkpoints": {"learned": "0123456789abcdef"}})
+    main = to_records([prediction(m, i) for m in ("naive", "oorc", "learned") for i in range(5)])
+    run.write_comparison(main, META, "tables")
+    conditions = ("kappa 1", "kappa 2", "jpeg")
+    swept = [prediction(m, 0, condition) for condition in conditions for m in ("oorc", "learned")]
+    run.write_sweeps(
+        [
+            SweepCurve("kappa", "κ", "κ", "", True, 1.0, "κ {}",
+                       [SweepPoint(1.0, "kappa 1"), SweepPoint(2.0, "kappa 2")]),
+            SweepCurve("jpeg", "JPEG", "quality", "", False, 1.0, "JPEG {}",
+                       [SweepPoint(50.0, "jpeg")]),
+        ],
+        to_records(swept),
+    )  # fmt: skip
+    write_image(path / "stories" / "a.jpg", np.zeros((20, 20, 3), np.uint8))
+    shown = [("stories/a.jpg", "caption")]
+    run.write_stories(
+        [
+            Story("strip", "title", "where", shown),
+            Story("failure", "title", "where", shown, "reason", {"noise": (1.0, 2.0)}),
+        ]
+    )
+    levels = [0.0, 255.0]
+    found = {"naive": [(0.0, 0.0), (255.0, 250.0)]}
+    response = Response(
+        "canon-lg", 45.0, 3, 0, levels, levels, levels, levels, found, {"naive": 1.0}
+    )
+    run.write_responses([response])
+    run.write_cost(Cost(3, "warps", 1.0, {"warps": (1.0, 1.0, 1.0), "naive": (1.0, 2.0, 3.0)}))
+    run.finish(META, {"decoding": 1.0}, ["a note"])
