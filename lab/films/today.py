@@ -122,11 +122,12 @@ def today_blocks(results: Mapping[str, Results[TodayContent]]) -> dict[str, str]
         "(±1 %) and start in the loop drawn anew in each run, which ends after five seconds "
         "(`python -m lab today`):"
     )
-    same = "The same films, with one effect switched off in turn, all pairs and views together:"
-    return {
-        "today": Table(("setting", "pair", "view", *heads), cells, title).markdown(),
-        "today_effects": Table(("setting", "switched off", *heads), effects, same).markdown(),
-    }
+    blocks = {"today": Table(("setting", "pair", "view", *heads), cells, title, left=3).markdown()}
+    if effects:
+        same = "The same films, with one effect switched off in turn, all pairs and views together:"
+        table = Table(("setting", "switched off", *heads), effects, same, left=2)
+        blocks["today_effects"] = table.markdown()
+    return blocks
 
 
 def _outcome(runs: pd.DataFrame) -> list[str]:

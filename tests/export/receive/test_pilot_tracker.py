@@ -61,7 +61,7 @@ def test_a_display_is_found_and_followed(film: Film) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("colours", [False, True])
 def test_a_display_that_is_found_is_shown_in_the_frames_before(
-    film: tuple[list[Image], NDArray[np.float64]], colours: bool
+    film: tuple[list[Image], Array], colours: bool
 ) -> None:
     images, corners = film
     if colours:
