@@ -174,14 +174,15 @@ def dithered(picture: NDArray[np.uint8], bits: int, turn: int) -> NDArray[np.uin
         (H, W, 3) uint8 levels; the panel's highest is 255, and the mean over four turns is right
         up to the rounding of its levels and up to its top level.
     """
-    height, width = picture.shape[:2]
     steps = 2**bits
-    offsets = (DITHER + DITHER_ORDER[turn]) % 4 >> (2 - bits)
-    tiled = np.tile(offsets, (-(-height // 2), -(-width // 2)))[:height, :width, None]
     top = 255 // steps
-    coarse = np.minimum((picture.astype(np.uint16) + tiled) // steps, top)
-    table = np.round(np.arange(top + 1) * 255 / top).astype(np.uint8)
-    return np.asarray(table[coarse])
+    native = np.round(np.arange(top + 1) * 255 / top).astype(np.uint8)
+    shown = np.empty_like(picture)
+    for (y, x), place in np.ndenumerate(DITHER):
+        offset = (place + DITHER_ORDER[turn]) % 4 >> (2 - bits)
+        table = native[np.minimum((np.arange(256) + offset) // steps, top)]
+        shown[y::2, x::2] = table[picture[y::2, x::2]]
+    return shown
 
 
 def refine_grid(coarse: NDArray[np.floating], size: tuple[int, int]) -> Light:
