@@ -57,7 +57,7 @@ IN_VIEW = 0.75
 """Smallest share of the reference frame that must still be in view for a search to go on."""
 CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
 """Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
-HELD_S, LEAST_HELD = 0.5, 36
+HELD_S, LEAST_HELD = 0.5, 35
 """Time, in seconds, and smallest number of frames for which the newest frames are kept: a display
 that is found is read in them, too."""
 PROMISING = 9.0
