@@ -119,7 +119,7 @@ class PilotSearch:
         self._held: deque[FilmFrame] = deque(maxlen=max(LEAST_HELD, round(HELD_S * fps)))
         self._reference: NDArray[np.uint8]
         self._first: FilmFrame
-        self._fps, self._start = fps, 0.0
+        self._fps = fps
         self._watched: list[Array] = []
         self._values: list[list[NDArray[np.float32]]] = []
         self._promising: Proposal | None = None
@@ -142,7 +142,7 @@ class PilotSearch:
             H = None
         if H is None:
             self._stabiliser.begin(gray, far_apart=self.picture_moves)
-            self._reference, self._start = image, time
+            self._reference = image
             self._seen, self._surest_seen = 0, 0.0
             self._frames, self._promising, self._work = [], None, None
             self._later.clear()
@@ -152,7 +152,7 @@ class PilotSearch:
             return None
         if not self._frames:
             self._begin()
-        at = position(time - self._start, self._fps)
+        at = position(time - self._first.time, self._fps)
         newest = FilmFrame(gray, H, at, time, self._stabiliser.tracks)
         self._held.append(newest)
         self._seen += 1
