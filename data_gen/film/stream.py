@@ -323,16 +323,21 @@ class _Stream:
             way: (3,) the camera's way, as `Scene.parallax` takes it.
             shutter_s: time for which each row is open, seconds.
         """
-        scene, layout = self.scene, self.scene.layout
-        points = self.panel.points
+        scene, points = self.scene, self.panel.points
         # (h, w, 2) -> (h w, 2) -> (h, w)
         rows = transform(shot.H_captured_from_display, points.reshape(-1, 2))[:, 1]
         rows = np.clip(rows.reshape(points.shape[:2]) / scene.size[1], -1, 2)
         light, shares = self.panel.exposed(opens + scene.pair.camera.readout_s * rows, shutter_s)
-        side = max(layout.width, layout.height)
-        lamp = self.viewpoint.lamp + LAMP_SHARE * way[:2] * side / (layout.width, layout.height)
-        light += room_light(scene.pair.display, layout.height, layout.width, lamp)[:, :, None]
+        light += self._room(way)
         return light, shares
+
+    def _room(self, way: NDArray[np.float64]) -> Light:
+        """Return the room light of the display, as `Viewpoint.room`, from where the camera is."""
+        if not way.any():
+            return self.viewpoint.room
+        size = self.scene.layout.width, self.scene.layout.height
+        lamp = self.viewpoint.lamp + LAMP_SHARE * way[:2] * max(size) / size
+        return room_light(self.scene.pair.display, size[1], size[0], lamp)[:, :, None]
 
     def _state(self, number: int) -> NDArray[np.uint8]:
         """Return the picture of a state by its number."""
