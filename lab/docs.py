@@ -88,6 +88,8 @@ STEPS |= {
         "hidden": '--settings "hidden, 60 fps" --runs 20',
         "fast": '--settings "fast, 60 fps" --runs 2',
         "hidden_120": '--settings "hidden, 120 fps" --runs 2',
+        "hidden_six_bits": '--settings "hidden, 60 fps" --pairs phone-sixbit --runs 20 '
+        "--without nothing frame_rate_control",
     }.items()
 }
 STEPS |= {

@@ -102,21 +102,25 @@ class TodayContent:
 
 def today_blocks(results: Mapping[str, Results[TodayContent]]) -> dict[str, str]:
     """Tabulate the cells of all settings, and the sum of their cells without each effect."""
-    found = [series for stored in results.values() for series in stored.content.series]
-    order = list(SETTINGS)
-    found.sort(key=lambda series: order.index(series.setting))
     heads = (
         "delivered", "95 % interval", "wrong messages", "seconds, median", "longest",
         "bits wrong %", "information, bits a block and pair",
     )  # fmt: skip
     cells, effects = [], []
-    for series in found:
-        runs = pd.DataFrame([vars(run) for run in series.runs])
-        if series.without == NOTHING:
+    for setting in SETTINGS:
+        plain = []
+        for stored in results.values():
+            found = [series for series in stored.content.series if series.setting == setting]
+            films = {
+                series.without: pd.DataFrame([vars(run) for run in series.runs]) for series in found
+            }
+            plain += [runs for effect, runs in films.items() if effect == NOTHING]
+            if set(films) - {NOTHING}:
+                effects += [[setting, effect, *_outcome(runs)] for effect, runs in films.items()]
+        if plain:  # a film that several results hold counts once
+            runs = pd.concat(plain).drop_duplicates(["pair", "view_deg", "run"])
             for (pair, view), cell in runs.groupby(["pair", "view_deg"], sort=False):
-                cells.append([series.setting, pair, f"{view:g}°", *_outcome(cell)])
-        if any(each.without != NOTHING and each.setting == series.setting for each in found):
-            effects.append([series.setting, series.without, *_outcome(runs)])
+                cells.append([setting, pair, f"{view:g}°", *_outcome(cell)])
     title = (
         "Simulated hand-held video at 1280 × 720, a 100-byte message; picture, room, pose, clocks "
         "(±1 %) and start in the loop drawn anew in each run, which ends after five seconds "
@@ -124,7 +128,7 @@ def today_blocks(results: Mapping[str, Results[TodayContent]]) -> dict[str, str]
     )
     blocks = {"today": Table(("setting", "pair", "view", *heads), cells, title, left=3).markdown()}
     if effects:
-        same = "The same films, with one effect switched off in turn, all pairs and views together:"
+        same = "The same films, with one effect switched off in turn, pairs and views together:"
         table = Table(("setting", "switched off", *heads), effects, same, left=2)
         blocks["today_effects"] = table.markdown()
     return blocks

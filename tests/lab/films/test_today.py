@@ -51,6 +51,21 @@ def test_each_pair_and_view_is_a_cell_and_effects_are_summed_over_them() -> None
     ]
 
 
+def test_films_of_several_results_count_once_and_effects_beside_their_own() -> None:
+    plain = [run("phone-tv", 0.0, True, 1.0), run("phone-oled", 0.0, False, 5.0)]
+    usual = TodayContent([TodaySeries("robust, 30 fps", NOTHING, plain)])
+    switched = TodayContent(
+        [
+            TodaySeries("robust, 30 fps", NOTHING, plain[:1]),
+            TodaySeries("robust, 30 fps", "scan", plain[:1]),
+        ]
+    )
+    blocks = today_blocks({"usual": Results({}, usual), "switched": Results({}, switched)})
+    assert [row["delivered"] for row in rows(blocks["today"])] == ["1 of 1", "0 of 1"]
+    effects = [(row["switched off"], row["delivered"]) for row in rows(blocks["today_effects"])]
+    assert effects == [(NOTHING, "1 of 1"), ("scan", "1 of 1")]
+
+
 def test_webcams_film_what_they_are_fast_enough_for() -> None:
     flags = TodayFlags()
     for name, (_, fps) in SETTINGS.items():
