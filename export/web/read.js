@@ -30,7 +30,7 @@ async function loadDecoders() {
   return decoders;
 }
 
-await loadOpenCv();
+await loadOpenCv(new Uint8Array(readFileSync(join(site, "opencv.wasm"))));
 const decoders = await loadDecoders();
 /** @type {Receiver | null} */
 let receiver = null;

@@ -46,7 +46,10 @@ export async function load(folder = import.meta.url) {
     if (!response.ok) throw new Error(`${address}: ${response.status}; name the package's folder`);
     return new Uint8Array(await response.arrayBuffer());
   }
-  const [presets] = await Promise.all([read("presets.json"), loadOpenCv()]);
+  const [presets] = await Promise.all([
+    read("presets.json"),
+    read("opencv.wasm").then(loadOpenCv),
+  ]);
   for (const { name, layout, model } of JSON.parse(new TextDecoder().decode(presets))) {
     if (!decoders.has(name)) decoders.set(name, new Decoder(new Layout(layout), await read(model)));
   }

@@ -137,7 +137,7 @@ async function loadAll() {
   canDecode = ready;
   const [table, films] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
-    loadOpenCv(),
+    load("opencv.wasm").then(loadOpenCv),
   ]);
   for (const [number, { name, layout }] of table.entries()) {
     const known = new Layout(layout);

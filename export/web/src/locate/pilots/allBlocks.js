@@ -11,18 +11,16 @@
  */
 
 import { locatePilotsAllBlocks } from "../../generated/constants.js";
-import { blurred } from "../../image/blur.js";
-import { areaMeans } from "../../image/shrink.js";
+import { blurred, lessMeanAround } from "../../image/blur.js";
+import { areaMeans, drawnBlocks } from "../../image/shrink.js";
 import { remapped, warped } from "../../image/warp.js";
 import { Lens, homographyFromCorners, resizedHomography, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
-import { lessMeanAround } from "./around.js";
 import { withoutSlope } from "./corners.js";
 import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
 import {
   MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "./motion.js";
-import { drawnBlocks } from "./partMatches.js";
 import { waves } from "./waves.js";
 
 export const {

@@ -11,7 +11,8 @@
  */
 
 import { locatePilotsCorners } from "../../generated/constants.js";
-import { cv, withMats } from "../../image/opencv.js";
+import { lessMeanAround } from "../../image/blur.js";
+import { fitMotion } from "../../image/points.js";
 import {
   STRAIGHT,
   frameCorners,
@@ -19,7 +20,6 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { lessMeanAround } from "./around.js";
 import { pilotSigns } from "./evidence.js";
 import { median } from "./order.js";
 import { matchParts } from "./partMatches.js";
@@ -210,22 +210,9 @@ function fittedShift({ places, seen, heights }, layout, map) {
  * @returns {{ HOldFromNew: Float64Array, parts: number } | null}
  */
 function ransac(from, to, same, affine) {
-  return withMats((keep) => {
-    const [source, target] = [from, to].map((points) =>
-      keep(cv.matFromArray(points.length, 1, cv.CV_64FC2, points.flat())),
-    );
-    const inliers = keep(new cv.Mat());
-    const fitted = keep(
-      affine
-        ? cv.estimateAffine2D(source, target, inliers, cv.RANSAC, same)
-        : cv.findHomography(source, target, cv.RANSAC, same, inliers),
-    );
-    if (fitted.rows === 0) return null;
-    const parts = cv.countNonZero(inliers);
-    if (parts < FEW) return null;
-    const numbers = Float64Array.from(fitted.data64F);
-    return { HOldFromNew: affine ? Float64Array.of(...numbers, 0, 0, 1) : numbers, parts };
-  });
+  const [source, target] = [from, to].map((points) => Float64Array.from(points.flat()));
+  const fit = fitMotion(source, target, same, affine);
+  return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
 }
 
 /**
@@ -240,8 +227,8 @@ function joined(smallest, [down, across]) {
   if (down === rows && across === cols) return smallest;
   const shifts = smallest[0].real.length;
   const sums = Array.from({ length: down * across }, () => ({
-    real: new Float64Array(shifts),
-    imaginary: new Float64Array(shifts),
+    real: new Float32Array(shifts),
+    imaginary: new Float32Array(shifts),
   }));
   smallest.forEach((match, part) => {
     const row = Math.floor((Math.floor(part / cols) * down) / rows);

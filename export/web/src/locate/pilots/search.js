@@ -17,7 +17,7 @@
  */
 
 import { locatePilotsSearch } from "../../generated/constants.js";
-import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
+import { equalised } from "../../image/levels.js";
 import { roundHalfEven } from "../../image/round.js";
 import { inImage, transform } from "../../link/geometry.js";
 import { identity } from "../../link/linear.js";
@@ -434,12 +434,7 @@ export class PilotSearch {
    * @returns {Steps<Point[][]>}
    */
   *#faintEdges(map) {
-    const even = withMats((keep) => {
-      const mean = keep(matOf(map.mean()));
-      cv.equalizeHist(mean, mean);
-      return bytePlane(mean);
-    });
-    const found = yield* candidateSteps(even, FAINT_CANDIDATES);
+    const found = yield* candidateSteps(equalised(map.mean()), FAINT_CANDIDATES);
     return found.map(({ corners }) => this.#stabiliser.onImage(corners));
   }
 

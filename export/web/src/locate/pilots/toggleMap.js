@@ -14,7 +14,7 @@ import { roundHalfEven } from "../../image/round.js";
 import { homographyFromCorners } from "../../link/geometry.js";
 import { upright } from "../quads.js";
 import { median, quantile } from "./order.js";
-import { fitCopy, fittedOutline, outlines, withSums } from "./outlines.js";
+import { fitCopy, fittedOutline, outlines, sumsWithin } from "./outlines.js";
 import { spanOf, waves } from "./waves.js";
 
 export const {
@@ -191,7 +191,7 @@ export class ToggleMap {
    *   where a quadrilateral bounds nothing that toggles
    */
   worths(quads) {
-    const sums = this.#gains.map((gain) => withSums(gain, (sumWithin) => quads.map(sumWithin)));
+    const sums = this.#gains.map((gain) => sumsWithin(gain, quads));
     return quads.map((_, i) => Math.max(0, ...sums.map((ofGain) => ofGain[i])));
   }
 

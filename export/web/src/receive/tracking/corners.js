@@ -9,7 +9,7 @@
 
 import { receiveTrackingCorners } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
-import { resizeArea } from "../../image/shrink.js";
+import { drawnBlocks, resizeArea } from "../../image/shrink.js";
 import { slopesOf } from "../../image/slopes.js";
 import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
@@ -18,7 +18,6 @@ import { pilotSigns } from "../../locate/pilots/evidence.js";
 import {
   MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "../../locate/pilots/motion.js";
-import { drawnBlocks } from "../../locate/pilots/partMatches.js";
 
 const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiveTrackingCorners;
 
