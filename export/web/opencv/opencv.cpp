@@ -105,9 +105,63 @@ PAGE void remapped(const Plane &from, const Plane &x, const Plane &y, const Plan
   sample(from, x.mat().ptr<float>(), y.mat().ptr<float>(), to.width * to.height, to, 0);
 }
 
+// Weights of two neighbouring pixels, or of four by cubic convolution (Keys 1981).
+static void weigh(float share, bool cubic, float *weights) {
+  const float bend = -0.75f, rest = 1 - share;
+  const auto near = [=](float apart) {
+    return ((bend + 2) * apart - (bend + 3)) * apart * apart + 1;
+  };
+  if (cubic) {
+    weights[0] = bend * share * rest * rest;
+    weights[1] = near(share);
+    weights[2] = near(rest);
+    weights[3] = bend * rest * share * share;
+  } else {
+    weights[0] = rest;
+    weights[1] = share;
+  }
+}
+
+// The library's own remap rounds places to parts of a pixel before version 5.
 PAGE void between(const Plane &from, const Plane &x, const Plane &y, int by, int beyond,
                   const Plane &to) {
-  remap(from.mat(), to.mat(), x.mat(), y.mat(), by, beyond);
+  const Mat image = from.mat();
+  const bool cubic = by == INTER_CUBIC;
+  const int taps = cubic ? 4 : 2;
+  for (int i = 0; i < to.width; i++) {
+    const float atX = static_cast<float *>(x.data)[i], atY = static_cast<float *>(y.data)[i];
+    const int left = cvFloor(atX) - cubic, top = cvFloor(atY) - cubic;
+    float across[4], down[4], sum = 0;
+    weigh(atX - cvFloor(atX), cubic, across);
+    weigh(atY - cvFloor(atY), cubic, down);
+    for (int row = 0; row < taps; row++) {
+      const int inY = borderInterpolate(top + row, from.height, beyond);
+      for (int col = 0; col < taps; col++) {
+        const int inX = borderInterpolate(left + col, from.width, beyond);
+        if (inX >= 0 && inY >= 0) sum += down[row] * across[col] * image.at<float>(inY, inX);
+      }
+    }
+    static_cast<float *>(to.data)[i] = sum;
+  }
+}
+
+// The mean of images, one below the other, each weighed by a mesh that is interpolated; halves are
+// rounded up, and pixels of no weight are 0.
+PAGE void weightedMean(const Plane &images, const Plane &meshes, const Plane &to) {
+  Mat total = Mat::zeros(to.height, to.width, CV_32F), weights = total.clone(), weight, levels;
+  const int count = images.height / to.height, side = meshes.height / count;
+  for (int i = 0; i < count; i++) {
+    const Mat mesh = meshes.mat().rowRange(i * side, (i + 1) * side);
+    if (countNonZero(mesh) == 0) continue;
+    images.mat().rowRange(i * to.height, (i + 1) * to.height).convertTo(levels, CV_32F);
+    resize(mesh, weight, total.size(), 0, 0, INTER_LINEAR);
+    accumulateProduct(levels, weight, total);
+    weights += weight;
+  }
+  const float *sum = total.ptr<float>(), *all = weights.ptr<float>();
+  for (int i = 0; i < to.width * to.height; i++) {
+    static_cast<uchar *>(to.data)[i] = sum[i] / std::max(all[i], 1e-3f) + 0.5f;
+  }
 }
 
 PAGE void equalised(const Plane &gray, const Plane &to) { equalizeHist(gray.mat(), to.mat()); }

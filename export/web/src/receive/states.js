@@ -1,9 +1,9 @@
 /** Put display states together from rectified camera frames. */
 
 import { receiveStates } from "../generated/constants.js";
-import { BY } from "../image/opencv.js";
+import { bytePlane, call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
-import { areaMeans, resizeArea } from "../image/shrink.js";
+import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
 
 /** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
@@ -147,19 +147,15 @@ function averaged(images, level) {
  */
 function weightedMean(parts) {
   const { width, height } = parts[0].image;
-  const total = new Float32Array(width * height);
-  const weights = new Float32Array(width * height);
-  for (const { image, weight } of parts) {
-    const mesh = { width: MESH, height: MESH, data: Float32Array.from(weight) };
-    const shares = areaMeans(mesh, width, height, BY.linear).data;
-    for (let at = 0; at < total.length; at++) {
-      total[at] += image.data[at] * shares[at];
-      weights[at] += shares[at];
-    }
-  }
-  const data = new Uint8Array(total.length);
-  for (let at = 0; at < data.length; at++) data[at] = total[at] / Math.max(weights[at], 1e-3) + 0.5;
-  return { width, height, data };
+  const images = bytePlane(width, parts.length * height);
+  const meshes = floatPlane(MESH, parts.length * MESH);
+  parts.forEach(({ image, weight }, i) => {
+    images.data.set(image.data, i * width * height);
+    meshes.data.set(weight, i * MESH * MESH);
+  });
+  const mean = bytePlane(width, height);
+  call("weightedMean", [images, meshes], [mean]);
+  return mean;
 }
 
 /**
