@@ -34,7 +34,7 @@ export function* bankSteps(layout) {
     drawTemplates(layout.tileLevelsToggled[patch], templates.data.subarray(start));
     yield DRAW_WORK;
   }
-  const data = Float32Array.from(layout.bankDirections);
+  const data = layout.bankDirections;
   const directions = { width: WINDOW_AREA, height: data.length / WINDOW_AREA, data };
   const bank = call("keepBank", [templates, directions]);
   banks.set(layout, bank);
