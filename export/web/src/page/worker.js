@@ -26,7 +26,7 @@ import { addressOf, load } from "./site.js";
 /** @import { WarmFilm } from "../receive/warm.js" */
 
 /** Time after which getting ready ends, milliseconds; what is not compiled by then is so later. */
-const WARM_MS = 4000;
+const WARM_MS = 1500;
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
