@@ -163,6 +163,8 @@ class Take:
     """Seed of all draws."""
     model: Path
     """Exported decoder of the receiver."""
+    split: str = "test"
+    """Split of the pictures from which the message's picture is drawn."""
 
     @property
     def name(self) -> str:
@@ -236,7 +238,7 @@ def film_message(take: Take) -> MessageFilm:
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
     size, without = config.display_size, config.without
-    source = Source(layout, "test", take.seed, without=without, display_size=size)
+    source = Source(layout, take.split, take.seed, without=without, display_size=size)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     if config.still:
