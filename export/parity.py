@@ -130,7 +130,11 @@ def film_tensors(window: FilmWindow) -> list[torch.Tensor]:
 
 
 def synthetic_window(
-    layout: Layout, rng: np.random.Generator, frames: int = 24, noise: float = 40.0
+    layout: Layout,
+    rng: np.random.Generator,
+    frames: int = 24,
+    noise: float = 40.0,
+    shutter_s: float = 0.01,
 ) -> tuple[FilmWindow, NDArray[np.intp]]:
     """Make a window of film frames of a still display: clouds, a clock, mixed exposures, noise.
 
@@ -139,6 +143,7 @@ def synthetic_window(
         rng: draws everything else.
         frames: number of frames.
         noise: standard deviation of a shrunk pixel, gray levels.
+        shutter_s: time for which each place is exposed, seconds.
 
     Returns:
         the window, and the (pairs, n_bits) bits that it shows.
@@ -146,7 +151,7 @@ def synthetic_window(
     height, width = layout.height // SHRINK, layout.width // SHRINK
     coarse = rng.uniform(40, 215, (6, 8)).astype(np.float32)
     picture = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
-    period, shutter = 1 / 30, rng.uniform(0.005, 0.015)
+    period = 1 / 30
     start, delay_x, delay_y = rng.uniform(0, period), 0.002, rng.uniform(-0.01, 0.01)
     times = np.arange(frames) / 60 + 0.1
     state = (times - start) / period
@@ -161,7 +166,7 @@ def synthetic_window(
             change = block_changes(row, layout)
             for which, sign in ((0, -0.5), (1, 0.5)):
                 begin = (time + delays - start) / period - 2 * (first + number) - which
-                length = shutter / period
+                length = shutter_s / period
                 inside = np.clip(np.minimum(begin + length, 1) - np.maximum(begin, 0), 0, None)
                 signal += sign * inside / length * change
         blocks = cv2.resize(signal, (width, height), interpolation=cv2.INTER_NEAREST)
@@ -173,7 +178,7 @@ def synthetic_window(
         seen=np.ones((frames, layout.rows, layout.cols), np.float32),
         known=known.reshape(layout.rows, layout.cols),
         times=times,
-        clock=np.array([period, start, delay_x, delay_y, shutter]),
+        clock=np.array([period, start, delay_x, delay_y, shutter_s]),
         first=first,
         count=len(bits),
     )

@@ -108,7 +108,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
         "clock": torch.tensor([1 / 15, 0.0, 0.01, 0.01, 0.01], dtype=torch.float64),
         "pairs": torch.arange(5),
     }
-    free = (
+    free: tuple[dict[int, Any], ...] = (
         {0: frames, 2: height, 3: width},
         {0: frames, 1: rows, 2: cols},
         {0: rows, 1: cols},

@@ -1,8 +1,9 @@
 """Train the film decoder on simulated films: python -m lab.train_film.
 
-Receivers film messages on training pictures and hand windows of their frames to the decoder as it
-is so far; the windows are kept with the bits that were shown. Training then moves the constants that
-all films share (`models.neural.film`), through the solves of each window, towards fewer wrong bits.
+Receivers film messages on training pictures. They hand windows of frames to the decoder with the
+constants that are written in the code, and the windows are kept with the bits that were shown.
+Training then moves the constants that all films share (`models.neural.film`), through the solves of
+each window, towards fewer wrong bits.
 """
 
 import json

@@ -5,7 +5,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Generic, Protocol, TypeVar
 
-from export.film_graph import FilmGraph, FilmWindow
+from export.film_graph import FilmGraph, FilmScorer, FilmWindow
 from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
 from link.errors import InputError
 from link.frames import SoftBits
@@ -117,12 +117,20 @@ class ShippedFilm:
         return self._loading.begin().result().score(window)
 
 
-def open_decoders(models: Sequence[Path] | None, threads: int) -> list[PairDecoder]:
+def open_decoders(
+    models: Sequence[Path] | None, threads: int
+) -> tuple[list[PairDecoder], FilmScorer | None]:
     """Open the models of --model; where there are none, those that ship, each when it is needed.
+
+    Returns:
+        decoders of frame pairs, and the film decoder that ships, which stands beside those that
+        ship; a model of one's own decodes alone.
 
     Raises:
         InputError: a file is missing or damaged, or a given one is no decoder.
     """
+    shipped = shipped_graphs()
+    film = ShippedFilm(threads) if set(models or ()) <= set(shipped.values()) else None
     if models:
-        return [Decoder(model, threads) for model in models]
-    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped_graphs().items()]
+        return [Decoder(model, threads) for model in models], film
+    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped.items()], film

@@ -98,26 +98,15 @@ class FilmDesk:
             are left; the others wait for the next window.
         """
         frames = list(self._frames)
-        pairs = [
-            tuple(
-                int(np.floor(clock.number(frame.time + end) / 2))
-                for end in (clock.earliest, clock.latest)
-            )
-            for frame in frames
-        ]
-        first = next((at for at, (_, last) in enumerate(pairs) if last >= numbers[0]), 0)
-        end = min(len(frames), max(first + self._window, LEAST_FRAMES))
+        spans = [_pairs_shown(clock, frame.time) for frame in frames]
+        begin = next((at for at, span in enumerate(spans) if span[1] >= numbers[0]), 0)
+        end = min(len(frames), max(begin + self._window, LEAST_FRAMES))
         if end == len(frames):
-            first = max(0, end - self._window)
-        window = frames[first:end]
-        low, high = pairs[first][0], max(last for _, last in pairs[first:end])
-        now = frames[end - 1].time
-        done = [
-            number
-            for number in numbers
-            if number <= high
-            and (end == len(frames) or clock.number(now + clock.earliest) >= 2 * number + 2)
-        ] or list(numbers[:1])
+            begin = max(0, end - self._window)
+        window, now = frames[begin:end], frames[end - 1].time
+        first, last = spans[begin][0], max(span[1] for span in spans[begin:end])
+        over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
+        done = [number for number in numbers if number <= min(last, over - 1)]
         scores = self._scorer.score(
             FilmWindow(
                 frames=np.stack([frame.gray for frame in window]),
@@ -125,18 +114,24 @@ class FilmDesk:
                 known=self._known,
                 times=np.array([frame.time for frame in window]),
                 clock=np.array(astuple(clock)),
-                first=low,
-                count=high + 1 - low,
+                first=first,
+                count=last + 1 - first,
             )
         )
         self._scored_at = now
         for _ in range(max(0, end - self._window)):
             self._frames.popleft()
-        mask = self.layout.message_mask
-        none = np.zeros(self.layout.n_bits)
+        message, unread = self.layout.message_mask, np.zeros(self.layout.n_bits)
         return {
-            number: scores[number - low][mask] if low <= number <= high else none for number in done
+            number: scores[number - first][message] if first <= number <= last else unread
+            for number in done or numbers[:1]
         }
+
+
+def _pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:
+    """Give the numbers of the first and the last frame pair of which a frame shows a part."""
+    first, last = (clock.number(time + end) / 2 for end in (clock.earliest, clock.latest))
+    return int(np.floor(first)), int(np.floor(last))
 
 
 def shrink(image: Image) -> Map:
@@ -159,4 +154,4 @@ def shrink(image: Image) -> Map:
 
 def information(scores: Array) -> float:
     """Give the information that log-likelihood ratios hold, in bits a block."""
-    return information_of(scores) / max(scores.size, 1)
+    return information_of(scores.astype(np.float32)) / max(scores.size, 1)

@@ -198,7 +198,7 @@ class DisplayReader:
         self._next: int | None = None
         self._waiting: list[ComposedPair] = []
         self._scored: deque[tuple[ComposedPair, SoftBits]] = deque()
-        self._by_pairs = 0
+        self._by_pairs = self._alone = 0
         self._film = film if film is not None and reads_films(self.layout) else None
         self._desk = None if self._film is None else FilmDesk(self.layout, self._film, BUFFER)
         self._corners = CornerShift(self.layout)
@@ -337,9 +337,8 @@ class DisplayReader:
             self._next += 1
         pairs: list[DecodedPair] = []
         work = np.inf if over else max(0.0, WORK_A_FRAME - PAIR_WORK * self.layout.n_bits)
-        left = len(self._waiting) if over or self._desk is not None else PAIRS_A_FRAME
-        while left > 0 and (scored := self._next_scored(clock, over)) is not None:
-            left -= 1
+        self._alone = 0
+        while (scored := self._next_scored(clock, over)) is not None:
             pair, message = self._finish_pair(*scored, last, work)
             pairs.append(pair)
             if message is not None:
@@ -384,7 +383,9 @@ class DisplayReader:
                     self._scored.append((composed, SoftBits(scores[composed.number] * ~covered)))
                 return self._scored.popleft()
             self._by_pairs = len(done)
-        self._by_pairs = max(0, self._by_pairs - 1)
+        if self._alone >= PAIRS_A_FRAME and not over:
+            return None
+        self._alone, self._by_pairs = self._alone + 1, max(0, self._by_pairs - 1)
         composed = self._waiting.pop(0)
         return composed, self._score_pair(composed)
 
