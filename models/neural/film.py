@@ -41,10 +41,8 @@ from models.neural.solver import inverse
 SLOTS = 3
 """Largest number of frame pairs that one exposure mixes: two states of the slowest camera that
 reads anything, and as much again for rows that are exposed and written one after the other."""
-ROUNDS = 4
+ROUNDS = 3
 """Number of rounds after the first, in which the pilots alone are known."""
-FIELD_STEPS = 3
-"""Number of times in a round that frame pairs learn from the others what these explain."""
 RIPPLE_ROUND = 2
 """Round in which the waves that moire and flicker leave are estimated, once: they cost most."""
 FIRST_BAND, BANDS = 3, 6
@@ -88,6 +86,9 @@ class Mixture:
     """(T, SLOTS, B) half the difference of the shares of a pair's two states, in [-1/2, 1/2]."""
     of_pair: Tensor
     """(P, T SLOTS) 1 where a slot of a frame belongs to a pair, else 0."""
+    pair: Tensor
+    """(T SLOTS,) place among the pairs of the pair that each slot belongs to; 0 where none does,
+    and its shares are 0."""
 
     def sums(self, values: Tensor) -> Tensor:
         """Add up what the slots of each pair hold: (T, SLOTS, B) to (P, B)."""
@@ -95,7 +96,7 @@ class Mixture:
 
     def of_slots(self, values: Tensor) -> Tensor:
         """Give each slot what its pair holds: (P, B) to (T, SLOTS, B)."""
-        return (self.of_pair.T @ values).reshape(self.shares.shape)
+        return values.index_select(0, self.pair).reshape(self.shares.shape)
 
     def mixed(self, values: Tensor) -> Tensor:
         """Mix what pairs hold as the exposures do: (P, B) to (T, B)."""
@@ -159,7 +160,7 @@ class FilmDecoder(nn.Module):
             times: (T,) float64 time of each frame, seconds.
             clock: (5,) float64 period, start, both delays and shutter, seconds, as in
                 `export.receive.timing.clock.DisplayClock`.
-            pairs: (P,) int64 numbers of the frame pairs, those at the ends that are seen in part
+            pairs: (P,) int64 successive numbers of the frame pairs, those at the ends that are seen in part
                 included.
 
         Returns:
@@ -362,12 +363,10 @@ class FilmDecoder(nn.Module):
         own = mixture.sums(energy * weight.unsqueeze(1))
         matched = mixture.sums(shares * (weight * shown).unsqueeze(1))
         doubted = 1 + (self.spread.exp() * amplitude) ** 2 * own
-        llr, x = matched, state.x
-        for _ in range(FIELD_STEPS):
-            others = mixture.sums(shares * (mixture.mixed(x) * weight).unsqueeze(1)) - own * x
-            llr = 2 * amplitude * (matched - amplitude * others) / doubted
-            x = known + (1 - known * known) * (llr / 2).tanh()
-        state.x, state.amplitude = x, amplitude
+        explained = mixture.sums(shares * (mixed * weight).unsqueeze(1)) - own * state.x
+        llr: Tensor = 2 * amplitude * (matched - amplitude * explained) / doubted
+        state.x = known + (1 - known * known) * (llr / 2).tanh()
+        state.amplitude = amplitude
         return llr
 
     def _expect(self, mixture: Mixture, state: "Estimates", rows: int, cols: int) -> None:
@@ -412,7 +411,7 @@ def mix(picture: Picture, seen: Tensor, times: Tensor, clock: Tensor, pairs: Ten
         seen: (T, B) 1 where a frame shows a block, else 0.
         times: (T,) seconds.
         clock: (5,) as `FilmDecoder.forward` takes it.
-        pairs: (P,) numbers of the frame pairs.
+        pairs: (P,) successive numbers of the frame pairs.
     """
     period, start, delay_x, delay_y, shutter = clock
     delays = (delay_x * (picture.x + 1) + delay_y * (picture.y + 1)) / 2
@@ -422,9 +421,11 @@ def mix(picture: Picture, seen: Tensor, times: Tensor, clock: Tensor, pairs: Ten
     slots = torch.arange(SLOTS)
     since = (begins - 2 * first).float().unsqueeze(1) - 2 * slots.reshape(1, -1, 1)
     shares = (_share(since - 1, length) - _share(since, length)) / 2
-    numbers = (first + slots).reshape(1, -1)  # (T, SLOTS) -> (1, T SLOTS)
-    of_pair = (numbers == pairs.unsqueeze(1)).float()
-    return Mixture(shares * seen.unsqueeze(1), of_pair)
+    numbers = first + slots  # (T, SLOTS)
+    of_pair = (numbers.reshape(1, -1) == pairs.unsqueeze(1)).float()
+    among = ((numbers >= pairs[:1]) & (numbers <= pairs[-1:])).float()
+    place = (numbers - pairs[:1]).clamp_min(0).minimum(pairs[-1:] - pairs[:1]).long()
+    return Mixture(shares * (seen.unsqueeze(1) * among.unsqueeze(2)), of_pair, place.flatten())
 
 
 def _share(since: Tensor, length: Tensor) -> Tensor:
