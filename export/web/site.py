@@ -23,7 +23,7 @@ from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
 from link.presets import PRESETS
-from models import shipped_graphs
+from models import FILM_GRAPH, shipped_graphs
 
 WEB = Path(__file__).parent
 """Folder of the page's sources."""
@@ -153,6 +153,7 @@ def write_presets(folder: Path) -> None:
         model = f"models/{name}.onnx"
         write_bytes(folder / model, graph.read_bytes())
         tables.append(page_preset(name, PRESETS[name], model))
+    write_bytes(folder / "models/film.onnx", FILM_GRAPH.read_bytes())
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from export.film_graph import reads_films
 from export.locate.patches import DRAWN_KAPPA
 from export.locate.spots import template_bank
 from link.layout import Layout
@@ -31,6 +32,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
     """
     return {
         **layout.to_dict(),
+        "reads_films": reads_films(layout),
         "pilot_blocks": layout.pilot_blocks.tolist(),
         "pilot_bits": layout.pilot_bits.tolist(),
         "tile_levels": tile_levels(layout, 0).tolist(),

@@ -20,6 +20,8 @@ export class Layout {
     this.ratex = table.ratex;
     /** Name of the modulation: "on_off" or "antipodal". @type {string} */
     this.modulation = table.modulation ?? "on_off";
+    /** Whether the film decoder reads it. @type {boolean} */
+    this.readsFilms = table.reads_films;
     /** Numbers of the blocks that are pilots. */
     this.pilotBlocks = Int32Array.from(table.pilot_blocks);
     /** Known bits of the pilots, 0 or 1. */
