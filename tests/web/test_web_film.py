@@ -43,9 +43,7 @@ def test_windows_are_scored_as_by_python(port):
     waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
     for frame in shown:
         desk.add(frame)
-        ported.add(
-            {"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view}
-        )
+        ported.add({"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view})
         while clock.number(frame.time + clock.earliest) >= 2 * next_pair + 2:
             waiting.append(next_pair)
             next_pair += 1
