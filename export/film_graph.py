@@ -66,8 +66,7 @@ class FilmGraph:
     """
 
     def __init__(self, path: Path, threads: int = 2) -> None:
-        self._session = load_session(path, threads, OWN_TIME_LIMIT_S)
-        metadata = self._session.get_modelmeta().custom_metadata_map
+        self._session, metadata = load_session(path, threads, OWN_TIME_LIMIT_S)
         if metadata.get("format") != FILM_FORMAT:
             raise InputError(f"{path}: no film decoder of this version; export it again")
 

@@ -110,8 +110,7 @@ class Decoder:
     ) -> None:
         path = Path(path)
         self._time_limit_s = time_limit_s
-        self._session = load_session(path, threads, time_limit_s)
-        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
+        self._session, self.metadata = load_session(path, threads, time_limit_s)
         self.layout: Layout
         """Grid of the message bits that the model decodes."""
         self.features: list[str]
@@ -276,13 +275,18 @@ def read_model(path: Path) -> bytes:
     return data
 
 
-def load_session(path: Path, threads: int, time_limit_s: float) -> onnxruntime.InferenceSession:
+def load_session(
+    path: Path, threads: int, time_limit_s: float
+) -> tuple[onnxruntime.InferenceSession, dict[str, str]]:
     """Load a model that may come from a stranger.
 
     Args:
         path: the .onnx file.
         threads: number of threads of onnxruntime.
         time_limit_s: seconds that loading may take.
+
+    Returns:
+        the session, and the model's metadata.
 
     Raises:
         InputError: the file is missing, damaged, takes too long, or holds what no decoder needs.
@@ -291,12 +295,12 @@ def load_session(path: Path, threads: int, time_limit_s: float) -> onnxruntime.I
     data = read_model(path)
     try:
         session = _session(data, threads, time_limit_s)
-        session.get_modelmeta()
+        metadata: dict[str, str] = session.get_modelmeta().custom_metadata_map
     except SlowModelError as error:
         raise InputError(f"{path}: {error}") from None
     except ORT_ERRORS as error:
         raise _unreadable(path, error) from None
-    return session
+    return session, metadata
 
 
 def run_session(

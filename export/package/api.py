@@ -150,7 +150,7 @@ def read_pair(
     """
     if corners is None and corners_second is not None:
         raise ParameterError("corners_second", "is given without corners")
-    decoders = _decoders(() if model is None else (str(model),), threads)
+    decoders, _ = _decoders(() if model is None else (str(model),), threads)
     frames = as_uint8(first), as_uint8(second)
     check_same_size(*frames)
     by_layout = {decoder.layout: decoder for decoder in decoders}

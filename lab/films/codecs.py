@@ -357,9 +357,8 @@ def measure_codecs(flags: CodecsFlags, workshop: Workshop) -> CodecsContent:
             range(flags.runs), flags.kappas, flags.views, flags.pairs
         )
     }
-    return CodecsContent(
-        variant_rows(workshop.each(read_variants, items, [model, FILM_GRAPH]), flags)
-    )
+    read = workshop.each(read_variants, items, [model, FILM_GRAPH])
+    return CodecsContent(variant_rows(read, flags))
 
 
 def codecs_blocks(results: Mapping[str, Results[CodecsContent]]) -> dict[str, str]:

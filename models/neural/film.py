@@ -160,8 +160,8 @@ class FilmDecoder(nn.Module):
             times: (T,) float64 time of each frame, seconds.
             clock: (5,) float64 period, start, both delays and shutter, seconds, as in
                 `export.receive.timing.clock.DisplayClock`.
-            pairs: (P,) int64 successive numbers of the frame pairs, those at the ends that are seen in part
-                included.
+            pairs: (P,) int64 successive numbers of the frame pairs, with those at the ends that
+                are seen in part.
 
         Returns:
             (P, rows, cols) float32 natural log-likelihood ratios, positive for bit 1.

@@ -52,7 +52,8 @@ def test_windows_are_scored_as_by_python(port):
             continue
         known = desk.score(clock, waiting)
         found = ported.score(ported_clock, waiting)
-        assert [int(key) for key in found.keys()] == list(known)
+        numbers = found.keys()  # of a Map of the page
+        assert [int(key) for key in numbers] == list(known)
         for number, scores in known.items():
             same(found.get(number), scores, FILM_SCORE)
             compared += 1
