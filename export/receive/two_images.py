@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.find import locate
-from export.locate.pilots.evidence import pilots_toggled
-from export.locate.pilots.search import PilotDisplay, PilotSearch
+from export.pilots.search.pilot_search import PilotDisplay, PilotSearch
+from export.pilots.signal import pilots_toggled
 from export.receive.timing.toggles import patch_toggles
 from link.layout import Layout
 from link.types import Corners, Image

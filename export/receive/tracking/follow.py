@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from export.locate.pilots.stabilise import Stabiliser
 from export.locate.refine import OUTSIDE
+from export.pilots.stabilise import Stabiliser
 from link.errors import InputError
 from link.geometry import (
     Lens,

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.corners import moved_corners
-from export.locate.pilots.evidence import pilot_evidence, pilot_values
-from export.locate.pilots.search import PilotDisplay, PilotSearch
-from export.locate.pilots.waves import position
+from export.pilots.motion import moved_corners
+from export.pilots.search.pilot_search import PilotDisplay, PilotSearch
+from export.pilots.signal import pilot_evidence, pilot_values
+from export.pilots.waves import position
 from export.receive.tracking.follow import Follower, RoomFollower
 from export.receive.tracking.patches import Tracked
 from link.layout import Layout
@@ -22,7 +22,7 @@ WATCHED = 48
 CHECK_EVERY = 24
 """Number of frames from one look at the pilots to the next."""
 LEAST_EVIDENCE = 4.0
-"""Smallest evidence (`export.locate.pilots.evidence.pilot_evidence`) at which the pilots are still
+"""Smallest evidence (`export.pilots.signal.pilot_evidence`) at which the pilots are still
 seen."""
 PATIENCE = 3
 """Number of looks in a row without evidence after which the display counts as lost. One is enough

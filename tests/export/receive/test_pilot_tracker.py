@@ -10,9 +10,9 @@ from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_
 
 import export.receive.tracking.pilots as pilots_module
 from export.locate.candidates import display_candidates
-from export.locate.pilots.search import PilotSearch
-from export.locate.pilots.stabilise import WIDTH, Stabiliser
-from export.locate.pilots.toggle_map import ToggleMap
+from export.pilots.search.pilot_search import PilotSearch
+from export.pilots.search.toggle_map import ToggleMap
+from export.pilots.stabilise import WIDTH, Stabiliser
 from export.receive.receiver import Receiver
 from export.receive.timing.synchronise import MIN_FRAMES
 from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker

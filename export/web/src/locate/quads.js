@@ -8,7 +8,7 @@
 
 import { locateQuads } from "../generated/constants.js";
 import { cv, matOf, withMats } from "../image/opencv.js";
-import { quantilesOfEvery } from "./quantiles.js";
+import { quantilesOfEvery } from "../link/order.js";
 import { segmentSteps } from "./segments.js";
 
 /**

@@ -15,7 +15,7 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { Stabiliser } from "../../locate/pilots/stabilise.js";
+import { Stabiliser } from "../../pilots/stabilise.js";
 import { OUTSIDE } from "../../locate/refine.js";
 
 const {

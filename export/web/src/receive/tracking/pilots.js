@@ -2,10 +2,10 @@
 
 import { receiveTrackingPilots } from "../../generated/constants.js";
 import { identity, multiply3 } from "../../link/linear.js";
-import { movedCorners } from "../../locate/pilots/corners.js";
-import { pilotEvidence, pilotValues } from "../../locate/pilots/evidence.js";
-import { PilotSearch } from "../../locate/pilots/search.js";
-import { position } from "../../locate/pilots/waves.js";
+import { movedCorners } from "../../pilots/motion.js";
+import { pilotEvidence, pilotValues } from "../../pilots/signal.js";
+import { PilotSearch } from "../../pilots/search/pilotSearch.js";
+import { position } from "../../pilots/waves.js";
 import { Follower, RoomFollower } from "./follow.js";
 
 /** @typedef {import("./patches.js").Tracked} Tracked */
@@ -96,7 +96,7 @@ export class PilotTracker {
   /**
    * Show the display in the frames in which it was looked for.
    *
-   * @param {import("../../locate/pilots/search.js").PilotDisplay} found
+   * @param {import("../../pilots/search/pilotSearch.js").PilotDisplay} found
    * @returns {{ time: number, seen: Tracked }[]}
    */
   #before({ firstCorners, held }) {

@@ -1,8 +1,8 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import { areaMeans } from "../../image/shrink.js";
-import { rolled } from "../quads.js";
-import { pilotEvidence, pilotValues, pilotsOfBlocks } from "./evidence.js";
+import { rolled } from "../../locate/quads.js";
+import { pilotEvidence, pilotValues, pilotsOfBlocks } from "../signal.js";
 
 /** @typedef {import("../../link/code/steps.js").Steps<any>} AnySteps */
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */

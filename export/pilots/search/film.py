@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.all_blocks import BlockMaps
-from export.locate.pilots.evidence import LEAST_DEVIATION
-from export.locate.pilots.stabilise import Tracks
-from export.locate.pilots.waves import waves
+from export.pilots.motion import GridMaps
+from export.pilots.signal import LEAST_DEVIATION
+from export.pilots.stabilise import Tracks
+from export.pilots.waves import waves
 from link.geometry import homography_from_corners, rectify, resized_homography, transform
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
@@ -35,7 +35,7 @@ class FilmFrame:
     H_image_from_reference: Homography
     """Homography: where most points of the reference lie in it."""
     at: float
-    """Its position since the reference (`export.locate.pilots.waves.position`)."""
+    """Its position since the reference (`export.pilots.waves.position`)."""
     time: float
     """When it was taken, seconds."""
     tracks: Tracks | None = None
@@ -71,7 +71,7 @@ class FilmFrame:
         H = homography_from_corners(quad, layout.width, layout.height)
         return rectify(self.gray, H, layout.width, layout.height)
 
-    def block_view(self, corners: Corners, maps: BlockMaps) -> Gray | None:
+    def block_view(self, corners: Corners, maps: GridMaps) -> Gray | None:
         """Rectify a display with what lies around it to the size of maps of its blocks.
 
         Args:
@@ -86,8 +86,9 @@ class FilmFrame:
         if quad is None:
             return None
         H = homography_from_corners(quad, maps.layout.width, maps.layout.height)
-        H_map_from_fine = resized_homography(1 / maps.shrunk, 1 / maps.shrunk)
-        width, height = (maps.shrunk * side for side in maps.size)
+        shrunk = maps.layout.width // maps.inner[0]
+        H_map_from_fine = resized_homography(1 / shrunk, 1 / shrunk)
+        width, height = (shrunk * side for side in maps.size)
         fine = rectify(self.gray, H @ maps.to_layout() @ H_map_from_fine, width, height)
         return np.asarray(cv2.resize(fine, maps.size, interpolation=cv2.INTER_AREA), np.uint8)
 

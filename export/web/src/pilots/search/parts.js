@@ -5,69 +5,21 @@
  * known. Corners may be off by blocks: parts of the display are shifted by themselves, and a
  * transform is fitted to their shifts (`coarseShift`). Where corners are off by less than a block,
  * the whole display is fitted at once (`allBlocks.js`).
- *
- * All transforms are homographies `HOldFromNew` in layout pixels: where a point of the display, as
- * it should have been rectified, lies in the image as it was.
  */
 
-import { locatePilotsCorners } from "../../generated/constants.js";
+import { pilotsSearchParts } from "../../generated/constants.js";
 import { cv, withMats } from "../../image/opencv.js";
-import {
-  STRAIGHT,
-  frameCorners,
-  resizedHomography,
-  transform,
-} from "../../link/geometry.js";
-import { multiply3 } from "../../link/linear.js";
-import { lessMeanAround } from "./around.js";
-import { pilotSigns } from "./evidence.js";
-import { median } from "./order.js";
+import { resizedHomography, transform } from "../../link/geometry.js";
+import { withoutSlope } from "../motion.js";
+import { median } from "../../link/order.js";
 import { matchParts } from "./partMatches.js";
 
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 /** @typedef {import("./partMatches.js").Matches} Matches */
 
 export const {
-  MAP_PX, PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
-} = locatePilotsCorners;
-
-/**
- * Give width and height of the maps of what toggles, for a layout.
- *
- * @param {Layout} layout
- * @returns {[number, number]}
- */
-export function mapSize(layout) {
-  const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
-  const factor = Math.min(4, Math.max(1, Math.floor(side / MAP_PX)));
-  return [Math.floor(layout.width / factor), Math.floor(layout.height / factor)];
-}
-
-/**
- * List the expected changes of the blocks: the pilots' signs, 0 elsewhere.
- *
- * @param {Layout} layout
- * @returns {Float64Array} (rows * cols,)
- */
-export function expectedChanges(layout) {
-  const blocks = new Float64Array(layout.rows * layout.cols);
-  pilotSigns(layout).forEach((sign, i) => (blocks[layout.pilotBlocks[i]] = sign));
-  return blocks;
-}
-
-/**
- * Find the corners, in the image, of a display that lies elsewhere in its own rectified image.
- *
- * @param {Point[]} corners - pixels of the image, by which the display was rectified
- * @param {Homography} HOldFromNew - in layout pixels
- * @param {Layout} layout - of the display
- * @param {import("../../link/geometry.js").Lens} [lens] - through which it was rectified
- * @returns {Point[]}
- */
-export function movedCorners(corners, HOldFromNew, { width, height }, lens = STRAIGHT) {
-  const H = multiply3(lens.homography(corners, width, height), HOldFromNew);
-  return lens.distort(transform(H, frameCorners(width, height)));
-}
+  PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
+} = pilotsSearchParts;
 
 /**
  * Find where the parts of a display lie that toggle as they should.
@@ -107,17 +59,6 @@ export function coarseShift(change, blocks, layout, far = false) {
     if (fit !== null) return fit;
   }
   return null;
-}
-
-/**
- * Take off the mean around each pixel, over three blocks.
- *
- * @param {FloatPlane} change - by how much the pixels of the rectified display changed
- * @param {ArrayLike<number>} block - width and height of a block, in pixels of `change`
- * @returns {FloatPlane}
- */
-export function withoutSlope(change, block) {
-  return lessMeanAround(change, Math.floor(3 * block[0]) | 1, Math.floor(3 * block[1]) | 1);
 }
 
 /**

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.evidence import pilot_evidence, pilot_values, standing_out
-from export.locate.pilots.film import FilmFrame, positions
+from export.pilots.search.film import FilmFrame, positions
+from export.pilots.signal import pilot_evidence, pilot_values, standing_out
 from link.layout import Layout
 from link.types import Corners
 

@@ -1,18 +1,12 @@
 /** Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure. */
 
-import { locatePilotsSettle } from "../../generated/constants.js";
-import { BlockFit, BlockMaps, periodChangeSteps } from "./allBlocks.js";
+import { pilotsSearchSettle } from "../../generated/constants.js";
+import { mapSize, movedCorners } from "../motion.js";
+import { expectedChanges, pilotEvidence } from "../signal.js";
+import { BlockFit, blockMaps, periodChangeSteps } from "./allBlocks.js";
 import { climbToPilots } from "./climb.js";
-import {
-  COARSE_SIZE,
-  MANY,
-  coarseShift,
-  expectedChanges,
-  mapSize,
-  movedCorners,
-} from "./corners.js";
-import { pilotEvidence } from "./evidence.js";
 import { amplitudes } from "./film.js";
+import { COARSE_SIZE, MANY, coarseShift } from "./parts.js";
 import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } from "./proposals.js";
 
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
@@ -21,7 +15,7 @@ import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } 
 export const {
   SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, NEARLY, HINT,
   CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
-} = locatePilotsSettle;
+} = pilotsSearchSettle;
 
 /** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
@@ -165,7 +159,7 @@ function* byClimbing({ corners, layout, frequency }, frames) {
  *   not sound
  */
 function* byBlocks({ corners, layout, frequency }, frames) {
-  const maps = new BlockMaps(layout);
+  const maps = blockMaps(layout);
   const views = [];
   for (const frame of frames) {
     const view = frame.blockView(corners, maps);

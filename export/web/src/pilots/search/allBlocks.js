@@ -10,124 +10,40 @@
  * grid from the edges (expectation-maximisation; the motion as Lucas & Kanade 1981 do).
  */
 
-import { locatePilotsAllBlocks } from "../../generated/constants.js";
-import { blurred } from "../../image/blur.js";
+import { pilotsSearchAllBlocks } from "../../generated/constants.js";
 import { areaMeans } from "../../image/shrink.js";
 import { remapped, warped } from "../../image/warp.js";
-import { Lens, homographyFromCorners, resizedHomography, transform } from "../../link/geometry.js";
+import { Lens, homographyFromCorners, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
-import { lessMeanAround } from "./around.js";
-import { withoutSlope } from "./corners.js";
-import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "./evidence.js";
+import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "../signal.js";
 import {
-  MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
-} from "./motion.js";
-import { drawnBlocks } from "./partMatches.js";
-import { waves } from "./waves.js";
+  GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, lessMeanAround, pixelsFromUnit, unitHomography,
+} from "../motion.js";
+import { waves } from "../waves.js";
 
 export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
   EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP, SETTLED_PX,
-} = locatePilotsAllBlocks;
+} = pilotsSearchAllBlocks;
 
 /** From a display from -1 to 1 to a frame of 2 by 2 pixels. */
 const FROM_UNIT = pixelsFromUnit(2, 2);
-/** Largest number of pixels that are handled in one unit of work (`../steps.js`). */
-const UNIT_PIXELS = 40_000;
 
 /**
- * Geometry of the maps in which a display's corners are fitted by all of its blocks: they hold the
- * display and one block around it, since nothing toggles beyond its border.
+ * Choose maps in which a display's corners are fitted by all of its blocks: they hold the display
+ * and one block around it, since nothing toggles beyond its border.
+ *
+ * @param {Layout} layout - of the display, with pilots
+ * @returns {GridMaps}
  */
-export class BlockMaps {
-  /** @param {Layout} layout - of the display, with pilots */
-  constructor(layout) {
-    this.layout = layout;
-    const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
-    /** Whole factor by which the maps are smaller than the layout. */
-    this.shrunk = Math.min(MOST_SHRUNK, Math.max(1, Math.floor(side / LEAST_SIDE_PX)));
-    /** Width and height of the display, in pixels of the maps. */
-    this.inner = [Math.floor(layout.width / this.shrunk), Math.floor(layout.height / this.shrunk)];
-    const [width, height] = this.inner;
-    /** Width and height of what lies on each side of the display, in pixels of the maps. */
-    this.margin = [Math.ceil(width / layout.cols), Math.ceil(height / layout.rows)];
-    /** Width and height of the maps, pixels. */
-    this.size = [width + 2 * this.margin[0], height + 2 * this.margin[1]];
-    /** Width and height of a block, in pixels of the maps. */
-    this.block = [width / layout.cols, height / layout.rows];
-    /** Units of work of one pass over a map. */
-    this.work = (this.size[0] * this.size[1]) / UNIT_PIXELS;
-  }
-
-  /**
-   * Find the homography from pixels of the maps to pixels of the layout.
-   *
-   * @returns {Float64Array}
-   */
-  toLayout() {
-    const { layout, inner, margin } = this;
-    const H = resizedHomography(layout.width / inner[0], layout.height / inner[1]);
-    return multiply3(H, [1, 0, -margin[0], 0, 1, -margin[1], 0, 0, 1]);
-  }
-
-  /**
-   * Find the homography to pixels of the maps from a display from -1 to 1.
-   *
-   * @returns {Float64Array}
-   */
-  fromUnit() {
-    const [width, height] = this.inner;
-    const [left, top] = this.margin;
-    return multiply3([1, 0, left, 0, 1, top, 0, 0, 1], pixelsFromUnit(width, height));
-  }
-
-  /**
-   * Find where the columns and the rows of a map lie.
-   *
-   * @returns {Float64Array[]} x of each column and y of each row, of a display from -1 to 1
-   */
-  places() {
-    return [0, 1].map((axis) =>
-      Float64Array.from(
-        { length: this.size[axis] },
-        (_, at) => ((at - this.margin[axis] + 0.5) / this.inner[axis]) * 2 - 1,
-      ),
-    );
-  }
-
-  /**
-   * Cut the display out of a map.
-   *
-   * @param {FloatPlane} map
-   * @returns {FloatPlane}
-   */
-  within(map) {
-    const [width, height] = this.inner;
-    const [left, top] = this.margin;
-    const data = new Float32Array(width * height);
-    for (let y = 0; y < height; y++) {
-      const start = (top + y) * map.width + left;
-      data.set(map.data.subarray(start, start + width), y * width);
-    }
-    return { width, height, data };
-  }
-
-  /**
-   * Put the display into a map that is 0 around it.
-   *
-   * @param {FloatPlane} display
-   * @returns {FloatPlane}
-   */
-  around(display) {
-    const [width, height] = this.size;
-    const [left, top] = this.margin;
-    const data = new Float32Array(width * height);
-    for (let y = 0; y < display.height; y++) {
-      const row = display.data.subarray(y * display.width, (y + 1) * display.width);
-      data.set(row, (top + y) * width + left);
-    }
-    return { width, height, data };
-  }
+export function blockMaps(layout) {
+  const side = Math.min(layout.width / layout.cols, layout.height / layout.rows);
+  const shrunk = Math.min(MOST_SHRUNK, Math.max(1, Math.floor(side / LEAST_SIDE_PX)));
+  const inner = [Math.floor(layout.width / shrunk), Math.floor(layout.height / shrunk)];
+  return new GridMaps(layout, inner, [
+    Math.ceil(inner[0] / layout.cols),
+    Math.ceil(inner[1] / layout.rows),
+  ]);
 }
 
 /** Moves the grid of a display, step by step, until its blocks change as wholes. */
@@ -144,7 +60,7 @@ export class BlockFit {
   #score = -1;
 
   /**
-   * @param {BlockMaps} maps
+   * @param {GridMaps} maps
    * @param {FloatPlane[]} changes - in each period, as `periodChangeSteps` measures them
    */
   constructor(maps, changes) {
@@ -241,9 +157,7 @@ export class BlockFit {
     const expected = [];
     let [power, along, total] = [1e-12, 0, 1e-12];
     for (const [k, blocks] of this.#expectedBlocks(seen).entries()) {
-      const { rows, cols } = maps.layout;
-      const drawn = drawnBlocks(blocks, rows, cols, maps.inner[0], maps.inner[1]);
-      const smooth = smoothed(maps, maps.around(drawn));
+      const smooth = maps.drawn(blocks, SPAN);
       const [now, then] = [seen[k].data, smooth.data];
       for (let i = 0; i < now.length; i++) {
         power += then[i] * then[i];
@@ -355,7 +269,7 @@ export class BlockFit {
   *#fittedMove(seen, expected, amplitude) {
     const { maps } = this;
     const pixels = maps.size[0] * maps.size[1];
-    const equations = new MotionEquations(maps.inner, maps.places());
+    const equations = new MotionEquations(maps);
     let power = 0;
     for (const [k, { data: now }] of seen.entries()) {
       const then = expected[k].data;
@@ -391,7 +305,7 @@ export class BlockFit {
  * begins where the first state of a frame pair does, so that the bits of different frame pairs are
  * kept apart.
  *
- * @param {BlockMaps} maps
+ * @param {GridMaps} maps
  * @param {readonly FloatPlane[]} views - of some frames, rectified to the maps
  * @param {readonly number[]} at - positions of the frames (waves.js)
  * @param {number} frequency - at which the display toggles, in periods for each nominal frame
@@ -422,7 +336,7 @@ export function* periodChangeSteps(maps, views, at, frequency) {
       }
     });
     for (let i = 0; i < data.length; i++) data[i] *= scale[i];
-    changes.push(smoothed(maps, { width, height, data }));
+    changes.push(maps.smooth({ width, height, data }, SPAN));
     yield (1 + 0.3 * taken.length) * maps.work;
   }
   return changes;
@@ -431,7 +345,7 @@ export function* periodChangeSteps(maps, views, at, frequency) {
 /**
  * Find by how much the phase at each pixel is to be turned back.
  *
- * @param {BlockMaps} maps
+ * @param {GridMaps} maps
  * @param {readonly FloatPlane[]} views
  * @param {readonly number[]} at
  * @param {number} frequency
@@ -504,15 +418,4 @@ function waveOf(times) {
   const sines = withoutMean(times.map((time) => -Math.sin(2 * Math.PI * time)));
   const power = cosines.reduce((sum, cosine, k) => sum + cosine ** 2 + sines[k] ** 2, 0);
   return { cosines, sines, power };
-}
-
-/**
- * Smooth a map over `SPAN` blocks, and take off the mean around each pixel.
- *
- * @param {BlockMaps} maps
- * @param {FloatPlane} change
- * @returns {FloatPlane}
- */
-function smoothed({ block }, change) {
-  return withoutSlope(blurred(change, SPAN * Math.min(...block)), block);
 }

@@ -2,9 +2,9 @@
  * Find a display by its pilots, over some frames of a film: nothing visible marks it.
  *
  * The frames of some tenths of a second are held still against the camera's motion
- * (`stabilise.js`). Edges and what toggles (`toggleMap.js`) propose where the display may be.
- * Corners then move to where the pilots fit the grid (`corners.js`, `climb.js`), and the display is
- * believed if its blocks toggle with the pilots' signs beyond doubt (`evidence.js`). That also
+ * (`../stabilise.js`). Edges and what toggles (`toggleMap.js`) propose where the display may be.
+ * Corners then move to where the pilots fit the grid (`parts.js`, `climb.js`), and the display is
+ * believed if its blocks toggle with the pilots' signs beyond doubt (`../signal.js`). That also
  * tells which way up it is and which of several grids it shows.
  *
  * Where something toggled like a display and none was sure, the next search takes the picture for
@@ -16,20 +16,22 @@
  * for each frame, these are finer.
  */
 
-import { locatePilotsSearch } from "../../generated/constants.js";
+import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { cv, bytePlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { inImage, transform } from "../../link/geometry.js";
 import { identity } from "../../link/linear.js";
-import { candidateSteps } from "../candidates.js";
-import { rolled } from "../quads.js";
-import { COARSE_SIZE, coarseShift, expectedChanges, movedCorners } from "./corners.js";
+import { candidateSteps } from "../../locate/candidates.js";
+import { rolled } from "../../locate/quads.js";
+import { movedCorners } from "../motion.js";
+import { expectedChanges } from "../signal.js";
+import { Stabiliser } from "../stabilise.js";
+import { position } from "../waves.js";
 import { FilmFrame, amplitudes } from "./film.js";
+import { COARSE_SIZE, coarseShift } from "./parts.js";
 import { VIEW_WORK, Watched, evidenceSteps, positions } from "./proposals.js";
 import { HINT, NEXT_FRAME, settleSteps } from "./settle.js";
-import { Stabiliser } from "./stabilise.js";
 import { ToggleMap } from "./toggleMap.js";
-import { position } from "./waves.js";
 
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
@@ -37,7 +39,7 @@ import { position } from "./waves.js";
 export const {
   CANDIDATES, FAINT_CANDIDATES, WINDOW_S, LEAST_WINDOW, MOST_WINDOW, STATES_HZ, PATIENCE_S,
   MOST_DOUBLED, IN_VIEW, HELD_S, LEAST_HELD, PROMISING,
-} = locatePilotsSearch;
+} = pilotsSearchPilotSearch;
 
 /** Number of places along each side of the reference frame that are looked for in the newest one. */
 const CHECKED = 8;

@@ -3,10 +3,7 @@
 What toggles in the rectified image is compared with what should toggle: pilots whose signs are
 known. Corners may be off by blocks: parts of the display are shifted by themselves, and a transform
 is fitted to their shifts (`coarse_shift`). Where corners are off by less than a block, the whole
-display is fitted at once (`export.locate.pilots.all_blocks`).
-
-All transforms are homographies ``H_old_from_new`` in layout pixels: where a point of the display,
-as it should have been rectified, lies in the image as it was.
+display is fitted at once (`export.pilots.search.all_blocks`).
 """
 
 from collections.abc import Sequence
@@ -16,12 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from link.geometry import STRAIGHT, Lens, frame_corners, transform
+from export.pilots.motion import without_slope
 from link.layout import Layout
-from link.types import Array, Corners, Homography, Map
+from link.types import Array, Map
 
-MAP_PX = 4.0
-"""Smallest side of a block, in pixels, in the maps that are compared."""
 PARTS = ((4, 6), (2, 3), (1, 1))
 """Numbers of parts, from top to bottom and from left to right, that are shifted by themselves.
 Small parts tell more of the shape; large ones stand out of more noise, and are tried next."""
@@ -40,34 +35,6 @@ FEW, MANY = 4, 10
 """Number of clear parts from which on an affine transform is fitted, and a homography."""
 SAME_BLOCKS = 0.6
 """Distance, in blocks, within which parts' shifts agree with a transform."""
-
-
-def map_size(layout: Layout) -> tuple[int, int]:
-    """Width and height of the maps of what toggles, for a layout.
-
-    >>> from link.layout import make_layout
-    >>> map_size(make_layout(48, 64, pilots=8)), map_size(make_layout())
-    ((256, 192), (128, 96))
-    """
-    side = min(layout.width / layout.cols, layout.height / layout.rows)
-    factor = min(4, max(1, int(side / MAP_PX)))
-    return layout.width // factor, layout.height // factor
-
-
-def moved_corners(
-    corners: Corners, H_old_from_new: Homography, layout: Layout, lens: Lens = STRAIGHT
-) -> Array:
-    """Corners, in the image, of a display that lies elsewhere in its own rectified image.
-
-    Args:
-        corners: pixels of the image, by which the display was rectified.
-        H_old_from_new: in layout pixels.
-        layout: layout of the display.
-        lens: lens through which the display was rectified.
-    """
-    size = layout.width, layout.height
-    H_straight_from_old = lens.homography(corners, *size)
-    return lens.distort(transform(H_straight_from_old @ H_old_from_new, frame_corners(*size)))
 
 
 def coarse_shift(
@@ -175,21 +142,6 @@ def _drawn(blocks: NDArray[np.floating], size: tuple[int, int]) -> Map:
     """Draw the (rows, cols) expected changes of the blocks as an image of (width, height)."""
     drawn = cv2.resize(np.asarray(blocks, np.float32), size, interpolation=cv2.INTER_NEAREST)
     return np.asarray(drawn, np.float32)
-
-
-def without_slope(change: NDArray[np.floating], block: Array) -> Map:
-    """Take off the mean around each pixel, over three blocks.
-
-    Args:
-        change: (h, w) by how much the pixels of the rectified display changed.
-        block: (2,) width and height of a block, in pixels of ``change``.
-
-    Returns:
-        (h, w) in the units of ``change``.
-    """
-    span = [int(3 * side) | 1 for side in block]
-    change = np.ascontiguousarray(change, np.float32)
-    return np.asarray(change - cv2.blur(change, span), np.float32)
 
 
 def _peak(values: NDArray[np.floating], at: int) -> float:

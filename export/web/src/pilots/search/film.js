@@ -1,25 +1,25 @@
 /** Frames of a film that are kept, and what they show of a display. */
 
-import { locatePilotsFilm } from "../../generated/constants.js";
+import { pilotsSearchFilm } from "../../generated/constants.js";
 import { areaMeans } from "../../image/shrink.js";
 import { warped } from "../../image/warp.js";
 import {
   contourArea,
   homographyFromCorners,
+  isConvex,
   rectify,
   resizedHomography,
   transform,
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
-import { isConvex } from "./convex.js";
-import { LEAST_DEVIATION } from "./evidence.js";
-import { waves } from "./waves.js";
+import { LEAST_DEVIATION } from "../signal.js";
+import { waves } from "../waves.js";
 
-/** @typedef {import("./allBlocks.js").BlockMaps} BlockMaps */
+/** @typedef {import("../motion.js").GridMaps} GridMaps */
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
-/** @typedef {import("./stabilise.js").Tracks} Tracks */
+/** @typedef {import("../stabilise.js").Tracks} Tracks */
 
-export const { FAR_OUTSIDE, LEAST_AREA } = locatePilotsFilm;
+export const { FAR_OUTSIDE, LEAST_AREA } = pilotsSearchFilm;
 
 /** Room for a rectified frame that is averaged down at once. */
 let room = new Uint8Array(0);
@@ -93,13 +93,14 @@ export class FilmFrame {
    * Show a display and what lies around it, as `view` does.
    *
    * @param {Point[]} corners - of the display, in the reference frame
-   * @param {BlockMaps} maps
+   * @param {GridMaps} maps
    * @returns {FloatPlane | null} null where corners make no sound quadrilateral near the image
    */
   blockView(corners, maps) {
     const quad = this.#quad(corners);
     if (quad === null) return null;
-    const { layout, shrunk } = maps;
+    const { layout } = maps;
+    const shrunk = Math.floor(layout.width / maps.inner[0]);
     const [width, height] = maps.size;
     const H = multiply3(homographyFromCorners(quad, layout.width, layout.height), maps.toLayout());
     const factor = Math.floor(pixelsInOne(quad, maps.inner[0], maps.inner[1]));

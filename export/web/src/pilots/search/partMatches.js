@@ -20,6 +20,8 @@
  * @typedef {{ real: Float64Array, imaginary: Float64Array }} Matches
  */
 
+import { boundaries } from "../motion.js";
+
 /** Number of rectangles whose sums are added in one pass over the shifts. */
 const AT_ONCE = 4;
 
@@ -125,41 +127,6 @@ function addMatches(match, wide, { sums, stride }, places) {
       a4 += stride;
     }
   }
-}
-
-/**
- * Draw the expected changes of the blocks (`cv2.resize` with INTER_NEAREST).
- *
- * @param {ArrayLike<number>} blocks - (rows * cols,)
- * @param {number} rows
- * @param {number} cols
- * @param {number} width - of the map, pixels
- * @param {number} height - of the map, pixels
- * @returns {import("../../image/opencv.js").Plane<Float32Array>}
- */
-export function drawnBlocks(blocks, rows, cols, width, height) {
-  const data = new Float32Array(width * height);
-  const across = boundaries(cols, width);
-  const down = boundaries(rows, height);
-  for (let row = 0; row < rows; row++) {
-    for (let y = down[row]; y < down[row + 1]; y++) {
-      for (let col = 0; col < cols; col++) {
-        data.fill(blocks[row * cols + col], y * width + across[col], y * width + across[col + 1]);
-      }
-    }
-  }
-  return { width, height, data };
-}
-
-/**
- * Find the pixels at which blocks begin, where each pixel shows the block that holds its start.
- *
- * @param {number} count - of blocks
- * @param {number} length - of the map, pixels
- * @returns {Int32Array} (count + 1,)
- */
-function boundaries(count, length) {
-  return Int32Array.from({ length: count + 1 }, (_, block) => Math.ceil((block * length) / count));
 }
 
 /**

@@ -2,28 +2,28 @@
  * Move the corners of a display, one after the other, while its pilots toggle more surely.
  *
  * Where the toggling is weak, no part of the display stands out of the noise by itself
- * (`corners.js`), and all pilots together still do. From corners that are off by a block or two,
+ * (`parts.js`), and all pilots together still do. From corners that are off by a block or two,
  * the sum over all pilots leads to where they lie.
  */
 
-import { locatePilotsClimb } from "../../generated/constants.js";
+import { pilotsSearchClimb } from "../../generated/constants.js";
 import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { frameCorners, homographyFromCorners, resizedHomography } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
-import { withoutSlope } from "./corners.js";
-import { signedPhases, sumsAlong } from "./evidence.js";
+import { withoutSlope } from "../motion.js";
+import { signedPhases, sumsAlong } from "../signal.js";
 
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
 
-export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = locatePilotsClimb;
+export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = pilotsSearchClimb;
 
 /**
  * Find corners at which the pilots of a display toggle most surely.
  *
  * What is raised is the share of the power of all pilots that has their signs,
  * |sum of s_p X_p|^2 / (P sum of |X_p|^2) with the complex amplitudes X_p at P pilots, whose phases
- * may slope across the display as `PHASE_SLOPES` of evidence.js says.
+ * may slope across the display as `PHASE_SLOPES` of signal.js says.
  *
  * @param {Amplitudes} change - at one frequency of the rectified display, each pixel divided by its
  *   usual deviation; of any phase

@@ -30,6 +30,22 @@ export function quantile(values, share) {
 }
 
 /**
+ * Take the levels of an image's pixels at some distance, of which quantiles are asked for.
+ *
+ * @param {BytePlane} gray
+ * @param {number} step - distance of the pixels that count, on both axes
+ * @returns {(share: number) => number} quantile of a share in [0, 1]
+ */
+export function quantilesOfEvery({ width, height, data }, step) {
+  /** @type {number[]} */
+  const levels = [];
+  for (let y = 0; y < height; y += step) {
+    for (let x = 0; x < width; x += step) levels.push(data[y * width + x]);
+  }
+  return (share) => quantile(levels, share);
+}
+
+/**
  * Find the value of a rank, and move smaller values before it and larger ones behind (Hoare 1961).
  *
  * @param {Float64Array} values - are moved

@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from export.locate.pilots.all_blocks import BlockFit, BlockMaps
-from export.locate.pilots.climb import climb_to_pilots
-from export.locate.pilots.corners import COARSE_SIZE, MANY, coarse_shift, map_size, moved_corners
-from export.locate.pilots.evidence import expected_changes
-from export.locate.pilots.film import FilmFrame, amplitudes, positions, rectified_views
-from export.locate.pilots.proposals import Proposal, proposal_evidence
+from export.pilots.motion import map_size, moved_corners
+from export.pilots.search.all_blocks import BlockFit, block_maps
+from export.pilots.search.climb import climb_to_pilots
+from export.pilots.search.film import FilmFrame, amplitudes, positions, rectified_views
+from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
+from export.pilots.search.proposals import Proposal, proposal_evidence
+from export.pilots.signal import expected_changes
 from link.types import Array
 
 SURE, SURE_SHARE = 16.0, 0.5
@@ -159,7 +160,7 @@ def _by_blocks(
     proposal: Proposal, frames: Sequence[FilmFrame]
 ) -> Generator[None, None, BlockFit | None]:
     """Move corners by all blocks at once, to parts of a pixel; None where they are not sound."""
-    maps = BlockMaps(proposal.layout)
+    maps = block_maps(proposal.layout)
     views = []
     for frame in frames:
         view = frame.block_view(proposal.corners, maps)

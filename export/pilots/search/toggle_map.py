@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.waves import span_of, waves
 from export.locate.quads import upright
+from export.pilots.waves import span_of, waves
 from link.geometry import homography_from_corners, rectify
 from link.types import Array, Corners, Map
 
@@ -69,7 +69,7 @@ class ToggleMap:
 
         Args:
             still: (h, w) uint8, aligned with those before.
-            at: position of the frame (`export.locate.pilots.waves.position`).
+            at: position of the frame (`export.pilots.waves.position`).
         """
         self._stills.append(still)
         self._at.append(at)

@@ -7,13 +7,13 @@
  * shows follows from how well its blocks keep to these signs. Rate and phase need not be known.
  */
 
-import { locatePilotsEvidence } from "../../generated/constants.js";
-import { areaMeans } from "../../image/shrink.js";
+import { pilotsSignal } from "../generated/constants.js";
+import { areaMeans } from "../image/shrink.js";
 import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
-/** @typedef {import("../../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
+/** @typedef {import("../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
 
-export const { LEAST_DEVIATION, SLOWEST } = locatePilotsEvidence;
+export const { LEAST_DEVIATION, SLOWEST } = pilotsSignal;
 
 /**
  * Differences of phase across the display, in radians, that are tried: camera and panel go through
@@ -38,6 +38,18 @@ export const PHASE_SLOPES = [
  */
 export function pilotSigns(layout) {
   return Float64Array.from(layout.pilotBits, (bit) => 2 * bit - 1);
+}
+
+/**
+ * List the expected changes of the blocks: the pilots' signs, 0 elsewhere.
+ *
+ * @param {Layout} layout
+ * @returns {Float64Array} (rows * cols,)
+ */
+export function expectedChanges(layout) {
+  const blocks = new Float64Array(layout.rows * layout.cols);
+  pilotSigns(layout).forEach((sign, i) => (blocks[layout.pilotBlocks[i]] = sign));
+  return blocks;
 }
 
 /**

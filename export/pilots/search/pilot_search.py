@@ -22,14 +22,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.locate.candidates import display_candidates
-from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, moved_corners
-from export.locate.pilots.evidence import expected_changes, pilot_evidence, pilot_values
-from export.locate.pilots.film import FilmFrame, amplitudes, positions
-from export.locate.pilots.proposals import Proposal, proposal_evidence, surest_proposal
-from export.locate.pilots.settle import HINT, Settled, settle
-from export.locate.pilots.stabilise import Stabiliser
-from export.locate.pilots.toggle_map import ToggleMap
-from export.locate.pilots.waves import position
+from export.pilots.motion import moved_corners
+from export.pilots.search.film import FilmFrame, amplitudes, positions
+from export.pilots.search.parts import COARSE_SIZE, coarse_shift
+from export.pilots.search.proposals import Proposal, proposal_evidence, surest_proposal
+from export.pilots.search.settle import HINT, Settled, settle
+from export.pilots.search.toggle_map import ToggleMap
+from export.pilots.signal import expected_changes, pilot_evidence, pilot_values
+from export.pilots.stabilise import Stabiliser
+from export.pilots.waves import position
 from link.errors import InputError
 from link.geometry import in_image, transform
 from link.images import as_gray

@@ -8,19 +8,19 @@
  * where no edges gave the display away.
  */
 
-import { locatePilotsToggleMap } from "../../generated/constants.js";
+import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { roundHalfEven } from "../../image/round.js";
 import { homographyFromCorners } from "../../link/geometry.js";
-import { upright } from "../quads.js";
-import { median, quantile } from "./order.js";
+import { upright } from "../../locate/quads.js";
+import { median, quantile } from "../../link/order.js";
 import { fitCopy, fittedOutline, outlines, withSums } from "./outlines.js";
-import { spanOf, waves } from "./waves.js";
+import { spanOf, waves } from "../waves.js";
 
 export const {
   SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
   LEAST_EXCESS, CLEAR_QUANTILE, FAINT, EDGE_SHARE,
-} = locatePilotsToggleMap;
+} = pilotsSearchToggleMap;
 
 /** Number of frames that are summed up in one pass over the pixels. */
 const AT_ONCE = 4;

@@ -8,11 +8,11 @@
  * they would. So what is slow, as motion and exposure are, is taken out of the waves themselves.
  */
 
-import { locatePilotsWaves } from "../../generated/constants.js";
-import { roundHalfEven } from "../../image/round.js";
-import { median } from "./order.js";
+import { pilotsWaves } from "../generated/constants.js";
+import { roundHalfEven } from "../image/round.js";
+import { median } from "../link/order.js";
 
-export const { FINE_STEP, FAINT_SINE, MOST_SPAN, SPARE } = locatePilotsWaves;
+export const { FINE_STEP, FAINT_SINE, MOST_SPAN, SPARE } = pilotsWaves;
 
 /** Share of a slow wave that must be new for it to be taken out, beside those before. */
 const NEW_SHARE = 1e-6;

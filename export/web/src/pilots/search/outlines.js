@@ -1,12 +1,12 @@
 /** Quadrilaterals around the largest part of a mask, and how they are fitted to a map. */
 
-import { locatePilotsToggleMap } from "../../generated/constants.js";
+import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { cv, matOf, withMats } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
 import { resizeArea } from "../../image/shrink.js";
-import { isConvex } from "./convex.js";
+import { isConvex } from "../../link/geometry.js";
 
-export const { CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS, LEAST_SHARE } = locatePilotsToggleMap;
+export const { CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS, LEAST_SHARE } = pilotsSearchToggleMap;
 
 /** Directions in which corners are tried to be moved. */
 export const MOVES = [-1, 0, 1]

@@ -10,28 +10,25 @@ edges (expectation-maximisation; the motion as Lucas & Kanade 1981 do).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from export.locate.pilots.corners import without_slope
-from export.locate.pilots.evidence import (
+from export.pilots.motion import (
+    UNIT_CORNERS,
+    GridMaps,
+    MotionEquations,
+    pixels_from_unit,
+    unit_homography,
+)
+from export.pilots.signal import (
     LEAST_DEVIATION,
     common_phase,
     pilot_signs,
     standing_out,
 )
-from export.locate.pilots.motion import (
-    POWERS,
-    UNIT_CORNERS,
-    motion_equations,
-    pixels_from_unit,
-    unit_homography,
-)
-from export.locate.pilots.waves import waves
-from link.geometry import Lens, resized_homography, transform
+from export.pilots.waves import waves
+from link.geometry import Lens, transform
 from link.layout import Layout
 from link.types import Array, Corners, Map
 
@@ -63,54 +60,23 @@ FROM_UNIT = pixels_from_unit(2, 2)
 """(3, 3) homography from a display from -1 to 1 to a frame of 2 by 2 pixels."""
 
 
-@dataclass(frozen=True)
-class BlockMaps:
-    """Geometry of the maps in which a display's corners are fitted by all of its blocks.
+def block_maps(layout: Layout) -> GridMaps:
+    """Choose maps in which a display's corners are fitted by all of its blocks.
 
     They hold the display and one block around it, since nothing toggles beyond its border.
 
+    Args:
+        layout: layout of the display, with pilots.
+
     >>> from link.layout import make_layout
-    >>> maps = BlockMaps(make_layout(48, 64, pilots=8))
+    >>> maps = block_maps(make_layout(48, 64, pilots=8))
     >>> maps.inner, maps.margin, maps.size
     ((256, 192), (4, 4), (264, 200))
     """
-
-    layout: Layout
-    """Layout of the display, with pilots."""
-
-    @property
-    def shrunk(self) -> int:
-        """Whole factor by which the maps are smaller than the layout."""
-        side = min(self.layout.width / self.layout.cols, self.layout.height / self.layout.rows)
-        return min(MOST_SHRUNK, max(1, int(side / LEAST_SIDE_PX)))
-
-    @property
-    def inner(self) -> tuple[int, int]:
-        """Width and height of the display, in pixels of the maps."""
-        return self.layout.width // self.shrunk, self.layout.height // self.shrunk
-
-    @property
-    def margin(self) -> tuple[int, int]:
-        """Width and height of what lies on each side of the display, in pixels of the maps."""
-        width, height = self.inner
-        return -(-width // self.layout.cols), -(-height // self.layout.rows)
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the maps, pixels."""
-        (width, height), (left, top) = self.inner, self.margin
-        return width + 2 * left, height + 2 * top
-
-    def to_layout(self) -> Array:
-        """Find the (3, 3) homography from pixels of the maps to pixels of the layout."""
-        (width, height), (left, top) = self.inner, self.margin
-        H = resized_homography(self.layout.width / width, self.layout.height / height)
-        return np.asarray(H @ [[1.0, 0, -left], [0, 1, -top], [0, 0, 1]])
-
-    def within(self, change: Map) -> Map:
-        """Cut the display out of (h, w) maps, or out of (K, h, w) of them."""
-        (width, height), (left, top) = self.inner, self.margin
-        return change[..., top : top + height, left : left + width]
+    side = min(layout.width / layout.cols, layout.height / layout.rows)
+    shrunk = min(MOST_SHRUNK, max(1, int(side / LEAST_SIDE_PX)))
+    width, height = layout.width // shrunk, layout.height // shrunk
+    return GridMaps(layout, (width, height), (-(-width // layout.cols), -(-height // layout.rows)))
 
 
 class BlockFit:
@@ -119,29 +85,22 @@ class BlockFit:
     Args:
         maps: geometry of the maps.
         views: (T, h, w) gray levels of T frames, rectified to the maps.
-        at: (T,) positions of the frames (`export.locate.pilots.waves.position`).
+        at: (T,) positions of the frames (`export.pilots.waves.position`).
         frequency: frequency at which the display toggles, in periods for each nominal frame.
     """
 
-    def __init__(self, maps: BlockMaps, views: Map, at: Sequence[float], frequency: float) -> None:
+    def __init__(self, maps: GridMaps, views: Map, at: Sequence[float], frequency: float) -> None:
         self.maps = maps
-        layout, (width, height) = maps.layout, maps.inner
-        self._block = np.array([width / layout.cols, height / layout.rows])
         seen = period_changes(maps, views, at, frequency)
-        self.changes: Map = np.array([self._smooth(change) for change in seen])
+        self.changes: Map = np.array([maps.smooth(change, SPAN) for change in seen])
         """(K, h, w) smooth changes in K periods, without slope."""
         self._H_old_from_new, self._k = np.eye(3), 0.0
         self._best = self._H_old_from_new, self._k
         self._score = -1.0
         self._H_captured_from_unit: Array | None = None
         self._image_size = 0, 0
-        (columns, rows), (left, top) = maps.size, maps.margin
-        self._powers_x, self._powers_y = (
-            ((np.arange(count) - before + 0.5) / side * 2 - 1) ** np.arange(POWERS)[:, None]
-            for count, before, side in ((columns, left, width), (rows, top, height))
-        )
-        self._map_from_unit = pixels_from_unit(width, height)
-        self._map_from_unit[:2, 2] += left, top
+        self._map_from_unit = pixels_from_unit(*maps.inner)
+        self._map_from_unit[:2, 2] += maps.margin
 
     @property
     def k(self) -> float:
@@ -196,7 +155,7 @@ class BlockFit:
     def bends(self) -> bool:
         """Tell whether the lens that the next step tries bends the display by much of a block."""
         bent = np.abs(self._places(self._k) - self._places(0.0)).max(axis=(1, 2))
-        return bool((bent > EXPECTED_BLOCKS * self._block).any())
+        return bool((bent > EXPECTED_BLOCKS * self.maps.block).any())
 
     def _places(self, k: float) -> Map:
         """Find where a lens shows the pixels of the maps: (2, h, w), x and y in the views."""
@@ -230,11 +189,6 @@ class BlockFit:
             return self.changes
         return np.array(seen)
 
-    def _smooth(self, change: NDArray[np.floating]) -> Map:
-        """Smooth an (h, w) map over `SPAN` blocks, and take off the mean around each pixel."""
-        smooth = cv2.GaussianBlur(change, (0, 0), SPAN * float(self._block.min()))
-        return without_slope(smooth, self._block)
-
     def _expected(self, seen: Map) -> Map:
         """Draw by how much each block is expected to have changed in each period, (K, h, w)."""
         layout = self.maps.layout
@@ -254,54 +208,32 @@ class BlockFit:
         toggling = np.sqrt(np.maximum(squares, LEAST_TOGGLING * mean_square))
         sure = np.tanh(np.clip(toggling * flat / noise, -SURE_RATIO, SURE_RATIO))
         sure[:, layout.pilot_blocks] = signs
-        blocks = (toggling * sure).reshape(means.shape).astype(np.float32)
-        drawn = np.zeros_like(seen)
-        for change, block in zip(self.maps.within(drawn), blocks, strict=True):
-            change[:] = cv2.resize(block, self.maps.inner, interpolation=cv2.INTER_NEAREST)
-        return np.array([self._smooth(change) for change in drawn])
+        blocks = (toggling * sure).reshape(means.shape)
+        return np.array([self.maps.drawn(each, SPAN) for each in blocks])
 
     def _move(self, expected: Map, residual: Map) -> Array:
         """Find the (8,) numbers of the homography that explain the residual changes.
 
         Where the lens is free, the change of its coefficient is the ninth.
         """
-        width, height = self.maps.inner
-        slopes = [
-            np.array([cv2.Sobel(e, -1, *order, scale=side / 16) for e in expected])
-            for order, side in (((1, 0), width), ((0, 1), height))
-        ]
-        noise = float((residual**2).mean() * self._block.prod()) + 1e-12  # alike over a block
-        x, y = slopes
-        xx, xy, yy, x_left, y_left = (
-            (one * other).sum(axis=0)
-            for one, other in ((x, x), (x, y), (y, y), (x, residual), (y, residual))
-        )
-        squares, products = (
-            [self._moments(each) for each in maps] for maps in ((xx, xy, yy), (x_left, y_left))
-        )
-        information, asked = motion_equations(squares, products)
-        known = noise / (2 * EXPECTED_BLOCKS / self.maps.layout.cols) ** 2
-        asked += known * (self._H_old_from_new - np.eye(3)).flat[:8]
-        information += known * np.eye(8)
+        maps = self.maps
+        equations = MotionEquations(maps.inner, maps.places())
+        for change, left in zip(expected, residual, strict=True):
+            equations.take(change, left)
+        bent: Map | None = None
         if self._H_captured_from_unit is not None:
-            # (2, h, w) pixels of the maps for each unit of the coefficient
-            bent = (self._places(self._k + K_STEP) - self._places(self._k)) / np.float32(K_STEP)
-            bent_x, bent_y = bent[0] * 2 / width, bent[1] * 2 / height
-            with_x, with_y = bent_x * xx + bent_y * xy, bent_x * xy + bent_y * yy
-            _, both = motion_equations(squares, [self._moments(each) for each in (with_x, with_y)])
-            known = noise / EXPECTED_K**2
-            alone = float((bent_x * with_x + bent_y * with_y).sum()) + known
-            information = np.block([[information, both[:, None]], [both[None], np.array(alone)]])
-            left = float((bent_x * x_left + bent_y * y_left).sum())
-            asked = np.append(asked, left + known * self._k)
-        return np.asarray(-np.linalg.solve(information, asked))
-
-    def _moments(self, weights: Map) -> Array:
-        """Sum an (h, w) map times powers of y and of x: (`POWERS`, `POWERS`)."""
-        return np.asarray(self._powers_y @ weights @ self._powers_x.T)
+            moved = (self._places(self._k + K_STEP) - self._places(self._k)) / np.float32(K_STEP)
+            bent = np.array([each * 2 / side for each, side in zip(moved, maps.inner, strict=True)])
+        matrix, right = equations.normal(bent)
+        noise = float((residual**2).mean() * maps.block.prod()) + 1e-12  # alike over a block
+        known = np.full(8, noise / (2 * EXPECTED_BLOCKS / maps.layout.cols) ** 2)
+        off = (self._H_old_from_new - np.eye(3)).flat[:8]
+        if bent is not None:
+            known, off = np.append(known, noise / EXPECTED_K**2), np.append(off, self._k)
+        return np.asarray(-np.linalg.solve(matrix + np.diag(known), right + known * off))
 
 
-def period_changes(maps: BlockMaps, views: Map, at: Sequence[float], frequency: float) -> Map:
+def period_changes(maps: GridMaps, views: Map, at: Sequence[float], frequency: float) -> Map:
     """Measure by how much each pixel changed in each period of the display's toggling.
 
     The phase of the toggling, which may slope across the display, is that of the pilots. A period
@@ -311,7 +243,7 @@ def period_changes(maps: BlockMaps, views: Map, at: Sequence[float], frequency: 
     Args:
         maps: geometry of the maps.
         views: (T, h, w) gray levels of T frames, rectified to the maps.
-        at: (T,) positions of the frames (`export.locate.pilots.waves.position`).
+        at: (T,) positions of the frames (`export.pilots.waves.position`).
         frequency: frequency at which the display toggles, in periods for each nominal frame.
 
     Returns:
@@ -322,10 +254,8 @@ def period_changes(maps: BlockMaps, views: Map, at: Sequence[float], frequency: 
     pilots = [standing_out(v, layout).flat[layout.pilot_blocks] for v in maps.within(views)]
     turns = waves(places, np.array([frequency]), np.zeros(1))[0]
     (across, down), angle = common_phase(turns @ np.array(pilots), layout)
-    (width, height), (left, top), (columns, rows) = maps.inner, maps.margin, maps.size
-    x = (np.arange(columns) - left + 0.5) / width - 0.5
-    y = (np.arange(rows)[:, None] - top + 0.5) / height - 0.5
-    turned = np.exp(-1j * (across * x + down * y + angle)).astype(np.complex64)
+    x, y = (place / 2 for place in maps.places())
+    turned = np.exp(-1j * (across * x + down * y[:, None] + angle)).astype(np.complex64)
     periods = frequency * (places - places[0])
     begun = np.floor(periods + angle / (2 * np.pi) - 0.25 + 1e-6)
     usual = views.std(axis=0) + np.float32(LEAST_DEVIATION)

@@ -1,17 +1,17 @@
 /** Hold the frames of a film still: where each point of a reference frame lies in a later one. */
 
-import { locatePilotsStabilise } from "../../generated/constants.js";
-import { cv, matOf, withMats } from "../../image/opencv.js";
-import { roundHalfEven } from "../../image/round.js";
-import { resizeArea } from "../../image/shrink.js";
-import { warped } from "../../image/warp.js";
-import { contourArea, transform } from "../../link/geometry.js";
-import { identity, inverse, multiply3 } from "../../link/linear.js";
+import { pilotsStabilise } from "../generated/constants.js";
+import { cv, matOf, withMats } from "../image/opencv.js";
+import { roundHalfEven } from "../image/round.js";
+import { resizeArea } from "../image/shrink.js";
+import { warped } from "../image/warp.js";
+import { contourArea, transform } from "../link/geometry.js";
+import { identity, inverse, multiply3 } from "../link/linear.js";
 
 export const {
   WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, SAME_PX, PARTS, AGREEING,
   SPREAD,
-} = locatePilotsStabilise;
+} = pilotsStabilise;
 
 /** Points of a reference frame that were found again in a later one. */
 export class Tracks {

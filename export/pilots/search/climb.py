@@ -1,7 +1,7 @@
 """Move the corners of a display, one after the other, while its pilots toggle more surely.
 
 Where the toggling is weak, no part of the display stands out of the noise by itself
-(`export.locate.pilots.corners`), and all pilots together still do. From corners that are off by a
+(`export.pilots.search.parts`), and all pilots together still do. From corners that are off by a
 block or two, the sum over all pilots leads to where they lie.
 """
 
@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.corners import without_slope
-from export.locate.pilots.evidence import pilot_centres, signed_phases
+from export.pilots.motion import without_slope
+from export.pilots.signal import pilot_centres, signed_phases
 from link.geometry import (
     frame_corners,
     homography_from_corners,
@@ -35,7 +35,7 @@ def climb_to_pilots(change: NDArray[np.complex64], layout: Layout) -> Array:
 
     What is raised is the share of the power of all pilots that has their signs,
     |sum of s_p X_p|^2 / (P sum of |X_p|^2) with the complex amplitudes X_p at P pilots, whose
-    phases may slope across the display as `export.locate.pilots.evidence.PHASE_SLOPES` says.
+    phases may slope across the display as `export.pilots.signal.PHASE_SLOPES` says.
 
     Args:
         change: (h, w) amplitude at one frequency of the rectified display, each pixel divided by

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.waves import MOST_SPAN, span_of, waves
+from export.pilots.waves import MOST_SPAN, span_of, waves
 from link.images import as_gray, intensity
 from link.layout import Layout
 from link.types import Array, Image
@@ -148,7 +148,7 @@ def pilot_evidence(
     Args:
         values: T arrays (P,), one for each of T frames.
         layout: with P pilots.
-        at: (T,) positions of the frames (`export.locate.pilots.waves.position`), rising; without
+        at: (T,) positions of the frames (`export.pilots.waves.position`), rising; without
             them, the frames are evenly spaced.
 
     Returns:

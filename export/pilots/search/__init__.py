@@ -1,0 +1,1 @@
+"""Look for a display by its pilots: propose where it may be, and settle where it is."""
