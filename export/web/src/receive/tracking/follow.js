@@ -15,8 +15,8 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { Stabiliser } from "../../pilots/stabilise.js";
 import { OUTSIDE } from "../../locate/refine.js";
+import { Stabiliser } from "../../pilots/stabilise.js";
 
 const {
   FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
@@ -35,10 +35,15 @@ const STILL = [
  * Follows the display by optical flow to a rectified reference, so that errors do not add up.
  *
  * The reference is the frame in which the display was found, and is taken anew where the picture
- * has changed (a video): points on ratex patches then hold the geometry.
+ * has changed (a video): points on ratex patches then hold the geometry. A display without them
+ * whose picture moves is followed by what lies around it, which moves with the camera.
  */
 export class Follower {
   #motion = STILL;
+  /** Corners in the reference. */
+  #first = STILL;
+  /** @type {Stabiliser | null} */
+  #room;
   /** @type {Flow | null} */
   #flow = null;
   #k;
@@ -46,9 +51,11 @@ export class Follower {
   /**
    * @param {Layout} layout - of the display
    * @param {number} [k] - coefficient of the lens
+   * @param {boolean} [pictureMoves] - whether it is followed by what lies around it
    */
-  constructor(layout, k = 0) {
+  constructor(layout, k = 0, pictureMoves = false) {
     this.layout = layout;
+    this.#room = pictureMoves ? new Stabiliser() : null;
     this.#k = k;
     /**
      * Corners in the last frame, in corner order, or null where nothing is followed.
@@ -92,7 +99,11 @@ export class Follower {
    */
   begin(image, corners, rectified) {
     if (this.corners === null) this.#motion = STILL;
-    this.corners = corners;
+    this.corners = this.#first = corners;
+    if (this.#room) {
+      this.#room.begin(image, true, corners);
+      return;
+    }
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
     const copy = { ...rectified, data: rectified.data.slice() };
     const reference = stretched(copy, EVEN_MEAN, EVEN_DEVIATION);
@@ -128,6 +139,11 @@ export class Follower {
    *   is lost
    */
   step(image) {
+    const room = this.#room;
+    if (room && this.corners !== null) {
+      const H = room.follow(image);
+      return H && { corners: transform(H, this.#first), fresh: room.share < WORN_SHARE };
+    }
     const flow = this.#flow;
     if (this.corners === null || flow === null || flow.points.length < MIN_INLIERS) return null;
     const { width, height } = this.layout;
@@ -207,37 +223,6 @@ export class Follower {
       ([x, y]) => x > 3 && x < width - 3 && y > 3 && y < height - 3,
     );
     return new Flow(reference, inside, COMPARED_PX, HALVINGS);
-  }
-}
-
-/** Follows a display whose picture moves by what lies around it, which moves with the camera. */
-export class RoomFollower extends Follower {
-  #room = new Stabiliser();
-  /** Corners in the reference. @type {Point[]} */
-  #first = [];
-
-  /**
-   * Take a frame, and the corners in it, as the reference.
-   *
-   * @param {BytePlane} image
-   * @param {Point[]} corners - pixels of the image, in corner order
-   */
-  begin(image, corners) {
-    this.corners = this.#first = corners;
-    this.#room.begin(image, true, corners);
-  }
-
-  /**
-   * Find the display in the next frame, as `Follower.step` does.
-   *
-   * @param {BytePlane} image
-   */
-  step(image) {
-    if (this.corners === null) return null;
-    const HImageFromFirst = this.#room.follow(image);
-    if (HImageFromFirst === null) return null;
-    const corners = transform(HImageFromFirst, this.#first);
-    return { corners, fresh: this.#room.share < WORN_SHARE };
   }
 }
 

@@ -6,7 +6,7 @@ import { movedCorners } from "../../pilots/motion.js";
 import { pilotEvidence, pilotValues } from "../../pilots/signal.js";
 import { PilotSearch } from "../../pilots/search/pilotSearch.js";
 import { position } from "../../pilots/waves.js";
-import { Follower, RoomFollower } from "./follow.js";
+import { Follower } from "./follow.js";
 
 /** @typedef {import("./patches.js").Tracked} Tracked */
 
@@ -82,8 +82,7 @@ export class PilotTracker {
   #look(image, time) {
     const found = this.#search.push(image, time);
     if (found === null) return null;
-    const follower = this.#search.pictureMoves ? RoomFollower : Follower;
-    this.#follower = new follower(found.layout, found.k);
+    this.#follower = new Follower(found.layout, found.k, this.#search.pictureMoves);
     this.#HFollowedFromShown = identity(3);
     this.#values = [];
     this.#at = [];
