@@ -54,6 +54,7 @@ SHARED = (
     "export.pilots.search.proposals",
     "export.pilots.search.settle",
     "export.pilots.search.toggle_map",
+    "export.pilots.search.watch",
     "export.pilots.signal",
     "export.pilots.stabilise",
     "export.pilots.waves",

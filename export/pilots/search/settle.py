@@ -11,6 +11,7 @@ from export.pilots.search.climb import climb_to_pilots
 from export.pilots.search.film import FilmFrame, amplitudes, positions, rectified_views
 from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, proposal_evidence
+from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes
 from link.types import Array
 
@@ -59,9 +60,7 @@ class Settled:
 def settle(
     proposal: Proposal,
     evidence: float,
-    watched: Sequence[FilmFrame],
-    later: Sequence[FilmFrame],
-    confirming: int,
+    watch: Watch,
 ) -> Generator[None, None, Settled | None]:
     """Move corners to where the pilots fit the grid, step by step, and weigh what they bound.
 
@@ -72,14 +71,12 @@ def settle(
     Args:
         proposal: where a display may be.
         evidence: evidence of the proposal in all frames so far, before it pays for anything.
-        watched: frames, of which there may be more after each step.
-        later: the newest frames after those watched; other ones after each step.
-        confirming: number of later frames that must agree with what is not certain.
+        watch: the film, of which there may be more after each step.
 
     Returns:
         None where it is not sure.
     """
-    layout, frames = proposal.layout, list(watched)
+    layout, frames = proposal.layout, list(watch.frames)
     needed = min(SURE, SURE_SHARE * layout.pilots)
     certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
     best, tried = proposal, float(TRIALS)
@@ -95,8 +92,8 @@ def settle(
             best, evidence, tried = moved, now, tried * tries
     if evidence < HINT - float(np.log(tried)):
         return None
-    used = len(watched)
-    start, fit = best, (yield from _by_blocks(best, watched[:used]))
+    used = len(watch.frames)
+    start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
     fitted = best if fit is None else _moved(best, fit)
     now = proposal_evidence(fitted, frames) - float(np.log(tried))
     yield None
@@ -106,7 +103,7 @@ def settle(
     if now >= NEARLY * needed:
         best = fitted
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
-        while len(agreeing := [*watched[used:], *later]) < confirming:
+        while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
             yield None
         if proposal_evidence(best, agreeing) < CONFIRMED:
             return None

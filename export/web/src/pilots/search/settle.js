@@ -7,18 +7,19 @@ import { BlockFit, blockMaps, periodChangeSteps } from "./allBlocks.js";
 import { climbToPilots } from "./climb.js";
 import { amplitudes } from "./film.js";
 import { COARSE_SIZE, MANY, coarseShift } from "./parts.js";
-import { VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps } from "./proposals.js";
+import {
+  NEXT_FRAME, VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps,
+} from "./proposals.js";
 
 /** @typedef {import("./film.js").FilmFrame} FilmFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
+/** @typedef {import("./watch.js").Watch} Watch */
 
 export const {
   SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, NEARLY, HINT,
   CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
 } = pilotsSearchSettle;
 
-/** More work (`../steps.js`) than a frame has room for: the next step needs the next frame. */
-export const NEXT_FRAME = Infinity;
 /** Units of work of measuring how a display toggles, and of a move of its corners. */
 const MEASURE_WORK = 4;
 const MOVE_WORK = 6;
@@ -37,7 +38,7 @@ const MOVE_WORK = 6;
  * @typedef {(
  *   proposal: Proposal,
  *   frames: readonly FilmFrame[],
- * ) => import("../../link/code/steps.js").Steps<Point[]>} Move
+ * ) => Steps<Point[]>} Move
  */
 
 /**
@@ -49,13 +50,11 @@ const MOVE_WORK = 6;
  *
  * @param {Proposal} proposal
  * @param {number} first - evidence of it in all frames so far, before it pays for anything
- * @param {readonly FilmFrame[]} watched - frames, of which there may be more after each step
- * @param {number} confirming - number of later frames that must agree with what is not certain
- * @param {() => FilmFrame} newest - gives the newest frame, another one after each `NEXT_FRAME`
- * @returns {import("../../link/code/steps.js").Steps<Settled | null>} null where it is not sure
+ * @param {Watch} watch - the film, of which there may be more after each step
+ * @returns {Steps<Settled | null>} null where it is not sure
  */
-export function* settleSteps(proposal, first, watched, confirming, newest) {
-  const frames = [...watched];
+export function* settleSteps(proposal, first, watch) {
+  const frames = [...watch.frames];
   const { layout } = proposal;
   const pilots = layout.pilotBlocks.length;
   const needed = Math.min(SURE, SURE_SHARE * pilots);
@@ -76,7 +75,7 @@ export function* settleSteps(proposal, first, watched, confirming, newest) {
   }
   if (evidence < HINT - Math.log(tried)) return null;
   const start = best;
-  const fit = yield* byBlocks(start, [...watched]);
+  const fit = yield* byBlocks(start, [...watch.frames]);
   const fitted = fit === null ? start : moved(start, fit);
   const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
   evidence = Math.max(evidence, now);
@@ -86,9 +85,9 @@ export function* settleSteps(proposal, first, watched, confirming, newest) {
     // corners were fitted to these frames; later ones must agree
     const later = [];
     const at = [];
-    while (later.length < confirming) {
+    while (later.length < watch.confirming) {
       yield NEXT_FRAME;
-      const frame = newest();
+      const frame = watch.newest;
       const values = valuesOf(best, frame);
       if (values === null) return null;
       later.push(values);
@@ -155,7 +154,7 @@ function* byClimbing({ corners, layout, frequency }, frames) {
  *
  * @param {Proposal} proposal
  * @param {readonly FilmFrame[]} frames
- * @returns {import("../../link/code/steps.js").Steps<BlockFit | null>} null where the corners are
+ * @returns {Steps<BlockFit | null>} null where the corners are
  *   not sound
  */
 function* byBlocks({ corners, layout, frequency }, frames) {
@@ -181,7 +180,7 @@ function* byBlocks({ corners, layout, frequency }, frames) {
  * @param {BlockFit} fit - one that began with the corners of `start`
  * @param {Proposal} start - whose corners the fit moves
  * @param {FilmFrame} reference - the reference frame
- * @returns {import("../../link/code/steps.js").Steps<number>} the coefficient of the lens; 0 where
+ * @returns {Steps<number>} the coefficient of the lens; 0 where
  *   the lens bends the display by too little to tell
  */
 function* throughLens(fit, start, { gray }) {
