@@ -9,21 +9,29 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
 import tyro
+from numpy.typing import NDArray
 from tqdm import tqdm
 
+from export.film_graph import INPUTS, SHRINK, FilmGraph, FilmWindow
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
-from link.embed import embed
+from link.embed import block_changes, embed
 from link.errors import InputError, at_least
 from link.frames import Rectified
-from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout
+from link.layout import MAX_PIXELS, MAX_SIDE_PX, MIN_BLOCK_PX, Layout, make_layout
 from models.neural.checkpoint import load_checkpoint
 from models.neural.decoder import PhiDecoder
+from models.neural.film import FilmDecoder
 from models.neural.methods import decode_with
 
 TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""
+FILM_TOLERANCE = 0.1
+"""The same for the film decoder, whose rounds are in float32; bits of smaller scores may differ."""
+FILM_GRIDS = ((16, 16), (24, 32), (48, 64))
+"""Rows and columns of the grids of the windows that are compared."""
 NOISE_RANGE = (10.0, 100.0)
 """Least and largest standard deviation of a pixel, gray levels: so much that most scores stay clear
 of their bound, where all are alike, at `FAINT`."""
@@ -48,11 +56,13 @@ class Parity:
     median_score: float
     """Median of the absolute scores; it should be well below the largest, where a bound makes all
     scores alike."""
+    tolerance: float = TOLERANCE
+    """Largest difference of a score that is allowed, in log-likelihood units."""
 
     @property
     def holds(self) -> bool:
-        """Whether every bit is equal and every score within `TOLERANCE`."""
-        return self.different_bits == 0 and self.max_difference <= TOLERANCE
+        """Whether every bit is equal and every score within the tolerance."""
+        return self.different_bits == 0 and self.max_difference <= self.tolerance
 
 
 def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: int) -> Parity:
@@ -79,6 +89,100 @@ def compare_with_torch(module: PhiDecoder, decoder: Decoder, frames: int, seed: 
     score = np.concatenate(scores)
     worst = float(np.max(differences))
     return Parity(frames, score.size, different, worst, float(score.max()), float(np.median(score)))
+
+
+def compare_films(module: FilmDecoder, graph: FilmGraph, windows: int = 9, seed: int = 1) -> Parity:
+    """Decode synthetic windows of film with both, on grids and of lengths that differ.
+
+    Args:
+        module: the film decoder in torch.
+        graph: the film decoder in onnxruntime.
+        windows: number of windows.
+        seed: seed of the windows.
+
+    Returns:
+        what was found; bits count as different where their scores exceed `FILM_TOLERANCE`.
+    """
+    rng = np.random.default_rng(seed)
+    scores, differences, different = [], [], 0
+    module.eval()
+    for index in range(windows):
+        rows, cols = FILM_GRIDS[index % len(FILM_GRIDS)]
+        layout = make_layout(rows, cols, modulation="antipodal", pilots="auto")
+        window, _ = synthetic_window(layout, rng, frames=8 + 3 * index)
+        with torch.no_grad():
+            ours = module(*film_tensors(window)).double().numpy()
+        theirs = graph.score(window)
+        scores.append(np.abs(ours).ravel())
+        differences.append(float(np.abs(ours - theirs).max()))
+        clear = np.maximum(np.abs(ours), np.abs(theirs)) > FILM_TOLERANCE
+        different += int((((ours > 0) != (theirs > 0)) & clear).sum())
+    score = np.concatenate(scores)
+    largest, median = float(score.max()), float(np.median(score))
+    worst = max(differences)
+    return Parity(windows, score.size, different, worst, largest, median, FILM_TOLERANCE)
+
+
+def film_tensors(window: FilmWindow) -> list[torch.Tensor]:
+    """Turn a window into the arguments of `FilmDecoder.forward`."""
+    pairs = np.arange(window.first, window.first + window.count)
+    return [torch.from_numpy(np.asarray(getattr(window, name, pairs))) for name in INPUTS]
+
+
+def synthetic_window(
+    layout: Layout,
+    rng: np.random.Generator,
+    frames: int = 24,
+    noise: float = 40.0,
+    shutter_s: float = 0.01,
+) -> tuple[FilmWindow, NDArray[np.intp]]:
+    """Make a window of film frames of a still display: clouds, a clock, mixed exposures, noise.
+
+    Args:
+        layout: grid with pilots, of the modulation "antipodal".
+        rng: draws everything else.
+        frames: number of frames.
+        noise: standard deviation of a shrunk pixel, gray levels.
+        shutter_s: time for which each place is exposed, seconds.
+
+    Returns:
+        the window, and the (pairs, n_bits) bits that it shows.
+    """
+    height, width = layout.height // SHRINK, layout.width // SHRINK
+    coarse = rng.uniform(40, 215, (6, 8)).astype(np.float32)
+    picture = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
+    period = 1 / 30
+    start, delay_x, delay_y = rng.uniform(0, period), 0.002, rng.uniform(-0.01, 0.01)
+    times = np.arange(frames) / 60 + 0.1
+    state = (times - start) / period
+    first, last = int((state[0] - 1) // 2), int((state[-1] + 2) // 2)
+    bits = rng.integers(0, 2, (last + 1 - first, layout.n_bits))
+    y, x = np.mgrid[: layout.rows, : layout.cols]
+    delays = delay_x * (x + 0.5) / layout.cols + delay_y * (y + 0.5) / layout.rows
+    shown = []
+    for time in times:
+        signal = np.zeros((layout.rows, layout.cols))
+        for number, row in enumerate(bits):
+            change = block_changes(row, layout)
+            for which, sign in ((0, -0.5), (1, 0.5)):
+                begin = (time + delays - start) / period - 2 * (first + number) - which
+                length = shutter_s / period
+                inside = np.clip(np.minimum(begin + length, 1) - np.maximum(begin, 0), 0, None)
+                signal += sign * inside / length * change
+        blocks = cv2.resize(signal, (width, height), interpolation=cv2.INTER_NEAREST)
+        shown.append(picture + 2 * blocks + noise * rng.standard_normal(picture.shape))
+    known = np.zeros(layout.rows * layout.cols, np.float32)
+    known[layout.pilot_blocks] = 2 * layout.pilot_bits - 1
+    window = FilmWindow(
+        frames=np.stack(shown)[:, None].astype(np.float32),
+        seen=np.ones((frames, layout.rows, layout.cols), np.float32),
+        known=known.reshape(layout.rows, layout.cols),
+        times=times,
+        clock=np.array([period, start, delay_x, delay_y, shutter_s]),
+        first=first,
+        count=len(bits),
+    )
+    return window, bits
 
 
 def synthetic_pair(

@@ -109,16 +109,9 @@ class Decoder:
         self, path: Path | str, threads: int = 2, time_limit_s: float = TIME_LIMIT_S
     ) -> None:
         path = Path(path)
-        check_threads(threads)
         self._time_limit_s = time_limit_s
-        data = read_model(path)
-        try:
-            self._session = _session(data, threads, time_limit_s)
-            self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
-        except SlowModelError as error:
-            raise InputError(f"{path}: {error}") from None
-        except ORT_ERRORS as error:
-            raise _unreadable(path, error) from None
+        self._session = load_session(path, threads, time_limit_s)
+        self.metadata: dict[str, str] = self._session.get_modelmeta().custom_metadata_map
         self.layout: Layout
         """Grid of the message bits that the model decodes."""
         self.features: list[str]
@@ -207,23 +200,11 @@ class Decoder:
         Raises:
             InputError: onnxruntime failed, took too long, or returned something else.
         """
-        options = onnxruntime.RunOptions()
-
-        def stop() -> None:
-            options.terminate = True
-
         count = len(original)
         megapixels = count * original.shape[2] * original.shape[3] / 1e6
         limit = self._time_limit_s + TIME_LIMIT_S_PER_MEGAPIXEL * megapixels
-        try:
-            with WATCHDOG.limit(limit, stop, "the model"):
-                scores, head = self._session.run(
-                    ["scores", "head"], {"original": original, "embedded": embedded}, options
-                )
-        except ORT_ERRORS as error:
-            if options.terminate:
-                raise InputError(f"the model took more than {limit:.3g} s; it is stopped") from None
-            raise InputError(f"the model failed to run: {_reason(error)}") from None
+        frames = {"original": original, "embedded": np.asarray(embedded)}
+        scores, head = run_session(self._session, ["scores", "head"], frames, limit)
         for values, width in ((scores, self.layout.n_bits), (head, len(self.features) + 1)):
             if (
                 not isinstance(values, np.ndarray)
@@ -293,6 +274,62 @@ def read_model(path: Path) -> bytes:
     except InputError as error:
         raise _unreadable(path, error) from None
     return data
+
+
+def load_session(path: Path, threads: int, time_limit_s: float) -> onnxruntime.InferenceSession:
+    """Load a model that may come from a stranger.
+
+    Args:
+        path: the .onnx file.
+        threads: number of threads of onnxruntime.
+        time_limit_s: seconds that loading may take.
+
+    Raises:
+        InputError: the file is missing, damaged, takes too long, or holds what no decoder needs.
+    """
+    check_threads(threads)
+    data = read_model(path)
+    try:
+        session = _session(data, threads, time_limit_s)
+        session.get_modelmeta()
+    except SlowModelError as error:
+        raise InputError(f"{path}: {error}") from None
+    except ORT_ERRORS as error:
+        raise _unreadable(path, error) from None
+    return session
+
+
+def run_session(
+    session: onnxruntime.InferenceSession,
+    outputs: list[str],
+    feed: dict[str, NDArray[Any]],
+    time_limit_s: float,
+) -> list[Any]:
+    """Run a model that may come from a stranger.
+
+    Args:
+        session: what `load_session` returned.
+        outputs: names of the wanted outputs.
+        feed: arrays by the names of the inputs.
+        time_limit_s: seconds that it may take.
+
+    Raises:
+        InputError: onnxruntime failed, or took too long.
+    """
+    options = onnxruntime.RunOptions()
+
+    def stop() -> None:
+        options.terminate = True
+
+    try:
+        with WATCHDOG.limit(time_limit_s, stop, "the model"):
+            return list(session.run(outputs, feed, options))
+    except ORT_ERRORS as error:
+        if options.terminate:
+            raise InputError(
+                f"the model took more than {time_limit_s:.3g} s; it is stopped"
+            ) from None
+        raise InputError(f"the model failed to run: {_reason(error)}") from None
 
 
 def check_threads(threads: int) -> None:

@@ -3,7 +3,7 @@
 import json
 import logging
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,9 @@ import torch
 import tyro
 from onnxscript.values import Opset
 
+from export.film_graph import FILM_FORMAT, GRID_STEP, SHRINK, FilmGraph
 from export.orphan import end_with_parent
-from export.parity import Parity, compare_with_torch
+from export.parity import Parity, compare_films, compare_with_torch
 from export.runtime import FORMAT, Decoder
 from link import __version__
 from link.cli import read_flags, run_cli
@@ -22,9 +23,11 @@ from link.errors import InputError, ParameterError, at_least
 from link.images import temporary_name, write_bytes
 from link.layout import MAX_SIDE_PX, MIN_BLOCK_PX, make_layout, read_layout
 from link.outside import is_no_file
+from link.presets import PRESETS
 from models import PRETRAINED, PRETRAINED_PILOTS, shipped_checkpoint
 from models.neural.checkpoint import load_checkpoint, read_config
 from models.neural.decoder import PhiDecoder
+from models.neural.film import FilmDecoder
 
 INVERSE = onnx.defs.OpSchema(
     "Inverse",
@@ -68,6 +71,62 @@ def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | Non
         2: torch.export.Dim("height", min=layout.rows * MIN_BLOCK_PX, max=MAX_SIDE_PX),
         3: torch.export.Dim("width", min=layout.cols * MIN_BLOCK_PX, max=MAX_SIDE_PX),
     }
+    frames = {"original": example, "embedded": example.clone()}
+    model = _translate(module, frames, (free, free), ["scores", "head"])
+    metadata = {
+        "format": FORMAT,
+        "layout": json.dumps(layout.to_dict()),
+        "decoder": json.dumps(asdict(module.config)),
+        "features": json.dumps(module.phi.names),
+        "run": run_name,
+        "training": json.dumps(dict(training or {})),
+        "version": __version__,
+    }
+    return _finished(model, metadata)
+
+
+def film_to_onnx(module: FilmDecoder) -> bytes:
+    """Turn the film decoder into an ONNX model; frames, pairs and the grid are free.
+
+    Args:
+        module: the decoder in torch.
+
+    Returns:
+        the bytes of the .onnx file.
+    """
+    layout = PRESETS["robust"].layout
+    size = layout.height // SHRINK, layout.width // SHRINK
+    dims = torch.export.Dim
+    frames, pairs = dims("frames", min=4, max=256), dims("pairs", min=2, max=256)
+    rows, cols = (GRID_STEP * dims(name, min=2, max=128) for name in ("rows", "cols"))
+    height, width = (dims(name, min=32, max=MAX_SIDE_PX) for name in ("height", "width"))
+    example = {
+        "frames": torch.zeros(12, 1, *size),
+        "seen": torch.ones(12, layout.rows, layout.cols),
+        "known": torch.zeros(layout.rows, layout.cols),
+        "times": torch.arange(12, dtype=torch.float64) / 30,
+        "clock": torch.tensor([1 / 15, 0.0, 0.01, 0.01, 0.01], dtype=torch.float64),
+        "pairs": torch.arange(5),
+    }
+    free: tuple[dict[int, Any], ...] = (
+        {0: frames, 2: height, 3: width},
+        {0: frames, 1: rows, 2: cols},
+        {0: rows, 1: cols},
+        {0: frames},
+        {},
+        {0: pairs},
+    )
+    model = _translate(module, example, free, ["scores"])
+    return _finished(model, {"format": FILM_FORMAT, "version": __version__})
+
+
+def _translate(
+    module: torch.nn.Module,
+    example: Mapping[str, torch.Tensor],
+    free: tuple[dict[int, Any], ...],
+    outputs: list[str],
+) -> onnx.ModelProto:
+    """Translate a module into ONNX, by example inputs and the sizes of theirs that are free."""
     if not onnx.defs.has("Inverse", domain=INVERSE.domain):
         onnx.defs.register_schema(INVERSE)
     for name in ("torch.onnx", "torch.export"):
@@ -78,15 +137,15 @@ def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | Non
         warnings.simplefilter("ignore")  # of torch's own deprecations
         captured = torch.export.export(
             module.eval(),
-            (example, example.clone()),
-            dynamic_shapes=(free, free),
+            tuple(example.values()),
+            dynamic_shapes=free,
             prefer_deferred_runtime_asserts_over_guards=True,
         )
         program = torch.onnx.export(
             captured,
-            dynamic_shapes=(free, free),  # for the names of the free sizes
-            input_names=["original", "embedded"],
-            output_names=["scores", "head"],
+            dynamic_shapes=free,  # for the names of the free sizes
+            input_names=list(example),
+            output_names=outputs,
             dynamo=True,
             custom_translation_table={
                 torch.ops.camera_display.inverse.default: _inverse,
@@ -95,17 +154,12 @@ def to_onnx(module: PhiDecoder, run_name: str, training: Mapping[str, Any] | Non
             verbose=False,
         )
     assert program is not None
-    model = program.model_proto
+    return program.model_proto
+
+
+def _finished(model: onnx.ModelProto, metadata: dict[str, str]) -> bytes:
+    """Strip a model of torch's traces, give it its metadata, and check it."""
     _strip_traces(model.graph)
-    metadata = {
-        "format": FORMAT,
-        "layout": json.dumps(layout.to_dict()),
-        "decoder": json.dumps(asdict(module.config)),
-        "features": json.dumps(module.phi.names),
-        "run": run_name,
-        "training": json.dumps(dict(training or {})),
-        "version": __version__,
-    }
     onnx.helper.set_model_props(model, metadata)
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString())
@@ -150,10 +204,32 @@ def export(
         InputError: torch and onnxruntime disagree; nothing is left under that name.
     """
     end_with_parent()
+    data = to_onnx(module, run_name, training)
+    return _write_checked(
+        path, data, lambda file: compare_with_torch(module, Decoder(file), frames, seed)
+    )
+
+
+def export_film(module: FilmDecoder, path: Path) -> Parity:
+    """Write the .onnx file of the film decoder once its parity with torch is shown.
+
+    Args:
+        module: the decoder in torch.
+        path: the .onnx file.
+
+    Raises:
+        InputError: torch and onnxruntime disagree; nothing is left under that name.
+    """
+    data = film_to_onnx(module)
+    return _write_checked(path, data, lambda file: compare_films(module, FilmGraph(file)))
+
+
+def _write_checked(path: Path, data: bytes, compare: Callable[[Path], Parity]) -> Parity:
+    """Write a model under a temporary name, and rename it if it agrees with torch."""
     candidate = temporary_name(path)
-    write_bytes(candidate, to_onnx(module, run_name, training))
+    write_bytes(candidate, data)
     try:
-        parity = compare_with_torch(module, Decoder(candidate), frames, seed)
+        parity = compare(candidate)
         if not parity.holds:
             raise InputError(f"{path}: torch and onnxruntime disagree ({asdict(parity)})")
         try:

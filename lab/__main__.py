@@ -17,6 +17,7 @@ STUDIES = {
     "clock": ("lab.films.clock", "how often a clock is found, and where there is none"),
     "codecs": ("lab.films.codecs", "what codecs and phones cost the receiver"),
     "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
+    "film": ("lab.films.film", "what windows of film tell beyond frame pairs"),
     "fidelity": ("lab.visibility.fidelity", "how much the message changes the picture"),
     "flicker": ("lab.visibility.flicker", "what it looks like: a page that flickers"),
     "locate": ("lab.films.locate", "how well displays are found in photographs"),

@@ -19,6 +19,8 @@ PRETRAINED = Path(__file__).parent / "neural" / "pretrained"
 all nine camera-display pairs."""
 PRETRAINED_PILOTS = PRETRAINED.with_name("pretrained_pilots")
 """Folder of the shipped checkpoint of ``learned`` for layouts with pilots, of any grid."""
+FILM_GRAPH = PRETRAINED.with_name("pretrained_film") / "film.onnx"
+"""The shipped film decoder (`models.neural.film`), which serves all layouts that it can read."""
 PRETRAINED_CNN = PRETRAINED.with_name("pretrained_cnn")
 """Folder of the shipped checkpoint of ``cnn``, trained on all nine camera-display pairs."""
 

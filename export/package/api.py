@@ -21,6 +21,7 @@ from export.events import (
     PairEvent,
     RefusedEvent,
 )
+from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder, open_decoders
 from export.receive.receiver import Receiver as FrameReceiver
 from export.receive.receiver import as_uint8
@@ -83,8 +84,8 @@ class FilmReceiver:
         if max_age_s is not None and key is None:
             raise ParameterError("max_age_s", "only a message with a key has an age; give a key")
         verifier = None if key is None else Verifier(key, max_age_s)
-        decoders = _decoders(tuple(map(str, models)), threads)
-        self._stream = EventStream(decoders, fps, verifier, scores)
+        decoders, film = _decoders(tuple(map(str, models)), threads)
+        self._stream = EventStream(decoders, fps, verifier, scores, film)
         self._frames = 0
         self._time = -np.inf
 
@@ -172,6 +173,6 @@ def read_pair(
 
 
 @cache
-def _decoders(models: tuple[str, ...], threads: int) -> list[PairDecoder]:
+def _decoders(models: tuple[str, ...], threads: int) -> tuple[list[PairDecoder], FilmScorer | None]:
     """Open decoders once: receivers that are made later share them."""
     return open_decoders([find_graph(name) for name in models], threads)

@@ -34,6 +34,8 @@ def write_npm_package(folder: Path) -> Path:
         (package / "index.d.ts").write_text(declared, "utf-8")
         shutil.copy(EVENTS, package / "events.d.ts")
         shutil.copy(ROOT / "LICENSE", package)
+        shutil.copy(WEB / "opencv" / "opencv.wasm", package)
+        shutil.copy(WEB / "opencv" / "LICENSE", package / "LICENSE-opencv")
         shutil.copy(ROOT / "docs" / "embed.md", package / "README.md")
         (package / "events.schema.json").write_text(json.dumps(events_schema(), indent=1))
         (package / "package.json").write_text(json.dumps(manifest(needed), indent=2))

@@ -17,7 +17,7 @@ from pathlib import Path
 from export.package.schema import events_schema
 from link import __version__
 from link.images import write_bytes
-from models import shipped_graphs
+from models import FILM_GRAPH, shipped_graphs
 
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
@@ -89,7 +89,7 @@ def package_files() -> dict[str, bytes]:
     for module in sorted(needed_modules(API) - {API}):
         file = _file_of(module)
         files[f"{inside}/{file.relative_to(ROOT).as_posix()}"] = rewritten(file)
-    for graph in shipped_graphs().values():
+    for graph in (*shipped_graphs().values(), FILM_GRAPH):
         files[f"{inside}/{graph.relative_to(ROOT).as_posix()}"] = graph.read_bytes()
     return files
 

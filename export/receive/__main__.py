@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.events import Event, PlacedEvent
+from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder, open_decoders
 from export.receive.receiver import Receiver
 from export.receive.show import draw_decoded_pair
@@ -68,15 +69,15 @@ def main() -> None:
         for flag in OF_FILMS:
             if getattr(args, flag) != parser.get_default(flag):
                 raise ParameterError(flag, "two images are one frame pair, and hold no message")
-        decoders = open_decoders(args.model, args.threads)
+        decoders, _ = open_decoders(args.model, args.threads)
         return read_two_images(decoders, args.input[0], args.input[1], args.max_megapixels)
     if args.out is not None and (not args.out.name or is_no_file(args.out)):
         raise ParameterError("out", f"{args.out} is a folder or a device; name a file")
     verifier = make_verifier(args.key, args.max_age)
-    decoders = open_decoders(args.model, args.threads)
+    decoders, film = open_decoders(args.model, args.threads)
     if args.show is not None:
         make_folder(args.show)
-    read_stream(decoders, args, verifier)
+    read_stream(decoders, film, args, verifier)
 
 
 def make_verifier(key: Path | None, max_age_s: float | None) -> Verifier | None:
@@ -120,7 +121,10 @@ def read_two_images(
 
 
 def read_stream(
-    decoders: Sequence[PairDecoder], args: argparse.Namespace, verifier: Verifier | None
+    decoders: Sequence[PairDecoder],
+    film: FilmScorer | None,
+    args: argparse.Namespace,
+    verifier: Verifier | None,
 ) -> None:
     """Receive from a folder, a video or a camera until the message is whole or frames end.
 
@@ -128,7 +132,7 @@ def read_stream(
         InputError: there is no message; says why.
     """
     source = open_source(args.input[0], args.fps, args.max_megapixels)
-    stream = EventStream(decoders, source.fps, verifier, args.scores)
+    stream = EventStream(decoders, source.fps, verifier, args.scores, film)
     image: NDArray[np.uint8] | None = None
     view: Tracked | None = None
     shown = 0

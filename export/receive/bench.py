@@ -45,7 +45,8 @@ def main() -> None:
     cv2.setNumThreads(args.threads)
     source = open_source(args.input, args.fps, args.max_megapixels)
     frames = [frame for _, frame in zip(range(args.frames), source.frames, strict=False)]
-    receiver = Receiver(open_decoders(args.model, args.threads), source.fps)
+    decoders, film = open_decoders(args.model, args.threads)
+    receiver = Receiver(decoders, source.fps, film)
     size = receiver.layout.width, receiver.layout.height
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     pushed, warped = [], []

@@ -1,16 +1,39 @@
 """Decoders for a receiver: it may need several, and most films need one, which is then loaded."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
+from export.film_graph import FilmGraph, FilmScorer, FilmWindow
 from export.runtime import OWN_TIME_LIMIT_S, Decoder, check_threads, read_model
 from link.errors import InputError
 from link.frames import SoftBits
 from link.layout import Layout
-from link.types import Image
-from models import shipped_graphs
+from link.types import Array, Image
+from models import FILM_GRAPH, shipped_graphs
+
+T = TypeVar("T")
+
+
+class Loading(Generic[T]):
+    """What is loaded when it is needed, in a thread, while frames are taken.
+
+    Args:
+        load: loads it; called once.
+    """
+
+    def __init__(self, load: Callable[[], T]) -> None:
+        self._load = load
+        self._begun: Future[T] | None = None
+
+    def begin(self) -> Future[T]:
+        """Begin to load it, beside what else is done, where that has not begun yet."""
+        if self._begun is None:
+            worker = ThreadPoolExecutor(1)
+            self._begun = worker.submit(self._load)
+            worker.shutdown(wait=False)  # it ends with its only task
+        return self._begun
 
 
 class PairDecoder(Protocol):
@@ -49,18 +72,11 @@ class ShippedDecoder:
         self.layout = layout
         self._path = path
         self._threads = threads
-        self._loading: Future[Decoder] | None = None
+        self._loading = Loading(self._load)
 
     def prepare(self) -> None:
         """Begin to load the model, beside what else is done."""
-        self._begun()
-
-    def _begun(self) -> Future[Decoder]:
-        if self._loading is None:
-            worker = ThreadPoolExecutor(1)
-            self._loading = worker.submit(self._load)
-            worker.shutdown(wait=False)  # it ends with its only task
-        return self._loading
+        self._loading.begin()
 
     def _load(self) -> Decoder:
         decoder = Decoder(self._path, self._threads, OWN_TIME_LIMIT_S)
@@ -74,15 +90,47 @@ class ShippedDecoder:
         Raises:
             InputError: the file is no decoder for the layout, or the decoder refuses the frames.
         """
-        return self._begun().result().decode(original, embedded)
+        return self._loading.begin().result().decode(original, embedded)
 
 
-def open_decoders(models: Sequence[Path] | None, threads: int) -> list[PairDecoder]:
+class ShippedFilm:
+    """The film decoder that ships, which is loaded when it is needed as `ShippedDecoder` is.
+
+    Args:
+        threads: number of threads of onnxruntime.
+
+    Raises:
+        InputError: the file is missing, or damaged.
+    """
+
+    def __init__(self, threads: int = 2) -> None:
+        check_threads(threads)
+        read_model(FILM_GRAPH)
+        self._loading = Loading(lambda: FilmGraph(FILM_GRAPH, threads))
+
+    def prepare(self) -> None:
+        """Begin to load the graph, beside what else is done."""
+        self._loading.begin()
+
+    def score(self, window: FilmWindow) -> Array:
+        """Give (count, rows, cols) natural log-likelihood ratios of the blocks' bits."""
+        return self._loading.begin().result().score(window)
+
+
+def open_decoders(
+    models: Sequence[Path] | None, threads: int
+) -> tuple[list[PairDecoder], FilmScorer | None]:
     """Open the models of --model; where there are none, those that ship, each when it is needed.
+
+    Returns:
+        decoders of frame pairs, and the film decoder that ships, which stands beside those that
+        ship; a model of one's own decodes alone.
 
     Raises:
         InputError: a file is missing or damaged, or a given one is no decoder.
     """
+    shipped = shipped_graphs()
+    film = ShippedFilm(threads) if set(models or ()) <= set(shipped.values()) else None
     if models:
-        return [Decoder(model, threads) for model in models]
-    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped_graphs().items()]
+        return [Decoder(model, threads) for model in models], film
+    return [ShippedDecoder(graph, layout, threads) for layout, graph in shipped.items()], film

@@ -12,8 +12,10 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from export.film_graph import FilmScorer, reads_films
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import CLIPPED, CUT
+from export.receive.film import SURE, FilmDesk, information
 from export.receive.occlusion import Occlusion
 from export.receive.states import (
     MESH,
@@ -23,6 +25,7 @@ from export.receive.states import (
     compose_state,
     points_in_view,
 )
+from export.receive.timing.clock import DisplayClock
 from export.receive.timing.synchronise import Synchroniser
 from export.receive.timing.toggles import make_toggles
 from export.receive.tracking.corners import CornerShift
@@ -43,6 +46,8 @@ WORK_A_FRAME, PAIR_WORK = 18_000_000, 1000
 the next camera frame, and by how many of them a frame pair that is decoded with the same camera
 frame lowers this number, for each of its blocks. The first is about 30 ms of one core, so that no
 frame takes long."""
+MOST_WAITING = 12
+"""Largest number of frame pairs that wait for the film decoder."""
 PURE_FROM, PURE_TO = 0.6, 0.95
 """Purities of a block's exposure at which its score begins to count, and counts in full."""
 APART = 4.0
@@ -66,6 +71,20 @@ class DecodedPair:
     """The pair's embedded frame, put together from camera frames."""
     progress: float
     """Information received for the message so far, as a share of what is needed."""
+
+
+@dataclass(frozen=True)
+class ComposedPair:
+    """A frame pair that is over on the display, and waits to be decoded."""
+
+    number: int
+    """Number of the frame pair."""
+    original: DisplayState
+    """First state of the pair."""
+    embedded: DisplayState
+    """Second state of the pair."""
+    moved: Sequence[NDArray[np.float64] | None] = ()
+    """`BufferedFrame.moved` of the pair's frames; none where no more frames come."""
 
 
 @dataclass(frozen=True)
@@ -150,12 +169,21 @@ class DisplayReader:
         fps: nominal number of frames of the camera in a second.
         timing: takes the time spent in each stage.
         sight: takes what the frames show.
+        film: decodes windows of film where the layout and the picture allow it; None where all is
+            read by frame pairs.
 
     Raises:
         InputError: the layout has too few message blocks for a message.
     """
 
-    def __init__(self, decoder: PairDecoder, fps: float, timing: StageTimes, sight: Sight) -> None:
+    def __init__(
+        self,
+        decoder: PairDecoder,
+        fps: float,
+        timing: StageTimes,
+        sight: Sight,
+        film: FilmScorer | None = None,
+    ) -> None:
         self.decoder = decoder
         self.layout = decoder.layout
         self.timing = timing
@@ -168,16 +196,36 @@ class DisplayReader:
         self._occlusion = Occlusion(self.layout)
         self._buffer: deque[BufferedFrame] = deque(maxlen=BUFFER)
         self._next: int | None = None
+        self._waiting: list[ComposedPair] = []
+        self._scored: deque[tuple[ComposedPair, SoftBits]] = deque()
+        self._by_pairs = self._alone = 0
+        self._film = film if film is not None and reads_films(self.layout) else None
+        self._desk = None if self._film is None else FilmDesk(self.layout, self._film, BUFFER)
         self._corners = CornerShift(self.layout)
         self._toggles = make_toggles(self.layout)
         self.restart()
+
+    def prepare(self) -> None:
+        """Get ready: frames of this layout will soon come."""
+        self.decoder.prepare()
+        if self._film is not None:
+            self._film.prepare()
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""
         self.sync = Synchroniser(self._fps, self._toggles)
         """Finds and holds the display's clock."""
-        self._slips, self._next = 0, None
+        self._slips = 0
         self._buffer.clear()
+        if self._desk is not None:
+            self._desk.clear()
+        self._start_run()
+
+    def _start_run(self) -> None:
+        """Begin to count frame pairs anew."""
+        self._next, self._by_pairs = None, 0
+        self._waiting.clear()
+        self._scored.clear()
         self.collector.start_run()
 
     def take(
@@ -198,6 +246,8 @@ class DisplayReader:
         if self._buffer and self._buffer[-1].shown.rectified.shape != tracked.rectified.shape:
             self._buffer.clear()  # frames were gray, and now have colours, or the other way round
         if tracked.anew:
+            if self._desk is not None:
+                self._desk.clear()
             self._corners = CornerShift(self.layout)
             for at, waiting in enumerate(self._buffer):
                 self._buffer[at] = replace(waiting, moved=None)
@@ -208,8 +258,8 @@ class DisplayReader:
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period
         if self.sync.slips != self._slips:
-            self._slips, self._next = self.sync.slips, None
-            self.collector.start_run()
+            self._slips = self.sync.slips
+            self._start_run()
         self.timing.add("synchronise", start)
         pairs, message = self._decode_ready(time)
         return pairs, message if pairs else self.go_on()
@@ -233,6 +283,8 @@ class DisplayReader:
         self.sync.add(time, measured, fit=fit)
         shown = RectifiedFrame(time, tracked.rectified, in_view)
         self._buffer.append(BufferedFrame(shown, measured, self._corners.total))
+        if self._desk is not None:
+            self._desk.add(shown)
         return in_view
 
     def go_on(self, work: float = WORK_A_FRAME) -> Message | None:
@@ -273,76 +325,124 @@ class DisplayReader:
             now: time of the newest frame, seconds; infinite where the frames have ended.
         """
         clock = self.sync.clock
-        pairs: list[DecodedPair] = []
         if clock is None or not self._buffer:
-            return pairs, None
+            return [], None
         if self._next is None:
             self._next = int(np.ceil(clock.number(self._buffer[0].shown.time) / 2))
-        last = self._buffer[-1].shown.time
-        over = last + clock.latest if np.isinf(now) else now + clock.earliest
-        end = clock.number(over)
-        most: float = PAIRS_A_FRAME
-        work: float = max(0, WORK_A_FRAME - PAIR_WORK * self.layout.n_bits)
-        if np.isinf(now):
-            most = work = np.inf
-        while end >= 2 * self._next + 2 and len(pairs) < most:
-            number, self._next = self._next, self._next + 1
-            start = perf_counter()
-            frames = [waiting.shown for waiting in self._buffer]
-            states = [compose_state(frames, clock, 2 * number + which) for which in (0, 1)]
-            moved: list[NDArray[np.float64] | None] = []
-            while self._buffer and clock.number(self._buffer[0].shown.time + clock.latest) < 2 * (
-                number + 1
-            ):
-                moved.append(self._buffer.popleft().moved)
-            self.timing.add("compose", start)
-            if states[0] is None or states[1] is None:
-                continue
-            pair, message = self._decode(number, last, states[0], states[1], moved, work)
+        over, last = np.isinf(now), self._buffer[-1].shown.time
+        end = clock.number(last + clock.latest if over else now + clock.earliest)
+        most = PAIRS_A_FRAME if self._desk is None else MOST_WAITING
+        while end >= 2 * self._next + 2 and (over or len(self._waiting) < most):
+            self._compose(clock, self._next)
+            self._next += 1
+        pairs: list[DecodedPair] = []
+        work = np.inf if over else max(0.0, WORK_A_FRAME - PAIR_WORK * self.layout.n_bits)
+        self._alone = 0
+        while (scored := self._next_scored(clock, over)) is not None:
+            pair, message = self._finish_pair(*scored, last, work)
             pairs.append(pair)
             if message is not None:
                 return pairs, message
         return pairs, None
 
-    def _decode(
-        self,
-        number: int,
-        time: float,
-        original: DisplayState,
-        embedded: DisplayState,
-        moved: Sequence[NDArray[np.float64] | None],
-        work: float = np.inf,
+    def _compose(self, clock: DisplayClock, number: int) -> None:
+        """Put the two states of a frame pair together, and let go of frames that no other needs."""
+        start = perf_counter()
+        frames = [waiting.shown for waiting in self._buffer]
+        original, embedded = (compose_state(frames, clock, 2 * number + which) for which in (0, 1))
+        moved: list[NDArray[np.float64] | None] = []
+        while self._buffer and clock.number(self._buffer[0].shown.time + clock.latest) < 2 * (
+            number + 1
+        ):
+            moved.append(self._buffer.popleft().moved)
+        if original is not None and embedded is not None:
+            self._waiting.append(ComposedPair(number, original, embedded, moved))
+        self.timing.add("compose", start)
+
+    def _next_scored(self, clock: DisplayClock, over: bool) -> tuple[ComposedPair, SoftBits] | None:
+        """Score the next frame pair that waits, or return None where that is left for later.
+
+        Scores come from a window of film. Where the picture moves, the film decoder knows less than
+        a single frame pair tells; the pairs of that window are then decoded one by one.
+        """
+        if self._scored:
+            return self._scored.popleft()
+        if not self._waiting:
+            return None
+        if self._desk is not None and not self._by_pairs:
+            if not (over or self._desk.due()):
+                return None
+            start = perf_counter()
+            scores = self._desk.score(clock, [composed.number for composed in self._waiting])
+            self.timing.add("film", start)
+            done, last = self._waiting[: len(scores)], self._waiting[len(scores) - 1]
+            if not self._says_less(scores[last.number], last):
+                del self._waiting[: len(scores)]
+                for composed in done:
+                    covered = self._occlusion.covered(composed.original.image)
+                    self._scored.append((composed, SoftBits(scores[composed.number] * ~covered)))
+                return self._scored.popleft()
+            self._by_pairs = len(done)
+        if self._alone >= PAIRS_A_FRAME and not over:
+            return None
+        self._alone, self._by_pairs = self._alone + 1, max(0, self._by_pairs - 1)
+        composed = self._waiting.pop(0)
+        return composed, self._score_pair(composed)
+
+    def _says_less(self, scores: NDArray[np.float64], composed: ComposedPair) -> bool:
+        """Tell whether the film says less of a frame pair than its two states do."""
+        known = information(scores)
+        return known < SURE and known < information(self._score_states(composed).scores)
+
+    def _score_states(self, composed: ComposedPair) -> SoftBits:
+        """Decode the two states of a pair, whatever part of them is to be trusted."""
+        start = perf_counter()
+        states = composed.original, composed.embedded
+        purity = np.minimum(states[0].purity, states[1].purity)
+        images = [state.image for state in states]
+        unseen = unseen_blocks(images[0], images[1], purity, self.layout)
+        soft = self.decoder.decode(*fill_unseen(images, unseen, self.layout))
+        trust = self._trust(composed)
+        self.timing.add("decode", start)
+        return SoftBits(soft.scores * trust, soft.head)
+
+    def _trust(self, composed: ComposedPair) -> NDArray[np.float64]:
+        """Say how far each block's states are pure enough to be told apart: (n_bits,) in [0, 1]."""
+        purity = np.minimum(composed.original.purity, composed.embedded.purity)
+        pure = block_purity(purity, self.layout)
+        return np.asarray(np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1))
+
+    def _score_pair(self, composed: ComposedPair) -> SoftBits:
+        """Decode the two states of a pair, and erase what is covered or impure."""
+        soft = self._score_states(composed)
+        covered = self._occlusion.covered(composed.original.image)
+        return SoftBits(soft.scores * ~covered, soft.head)
+
+    def _finish_pair(
+        self, composed: ComposedPair, soft: SoftBits, time: float, work: float = np.inf
     ) -> tuple[DecodedPair, Message | None]:
-        """Decode a pair, erase what is covered or impure, and hand the scores to the collector.
+        """Learn from a pair's scores where the corners lie, and hand them to the collector.
 
         Args:
-            number: number of the pair.
+            composed: the pair.
+            soft: its scores, 0 for erased blocks.
             time: time of the newest frame, seconds.
-            original: first state of the pair.
-            embedded: second state of the pair.
-            moved: `BufferedFrame.moved` of the pair's frames; none where no more frames come.
             work: units of work after which decoding of the message stops for now.
         """
         start = perf_counter()
-        purity = np.minimum(original.purity, embedded.purity)
-        images = [original.image, embedded.image]
-        unseen = unseen_blocks(images[0], images[1], purity, self.layout)
-        soft = self.decoder.decode(*fill_unseen(images, unseen, self.layout))
-        pure = block_purity(purity, self.layout)
-        trust = np.clip((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0, 1)
-        self._sight.mixed += 1 - float(trust.mean())
-        trust = trust * ~self._occlusion.covered(original.image)
-        soft = SoftBits(soft.scores * trust, soft.head)
-        known = [total for total in moved if total is not None]
-        if known and len(known) == len(moved):
+        self._sight.mixed += 1 - float(self._trust(composed).mean())
+        original, embedded = composed.original, composed.embedded
+        known = [total for total in composed.moved if total is not None]
+        if known and len(known) == len(composed.moved):
             total = np.mean(known, axis=0)
             self._corners.take(original.image, embedded.image, soft.scores, total)
         self.decoded += 1
-        self.timing.add("decode", start)
+        self.timing.add("correct", start)
         start = perf_counter()
-        message = self.collector.add(soft.scores, number, work)
+        message = self.collector.add(soft.scores, composed.number, work)
         self.timing.add("collect", start)
-        return DecodedPair(number, time, soft, original, embedded, self.collector.progress), message
+        progress = self.collector.progress
+        return DecodedPair(composed.number, time, soft, original, embedded, progress), message
 
     def _decode_unclocked(self) -> tuple[list[DecodedPair], Message | None]:
         """Decode frames in order, each of one state, which ends where the toggles change level."""
@@ -367,7 +467,8 @@ class DisplayReader:
             if not states[at][0]:
                 original, embedded = (_average(states[at + which][1]) for which in (0, 1))
                 time = states[at][1][0].time
-                pair, message = self._decode(at // 2, time, original, embedded, [])
+                composed = ComposedPair(at // 2, original, embedded)
+                pair, message = self._finish_pair(composed, self._score_pair(composed), time)
                 pairs.append(pair)
                 if message is not None:
                     return pairs, message

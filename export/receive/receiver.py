@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import Observations
 from export.receive.reader import DecodedPair, DisplayReader, Sight, StageTimes
@@ -53,6 +54,8 @@ class Receiver:
     Args:
         decoders: one, or one for each layout that is looked for, with ratex patches or pilots.
         fps: nominal number of frames of the camera in a second.
+        film: decodes windows of film where the layout and the picture allow it; None where all is
+            read by frame pairs.
 
     Raises:
         InputError: there is no decoder, two have one layout, a layout has neither patches nor
@@ -66,7 +69,12 @@ class Receiver:
     (None, [], None)
     """
 
-    def __init__(self, decoders: PairDecoder | Sequence[PairDecoder], fps: float = 30.0) -> None:
+    def __init__(
+        self,
+        decoders: PairDecoder | Sequence[PairDecoder],
+        fps: float = 30.0,
+        film: FilmScorer | None = None,
+    ) -> None:
         chosen = list(decoders) if isinstance(decoders, Sequence) else [decoders]
         layouts = [decoder.layout for decoder in chosen]
         if not chosen:
@@ -85,7 +93,7 @@ class Receiver:
         self._tracked: Tracked | None = None
         self._trackers = make_trackers(layouts, fps)
         self._readers = {
-            decoder.layout: DisplayReader(decoder, fps, self.timing, self._sight)
+            decoder.layout: DisplayReader(decoder, fps, self.timing, self._sight, film)
             for decoder in chosen
         }
         self._reader = self._readers[layouts[0]]
@@ -198,7 +206,7 @@ class Receiver:
             if tracked is None:
                 continue
             self._following = tracker
-            self._readers[tracker.layout].decoder.prepare()
+            self._readers[tracker.layout].prepare()
             if followed is not None and tracker is not followed:
                 followed.set_aside(time, forget=True)
             if tracker is not followed or (still and tracked.anew):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.events import ClockEvent, DisplayEvent, EndEvent, FilmEvent, PairEvent
+from export.film_graph import FilmScorer
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import explain_silence
 from export.receive.inbox import Inbox
@@ -27,6 +28,7 @@ class EventStream:
         fps: nominal number of frames of the camera in a second.
         verifier: decides which messages are delivered; None where all are.
         scores: whether frame pairs come with their scores, too.
+        film: decodes windows of film; None where all is read by frame pairs.
 
     Raises:
         InputError: the decoders are no good; see `Receiver`.
@@ -38,8 +40,9 @@ class EventStream:
         fps: float,
         verifier: Verifier | None = None,
         scores: bool = False,
+        film: FilmScorer | None = None,
     ) -> None:
-        self.receiver = Receiver(decoders, fps)
+        self.receiver = Receiver(decoders, fps, film)
         """Reads the frames."""
         self.inbox = Inbox(verifier)
         """Holds the message that was delivered last."""

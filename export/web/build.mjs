@@ -11,30 +11,12 @@ import { build } from "esbuild";
 
 const HERE = dirname(fileURLToPath(import.meta.url));
 const PAGE = join(HERE, "src", "page");
+const OPENCV = "4.12.0"; // opencv/build.sh names it too
 const COPIED = ["index.html", "style.css", "manifest.webmanifest", "icon.svg"];
-const WASM = /"data:application\/octet-stream;base64,(AGFzbQ[A-Za-z0-9+/=]+)"/;
 const { dependencies } = JSON.parse(await readFile(join(HERE, "package.json"), "utf8"));
 
 const out = process.argv[2];
 if (!out) throw new Error("name the folder of the site: node build.mjs DIR");
-
-/**
- * Takes the WebAssembly out of OpenCV's script, which holds it as text a third larger. The script
- * then loads the file that lies beside it.
- */
-const openCvWasm = {
-  name: "opencv-wasm",
-  /** @param {import("esbuild").PluginBuild} plugin */
-  setup(plugin) {
-    plugin.onLoad({ filter: /opencv-js[\\/]dist[\\/]opencv\.js$/ }, async ({ path }) => {
-      const script = await readFile(path, "utf8");
-      const found = WASM.exec(script);
-      if (!found) throw new Error(`${path}: holds no WebAssembly; is it another version?`);
-      await writeFile(join(out, "opencv.wasm"), Buffer.from(found[1], "base64"));
-      return { contents: script.replace(found[0], () => '"opencv.wasm"'), loader: "js" };
-    });
-  },
-};
 
 /** @type {import("esbuild").BuildOptions} */
 const SETTINGS = {
@@ -73,6 +55,8 @@ async function licences() {
     const text = await readFile(join(folder, "LICENSE"), "utf8").catch(() => "");
     texts.push(`${name} ${version} (${license}), ${repository.url}\n\n${text}`);
   }
+  const opencv = await readFile(join(HERE, "opencv/LICENSE"), "utf8");
+  texts.push(`opencv ${OPENCV} (Apache-2.0), https://github.com/opencv/opencv\n\n${opencv}`);
   return texts.join("\n");
 }
 
@@ -82,17 +66,11 @@ await cp(
   join(HERE, "node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded.wasm"),
   join(out, "ort-wasm-simd-threaded.wasm"),
 );
+await cp(join(HERE, "opencv/opencv.wasm"), join(out, "opencv.wasm"));
 await writeFile(join(out, "licences.txt"), await licences());
-const define = { VERSIONS: JSON.stringify(dependencies) };
-const alone = ["page.js", "decoding.js"].map((name) => join(PAGE, name));
-await build({ ...SETTINGS, define, entryPoints: alone, outdir: out });
-await build({
-  ...SETTINGS,
-  define,
-  entryPoints: [join(PAGE, "worker.js")],
-  outdir: out,
-  plugins: [openCvWasm],
-});
+const define = { VERSIONS: JSON.stringify({ ...dependencies, opencv: OPENCV }) };
+const scripts = ["page.js", "decoding.js", "worker.js"].map((name) => join(PAGE, name));
+await build({ ...SETTINGS, define, entryPoints: scripts, outdir: out });
 
 const files = await filesOf(out);
 const hash = createHash("sha256");

@@ -10,6 +10,7 @@ import { createReadStream, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { Readable } from "node:stream";
 import { Decoder } from "./src/decoder.js";
+import { FilmGraph } from "./src/filmGraph.js";
 import { loadOpenCv } from "./src/image/opencv.js";
 import { Layout } from "./src/link/layout.js";
 import { readY4m } from "./src/page/y4m.js";
@@ -30,8 +31,10 @@ async function loadDecoders() {
   return decoders;
 }
 
-await loadOpenCv();
+await loadOpenCv(new Uint8Array(readFileSync(join(site, "opencv.wasm"))));
 const decoders = await loadDecoders();
+const filmGraph = new FilmGraph(new Uint8Array(readFileSync(join(site, "models/film.onnx"))));
+await filmGraph.load();
 /** @type {Receiver | null} */
 let receiver = null;
 let message = null;
@@ -39,7 +42,7 @@ let seconds = 0;
 let last = 0;
 const stream = /** @type {ReadableStream<Uint8Array>} */ (Readable.toWeb(createReadStream(film)));
 for await (const { plane, time, fps } of readY4m(stream)) {
-  receiver ??= new Receiver(decoders, fps);
+  receiver ??= new Receiver(decoders, fps, Infinity, filmGraph);
   const start = performance.now();
   const step = await receiver.push(plane, time);
   seconds += (performance.now() - start) / 1000;

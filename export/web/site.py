@@ -23,13 +23,13 @@ from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
 from link.presets import PRESETS
-from models import shipped_graphs
+from models import FILM_GRAPH, shipped_graphs
 
 WEB = Path(__file__).parent
 """Folder of the page's sources."""
 MARK = "presets.json"
 """Name of a file that every site has; a folder without it is no site, and is not replaced."""
-MAX_GZIP_BYTES = 8_000_000
+MAX_GZIP_BYTES = 5_500_000
 """Largest size of all files together, in bytes after gzip, that a phone should have to load."""
 WARM_PRESETS = {"patches": "paper", "pilots": "robust"}
 """By kind of display the preset whose film the page reads to get ready."""
@@ -153,6 +153,7 @@ def write_presets(folder: Path) -> None:
         model = f"models/{name}.onnx"
         write_bytes(folder / model, graph.read_bytes())
         tables.append(page_preset(name, PRESETS[name], model))
+    write_bytes(folder / "models/film.onnx", FILM_GRAPH.read_bytes())
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
 
 

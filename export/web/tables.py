@@ -8,13 +8,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from export.film_graph import reads_films
 from export.locate.patches import DRAWN_KAPPA
 from export.locate.spots import template_bank
 from link.layout import Layout
 from link.presets import Preset
 from link.ratex import tile_labels, tile_levels
-from link.types import Array
 
 LEADING = 24
 """Number of directions in the space of windows along which the page compares all templates of
@@ -31,6 +32,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
     """
     return {
         **layout.to_dict(),
+        "reads_films": reads_films(layout),
         "pilot_blocks": layout.pilot_blocks.tolist(),
         "pilot_bits": layout.pilot_bits.tolist(),
         "tile_levels": tile_levels(layout, 0).tolist(),
@@ -41,16 +43,17 @@ def layout_table(layout: Layout) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=8)
-def bank_directions(layout: Layout) -> Array:
+def bank_directions(layout: Layout) -> NDArray[np.float32]:
     """Find the orthonormal directions along which the templates of a layout's patches vary most.
 
     Returns:
-        (`LEADING`, WINDOW_PX**2); empty where the layout has no patches.
+        (`LEADING`, WINDOW_PX**2) float32; empty where the layout has no patches.
     """
     if not layout.ratex:
-        return np.empty((0, 0))
+        return np.empty((0, 0), np.float32)
     templates, _ = template_bank(layout)
-    return np.linalg.svd(templates.astype(np.float64), full_matrices=False)[2][:LEADING]
+    directions = np.linalg.svd(templates.astype(np.float64), full_matrices=False)[2][:LEADING]
+    return directions.astype(np.float32)
 
 
 def page_preset(name: str, preset: Preset, model: str) -> dict[str, Any]:

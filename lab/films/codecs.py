@@ -20,6 +20,7 @@ from data_gen.film.codec import CodecChannel, CodecSettings
 from data_gen.film.frame import VideoFrame
 from data_gen.film.phone import PhoneProcessor, PhoneSettings
 from data_gen.pairs import PAIRS
+from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.films.trial import (
     FilmReading,
@@ -36,6 +37,7 @@ from link.embed import check_kappa
 from link.errors import at_least, choose, each_once
 from link.layout import Layout
 from link.presets import PRESETS
+from models import FILM_GRAPH
 from reports.engine.backends import one_thread
 from reports.engine.checked import Count, Share
 from reports.render.tables import Table, percent, share_interval
@@ -200,7 +202,7 @@ class Lane:
         self, variant: Variant, filmed: MessageFilm, decoder: Decoder, layout: Layout
     ) -> None:
         fps, rng = filmed.take.settings.fps, np.random.default_rng(filmed.take.run)
-        self.reading = FilmReading(filmed, decoder)
+        self.reading = FilmReading(filmed, decoder, FilmGraph(FILM_GRAPH, 1))
         """What the receiver has read so far."""
         self._phone = PhoneProcessor(variant.phone, (layout.width, layout.height), rng)
         self._codec = CodecChannel(variant.codec, fps) if variant.codec.on else None
@@ -355,7 +357,9 @@ def measure_codecs(flags: CodecsFlags, workshop: Workshop) -> CodecsContent:
             range(flags.runs), flags.kappas, flags.views, flags.pairs
         )
     }
-    return CodecsContent(variant_rows(workshop.each(read_variants, items, [model]), flags))
+    return CodecsContent(
+        variant_rows(workshop.each(read_variants, items, [model, FILM_GRAPH]), flags)
+    )
 
 
 def codecs_blocks(results: Mapping[str, Results[CodecsContent]]) -> dict[str, str]:

@@ -18,6 +18,7 @@ import pandas as pd
 
 from data_gen.film.codec import through_codec
 from data_gen.pairs import PAIRS, pair_names
+from export.film_graph import FilmGraph
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.films.trial import (
     Delivery,
@@ -31,7 +32,7 @@ from lab.films.trial import (
 )
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least
-from models import shipped_graphs
+from models import FILM_GRAPH, shipped_graphs
 from reports.engine.backends import one_thread
 from reports.engine.checked import Count, Share
 from reports.render.tables import Table, percent, share_interval
@@ -110,7 +111,8 @@ def deliver(take: Take) -> dict[str, Any]:
     models = [take.model]
     if take.settings.still:
         models += [model for model in shipped_graphs().values() if model != take.model]
-    reading = FilmReading(filmed, [Decoder(model, 1, OWN_TIME_LIMIT_S) for model in models])
+    decoders = [Decoder(model, 1, OWN_TIME_LIMIT_S) for model in models]
+    reading = FilmReading(filmed, decoders, FilmGraph(FILM_GRAPH, 1))
     for frame in through_codec(filmed.frames, take.settings.codec, take.settings.fps):
         reading.push(frame)
         if reading.ended:
@@ -136,7 +138,7 @@ def deliveries(
         Take(settings, pair, view, run, seed, model)
         for run, view, pair in product(range(runs), views, pair_names(pairs))
     ]
-    found = workshop.each(deliver, {take.name: take for take in takes}, [model])
+    found = workshop.each(deliver, {take.name: take for take in takes}, [model, FILM_GRAPH])
     made = [Delivery.from_stored(run) for run in found.values()]
     return sorted(made, key=lambda run: (run.pair, run.view_deg, run.run))
 

@@ -26,6 +26,7 @@ from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import get_pair, pair_names
 from data_gen.pictures.library import Picture
+from export.film_graph import FilmScorer
 from export.receive.receiver import Receiver, ReceiverStep
 from export.runtime import Decoder
 from export.to_onnx import to_onnx
@@ -163,6 +164,8 @@ class Take:
     """Seed of all draws."""
     model: Path
     """Exported decoder of the receiver."""
+    split: str = "test"
+    """Split of the pictures from which the message's picture is drawn."""
 
     @property
     def name(self) -> str:
@@ -236,7 +239,7 @@ def film_message(take: Take) -> MessageFilm:
     key = f"{take.pair} {take.view} {take.run} {setting}"
     rng = np.random.default_rng([take.seed, zlib.crc32(key.encode())])
     size, without = config.display_size, config.without
-    source = Source(layout, "test", take.seed, without=without, display_size=size)
+    source = Source(layout, take.split, take.seed, without=without, display_size=size)
     pictures = shuffled_pictures(source)
     picture = pictures[int(rng.integers(len(pictures)))]
     if config.still:
@@ -298,11 +301,17 @@ class FilmReading:
     Args:
         filmed: the film, whose truth is compared with what is read; its frames are not taken.
         decoder: decoder of the receiver, or several, one for each layout that it looks for.
+        film: film decoder of the receiver; None where it reads frame pairs alone.
     """
 
-    def __init__(self, filmed: MessageFilm, decoder: Decoder | Sequence[Decoder]) -> None:
+    def __init__(
+        self,
+        filmed: MessageFilm,
+        decoder: Decoder | Sequence[Decoder],
+        film: FilmScorer | None = None,
+    ) -> None:
         self._filmed = filmed
-        self._receiver = Receiver(decoder, filmed.take.settings.fps)
+        self._receiver = Receiver(decoder, filmed.take.settings.fps, film)
         self._received: bytes | None = None
         self._wrong = self._decided = self._frames = 0
         self._bins: list[Bin] = []

@@ -161,13 +161,14 @@ def test_patches_are_compared_with_what_was_displayed(port: Port, rng: np.random
 def test_points_are_chosen(port: Port, rng: np.random.Generator) -> None:
     image, mask = photo(192, 256, rng), np.zeros((192, 256), np.uint8)
     mask[30:120, 20:200] = 255
-    choose = port("image/features.js").chooseFeatures
+    choose = port("image/points.js").chooseFeatures
     few = cv2.goodFeaturesToTrack(image, 50, 0.05, 4, mask=mask)[:, 0]
     many = cv2.goodFeaturesToTrack(image, 300, 0.005, 8)[:, 0]
     for found, expected in (
-        (choose(image, 50, 0.05, 4, mask.reshape(-1)), few),
+        (choose(image, 50, 0.05, 4, mask), few),
         (choose(image, 300, 0.005, 8), many),
     ):
+        found = found.reshape(-1, 2)
         assert len(found) == len(expected)
         alike = set(map(tuple, found)) & set(map(tuple, expected))
         assert len(alike) >= 0.98 * len(
@@ -193,8 +194,8 @@ def test_points_are_followed(
         maxLevel=2,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
-    flow = port("image/flow.js").Flow(first, points.tolist(), window_px, 2)
-    found = flow.follow(second, begun.tolist())
+    follow = port("image/points.js").follow
+    found = follow(first, second, points.reshape(-1), window_px, 2, begun.reshape(-1))
     same(found.found, status)
     kept = status[:, 0] == 1
-    same(np.array(found.moved)[kept], moved[kept], within.SAME_PX)
+    same(found.moved.reshape(-1, 2)[kept], moved[kept], within.SAME_PX)

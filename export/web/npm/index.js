@@ -6,6 +6,7 @@
  */
 
 import { Decoder } from "../src/decoder.js";
+import { FilmGraph } from "../src/filmGraph.js";
 import { loadOpenCv } from "../src/image/opencv.js";
 import { Verifier } from "../src/link/code/authenticate.js";
 import { Layout } from "../src/link/layout.js";
@@ -27,6 +28,8 @@ import { messageEvent, pairEvent, rounded } from "./events.js";
 
 /** What is looked for, by the name of its preset. @type {Map<string, Decoder>} */
 const decoders = new Map();
+/** Decodes windows of film. @type {FilmGraph | null} */
+let film = null;
 
 /**
  * Load what all receivers need, once.
@@ -46,10 +49,14 @@ export async function load(folder = import.meta.url) {
     if (!response.ok) throw new Error(`${address}: ${response.status}; name the package's folder`);
     return new Uint8Array(await response.arrayBuffer());
   }
-  const [presets] = await Promise.all([read("presets.json"), loadOpenCv()]);
+  const [presets] = await Promise.all([
+    read("presets.json"),
+    read("opencv.wasm").then(loadOpenCv),
+  ]);
   for (const { name, layout, model } of JSON.parse(new TextDecoder().decode(presets))) {
     if (!decoders.has(name)) decoders.set(name, new Decoder(new Layout(layout), await read(model)));
   }
+  film ??= new FilmGraph(await read("models/film.onnx"));
 }
 
 /** Reads messages from the frames of a camera that films a display. */
@@ -79,7 +86,7 @@ export class Receiver {
       if (!decoder) throw new Error(`unknown preset ${name}; choose of ${[...decoders.keys()]}`);
       return decoder;
     });
-    this.#receiver = new FrameReceiver(wanted, fps, frameMs);
+    this.#receiver = new FrameReceiver(wanted, fps, frameMs, film);
     this.#inbox = new Inbox(key && new Verifier(key, maxAgeS));
     this.#scores = scores;
   }

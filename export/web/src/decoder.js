@@ -10,6 +10,20 @@ import * as ort from "onnxruntime-web/wasm";
 ort.env.wasm.numThreads = 1;
 
 /**
+ * Open a graph.
+ *
+ * @param {string | Uint8Array} model - address of the graph's file, or its bytes
+ * @returns {Promise<ort.InferenceSession>}
+ */
+export function openSession(model) {
+  return ort.InferenceSession.create(/** @type {string} */ (model), {
+    executionProviders: ["wasm"],
+    graphOptimizationLevel: "basic", // more takes longer to load, and runs no faster in wasm
+    logSeverityLevel: 3, // no warnings, which browsers show as errors
+  });
+}
+
+/**
  * What a decoder says of a frame pair: a score for each message bit, row by row, positive for 1,
  * and the weights that it fitted to the pair.
  *
@@ -50,11 +64,7 @@ export class Decoder {
   }
 
   async #create() {
-    const session = await ort.InferenceSession.create(/** @type {string} */ (this.model), {
-      executionProviders: ["wasm"],
-      graphOptimizationLevel: "basic", // more takes longer to load, and runs no faster in wasm
-      logSeverityLevel: 3, // no warnings, which browsers show as errors
-    });
+    const session = await openSession(this.model);
     const scores = session.outputMetadata.find((output) => output.name === "scores");
     const count = scores?.isTensor ? scores.shape.at(-1) : undefined;
     if (count !== this.layout.nBits) {

@@ -5,6 +5,7 @@
  * numbers travel as base64 of their bytes. What is no plain data stays here and travels as a number.
  */
 
+import { readFileSync } from "node:fs";
 import { createInterface } from "node:readline";
 
 console.log = console.error; // standard output carries nothing but answers
@@ -88,7 +89,7 @@ async function answer({ of, name, given, value }) {
   return isFunction ? { $function: name } : encoded(member);
 }
 
-await loadOpenCv();
+await loadOpenCv(new Uint8Array(readFileSync(new URL("../opencv/opencv.wasm", import.meta.url))));
 for await (const line of createInterface({ input: process.stdin })) {
   const said = await answer(JSON.parse(line, decoded)).then(
     (result) => ({ result }),

@@ -1,26 +1,47 @@
-/** Gaussian blur of real gray levels. */
+/** Averages around the pixels of real gray levels. */
 
-import { cv, floatPlane, matOf, withMats } from "./opencv.js";
+import { BEYOND, call, floatPlane } from "./opencv.js";
 
 /**
  * Blur a plane as `cv2.GaussianBlur` blurs floats, or bytes before it rounds them.
  *
  * @param {BytePlane | FloatPlane} plane
  * @param {number} sigma - standard deviation, in pixels
- * @param {"reflect" | "replicate"} [border] - what lies beyond the border: the image mirrored
- *   about its outermost pixels, or these pixels repeated
+ * @param {number} [beyond] - one of `BEYOND`
  * @returns {FloatPlane}
  */
-export function blurred(plane, sigma, border = "reflect") {
-  // OpenCV reaches less far where pixels are bytes
-  const reach = plane.data instanceof Uint8Array ? 3 : 4;
-  const length = Math.round(sigma * reach * 2 + 1) | 1;
-  const beyond = border === "replicate" ? cv.BORDER_REPLICATE : cv.BORDER_REFLECT_101;
-  const { width, height, data } = plane;
-  return withMats((keep) => {
-    const floats = keep(matOf({ width, height, data: Float32Array.from(data) }));
-    const result = keep(new cv.Mat());
-    cv.GaussianBlur(floats, result, new cv.Size(length, length), sigma, sigma, beyond);
-    return floatPlane(result);
-  });
+export function blurred(plane, sigma, beyond = BEYOND.reflect) {
+  const result = floatPlane(plane.width, plane.height);
+  call("blurred", [plane, sigma, beyond], [result]);
+  return result;
+}
+
+/**
+ * Average over a box around each pixel, as `cv2.blur` does.
+ *
+ * @param {FloatPlane} plane
+ * @param {number} across - width of the box, pixels
+ * @param {number} down - its height, pixels
+ * @param {number} [beyond] - one of `BEYOND`
+ * @returns {FloatPlane}
+ */
+export function boxMeans(plane, across, down, beyond = BEYOND.reflect) {
+  const result = floatPlane(plane.width, plane.height);
+  call("boxMeans", [plane, across, down, beyond], [result]);
+  return result;
+}
+
+/**
+ * Take off the mean around each pixel; beyond the border the image is mirrored.
+ *
+ * @param {FloatPlane} plane
+ * @param {number} across - width of what counts as around, pixels, odd
+ * @param {number} down - its height, pixels, odd
+ * @returns {FloatPlane}
+ */
+export function lessMeanAround(plane, across, down) {
+  const around = boxMeans(plane, across, down);
+  const { data } = around;
+  for (let i = 0; i < data.length; i++) data[i] = plane.data[i] - data[i];
+  return around;
 }

@@ -1,90 +1,131 @@
 /**
- * OpenCV for JavaScript, and the memory of its matrices.
+ * OpenCV as WebAssembly, with just the functions that the receiver needs (../../opencv/opencv.cpp).
  *
- * OpenCV's matrices live in the memory of WebAssembly, which no garbage collector frees. So
- * they live within `withMats` only; functions take and return planes, which are ordinary arrays.
+ * The library has a memory of its own. `call` copies arguments into it, and results out of it; so
+ * all that others see of it are planes and lists of numbers, which are ordinary arrays.
  */
 
-import opencv from "@techstark/opencv-js";
+/** @typedef {Uint8Array | Int32Array | Float32Array | Float64Array} Numbers */
 
 /**
  * One channel of an image, row by row.
  *
- * @template {Uint8Array | Float32Array} [Samples=Uint8Array]
+ * @template {Numbers} [Samples=Uint8Array]
  * @typedef {{ width: number, height: number, data: Samples }} Plane
  */
 
+/** What lies beyond the border of an image: nothing, its outermost pixels, or itself mirrored. */
+export const BEYOND = { zero: 0, replicate: 1, reflect: 4 };
+/** How pixels of a resized image come from those that were there. */
+export const BY = { nearest: 0, linear: 1, cubic: 2, area: 3 };
+
+/** OpenCV's numbers of the types of samples. @type {Map<Function, number>} */
+const TYPES = new Map([
+  /** @type {[Function, number]} */ ([Uint8Array, 0]),
+  [Int32Array, 4],
+  [Float32Array, 5],
+  [Float64Array, 6],
+]);
+/** Size of what is written before the samples of an argument, in bytes, and unit of its size. */
+const UNIT = 16;
 /**
- * The library; it is there once `loadOpenCv` has resolved.
- *
- * @type {any}
+ * What the library asks of the system, which has a clock that stands still, and no files: their
+ * number is unknown, says WASI's code 8.
  */
-export let cv;
+const SYSTEM = new Proxy({}, { get: (_, name) => () => (name === "clock_time_get" ? 0 : 8) });
+
+/** @type {any} */
+let library = null;
 
 /**
  * Load OpenCV; every function that handles images needs it.
  *
+ * @param {Response | Uint8Array<ArrayBuffer>} wasm - the file opencv.wasm
  * @returns {Promise<void>}
  */
-export async function loadOpenCv() {
-  if (cv) return;
-  // the library has a method `then`, and to wait for it as for a promise would never end
-  await new Promise((resolve) => {
-    /** @type {any} */ (opencv).then(() => resolve(undefined));
+export async function loadOpenCv(wasm) {
+  if (library) return;
+  const needed = { env: SYSTEM, wasi_snapshot_preview1: SYSTEM };
+  // compiled while it comes, and kept compiled, where the host says what it is
+  const { instance } =
+    wasm instanceof Response && wasm.headers.get("Content-Type") === "application/wasm"
+      ? await WebAssembly.instantiateStreaming(wasm, needed)
+      : await WebAssembly.instantiate(
+          wasm instanceof Response ? await wasm.arrayBuffer() : wasm,
+          needed,
+        );
+  library = instance.exports;
+  library._initialize();
+}
+
+/**
+ * Call a function of opencv.cpp.
+ *
+ * @param {string} name
+ * @param {(number | null | Numbers | Plane<Numbers>)[]} given - all that it takes but its results
+ * @param {(Numbers | Plane<Numbers>)[]} [results] - are filled; what they held is not seen
+ * @returns {number} what it returns
+ */
+export function call(name, given, results = []) {
+  const planes = [...given, ...results].map((value) =>
+    ArrayBuffer.isView(value) ? { width: value.length, height: 1, data: value } : value,
+  );
+  const sizes = planes.map((plane) =>
+    isNumber(plane) ? 0 : UNIT * (1 + Math.ceil(plane.data.byteLength / UNIT)),
+  );
+  let free = library.room(sizes.reduce((sum, size) => sum + size, 0));
+  const { buffer } = library.memory;
+  const places = planes.map((plane, i) => {
+    if (isNumber(plane)) return plane;
+    const place = free;
+    const { width, height, data } = plane;
+    const type = TYPES.get(data.constructor);
+    new Int32Array(buffer, place, 4).set([place + UNIT, Number(type), width, height]);
+    if (i < given.length) new Uint8Array(buffer, place + UNIT, data.byteLength).set(bytesOf(data));
+    free += sizes[i];
+    return place;
   });
-  cv = opencv;
+  const answer = library[name](...places);
+  planes.forEach((plane, i) => {
+    if (i < given.length || isNumber(plane)) return;
+    const { data } = plane;
+    const { buffer } = library.memory; // it may have grown
+    bytesOf(data).set(new Uint8Array(buffer, Number(places[i]) + UNIT, data.byteLength));
+  });
+  return answer;
 }
 
 /**
- * Run some work, and free the matrices that it kept.
- *
- * @template Result
- * @param {(keep: <Kept extends { delete(): void }>(mat: Kept) => Kept) => Result} work - takes a
- *   function to which it hands each matrix (or vector of matrices) that it makes
- * @returns {Result}
+ * @param {number | null | Plane<Numbers>} value
+ * @returns {value is number | null}
  */
-export function withMats(work) {
-  /** @type {{ delete(): void }[]} */
-  const kept = [];
-  try {
-    return work((mat) => {
-      kept.push(mat);
-      return mat;
-    });
-  } finally {
-    for (const mat of kept) mat.delete();
-  }
+function isNumber(value) {
+  return value === null || typeof value === "number";
+}
+
+/** @param {Numbers} data */
+function bytesOf({ buffer, byteOffset, byteLength }) {
+  return new Uint8Array(buffer, byteOffset, byteLength);
 }
 
 /**
- * Copy a plane into a new matrix, which the caller frees.
+ * Make a plane of 32-bit floats, all 0.
  *
- * @param {Plane<Uint8Array | Float32Array>} plane
- * @returns {any} a matrix of one channel, of 8 bits or of 32-bit floats
+ * @param {number} width
+ * @param {number} height
+ * @returns {Plane<Float32Array<ArrayBuffer>>}
  */
-export function matOf(plane) {
-  const type = plane.data instanceof Uint8Array ? cv.CV_8UC1 : cv.CV_32FC1;
-  const mat = new cv.Mat(plane.height, plane.width, type);
-  (plane.data instanceof Uint8Array ? mat.data : mat.data32F).set(plane.data);
-  return mat;
+export function floatPlane(width, height) {
+  return { width, height, data: new Float32Array(width * height) };
 }
 
 /**
- * Copy a matrix of 8 bits and one channel.
+ * Make a plane of bytes, all 0.
  *
- * @param {any} mat
- * @returns {Plane<Uint8Array>}
+ * @param {number} width
+ * @param {number} height
+ * @returns {Plane<Uint8Array<ArrayBuffer>>}
  */
-export function bytePlane(mat) {
-  return { width: mat.cols, height: mat.rows, data: new Uint8Array(mat.data) };
-}
-
-/**
- * Copy a matrix of 32-bit floats and one channel.
- *
- * @param {any} mat
- * @returns {Plane<Float32Array>}
- */
-export function floatPlane(mat) {
-  return { width: mat.cols, height: mat.rows, data: new Float32Array(mat.data32F) };
+export function bytePlane(width, height) {
+  return { width, height, data: new Uint8Array(width * height) };
 }

@@ -1,6 +1,7 @@
 /** Averages of the pixels that lie in each pixel of a smaller image. */
 
-import { bytePlane, cv, floatPlane, matOf, withMats } from "./opencv.js";
+import { BY, bytePlane, call, floatPlane } from "./opencv.js";
+import { roundHalfEven } from "./round.js";
 
 /** @import { Plane } from "./opencv.js" */
 
@@ -16,13 +17,10 @@ import { bytePlane, cv, floatPlane, matOf, withMats } from "./opencv.js";
  * @returns {Plane<Samples>} rounded where samples are bytes
  */
 export function resizeArea(plane, width, height) {
-  return withMats((keep) => {
-    const resized = keep(new cv.Mat());
-    const size = new cv.Size(width, height);
-    cv.resize(keep(matOf(plane)), resized, size, 0, 0, cv.INTER_AREA);
-    const taken = plane.data instanceof Uint8Array ? bytePlane(resized) : floatPlane(resized);
-    return /** @type {any} */ (taken);
-  });
+  const make = plane.data instanceof Uint8Array ? bytePlane : floatPlane;
+  const result = make(width, height);
+  call("resized", [plane, plane.width, plane.height, 0, BY.area], [result]);
+  return /** @type {any} */ (result);
 }
 
 /**
@@ -31,10 +29,13 @@ export function resizeArea(plane, width, height) {
  * @param {Plane<Uint8Array | Float32Array>} plane
  * @param {number} width - of the result, pixels
  * @param {number} height - of the result, pixels
+ * @param {number} [by] - one of `BY`, if not by averages
  * @returns {FloatPlane}
  */
-export function areaMeans(plane, width, height) {
-  return resizeArea({ ...plane, data: Float32Array.from(plane.data) }, width, height);
+export function areaMeans(plane, width, height, by = BY.area) {
+  const result = floatPlane(width, height);
+  call("resized", [plane, plane.width, plane.height, 0, by], [result]);
+  return result;
 }
 
 /**
@@ -45,12 +46,35 @@ export function areaMeans(plane, width, height) {
  * @returns {BytePlane}
  */
 export function shrunkByWhole(plane, side) {
-  const [width, height] = [Math.floor(plane.width / side), Math.floor(plane.height / side)];
-  return withMats((keep) => {
-    const used = new cv.Rect(0, 0, width * side, height * side);
-    const shrunk = keep(new cv.Mat());
-    const size = new cv.Size(width, height);
-    cv.resize(keep(keep(matOf(plane)).roi(used)), shrunk, size, 0, 0, cv.INTER_AREA);
-    return bytePlane(shrunk);
-  });
+  const result = bytePlane(Math.floor(plane.width / side), Math.floor(plane.height / side));
+  call("resized", [plane, side * result.width, side * result.height, 0, BY.area], [result]);
+  return result;
+}
+
+/**
+ * Make a plane larger, by interpolation, or smaller, by averages.
+ *
+ * @param {BytePlane} plane
+ * @param {number} factor
+ * @returns {BytePlane}
+ */
+export function scaled(plane, factor) {
+  const { width, height } = plane;
+  const result = bytePlane(roundHalfEven(factor * width), roundHalfEven(factor * height));
+  call("resized", [plane, width, height, factor, factor < 1 ? BY.area : BY.linear], [result]);
+  return result;
+}
+
+/**
+ * Draw blocks as rectangles of their values.
+ *
+ * @param {Float32Array} blocks - (rows * cols,)
+ * @param {number} rows
+ * @param {number} cols
+ * @param {number} width - of the result, pixels
+ * @param {number} height - of the result, pixels
+ * @returns {FloatPlane}
+ */
+export function drawnBlocks(blocks, rows, cols, width, height) {
+  return areaMeans({ width: cols, height: rows, data: blocks }, width, height, BY.nearest);
 }

@@ -20,6 +20,8 @@ export class Layout {
     this.ratex = table.ratex;
     /** Name of the modulation: "on_off" or "antipodal". @type {string} */
     this.modulation = table.modulation ?? "on_off";
+    /** Whether the film decoder reads it. @type {boolean} */
+    this.readsFilms = table.reads_films;
     /** Numbers of the blocks that are pilots. */
     this.pilotBlocks = Int32Array.from(table.pilot_blocks);
     /** Known bits of the pilots, 0 or 1. */
@@ -34,7 +36,7 @@ export class Layout {
     this.tileLabels = table.tile_labels.map((/** @type {number[][]} */ tiles) => tiles.flat());
     const directions = Uint8Array.from(atob(table.bank_directions), (byte) => byte.charCodeAt(0));
     /** (LEADING, WINDOW_AREA) directions along which the templates of patches vary most. */
-    this.bankDirections = new Float64Array(directions.buffer);
+    this.bankDirections = new Float32Array(directions.buffer);
     const taken = new Uint8Array(this.rows * this.cols);
     for (const [row, col] of this.ratex) taken[row * this.cols + col] = 1;
     for (const block of this.pilotBlocks) taken[block] = 1;

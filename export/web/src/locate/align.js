@@ -2,6 +2,8 @@
 
 import { locateAlign } from "../generated/constants.js";
 import { blurred } from "../image/blur.js";
+import { BEYOND, BY } from "../image/opencv.js";
+import { between } from "../image/warp.js";
 import {
   contourArea,
   frameCorners,
@@ -27,8 +29,6 @@ const FINE = Number(PHASES[0][0]);
 /** Samples at each end of a patch that are left out, because its surroundings reach them. */
 const RIM = 2;
 
-/** Slope of the weights of cubic convolution (Keys 1981) at a pixel's side, as in OpenCV. */
-const BEND = -0.75;
 /** Smallest standard deviation of the image's blur, in pixels. */
 const LEAST_BLUR_PX = 0.7;
 /** Ridge on the levels of patches and tiles. */
@@ -226,7 +226,7 @@ function drawnTiles() {
       const col = Math.floor((at % size) / FINE);
       return Number(row * TILES + col === tile);
     });
-    return blurred({ width: size, height: size, data }, DRAWN_BLUR * BLUR, "replicate").data;
+    return blurred({ width: size, height: size, data }, DRAWN_BLUR * BLUR, BEYOND.replicate).data;
   });
   /** @type {Point[]} */
   const inner = [];
@@ -309,68 +309,19 @@ function misfit({ patches, basis, terms, slopes, taken, size }, solution) {
  */
 function sampled(image, at) {
   const count = at.length / 2;
-  const taken = new Float64Array(count);
-  const alongX = new Float64Array(count);
-  const alongY = new Float64Array(count);
+  const [xs, ys] = [0, 1].map(() => new Float32Array(5 * count));
   for (let n = 0; n < count; n++) {
-    const x = at[2 * n];
-    const y = at[2 * n + 1];
-    taken[n] = cubic(image, x, y);
-    alongX[n] = cubic(image, x + 0.5, y) - cubic(image, x - 0.5, y);
-    alongY[n] = cubic(image, x, y + 0.5) - cubic(image, x, y - 0.5);
-  }
-  return { taken, alongX, alongY };
-}
-
-/**
- * Sample an image between pixels by OpenCV's cubic interpolation.
- *
- * @param {FloatPlane} image
- * @param {number} x
- * @param {number} y
- * @returns {number}
- */
-function cubic({ width, height, data }, x, y) {
-  const left = Math.floor(x);
-  const top = Math.floor(y);
-  const u = x - left;
-  const v = y - top;
-  // the first, second and third weights of four pixels; all add up to 1
-  const a = BEND * u * (1 - u) * (1 - u);
-  const b = nearWeight(u);
-  const c = nearWeight(1 - u);
-  const d = 1 - a - b - c;
-  let sum = 0;
-  const inside = left >= 1 && left < width - 2;
-  for (let row = -1; row < 3; row++) {
-    const line = Math.min(Math.max(top + row, 0), height - 1) * width;
-    let level;
-    if (inside) {
-      const first = line + left - 1;
-      level = a * data[first] + b * data[first + 1] + c * data[first + 2] + d * data[first + 3];
-    } else {
-      const end = width - 1;
-      level =
-        a * data[line + Math.min(Math.max(left - 1, 0), end)] +
-        b * data[line + Math.min(Math.max(left, 0), end)] +
-        c * data[line + Math.min(Math.max(left + 1, 0), end)] +
-        d * data[line + Math.min(Math.max(left + 2, 0), end)];
+    // there, to the right, to the left, below, and above
+    for (let i = 0; i < 5; i++) {
+      xs[i * count + n] = at[2 * n] + (i === 1 ? 0.5 : i === 2 ? -0.5 : 0);
+      ys[i * count + n] = at[2 * n + 1] + (i === 3 ? 0.5 : i === 4 ? -0.5 : 0);
     }
-    let weight;
-    if (row === -1) weight = BEND * v * (1 - v) * (1 - v);
-    else if (row === 0) weight = nearWeight(v);
-    else if (row === 1) weight = nearWeight(1 - v);
-    else weight = BEND * (1 - v) * v * v;
-    sum += weight * level;
   }
-  return sum;
-}
-
-/**
- * Weigh a pixel less than a pixel's side away, as cubic convolution does.
- *
- * @param {number} apart - distance, in pixels
- */
-function nearWeight(apart) {
-  return ((BEND + 2) * apart - (BEND + 3)) * apart * apart + 1;
+  const levels = Float64Array.from(between(image, [xs, ys], BY.cubic, BEYOND.replicate));
+  const [taken, right, left, below, above] = [0, 1, 2, 3, 4].map((i) =>
+    levels.subarray(i * count, (i + 1) * count),
+  );
+  const alongX = right.map((level, n) => level - left[n]);
+  const alongY = below.map((level, n) => level - above[n]);
+  return { taken, alongX, alongY };
 }

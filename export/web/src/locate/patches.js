@@ -6,6 +6,7 @@
  */
 
 import { locatePatches } from "../generated/constants.js";
+import { call } from "../image/opencv.js";
 import { shrunkByWhole } from "../image/shrink.js";
 import { warped } from "../image/warp.js";
 import {
@@ -202,11 +203,13 @@ export function searchPatches(pyramid, corners, layout, share = SEARCH) {
   /** @type {FoundPatch[]} */
   const found = layout.ratex.map(([row, col], patch) => {
     const template = templateOf(layout.tileLevelsToggled[patch]);
-    const best = bestPlace(seen, col * size, row * size, reachX, reachY, template);
+    const place = [col * size, row * size, size + 2 * reachX, size + 2 * reachY];
+    const best = new Float64Array(3);
+    call("bestMatch", [seen, ...place, template], [best]);
     return [
-      ((col + 0.5) * size + best.x - reachX) / width,
-      ((row + 0.5) * size + best.y - reachY) / height,
-      best.match,
+      ((col + 0.5) * size + best[0] - reachX) / width,
+      ((row + 0.5) * size + best[1] - reachY) / height,
+      best[2],
     ];
   });
   const [whole] = pyramid;
@@ -229,90 +232,27 @@ export function searchPatches(pyramid, corners, layout, share = SEARCH) {
   return { promise: enough ? mean(matches) : -1, found };
 }
 
-/**
- * A patch as it is drawn, less its mean, and the root of the sum of its squares.
- *
- * @typedef {{ levels: Float64Array, norm: number }} Template
- */
-
-/** @type {WeakMap<number[], Template>} */
+/** @type {WeakMap<number[], BytePlane>} */
 const templates = new WeakMap();
 
 /**
  * Draw a patch with `TILE_PX` pixels along each axis of a tile.
  *
  * @param {number[]} tiles - levels of the patch's tiles
- * @returns {Template}
+ * @returns {BytePlane}
  */
 function templateOf(tiles) {
   let template = templates.get(tiles);
   if (!template) {
     const size = TILES * TILE_PX;
-    const centre = mean(tiles);
-    const levels = Float64Array.from({ length: size * size }, (_, at) => {
+    const data = Uint8Array.from({ length: size * size }, (_, at) => {
       const row = Math.floor(at / size / TILE_PX);
-      const col = Math.floor((at % size) / TILE_PX);
-      return tiles[row * TILES + col] - centre;
+      return tiles[row * TILES + Math.floor((at % size) / TILE_PX)];
     });
-    const norm = Math.sqrt(levels.reduce((sum, level) => sum + level * level, 0));
-    template = { levels, norm };
+    template = { width: size, height: size, data };
     templates.set(tiles, template);
   }
   return template;
-}
-
-/**
- * Find where a patch correlates best with a part of an image, as `cv2.matchTemplate` does.
- *
- * @param {BytePlane} image
- * @param {number} left - of the places that are tried
- * @param {number} top - of the places that are tried
- * @param {number} reachX - half the number of places across
- * @param {number} reachY - half the number of places down
- * @param {Template} template
- * @returns {{ x: number, y: number, match: number }} shift from left and top, and correlation
- */
-function bestPlace({ width, data }, left, top, reachX, reachY, { levels, norm }) {
-  const size = TILES * TILE_PX;
-  const across = size + 2 * reachX;
-  // of `size` rows: sums and sums of squares of each column
-  const sums = new Float64Array(across);
-  const squares = new Float64Array(across);
-  const best = { x: 0, y: 0, match: -Infinity };
-  for (let y = 0; y <= 2 * reachY; y++) {
-    const start = (top + y) * width + left;
-    for (let row = y === 0 ? 0 : size - 1; row < size; row++) {
-      for (let x = 0, at = start + row * width; x < across; x++, at++) {
-        const gone = y === 0 ? 0 : data[at - size * width];
-        sums[x] += data[at] - gone;
-        squares[x] += data[at] * data[at] - gone * gone;
-      }
-    }
-    let sum = 0;
-    let square = 0;
-    for (let x = 0; x < size - 1; x++) {
-      sum += sums[x];
-      square += squares[x];
-    }
-    for (let x = 0; x <= 2 * reachX; x++) {
-      sum += sums[x + size - 1];
-      square += squares[x + size - 1];
-      let product = 0;
-      for (let row = 0, tile = 0, at = start + x; row < size; row++, at += width) {
-        for (let col = 0; col < size; col++) product += data[at + col] * levels[tile++];
-      }
-      const spread = square - (sum * sum) / (size * size);
-      const match = spread > 1e-6 ? product / (Math.sqrt(spread) * norm) : 0;
-      if (match > best.match) {
-        best.x = x;
-        best.y = y;
-        best.match = match;
-      }
-      sum -= sums[x];
-      square -= squares[x];
-    }
-  }
-  return best;
 }
 
 /**

@@ -7,9 +7,9 @@
  */
 
 import { locateQuads } from "../generated/constants.js";
-import { cv, matOf, withMats } from "../image/opencv.js";
+import { call } from "../image/opencv.js";
 import { quantilesOfEvery } from "../link/order.js";
-import { segmentSteps } from "./segments.js";
+import { longestSegments } from "./segments.js";
 
 /**
  * Four corners in pixels, clockwise.
@@ -25,10 +25,12 @@ const {
 
 /** Smallest sine of the angle between neighbouring sides; at 70 degrees a display still has it. */
 const MIN_CROSSING = Math.sin((MIN_CROSSING_DEG * Math.PI) / 180);
+/** Largest number of outlines of one threshold. */
+const OUTLINES = 1 << 10;
 /** Number of quadrilaterals that are looked at for each of those that are chosen. */
 const LOOKED_AT = 8;
-/** Units of work of the last step of the segments, of quadrilaterals, and of one threshold. */
-const SEGMENTS_WORK = 8;
+/** Units of work of the segments, of quadrilaterals, and of one threshold. */
+const SEGMENTS_WORK = 15;
 const LINES_WORK = 15;
 const OUTLINE_WORK = 3;
 
@@ -268,7 +270,7 @@ function mergeSegments(segments, diagonal) {
  */
 export function* lineSteps(gray, limit, outside = SLACK) {
   const { width, height } = gray;
-  const segments = yield* segmentSteps(gray);
+  const segments = longestSegments(gray);
   yield SEGMENTS_WORK;
   if (segments.length < 4) return [];
   const quads = crossingLines(segments, width, height, limit, outside);
@@ -407,10 +409,7 @@ export function* outlineSteps(gray) {
  */
 function thresholds(gray) {
   const levels = THRESHOLD_QUANTILES.map(quantilesOfEvery(gray, 2));
-  const otsu = withMats((keep) =>
-    cv.threshold(keep(matOf(gray)), keep(new cv.Mat()), 0, 255, cv.THRESH_BINARY | cv.THRESH_OTSU),
-  );
-  return [...new Set([...levels, otsu])].sort((one, other) => one - other);
+  return [...new Set([...levels, call("otsu", [gray])])].sort((one, other) => one - other);
 }
 
 /**
@@ -419,51 +418,17 @@ function thresholds(gray) {
  * @returns {Quad[]}
  */
 function outlinesAbove(gray, level) {
-  return withMats((keep) => {
-    const mask = keep(matOf(gray));
-    /** @type {Uint8Array} */
-    const bright = mask.data;
-    for (let at = 0; at < bright.length; at++) bright[at] = Number(bright[at] > level);
-    cv.morphologyEx(mask, mask, cv.MORPH_OPEN, keep(cv.Mat.ones(3, 3, cv.CV_8U)));
-    const outlines = keep(new cv.MatVector());
-    const order = keep(new cv.Mat());
-    cv.findContours(mask, outlines, order, cv.RETR_LIST, cv.CHAIN_APPROX_SIMPLE);
-    /** @type {Quad[]} */
-    const found = [];
-    for (let i = 0; i < outlines.size(); i++) {
-      const outline = outlines.get(i);
-      if (cv.contourArea(outline) >= MIN_AREA * gray.width * gray.height) {
-        const quad = fourCorners(outline);
-        if (quad) found.push(quad);
-      }
-      outline.delete();
-    }
-    return found;
-  });
+  const area = MIN_AREA * gray.width * gray.height;
+  const tolerances = Float64Array.from(OUTLINE_TOLERANCES);
+  const quads = new Float64Array(8 * OUTLINES);
+  const count = call("brightQuads", [gray, level, area, tolerances], [quads]);
+  return Array.from({ length: count }, (_, i) => quadOf(quads.subarray(8 * i)));
 }
 
 /**
- * @param {any} outline - a contour of OpenCV
- * @returns {Quad | null} null where four corners do not describe it
+ * @param {ArrayLike<number>} numbers - x and y of four corners, and maybe more
+ * @returns {Quad}
  */
-function fourCorners(outline) {
-  return withMats((keep) => {
-    const hull = keep(new cv.Mat());
-    cv.convexHull(outline, hull);
-    const corners = keep(new cv.Mat());
-    for (const tolerance of OUTLINE_TOLERANCES) {
-      cv.approxPolyDP(hull, corners, tolerance * cv.arcLength(hull, true), true);
-      if (corners.rows === 4) {
-        /** @type {Int32Array} */
-        const [x1, y1, x2, y2, x3, y3, x4, y4] = corners.data32S;
-        return [
-          [x1, y1],
-          [x2, y2],
-          [x3, y3],
-          [x4, y4],
-        ];
-      }
-    }
-    return null;
-  });
+export function quadOf(numbers) {
+  return [0, 2, 4, 6].map((i) => [numbers[i], numbers[i + 1]]);
 }

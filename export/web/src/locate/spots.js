@@ -7,17 +7,17 @@
  */
 
 import { locateSpots } from "../generated/constants.js";
-import { bytePlane, cv, matOf, withMats } from "../image/opencv.js";
+import { scaled } from "../image/shrink.js";
 import { homographyFromPoints, inImage, transform } from "../link/geometry.js";
 import { determinant, inverse, multiply3 } from "../link/linear.js";
-import { SEEN_PX, WINDOW_PX, bankSteps } from "./bank.js";
+import { SEEN_PX, WINDOW_PX, bankSteps, compare } from "./bank.js";
 import { patchCentres } from "./patches.js";
 import { distinct, isSound } from "./quads.js";
-import { steepestSteps } from "./steep.js";
+import { steepestPlaces } from "./steep.js";
 
 export const { MAX_OUTSIDE } = locateSpots;
 const {
-  PATCH_PX, SPOTS, SHIFTS, MIN_MATCH, KEPT, MAX_TURN_DEG, MAX_RATIO, MISSING, SUPPORT, BEND,
+  PATCH_PX, SPOTS, KEPT, MAX_TURN_DEG, MAX_RATIO, MISSING, SUPPORT, BEND,
 } = locateSpots;
 
 /** Number of places that are compared in one step. */
@@ -31,8 +31,9 @@ const LEAST_DEPTH = 0.05;
 /** Distances, in pixels of the small image, below which two quadrilaterals are one. */
 const SAME_WHOLE_PX = 4.0;
 const SAME_PARTIAL_PX = 6.0;
-/** Units of work of resizing, of comparing `STEP_SPOTS` places, and of one way of combining. */
+/** Units of work of resizing, of finding steep places, of comparing `STEP_SPOTS` places, and of one way of combining. */
 const RESIZE_WORK = 1;
+const STEEP_WORK = 3;
 const COMPARE_WORK = 0.75;
 const COMBINE_WORK = 2;
 
@@ -62,54 +63,30 @@ export function* spotSteps(gray, layout) {
  * Compare an image with all templates at one size.
  *
  * @param {BytePlane} gray
- * @param {import("./bank.js").Bank} bank
+ * @param {number} bank - its number
  * @param {number} size - side of a patch, pixels
  * @param {Match[][]} found - takes the matches of each patch
  * @returns {Steps<void>}
  */
 function* matchesOfSize(gray, bank, size, found) {
   const factor = SEEN_PX / size;
-  const image = resized(gray, factor);
-  const { width, height } = image;
-  if (Math.min(width, height) < 3 * WINDOW_PX) return;
+  const image = scaled(gray, factor);
+  if (Math.min(image.width, image.height) < 3 * WINDOW_PX) return;
   yield RESIZE_WORK;
-  const spots = yield* steepestSteps(image, WINDOW_PX, SPOTS);
-  const levels = Float32Array.from(image.data);
+  const spots = steepestPlaces(image, WINDOW_PX, SPOTS);
+  yield STEEP_WORK;
   const half = WINDOW_PX >> 1;
+  const toImage = (/** @type {number} */ start) => (start + half + 0.5) / factor - 0.5;
   for (let first = 0; first < spots.length; first += STEP_SPOTS) {
-    for (const [spotX, spotY] of spots.slice(first, first + STEP_SPOTS)) {
-      const most = new Float64Array(bank.patches).fill(MIN_MATCH);
-      /** @type {Map<number, Match>} */
-      const best = new Map();
-      for (const down of SHIFTS) {
-        for (const across of SHIFTS) {
-          const left = Math.min(Math.max(spotX + across - half, 0), width - WINDOW_PX);
-          const top = Math.min(Math.max(spotY + down - half, 0), height - WINDOW_PX);
-          bank.compare(levels, width, top * width + left, most, (patch, turn) => {
-            const x = (left + half + 0.5) / factor - 0.5;
-            const y = (top + half + 0.5) / factor - 0.5;
-            best.set(patch, { at: [x, y], turn, size, match: most[patch] });
-          });
-        }
-      }
-      for (const [patch, match] of best) found[patch].push(match);
+    for (const best of compare(bank, found.length, image, spots.slice(first, first + STEP_SPOTS))) {
+      best.forEach((place, patch) => {
+        if (place === null) return;
+        const { left, top, turn, match } = place;
+        found[patch].push({ at: [toImage(left), toImage(top)], turn, size, match });
+      });
     }
     yield COMPARE_WORK;
   }
-}
-
-/**
- * @param {BytePlane} gray
- * @param {number} factor
- * @returns {BytePlane}
- */
-function resized(gray, factor) {
-  const how = factor < 1 ? cv.INTER_AREA : cv.INTER_LINEAR;
-  return withMats((keep) => {
-    const result = keep(new cv.Mat());
-    cv.resize(keep(matOf(gray)), result, new cv.Size(0, 0), factor, factor, how);
-    return bytePlane(result);
-  });
 }
 
 /**

@@ -8,14 +8,18 @@
 import { expose } from "comlink";
 import * as ort from "onnxruntime-web/wasm";
 import { Decoder } from "../decoder.js";
+import { FilmGraph } from "../filmGraph.js";
 import { Layout } from "../link/layout.js";
 import { inTurn } from "./inTurn.js";
 import { addressOf, load } from "./site.js";
 
+/** @import { FilmWindow } from "../filmGraph.js" */
 /** @import { Plane } from "../image/opencv.js" */
 
 /** @type {Decoder[]} */
 const decoders = [];
+/** The film decoder, once the graph is there. @type {FilmGraph | null} */
+let film = null;
 
 /** @param {Layout} layout @returns {Plane} something gray */
 function grayFrame({ width, height }) {
@@ -38,6 +42,7 @@ async function warmAll() {
     await inTurn(() => warm(decoder)).catch(() => {});
     await new Promise((resolve) => setTimeout(resolve)); // requests that came meanwhile are next
   }
+  await inTurn(() => film?.load()).catch(() => {});
 }
 
 /** What the worker does for another one. @typedef {typeof functions} Decoding */
@@ -49,12 +54,28 @@ const functions = {
       const graph = new Uint8Array(await (await load(model)).arrayBuffer());
       decoders.push(new Decoder(new Layout(layout), graph));
     }
+    film = new FilmGraph(new Uint8Array(await (await load("models/film.onnx")).arrayBuffer()));
     await decoders[0].load();
     void warmAll();
   },
 
   /** @param {number} preset - whose graph is loaded, unless it is there */
   load: (preset) => inTurn(() => decoders[preset].load()),
+
+  /** Load the film decoder's graph, unless it is there. */
+  loadFilm: () => inTurn(() => film?.load()),
+
+  /**
+   * Score the frame pairs of a window of film.
+   *
+   * @param {FilmWindow} window
+   * @returns {Promise<Float32Array>}
+   */
+  score: (window) =>
+    inTurn(() => {
+      if (film === null) throw new Error("the film decoder is not loaded yet");
+      return film.score(window);
+    }),
 
   /**
    * Decode a frame pair.

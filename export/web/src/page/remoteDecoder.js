@@ -57,3 +57,13 @@ export class RemoteDecoder {
     return { scores: await this.decoding.decode(this.preset, original, embedded) };
   }
 }
+
+/**
+ * Make a film decoder whose graph runs in another worker.
+ *
+ * @param {Remote<Decoding>} decoding - functions of the worker
+ * @returns {import("../filmGraph.js").FilmScorer}
+ */
+export function remoteFilm(decoding) {
+  return { load: () => decoding.loadFilm(), score: (window) => decoding.score(window) };
+}

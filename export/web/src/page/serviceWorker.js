@@ -8,18 +8,13 @@
 const scope = /** @type {any} */ (self);
 const CACHE = `receiver-${VERSION}`;
 
-/** What a worker may do: run its own code, and load from where it came from. */
-const WORKER_POLICY = "default-src 'none'; connect-src 'self'; script-src 'self' 'wasm-unsafe-eval'";
 /**
- * Policies of the workers, by their files: OpenCV, in one of them, makes functions from text. A
- * host's own rules, where there are any, hold as well.
- *
- * @type {Record<string, string>}
+ * What a worker may do: run its own code, WebAssembly included, load from where it came from, and
+ * start the other worker. A host's own rules, where there are any, hold as well.
  */
-const POLICIES = {
-  "worker.js": `${WORKER_POLICY} 'unsafe-eval'; worker-src 'self'`,
-  "decoding.js": WORKER_POLICY,
-};
+const WORKERS = ["worker.js", "decoding.js"];
+const WORKER_POLICY =
+  "default-src 'none'; connect-src 'self'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'";
 
 scope.addEventListener("install", (/** @type {any} */ event) => {
   event.waitUntil(
@@ -48,9 +43,9 @@ scope.addEventListener("fetch", (/** @type {any} */ event) => {
   event.respondWith(
     caches.open(CACHE).then(async (cache) => {
       const kept = await cache.match(known);
-      if (!kept || !(known in POLICIES)) return kept ?? fetch(request);
+      if (!kept || !WORKERS.includes(known)) return kept ?? fetch(request);
       const headers = new Headers(kept.headers);
-      headers.set("Content-Security-Policy", POLICIES[known]);
+      headers.set("Content-Security-Policy", WORKER_POLICY);
       return new Response(kept.body, { headers });
     }),
   );

@@ -16,9 +16,10 @@ import { warmUp } from "../receive/warm.js";
 import { inTurn } from "./inTurn.js";
 import { planeOfFrame, planeOfRgba, turned } from "./planes.js";
 import { MAX_RECORDED_BYTES, recordingFile } from "./recording.js";
-import { RemoteDecoder, startDecoding } from "./remoteDecoder.js";
+import { RemoteDecoder, remoteFilm, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
+/** @import { FilmScorer } from "../filmGraph.js" */
 /** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
 /** @import { Step } from "./protocol.js" */
@@ -26,12 +27,14 @@ import { addressOf, load } from "./site.js";
 /** @import { WarmFilm } from "../receive/warm.js" */
 
 /** Time after which getting ready ends, milliseconds; what is not compiled by then is so later. */
-const WARM_MS = 4000;
+const WARM_MS = 1500;
 
 /** Name of the preset, by its layout. @type {Map<Layout, string>} */
 const presets = new Map();
 /** @type {RemoteDecoder[]} */
 const decoders = [];
+/** Decodes windows of film. @type {FilmScorer | null} */
+let filmScorer = null;
 /** What is read to get ready. @type {WarmFilm[]} */
 const warmFilms = [];
 
@@ -135,9 +138,10 @@ async function loadAll() {
   const { decoding, ready } = startDecoding(addressOf("decoding.js"));
   ready.catch(() => {}); // waited for by `warm`
   canDecode = ready;
+  filmScorer = remoteFilm(decoding);
   const [table, films] = await Promise.all([
     ...["presets.json", "warm.json"].map(async (name) => (await load(name)).json()),
-    loadOpenCv(),
+    load("opencv.wasm").then(loadOpenCv),
   ]);
   for (const [number, { name, layout }] of table.entries()) {
     const known = new Layout(layout);
@@ -165,7 +169,7 @@ async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
 /** @param {number} fps @param {Uint8Array | null} key @param {number | null} maxAgeS */
 function start(fps, key, maxAgeS) {
   film.fps = fps;
-  film.receiver = new Receiver(decoders, fps, FRAME_MS);
+  film.receiver = new Receiver(decoders, fps, FRAME_MS, filmScorer);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
   film.inbox = new Inbox(judge.verifier);

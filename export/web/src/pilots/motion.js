@@ -11,8 +11,8 @@
  */
 
 import { pilotsMotion } from "../generated/constants.js";
-import { blurred } from "../image/blur.js";
-import { cv, floatPlane, matOf, withMats } from "../image/opencv.js";
+import { blurred, lessMeanAround } from "../image/blur.js";
+import { drawnBlocks } from "../image/shrink.js";
 import { slopesOf } from "../image/slopes.js";
 import { STRAIGHT, frameCorners, resizedHomography, transform } from "../link/geometry.js";
 import { identity, multiply3 } from "../link/linear.js";
@@ -24,25 +24,6 @@ export const UNIT_CORNERS = /** @type {Point[]} */ (pilotsMotion.UNIT_CORNERS);
 export const NUMBERS = MOTIONS.length;
 /** Largest number of pixels that are handled in one unit of work (`../link/code/steps.js`). */
 const UNIT_PIXELS = 40_000;
-
-/**
- * Take off the mean around each pixel; beyond the border the image is mirrored.
- *
- * @param {FloatPlane} plane
- * @param {number} across - width of what counts as around, pixels, odd
- * @param {number} down - its height, pixels, odd
- * @returns {FloatPlane}
- */
-export function lessMeanAround(plane, across, down) {
-  const around = withMats((keep) => {
-    const mean = keep(new cv.Mat());
-    cv.blur(keep(matOf(plane)), mean, new cv.Size(across, down));
-    return floatPlane(mean);
-  });
-  const { data } = around;
-  for (let i = 0; i < data.length; i++) data[i] = plane.data[i] - data[i];
-  return around;
-}
 
 /**
  * Take off the mean around each pixel, over three blocks.
@@ -160,30 +141,14 @@ export class GridMaps {
    */
   drawn(blocks, span) {
     const { rows, cols } = this.layout;
-    const [width, height] = this.size;
+    const [[width, height], [inner, down], [left, top]] = [this.size, this.inner, this.margin];
+    const fine = drawnBlocks(Float32Array.from(blocks), rows, cols, inner, down).data;
     const data = new Float32Array(width * height);
-    const [across, down] = [boundaries(cols, this.inner[0]), boundaries(rows, this.inner[1])];
-    for (let row = 0; row < rows; row++) {
-      for (let y = down[row]; y < down[row + 1]; y++) {
-        const start = (this.margin[1] + y) * width + this.margin[0];
-        for (let col = 0; col < cols; col++) {
-          data.fill(blocks[row * cols + col], start + across[col], start + across[col + 1]);
-        }
-      }
+    for (let y = 0; y < down; y++) {
+      data.set(fine.subarray(y * inner, (y + 1) * inner), (top + y) * width + left);
     }
     return this.smooth({ width, height, data }, span);
   }
-}
-
-/**
- * Find the pixels at which blocks begin, where each pixel shows the block that holds its start.
- *
- * @param {number} count - of blocks
- * @param {number} length - of the map, pixels
- * @returns {Int32Array} (count + 1,)
- */
-export function boundaries(count, length) {
-  return Int32Array.from({ length: count + 1 }, (_, block) => Math.ceil((block * length) / count));
 }
 
 /** Adds up what maps of a change tell of the eight numbers. */

@@ -1,7 +1,9 @@
 /** Hold the frames of a film still: where each point of a reference frame lies in a later one. */
 
 import { pilotsStabilise } from "../generated/constants.js";
-import { cv, matOf, withMats } from "../image/opencv.js";
+import {
+  chooseFeatures, chosen, fitMotion, follow, hullArea, pointsOf,
+} from "../image/points.js";
 import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { warped } from "../image/warp.js";
@@ -12,6 +14,9 @@ export const {
   WIDTH, POINTS, MIN_POINTS, CLEAR, FAINT, ROOM_POINTS, APART_PX, FLOW_PX, SAME_PX, PARTS, AGREEING,
   SPREAD,
 } = pilotsStabilise;
+
+/** Number of clear points of which some are chosen. */
+const MOST_POINTS = 1 << 14;
 
 /** Points of a reference frame that were found again in a later one. */
 export class Tracks {
@@ -231,19 +236,13 @@ function aroundQuad(quad, width, height) {
  * @returns {Float32Array<ArrayBuffer>} x and y in turn
  */
 function clearPoints(plane, parts, least, mask = null) {
-  return withMats((keep) => {
-    const image = keep(matOf(plane));
-    const free = keep(mask ? matOf(mask) : new cv.Mat());
-    const points = keep(new cv.Mat());
-    cv.goodFeaturesToTrack(image, points, 0, least, APART_PX, free);
-    if (points.rows === 0) return new Float32Array(0);
-    const room = new Array(parts ** 2).fill(Math.floor(POINTS / parts ** 2));
-    // the clearest comes first
-    return chosen(points.data32F, (i) => {
-      const col = Math.floor((parts * points.data32F[2 * i]) / plane.width);
-      const row = Math.floor((parts * points.data32F[2 * i + 1]) / plane.height);
-      return room[row * parts + col]-- > 0;
-    });
+  const points = chooseFeatures(plane, MOST_POINTS, least, APART_PX, mask);
+  const room = new Array(parts ** 2).fill(Math.floor(POINTS / parts ** 2));
+  // the clearest comes first
+  return chosen(points, (i) => {
+    const col = Math.floor((parts * points[2 * i]) / plane.width);
+    const row = Math.floor((parts * points[2 * i + 1]) / plane.height);
+    return room[row * parts + col]-- > 0;
   });
 }
 
@@ -257,26 +256,9 @@ function clearPoints(plane, parts, least, mask = null) {
  * @returns {{ before: Float32Array, after: Float32Array }} points that were found, in both images
  */
 function foundAgain(reference, small, points, guess) {
-  return withMats((keep) => {
-    const count = points.length / 2;
-    const moved = keep(cv.matFromArray(count, 1, cv.CV_32FC2, guess));
-    const status = keep(new cv.Mat());
-    const error = keep(new cv.Mat());
-    cv.calcOpticalFlowPyrLK(
-      keep(matOf(reference)),
-      keep(matOf(small)),
-      keep(cv.matFromArray(count, 1, cv.CV_32FC2, points)),
-      moved,
-      status,
-      error,
-      new cv.Size(FLOW_PX, FLOW_PX),
-      2,
-      new cv.TermCriteria(cv.TermCriteria_COUNT + cv.TermCriteria_EPS, 30, 0.01),
-      cv.OPTFLOW_USE_INITIAL_FLOW,
-    );
-    const isFound = (/** @type {number} */ i) => status.data[i] === 1;
-    return { before: chosen(points, isFound), after: chosen(moved.data32F, isFound) };
-  });
+  const { moved, found } = follow(reference, small, points, FLOW_PX, 2, guess);
+  const isFound = (/** @type {number} */ i) => found[i];
+  return { before: chosen(points, isFound), after: chosen(moved, isFound) };
 }
 
 /**
@@ -296,41 +278,17 @@ function foundAgain(reference, small, points, guess) {
  * @returns {SharedMotion[]} each of `MIN_POINTS` points or more
  */
 function motionsOf(before, after, most, samePx) {
-  return withMats((keep) => {
-    /** @type {SharedMotion[]} */
-    const found = [];
-    while (found.length < most && before.length >= 2 * MIN_POINTS) {
-      const inliers = keep(new cv.Mat());
-      const [here, there] = [before, after].map((points) =>
-        keep(cv.matFromArray(points.length / 2, 1, cv.CV_32FC2, points)),
-      );
-      const H = keep(cv.findHomography(here, there, cv.RANSAC, samePx, inliers));
-      if (H.rows !== 3 || cv.countNonZero(inliers) < MIN_POINTS) break;
-      const isSame = (/** @type {number} */ i) => inliers.data[i] > 0;
-      const same = chosen(before, isSame);
-      const hull = keep(new cv.Mat());
-      cv.convexHull(keep(cv.matFromArray(same.length / 2, 1, cv.CV_32FC2, same)), hull);
-      found.push({
-        H: Float64Array.from(H.data64F),
-        count: same.length / 2,
-        area: cv.contourArea(hull),
-      });
-      after = chosen(after, (i) => !isSame(i));
-      before = chosen(before, (i) => !isSame(i));
-    }
-    return found;
-  });
-}
-
-/**
- * Choose some of many points.
- *
- * @param {Float32Array} points - x and y in turn
- * @param {(point: number) => boolean} isChosen - by the number of the point
- */
-function chosen(points, isChosen) {
-  const numbers = [...Array(points.length / 2).keys()].filter(isChosen);
-  return Float32Array.from(numbers.flatMap((i) => [points[2 * i], points[2 * i + 1]]));
+  /** @type {SharedMotion[]} */
+  const found = [];
+  while (found.length < most && before.length >= 2 * MIN_POINTS) {
+    const fit = fitMotion(before, after, samePx);
+    if (fit === null || fit.count < MIN_POINTS) break;
+    const { H, same, count } = fit;
+    found.push({ H, count, area: hullArea(chosen(before, (i) => same[i])) });
+    after = chosen(after, (i) => !same[i]);
+    before = chosen(before, (i) => !same[i]);
+  }
+  return found;
 }
 
 /**
@@ -368,12 +326,4 @@ function linesOf(quad) {
     const length = Math.max(Math.hypot(...along), 1e-9);
     return { start, along: along.map((part) => part / length) };
   });
-}
-
-/**
- * @param {Float32Array} flat
- * @returns {Point[]}
- */
-function pointsOf(flat) {
-  return Array.from({ length: flat.length / 2 }, (_, i) => [flat[2 * i], flat[2 * i + 1]]);
 }

@@ -7,7 +7,9 @@
 
 import { receiveReader } from "../generated/constants.js";
 import { makeCollector } from "../link/code/collect.js";
+import { informationOf } from "../link/code/scores.js";
 import { CLIPPED, CUT } from "./diagnosis.js";
+import { FilmDesk, SURE } from "./film.js";
 import { fillUnseen, unseenBlocks } from "./unseen.js";
 import { Occlusion } from "./occlusion.js";
 import { averageState, blockPurity, composeState, pointsInView } from "./states.js";
@@ -15,12 +17,15 @@ import { Synchroniser } from "./timing/synchronise.js";
 import { makeToggles } from "./timing/toggles.js";
 import { CornerShift } from "./tracking/corners.js";
 
+/** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
 /** @typedef {import("../link/code/message.js").Message} Message */
 /** @typedef {import("./tracking/patches.js").Tracked} Tracked */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
+/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
-export const { BUFFER, PAIRS_A_FRAME, PURE_FROM, PURE_TO, APART, WORK_A_FRAME, PAIR_WORK } = receiveReader;
+export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReader;
+export const { PURE_FROM, PURE_TO, APART } = receiveReader;
 
 /**
  * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
@@ -153,6 +158,18 @@ export class Sight {
  * }} BufferedFrame
  */
 
+/**
+ * A frame pair that is over on the display and waits to be decoded, with `moved` of its frames.
+ *
+ * @typedef {{
+ *   number: number,
+ *   original: DisplayState,
+ *   embedded: DisplayState,
+ *   moved: (Float64Array | null)[],
+ * }} ComposedPair
+ * @typedef {{ composed: ComposedPair, scores: Float64Array }} ScoredPair
+ */
+
 /** Reads the message of a display that shows one layout. */
 export class DisplayReader {
   #fps;
@@ -166,14 +183,26 @@ export class DisplayReader {
   #next = null;
   #slips = 0;
   #toggles;
+  #film;
+  /** @type {FilmDesk | null} */
+  #desk;
+  /** @type {ComposedPair[]} */
+  #waiting = [];
+  /** @type {ScoredPair[]} */
+  #scored = [];
+  /** Number of waiting pairs that are decoded one by one, and of those that this frame brought. */
+  #byPairs = 0;
+  #alone = 0;
 
   /**
    * @param {PairDecoder} decoder - of the layout
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {StageTimes} timing - takes the time spent in each stage
    * @param {Sight} sight - takes what the frames show
+   * @param {FilmScorer | null} [film] - decodes windows of film where the layout and the picture
+   *   allow it; null where all is read by frame pairs
    */
-  constructor(decoder, fps, timing, sight) {
+  constructor(decoder, fps, timing, sight, film = null) {
     this.decoder = decoder;
     this.layout = decoder.layout;
     /** Number of frame pairs decoded. */
@@ -186,6 +215,8 @@ export class DisplayReader {
     this.#occlusion = new Occlusion(this.layout);
     this.#corners = new CornerShift(this.layout);
     this.#toggles = makeToggles(this.layout);
+    this.#film = this.layout.readsFilms ? film : null;
+    this.#desk = this.#film && new FilmDesk(this.layout, this.#film, BUFFER);
     /** Finds and holds the display's clock. */
     this.sync = new Synchroniser(fps, this.#toggles);
     this.collector.startRun();
@@ -195,9 +226,23 @@ export class DisplayReader {
   restart() {
     this.sync = new Synchroniser(this.#fps, this.#toggles);
     this.#slips = 0;
-    this.#next = null;
     this.#buffer = [];
+    this.#desk?.clear();
+    this.#startRun();
+  }
+
+  /** Begin to count frame pairs anew. */
+  #startRun() {
+    this.#next = null;
+    this.#byPairs = 0;
+    this.#waiting = [];
+    this.#scored = [];
     this.collector.startRun();
+  }
+
+  /** Get ready: frames of this layout will soon come. */
+  async load() {
+    await Promise.all([this.decoder.load?.(), this.#film?.load?.()]);
   }
 
   /**
@@ -213,6 +258,7 @@ export class DisplayReader {
     const start = performance.now();
     const { anew, before = [] } = tracked;
     if (anew) {
+      this.#desk?.clear();
       this.#corners = new CornerShift(this.layout);
       for (const waiting of this.#buffer) waiting.moved = null;
     }
@@ -222,8 +268,7 @@ export class DisplayReader {
     if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
     if (this.sync.slips !== this.#slips) {
       this.#slips = this.sync.slips;
-      this.#next = null;
-      this.collector.startRun();
+      this.#startRun();
     }
     this.#timing.add("synchronise", start);
     const reading = await this.#decodeReady(time);
@@ -245,7 +290,9 @@ export class DisplayReader {
     const inView = pointsInView(corners, width, height);
     const measured = this.#toggles.measure(rectified);
     this.sync.add(time, measured, fit);
-    this.#buffer.push({ frame: { time, rectified, inView }, measured, moved: this.#corners.total });
+    const frame = { time, rectified, inView };
+    this.#buffer.push({ frame, measured, moved: this.#corners.total });
+    this.#desk?.add(frame);
     if (this.#buffer.length > BUFFER) this.#buffer.shift();
     return inView;
   }
@@ -301,26 +348,17 @@ export class DisplayReader {
     const last = buffer[buffer.length - 1].frame.time;
     const isOver = now === Infinity;
     const end = clock.number(isOver ? last + clock.latest : now + clock.earliest);
-    const most = isOver ? Infinity : PAIRS_A_FRAME;
+    const most = isOver ? Infinity : this.#desk === null ? PAIRS_A_FRAME : MOST_WAITING;
+    while (end >= 2 * this.#next + 2 && this.#waiting.length < most) {
+      this.#compose(clock, this.#next++);
+    }
     const left = Math.max(0, WORK_A_FRAME - PAIR_WORK * this.layout.nBits);
     const work = isOver ? Infinity : left;
-    while (end >= 2 * this.#next + 2 && pairs.length < most) {
-      const number = this.#next++;
-      const start = performance.now();
-      const frames = buffer.map(({ frame }) => frame);
-      const original = composeState(frames, clock, 2 * number);
-      const embedded = composeState(frames, clock, 2 * number + 1);
-      let over = 0;
-      while (
-        over < buffer.length &&
-        clock.number(buffer[over].frame.time + clock.latest) < 2 * (number + 1)
-      ) {
-        over++;
-      }
-      const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
-      this.#timing.add("compose", start);
-      if (original === null || embedded === null) continue;
-      const { pair, message } = await this.#decode(number, last, original, embedded, moved, work);
+    this.#alone = 0;
+    for (;;) {
+      const scored = await this.#nextScored(clock, isOver);
+      if (scored === null) break;
+      const { pair, message } = this.#finishPair(scored, last, work);
       pairs.push(pair);
       if (message !== null) return { pairs, message };
     }
@@ -328,35 +366,147 @@ export class DisplayReader {
   }
 
   /**
-   * Decode a pair, erase what is covered or impure, and hand the scores to the collector.
+   * Put the two states of a frame pair together, and let go of frames that no other needs.
    *
-   * @param {number} number - of the pair
-   * @param {number} time - seconds
-   * @param {DisplayState} original
-   * @param {DisplayState} embedded
-   * @param {(Float64Array | null)[]} moved - of the pair's frames; none where no more frames come
-   * @param {number} [work] - units of work after which decoding of the message stops for now
-   * @returns {Promise<{ pair: DecodedPair, message: Message | null }>}
+   * @param {DisplayClock} clock
+   * @param {number} number - of the frame pair
    */
-  async #decode(number, time, original, embedded, moved, work = Infinity) {
-    let start = performance.now();
+  #compose(clock, number) {
+    const start = performance.now();
+    const buffer = this.#buffer;
+    const frames = buffer.map(({ frame }) => frame);
+    const original = composeState(frames, clock, 2 * number);
+    const embedded = composeState(frames, clock, 2 * number + 1);
+    let over = 0;
+    while (
+      over < buffer.length &&
+      clock.number(buffer[over].frame.time + clock.latest) < 2 * (number + 1)
+    ) {
+      over++;
+    }
+    const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
+    if (original && embedded) this.#waiting.push({ number, original, embedded, moved });
+    this.#timing.add("compose", start);
+  }
+
+  /**
+   * Score the next frame pair that waits, or return null where that is left for later.
+   *
+   * Scores come from a window of film. Where the picture moves, the film decoder knows less than a
+   * single frame pair tells; the pairs of that window are then decoded one by one.
+   *
+   * @param {DisplayClock} clock
+   * @param {boolean} isOver - whether the frames have ended
+   * @returns {Promise<ScoredPair | null>}
+   */
+  async #nextScored(clock, isOver) {
+    const [waiting, desk] = [this.#waiting, this.#desk];
+    if (this.#scored.length === 0 && waiting.length > 0 && desk !== null && this.#byPairs === 0) {
+      if (!isOver && !desk.due) return null;
+      const start = performance.now();
+      const numbers = waiting.map(({ number }) => number);
+      const scores = await desk.score(clock, numbers);
+      this.#timing.add("film", start);
+      const newest = waiting[scores.size - 1];
+      if (await this.#saysLess(scores.get(newest.number) ?? new Float32Array(0), newest)) {
+        this.#byPairs = scores.size;
+      } else {
+        for (const composed of waiting.splice(0, scores.size)) {
+          const found = scores.get(composed.number) ?? new Float32Array(0);
+          this.#scored.push({ composed, scores: this.#withoutCovered(composed, found) });
+        }
+      }
+    }
+    if (this.#scored.length > 0) return this.#scored.shift() ?? null;
+    if (this.#alone >= PAIRS_A_FRAME && !isOver) return null;
+    const composed = waiting.shift();
+    if (!composed) return null;
+    this.#alone++;
+    this.#byPairs = Math.max(0, this.#byPairs - 1);
+    return { composed, scores: await this.#scorePair(composed) };
+  }
+
+  /**
+   * Tell whether the film says less of a frame pair than its two states do.
+   *
+   * @param {Float32Array} scores - by the film
+   * @param {ComposedPair} composed
+   */
+  async #saysLess(scores, composed) {
+    const known = informationOf(scores) / scores.length;
+    if (known >= SURE) return false;
+    const alone = await this.#scoreStates(composed);
+    return known < informationOf(alone) / alone.length;
+  }
+
+  /**
+   * Decode the two states of a pair, whatever part of them is to be trusted.
+   *
+   * @param {ComposedPair} composed
+   * @returns {Promise<Float64Array>} (nBits,) scores
+   */
+  async #scoreStates({ original, embedded }) {
+    const start = performance.now();
     const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
     const images = [original.image, embedded.image];
     const unseen = unseenBlocks(images[0], images[1], purity, this.layout);
     const [first, second] = fillUnseen(images, unseen, this.layout);
     const soft = await this.decoder.decode(first, second);
+    const scores = this.#trust({ original, embedded }).map((trust, bit) => soft.scores[bit] * trust);
+    this.#timing.add("decode", start);
+    return scores;
+  }
+
+  /**
+   * Say how far each block's states are pure enough to be told apart.
+   *
+   * @param {Pick<ComposedPair, "original" | "embedded">} composed
+   * @returns {Float64Array} (nBits,) in [0, 1]
+   */
+  #trust({ original, embedded }) {
+    const purity = original.purity.map((share, at) => Math.min(share, embedded.purity[at]));
+    return blockPurity(purity, this.layout).map((pure) =>
+      Math.min(Math.max((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0), 1),
+    );
+  }
+
+  /**
+   * Decode the two states of a pair, and erase what is covered or impure.
+   *
+   * @param {ComposedPair} composed
+   */
+  async #scorePair(composed) {
+    return this.#withoutCovered(composed, await this.#scoreStates(composed));
+  }
+
+  /**
+   * Erase what something in front of the display covers.
+   *
+   * @param {ComposedPair} composed
+   * @param {Float32Array | Float64Array} scores
+   */
+  #withoutCovered({ original }, scores) {
     const covered = this.#occlusion.covered(original.image);
-    let trusted = 0;
-    const scores = blockPurity(purity, this.layout).map((pure, bit) => {
-      const trust = Math.min(Math.max((pure - PURE_FROM) / (PURE_TO - PURE_FROM), 0), 1);
-      trusted += trust;
-      return covered[bit] ? 0 : soft.scores[bit] * trust;
-    });
-    this.#sight.mixed += 1 - trusted / scores.length;
+    return Float64Array.from(scores, (score, bit) => (covered[bit] ? 0 : score));
+  }
+
+  /**
+   * Learn from a pair's scores where the corners lie, and hand them to the collector.
+   *
+   * @param {ScoredPair} scored - the pair, and its scores, 0 for erased blocks
+   * @param {number} time - of the newest frame, seconds
+   * @param {number} [work] - units of work after which decoding of the message stops for now
+   * @returns {{ pair: DecodedPair, message: Message | null }}
+   */
+  #finishPair({ composed, scores }, time, work = Infinity) {
+    const { number, original, embedded, moved } = composed;
+    let start = performance.now();
+    const trust = this.#trust(composed);
+    this.#sight.mixed += 1 - trust.reduce((sum, share) => sum + share, 0) / trust.length;
     const total = meanOf(moved);
     if (total !== null) this.#corners.take(original.image, embedded.image, scores, total);
     this.decoded++;
-    this.#timing.add("decode", start);
+    this.#timing.add("correct", start);
     start = performance.now();
     const message = this.collector.add(scores, number, work);
     this.#timing.add("collect", start);
@@ -394,7 +544,9 @@ export class DisplayReader {
       if (states[at].up) continue;
       const [original, embedded] = [0, 1].map((which) => averageState(states[at + which].images));
       const number = Math.floor(at / 2);
-      const { pair, message } = await this.#decode(number, states[at].time, original, embedded, []);
+      const composed = { number, original, embedded, moved: [] };
+      const scored = { composed, scores: await this.#scorePair(composed) };
+      const { pair, message } = this.#finishPair(scored, states[at].time);
       pairs.push(pair);
       if (message !== null) return { pairs, message };
     }

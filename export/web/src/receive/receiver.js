@@ -14,6 +14,7 @@ import { Repeats } from "./repeats.js";
 import { Tracker } from "./tracking/patches.js";
 import { PilotTracker } from "./tracking/pilots.js";
 
+/** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
 /** @typedef {import("./reader.js").PairDecoder} PairDecoder */
 /** @typedef {import("./reader.js").Reading} Reading */
 /** @typedef {import("./reader.js").Tracked} Tracked */
@@ -55,8 +56,10 @@ export class Receiver {
    * @param {number} [fps] - nominal number of frames of the camera in a second
    * @param {number} [frameMs] - time, in milliseconds, after which a search begins no step with a
    *   frame, for a camera that does not wait
+   * @param {FilmScorer | null} [film] - decodes windows of film where the layout and the picture
+   *   allow it; null where all is read by frame pairs
    */
-  constructor(decoders, fps = 30, frameMs = Infinity) {
+  constructor(decoders, fps = 30, frameMs = Infinity, film = null) {
     if (decoders.length === 0) throw new Error("decoders: need at least one");
     const layouts = decoders.map(({ layout }) => layout);
     /** Time spent in each stage so far. */
@@ -68,7 +71,7 @@ export class Receiver {
     this.#fps = fps;
     this.#trackers = makeTrackers(layouts, fps, frameMs);
     const readers = decoders.map(
-      (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight),
+      (decoder) => new DisplayReader(decoder, fps, this.timing, this.#sight, film),
     );
     this.#readers = new Map(readers.map((reader) => [reader.layout, reader]));
     this.#reader = readers[0];
@@ -197,7 +200,7 @@ export class Receiver {
         reader.restart();
       }
       // what fails here fails again, and is told, when a pair is decoded
-      if (tracker !== followed) reader.decoder.load?.().catch(() => {});
+      if (tracker !== followed) reader.load().catch(() => {});
       return tracked;
     }
     return null;

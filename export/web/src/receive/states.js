@@ -1,6 +1,7 @@
 /** Put display states together from rectified camera frames. */
 
 import { receiveStates } from "../generated/constants.js";
+import { bytePlane, call, floatPlane } from "../image/opencv.js";
 import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
@@ -146,65 +147,15 @@ function averaged(images, level) {
  */
 function weightedMean(parts) {
   const { width, height } = parts[0].image;
-  const across = interpolation(width);
-  const down = interpolation(height);
-  const data = new Uint8Array(width * height);
-  const total = new Float32Array(width);
-  const weights = new Float32Array(width);
-  const line = new Float32Array(MESH);
-  for (let y = 0; y < height; y++) {
-    total.fill(0);
-    weights.fill(0);
-    for (const { image, weight } of parts) {
-      const above = down.from[y] * MESH;
-      const below = down.to[y] * MESH;
-      const part = down.part[y];
-      let [least, most] = [1, 0];
-      for (let k = 0; k < MESH; k++) {
-        const value = (1 - part) * weight[above + k] + part * weight[below + k];
-        line[k] = value;
-        if (value < least) least = value;
-        if (value > most) most = value;
-      }
-      if (most === 0) continue;
-      const start = y * width;
-      if (least === 1) {
-        for (let x = 0; x < width; x++) {
-          total[x] += image.data[start + x];
-          weights[x] += 1;
-        }
-        continue;
-      }
-      for (let x = 0; x < width; x++) {
-        const left = line[across.from[x]];
-        const share = left + across.part[x] * (line[across.to[x]] - left);
-        total[x] += image.data[start + x] * share;
-        weights[x] += share;
-      }
-    }
-    for (let x = 0, at = y * width; x < width; x++, at++) {
-      data[at] = total[x] / Math.max(weights[x], 1e-3) + 0.5;
-    }
-  }
-  return { width, height, data };
-}
-
-/**
- * Find between which points of the mesh each pixel of an axis lies, as `cv2.resize` does.
- *
- * @param {number} length - pixels
- */
-function interpolation(length) {
-  const from = new Uint8Array(length);
-  const to = new Uint8Array(length);
-  const part = new Float32Array(length);
-  for (let at = 0; at < length; at++) {
-    const place = Math.min(Math.max(((at + 0.5) * MESH) / length - 0.5, 0), MESH - 1);
-    from[at] = Math.floor(place);
-    to[at] = Math.min(from[at] + 1, MESH - 1);
-    part[at] = place - from[at];
-  }
-  return { from, to, part };
+  const images = bytePlane(width, parts.length * height);
+  const meshes = floatPlane(MESH, parts.length * MESH);
+  parts.forEach(({ image, weight }, i) => {
+    images.data.set(image.data, i * width * height);
+    meshes.data.set(weight, i * MESH * MESH);
+  });
+  const mean = bytePlane(width, height);
+  call("weightedMean", [images, meshes], [mean]);
+  return mean;
 }
 
 /**

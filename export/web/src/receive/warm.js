@@ -27,13 +27,14 @@ const NOISE = 3;
  * Read films, each until frame pairs are decoded, or until it has taken long enough.
  *
  * @param {readonly WarmFilm[]} films
- * @param {number} [mostMs] - time after which no further frame is read, milliseconds
+ * @param {number} [mostMs] - time that all have, in equal parts, milliseconds
  * @returns {Promise<number>} the number of frame pairs that were decoded
  */
 export async function warmUp(films, mostMs = Infinity) {
-  const end = performance.now() + mostMs;
+  const start = performance.now();
   let decoded = 0;
-  for (const { layout, states } of films) {
+  for (const [number, { layout, states }] of films.entries()) {
+    const end = start + (mostMs * (number + 1)) / films.length;
     const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], FPS);
     for (let frame = 0; frame < FRAMES && receiver.decoded < DECODED; frame++) {
       if (performance.now() >= end) break;

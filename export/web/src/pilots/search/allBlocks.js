@@ -11,14 +11,15 @@
  */
 
 import { pilotsSearchAllBlocks } from "../../generated/constants.js";
+import { lessMeanAround } from "../../image/blur.js";
 import { areaMeans } from "../../image/shrink.js";
 import { remapped, warped } from "../../image/warp.js";
 import { Lens, homographyFromCorners, transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
-import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "../signal.js";
 import {
-  GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, lessMeanAround, pixelsFromUnit, unitHomography,
+  GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "../motion.js";
+import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "../signal.js";
 import { waves } from "../waves.js";
 
 export const {

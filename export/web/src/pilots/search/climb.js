@@ -7,9 +7,13 @@
  */
 
 import { pilotsSearchClimb } from "../../generated/constants.js";
-import { cv, floatPlane, matOf, withMats } from "../../image/opencv.js";
+import { boxMeans } from "../../image/blur.js";
+import { BEYOND, BY } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
-import { frameCorners, homographyFromCorners, resizedHomography } from "../../link/geometry.js";
+import { between } from "../../image/warp.js";
+import {
+  frameCorners, homographyFromCorners, resizedHomography, transform,
+} from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "../motion.js";
 import { signedPhases, sumsAlong } from "../signal.js";
@@ -39,30 +43,20 @@ export function climbToPilots(change, layout) {
   const imaginary = averaged({ width, height, data: change.imaginary }, [blockX, blockY]);
   const phases = signedPhases(layout);
   const pilots = layout.pilotBlocks.length;
-  const valuesReal = new Float64Array(pilots);
-  const valuesImaginary = new Float64Array(pilots);
-  const centreX = Float64Array.from(
-    layout.pilotBlocks,
-    (block) => ((block % layout.cols) + 0.5) * blockX - 0.5,
-  );
-  const centreY = Float64Array.from(
-    layout.pilotBlocks,
-    (block) => (Math.floor(block / layout.cols) + 0.5) * blockY - 0.5,
-  );
+  const centres = Array.from(layout.pilotBlocks, (block) => {
+    const row = Math.floor(block / layout.cols);
+    const col = block % layout.cols;
+    return /** @type {Point} */ ([(col + 0.5) * blockX - 0.5, (row + 0.5) * blockY - 0.5]);
+  });
 
   const share = (/** @type {Point[]} */ corners) => {
     const H = homographyFromCorners(corners, width, height);
+    const places = [new Float32Array(pilots), new Float32Array(pilots)];
+    transform(H, centres).forEach((point, p) => [places[0][p], places[1][p]] = point);
+    const values = [real, imaginary].map((plane) => between(plane, places, BY.linear, BEYOND.zero));
     let power = 0;
-    for (let p = 0; p < pilots; p++) {
-      const [x, y] = [centreX[p], centreY[p]];
-      const w = H[6] * x + H[7] * y + H[8];
-      const atX = (H[0] * x + H[1] * y + H[2]) / w;
-      const atY = (H[3] * x + H[4] * y + H[5]) / w;
-      const one = (valuesReal[p] = sampled(real, atX, atY));
-      const other = (valuesImaginary[p] = sampled(imaginary, atX, atY));
-      power += one * one + other * other;
-    }
-    const along = sumsAlong(valuesReal, valuesImaginary, phases);
+    for (const part of values) for (const value of part) power += value * value;
+    const along = sumsAlong(values[0], values[1], phases);
     return Math.max(...along.map(([a, b]) => a * a + b * b)) / (power * pilots + 1e-12);
   };
 
@@ -97,33 +91,5 @@ export function climbToPilots(change, layout) {
  */
 function averaged(plane, block) {
   const [across, down] = block.map((side) => Math.max(1, roundHalfEven(side)));
-  return withMats((keep) => {
-    const mean = keep(matOf(withoutSlope(plane, block)));
-    const size = new cv.Size(across, down);
-    cv.blur(mean, mean, size, new cv.Point(-1, -1), cv.BORDER_CONSTANT);
-    return floatPlane(mean);
-  });
-}
-
-/**
- * Sample a plane between pixels; beyond the border all is 0.
- *
- * @param {FloatPlane} plane
- * @param {number} x
- * @param {number} y
- * @returns {number}
- */
-function sampled({ width, height, data }, x, y) {
-  const left = Math.floor(x);
-  const top = Math.floor(y);
-  if (!(left >= -1 && left < width && top >= -1 && top < height)) return 0;
-  const at = top * width + left;
-  const [hasLeft, hasRight] = [left >= 0, left + 1 < width];
-  const [hasTop, hasBottom] = [top >= 0, top + 1 < height];
-  const one = hasTop && hasLeft ? data[at] : 0;
-  const two = hasTop && hasRight ? data[at + 1] : 0;
-  const three = hasBottom && hasLeft ? data[at + width] : 0;
-  const four = hasBottom && hasRight ? data[at + width + 1] : 0;
-  const above = one + (two - one) * (x - left);
-  return above + (three + (four - three) * (x - left) - above) * (y - top);
+  return boxMeans(withoutSlope(plane, block), across, down, BEYOND.zero);
 }

@@ -8,10 +8,10 @@
  */
 
 import { pilotsSearchParts } from "../../generated/constants.js";
-import { cv, withMats } from "../../image/opencv.js";
+import { fitMotion } from "../../image/points.js";
 import { resizedHomography, transform } from "../../link/geometry.js";
-import { withoutSlope } from "../motion.js";
 import { median } from "../../link/order.js";
+import { withoutSlope } from "../motion.js";
 import { matchParts } from "./partMatches.js";
 
 /** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
@@ -151,22 +151,9 @@ function fittedShift({ places, seen, heights }, layout, map) {
  * @returns {{ HOldFromNew: Float64Array, parts: number } | null}
  */
 function ransac(from, to, same, affine) {
-  return withMats((keep) => {
-    const [source, target] = [from, to].map((points) =>
-      keep(cv.matFromArray(points.length, 1, cv.CV_64FC2, points.flat())),
-    );
-    const inliers = keep(new cv.Mat());
-    const fitted = keep(
-      affine
-        ? cv.estimateAffine2D(source, target, inliers, cv.RANSAC, same)
-        : cv.findHomography(source, target, cv.RANSAC, same, inliers),
-    );
-    if (fitted.rows === 0) return null;
-    const parts = cv.countNonZero(inliers);
-    if (parts < FEW) return null;
-    const numbers = Float64Array.from(fitted.data64F);
-    return { HOldFromNew: affine ? Float64Array.of(...numbers, 0, 0, 1) : numbers, parts };
-  });
+  const [source, target] = [from, to].map((points) => Float64Array.from(points.flat()));
+  const fit = fitMotion(source, target, same, affine);
+  return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
 }
 
 /**
@@ -181,8 +168,8 @@ function joined(smallest, [down, across]) {
   if (down === rows && across === cols) return smallest;
   const shifts = smallest[0].real.length;
   const sums = Array.from({ length: down * across }, () => ({
-    real: new Float64Array(shifts),
-    imaginary: new Float64Array(shifts),
+    real: new Float32Array(shifts),
+    imaginary: new Float32Array(shifts),
   }));
   smallest.forEach((match, part) => {
     const row = Math.floor((Math.floor(part / cols) * down) / rows);

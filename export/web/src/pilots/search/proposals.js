@@ -1,7 +1,7 @@
 /** Where a display may be, what it may show, and how surely its pilots toggle there. */
 
 import { pilotsSearchProposals } from "../../generated/constants.js";
-import { bytePlane, cv, matOf, withMats } from "../../image/opencv.js";
+import { equalised } from "../../image/levels.js";
 import { areaMeans } from "../../image/shrink.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
@@ -346,11 +346,7 @@ export class Proposer {
    * @returns {Steps<Point[][]>}
    */
   *#faintEdges() {
-    const even = withMats((keep) => {
-      const mean = keep(matOf(this.#watch.map.mean()));
-      cv.equalizeHist(mean, mean);
-      return bytePlane(mean);
-    });
+    const even = equalised(this.#watch.map.mean());
     const found = yield* candidateSteps(even, FAINT_CANDIDATES);
     return found.map(({ corners }) => this.#watch.onImage(corners));
   }

@@ -12,10 +12,10 @@ import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
 import { roundHalfEven } from "../../image/round.js";
 import { homographyFromCorners } from "../../link/geometry.js";
-import { upright } from "../../locate/quads.js";
 import { median, quantile } from "../../link/order.js";
-import { fitCopy, fittedOutline, outlines, withSums } from "./outlines.js";
+import { upright } from "../../locate/quads.js";
 import { spanOf, waves } from "../waves.js";
+import { fitCopy, fittedOutline, outlines, sumsWithin } from "./outlines.js";
 
 export const {
   SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
@@ -191,7 +191,7 @@ export class ToggleMap {
    *   where a quadrilateral bounds nothing that toggles
    */
   worths(quads) {
-    const sums = this.#gains.map((gain) => withSums(gain, (sumWithin) => quads.map(sumWithin)));
+    const sums = this.#gains.map((gain) => sumsWithin(gain, quads));
     return quads.map((_, i) => Math.max(0, ...sums.map((ofGain) => ofGain[i])));
   }
 

@@ -1,10 +1,9 @@
 /** Follow a display from frame to frame by optical flow, once its corners are known. */
 
 import { receiveTrackingFollow } from "../../generated/constants.js";
-import { chooseFeatures } from "../../image/features.js";
-import { Flow } from "../../image/flow.js";
-import { findHomography } from "../../image/homography.js";
 import { stretched } from "../../image/levels.js";
+import { bytePlane, call } from "../../image/opencv.js";
+import { chooseFeatures, chosen, fitMotion, follow, pointsOf } from "../../image/points.js";
 import {
   Lens,
   checkCorners,
@@ -44,8 +43,10 @@ export class Follower {
   #first = STILL;
   /** @type {Stabiliser | null} */
   #room;
-  /** @type {Flow | null} */
-  #flow = null;
+  /** What is followed. @type {BytePlane | null} */
+  #reference = null;
+  /** Points of the reference: x, y, x, ... */
+  #points = new Float32Array(0);
   #k;
 
   /**
@@ -105,9 +106,9 @@ export class Follower {
       return;
     }
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
-    const copy = { ...rectified, data: rectified.data.slice() };
-    const reference = stretched(copy, EVEN_MEAN, EVEN_DEVIATION);
-    this.#flow = this.#flowFrom(reference, this.#viewMask(H, image.width, image.height));
+    const reference = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
+    this.#reference = reference;
+    this.#points = this.#pointsOf(reference, this.#viewMask(H, image.width, image.height));
   }
 
   /**
@@ -144,8 +145,9 @@ export class Follower {
       const H = room.follow(image);
       return H && { corners: transform(H, this.#first), fresh: room.share < WORN_SHARE };
     }
-    const flow = this.#flow;
-    if (this.corners === null || flow === null || flow.points.length < MIN_INLIERS) return null;
+    const reference = this.#reference;
+    if (this.corners === null || reference === null) return null;
+    if (this.#points.length < 2 * MIN_INLIERS) return null;
     const { width, height } = this.layout;
     const motion = this.#motion;
     /** @type {Point[]} */
@@ -153,34 +155,34 @@ export class Follower {
     const lens = this.lens(image);
     const HStraightFromGuess = lens.homography(guess, width, height);
     const rectified = rectify(image, HStraightFromGuess, width, height, null, lens);
-    const { moved, found } = flow.follow(stretched(rectified, EVEN_MEAN, EVEN_DEVIATION));
+    const view = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
+    const { moved, found } = follow(reference, view, this.#points, COMPARED_PX, HALVINGS);
     if (!inImage(guess, image.width, image.height).every(Boolean)) {
-      const there = lens.distort(transform(HStraightFromGuess, moved));
+      const there = lens.distort(transform(HStraightFromGuess, pointsOf(moved)));
       inImage(there, image.width, image.height).forEach((inside, i) => (found[i] &= inside));
     }
-    const from = flow.points.filter((_, i) => found[i]);
-    const to = moved.filter((_, i) => found[i]);
-    if (from.length < MIN_INLIERS) return null;
-    const fit = findHomography(from, to, INLIER_PX);
+    const [from, to] = [this.#points, moved].map((points) => chosen(points, (i) => found[i]));
+    if (from.length < 2 * MIN_INLIERS) return null;
+    const fit = fitMotion(from, to, INLIER_PX);
     if (fit === null || fit.count < MIN_INLIERS) return null;
     const H = multiply3(HStraightFromGuess, fit.H);
     const corners = lens.distort(transform(H, frameCorners(width, height)));
-    return { corners, fresh: fit.count / from.length < 0.5 };
+    return { corners, fresh: (2 * fit.count) / from.length < 0.5 };
   }
 
   /**
-   * Mark, by 1, the pixels of the layout that lie in the image, and not near its border.
+   * Mark, by 255, the pixels of the layout that lie in the image, and not near its border.
    *
    * @param {Float64Array} HCapturedFromDisplay
    * @param {number} imageWidth
    * @param {number} imageHeight
-   * @returns {Uint8Array | null} null where all do
+   * @returns {BytePlane | null} null where all do
    */
   #viewMask(HCapturedFromDisplay, imageWidth, imageHeight) {
     const { width, height } = this.layout;
     const corners = transform(HCapturedFromDisplay, frameCorners(width, height));
     if (inImage(corners, imageWidth, imageHeight).every(Boolean)) return null;
-    const seen = new Uint8Array(width * height);
+    const seen = bytePlane(width, height);
     const [h0, h1, h2, h3, h4, h5, h6, h7, h8] = HCapturedFromDisplay;
     for (let y = 0, at = 0; y < height; y++) {
       for (let x = 0; x < width; x++, at++) {
@@ -188,30 +190,31 @@ export class Follower {
         const column = (h0 * x + h1 * y + h2) / w;
         const row = (h3 * x + h4 * y + h5) / w;
         const across = column >= -0.5 && column < imageWidth - 0.5;
-        seen[at] = Number(across && row >= -0.5 && row < imageHeight - 0.5);
+        if (across && row >= -0.5 && row < imageHeight - 0.5) seen.data[at] = 255;
       }
     }
-    return eroded(seen, width, height, EDGE_PX);
+    const inside = bytePlane(width, height);
+    call("eroded", [seen, 2 * EDGE_PX + 1], [inside]);
+    return inside;
   }
 
   /**
    * Choose the points that are followed.
    *
    * @param {BytePlane} reference
-   * @param {Uint8Array | null} seen - nonzero where points may lie; null where they may everywhere
-   * @returns {Flow}
+   * @param {BytePlane | null} seen - nonzero where points may lie; null where they may everywhere
    */
-  #flowFrom(reference, seen) {
+  #pointsOf(reference, seen) {
     const { width, height } = reference;
     const { layout } = this;
-    const patches = new Uint8Array(width * height);
+    const patches = bytePlane(width, height);
     for (const [row, col] of layout.ratex) {
       const [top, bottom, left, right] = layout.cellBox(row, col);
-      for (let y = top; y < bottom; y++) patches.fill(1, y * width + left, y * width + right);
+      for (let y = top; y < bottom; y++) patches.data.fill(255, y * width + left, y * width + right);
     }
-    const rest = patches.map((value) => 1 - value);
-    for (const mask of [patches, rest]) {
-      if (seen) for (let at = 0; at < mask.length; at++) mask[at] &= seen[at];
+    const rest = { width, height, data: patches.data.map((value) => 255 - value) };
+    for (const { data } of [patches, rest]) {
+      if (seen) for (let at = 0; at < data.length; at++) data[at] &= seen.data[at];
     }
     const points = layout.ratex.length
       ? [
@@ -219,47 +222,9 @@ export class Follower {
           ...chooseFeatures(reference, FEATURES / 2, 0.02, 8, rest),
         ]
       : chooseFeatures(reference, FEATURES, 0.02, 8, rest);
-    const inside = points.filter(
-      ([x, y]) => x > 3 && x < width - 3 && y > 3 && y < height - 3,
-    );
-    return new Flow(reference, inside, COMPARED_PX, HALVINGS);
+    return chosen(Float32Array.from(points), (i) => {
+      const [x, y] = [points[2 * i], points[2 * i + 1]];
+      return x > 3 && x < width - 3 && y > 3 && y < height - 3;
+    });
   }
-}
-
-/**
- * Keep the pixels of a mask around which all others are marked; beyond the border all count so.
- *
- * @param {Uint8Array} mask
- * @param {number} width
- * @param {number} height
- * @param {number} reach - pixels along each axis
- * @returns {Uint8Array}
- */
-function eroded(mask, width, height, reach) {
-  const lines = erodedAlong(mask, height, width, width, 1, reach);
-  return erodedAlong(lines, width, height, 1, width, reach);
-}
-
-/**
- * @param {Uint8Array} mask
- * @param {number} lines - number of lines that are eroded, each by itself
- * @param {number} length - number of pixels of a line
- * @param {number} nextLine - step from a line to the next one
- * @param {number} next - step from a pixel of a line to the next one
- * @param {number} reach
- */
-function erodedAlong(mask, lines, length, nextLine, next, reach) {
-  const kept = mask.slice();
-  for (let line = 0; line < lines; line++) {
-    const start = line * nextLine;
-    for (let at = 0, clear = Infinity; at < length; at++) {
-      clear = mask[start + at * next] ? clear + 1 : 0;
-      if (clear <= reach) kept[start + at * next] = 0;
-    }
-    for (let at = length - 1, clear = Infinity; at >= 0; at--) {
-      clear = mask[start + at * next] ? clear + 1 : 0;
-      if (clear <= reach) kept[start + at * next] = 0;
-    }
-  }
-  return kept;
 }

@@ -1,0 +1,157 @@
+"""Decode frame pairs from whole windows of a film, where the picture stands still in them.
+
+A `FilmDesk` keeps the last frames, shrunk. Now and then it hands a window of them to the film
+decoder (`models.neural.film`), and takes back the scores of all frame pairs that ended in it.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import cv2
+import numpy as np
+
+from export.film_graph import SHRINK, FilmScorer, FilmWindow
+from export.receive.states import RectifiedFrame
+from export.receive.timing.clock import DisplayClock
+from link.code.collect_fine import information_of
+from link.images import as_rgb
+from link.layout import Layout
+from link.types import Array, Image, Map
+
+WINDOW = 32
+"""Largest number of frames in a window; on the finest grid half of it, for the time it takes."""
+LEAST_FRAMES = 8
+"""Smallest number of frames in a window: its mean is the reference."""
+FINE_BLOCKS = 8000
+"""Number of blocks from which a grid counts as fine."""
+STRIDE_S = 0.13
+"""Seconds of film from one window to the next."""
+QUIET = np.array([[0.27, 0.5, 0.23]], np.float32)
+"""Weights of R, G and B that make gray with little noise of the camera
+(`models.neural.config.CHANNELS`)."""
+SURE = 0.9
+"""Information in bits a block from which the film's scores are not compared with those of a pair:
+there is little to gain."""
+
+
+@dataclass(frozen=True)
+class FilmFrame:
+    """What is kept of a camera frame."""
+
+    time: float
+    """Seconds of the camera's clock."""
+    gray: Map
+    """(1, h, w) float32 gray levels of the rectified display, shrunk."""
+    seen: Map
+    """(rows, cols) float32, 1 where the whole block lies within the camera frame, else 0."""
+
+
+class FilmDesk:
+    """Keeps frames of one display, and has frame pairs scored by windows of them.
+
+    Args:
+        layout: layout of the display, of which `export.film_graph.reads_films` is true.
+        scorer: the film decoder.
+        kept: number of frames that wait at most.
+    """
+
+    def __init__(self, layout: Layout, scorer: FilmScorer, kept: int) -> None:
+        self.layout = layout
+        self._scorer = scorer
+        self._frames: deque[FilmFrame] = deque(maxlen=kept)
+        self._scored_at = -np.inf
+        known = np.zeros(layout.rows * layout.cols, np.float32)
+        known[layout.pilot_blocks] = 2 * layout.pilot_bits - 1
+        self._known = known.reshape(layout.rows, layout.cols)
+        self._window = WINDOW // 2 if known.size > FINE_BLOCKS else WINDOW
+
+    def clear(self) -> None:
+        """Forget all frames: what comes shows another place, another picture, or another clock."""
+        self._frames.clear()
+        self._scored_at = -np.inf
+
+    def add(self, frame: RectifiedFrame) -> None:
+        """Keep a frame."""
+        layout = self.layout
+        seen = np.ones_like(self._known)
+        if frame.in_view is not None:
+            in_view = frame.in_view.astype(np.float32)
+            shares = cv2.resize(in_view, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
+            seen = (shares > 1 - 1e-6).astype(np.float32)
+        self._frames.append(FilmFrame(frame.time, shrink(frame.rectified)[None], seen))
+
+    def due(self) -> bool:
+        """Return whether it is time for the next window."""
+        newest = self._frames[-1].time if self._frames else -np.inf
+        return len(self._frames) >= LEAST_FRAMES and newest - self._scored_at >= STRIDE_S
+
+    def score(self, clock: DisplayClock, numbers: Sequence[int]) -> dict[int, Array]:
+        """Score frame pairs by the window that ends with the last of them that fits into it.
+
+        Args:
+            clock: says when the display shows which state.
+            numbers: numbers of frame pairs that are over, rising.
+
+        Returns:
+            (n_bits,) scores by the number of the frame pair, for at least one of them if frames
+            are left; the others wait for the next window.
+        """
+        frames = list(self._frames)
+        spans = [_pairs_shown(clock, frame.time) for frame in frames]
+        begin = next((at for at, span in enumerate(spans) if span[1] >= numbers[0]), 0)
+        end = min(len(frames), max(begin + self._window, LEAST_FRAMES))
+        if end == len(frames):
+            begin = max(0, end - self._window)
+        window, now = frames[begin:end], frames[end - 1].time
+        first, last = spans[begin][0], max(span[1] for span in spans[begin:end])
+        over = np.inf if end == len(frames) else clock.number(now + clock.earliest) / 2
+        done = [number for number in numbers if number <= min(last, over - 1)]
+        scores = self._scorer.score(
+            FilmWindow(
+                frames=np.stack([frame.gray for frame in window]),
+                seen=np.stack([frame.seen for frame in window]),
+                known=self._known,
+                times=np.array([frame.time for frame in window]),
+                clock=np.array(astuple(clock)),
+                first=first,
+                count=last + 1 - first,
+            )
+        )
+        self._scored_at = now
+        for _ in range(max(0, end - self._window)):
+            self._frames.popleft()
+        message, unread = self.layout.message_mask, np.zeros(self.layout.n_bits)
+        return {
+            number: scores[number - first][message] if first <= number <= last else unread
+            for number in done or numbers[:1]
+        }
+
+
+def _pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:
+    """Give the numbers of the first and the last frame pair of which a frame shows a part."""
+    first, last = (clock.number(time + end) / 2 for end in (clock.earliest, clock.latest))
+    return int(np.floor(first)), int(np.floor(last))
+
+
+def shrink(image: Image) -> Map:
+    """Make gray of a rectified image, and average it over squares of `SHRINK` pixels.
+
+    Args:
+        image: an `Image`.
+
+    Returns:
+        (h, w) float32 gray levels.
+    """
+    height, width = image.shape[:2]
+    small = cv2.resize(
+        as_rgb(image).astype(np.float32),
+        (width // SHRINK, height // SHRINK),
+        interpolation=cv2.INTER_AREA,
+    )
+    return np.asarray(cv2.transform(small, QUIET), np.float32)
+
+
+def information(scores: Array) -> float:
+    """Give the information that log-likelihood ratios hold, in bits a block."""
+    return information_of(scores.astype(np.float32)) / max(scores.size, 1)

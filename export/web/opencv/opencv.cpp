@@ -1,0 +1,481 @@
+// What the page needs of OpenCV, as plain functions of WebAssembly. build.py compiles them together
+// with the library, and src/image/opencv.js calls them. Each does what Python's cv2 does there.
+
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+
+using namespace cv;
+
+// A plane of one channel, or a list of numbers, as opencv.js writes it.
+struct Plane {
+  void *data;
+  int type, width, height;
+
+  Mat mat() const { return Mat(height, width, type, data); }
+
+  // The numbers as points, x and y in turn.
+  Mat points() const { return Mat(width * height / 2, 1, CV_MAKETYPE(type, 2), data); }
+
+  double *numbers() const { return static_cast<double *>(data); }
+};
+
+// The library looks for its settings in the environment; there is none.
+extern "C" char *getenv(const char *) { return nullptr; }
+
+// Only functions that draw change colours, and nothing here draws; so that part is left out.
+void cv::cvtColor(InputArray, OutputArray, int, int, AlgorithmHint) { abort(); }
+
+#define PAGE extern "C" __attribute__((used, visibility("default")))
+
+// Memory for the arguments of one call, in bytes; what it held before is lost.
+PAGE void *room(int bytes) {
+  static Mat memory;
+  if (memory.cols < bytes) memory.create(1, bytes, CV_8U);
+  return memory.data;
+}
+
+// Bytes are blurred as floats, but as far as OpenCV blurs bytes.
+PAGE void blurred(const Plane &from, double sigma, int border, const Plane &to) {
+  const int length = cvRound(sigma * (from.type == CV_8U ? 3 : 4) * 2 + 1) | 1;
+  Mat floats = from.mat();
+  if (from.type != CV_32F) floats.convertTo(floats, CV_32F);
+  GaussianBlur(floats, to.mat(), Size(length, length), sigma, sigma, border);
+}
+
+PAGE void boxMeans(const Plane &from, int across, int down, int border, const Plane &to) {
+  blur(from.mat(), to.mat(), Size(across, down), Point(-1, -1), border);
+}
+
+PAGE void slopes(const Plane &image, const Plane &across, const Plane &down) {
+  Sobel(image.mat(), across.mat(), CV_32F, 1, 0);
+  Sobel(image.mat(), down.mat(), CV_32F, 0, 1);
+}
+
+// Only the first pixels of each row and column are used. A factor of 0 follows from both sizes.
+PAGE void resized(const Plane &from, int width, int height, double factor, int how,
+                  const Plane &to) {
+  Mat used = from.mat()(Rect(0, 0, width, height));
+  if (from.type != to.type) used.convertTo(used, to.type);
+  const Size size = factor > 0 ? Size() : Size(to.width, to.height);
+  resize(used, to.mat(), size, factor, factor, how);
+}
+
+// Interpolates between the four pixels around each place; beyond the border its last pixel counts.
+template <typename Sample>
+static void mix(const Mat &from, const float *x, const float *y, int count, Sample *to) {
+  const float right = from.cols - 1, bottom = from.rows - 1;
+  const int nextX = from.cols > 1, nextY = from.rows > 1 ? from.cols : 0;
+  const int lastX = std::max(from.cols - 2, 0), lastY = std::max(from.rows - 2, 0);
+  for (int i = 0; i < count; i++) {
+    // a comparison that fails for what is no number, too
+    const float atX = std::min(x[i] > 0 ? x[i] : 0, right), atY = std::min(y[i] > 0 ? y[i] : 0, bottom);
+    const int left = std::min(int(atX), lastX), top = std::min(int(atY), lastY);
+    const Sample *at = reinterpret_cast<Sample *>(from.data) + top * from.cols + left;
+    const float shareX = atX - left, shareY = atY - top;
+    const float above = at[0] + (at[nextX] - at[0]) * shareX;
+    const float below = at[nextY] + (at[nextY + nextX] - at[nextY]) * shareX;
+    to[i] = above + (below - above) * shareY + (sizeof(Sample) == 1 ? 0.5f : 0);
+  }
+}
+
+static void sample(const Plane &from, const float *x, const float *y, int count, const Plane &to,
+                   int start) {
+  if (to.type == CV_8U) mix(from.mat(), x, y, count, static_cast<uchar *>(to.data) + start);
+  else mix(from.mat(), x, y, count, static_cast<float *>(to.data) + start);
+}
+
+// warpPerspective takes twice as long, since WebAssembly loads no pixels from many places at once.
+PAGE void warped(const Plane &from, const Plane &H, const Plane &to) {
+  const double *h = H.numbers();
+  const float stepX = h[0], stepY = h[3], stepW = h[6];
+  std::vector<float> x(to.width), y(to.width);
+  for (int row = 0; row < to.height; row++) {
+    const float x0 = h[1] * row + h[2], y0 = h[4] * row + h[5], w0 = h[7] * row + h[8];
+    for (int col = 0; col < to.width; col++) {
+      const float scale = 1 / (stepW * col + w0);
+      x[col] = (stepX * col + x0) * scale;
+      y[col] = (stepY * col + y0) * scale;
+    }
+    sample(from, x.data(), y.data(), to.width, to, row * to.width);
+  }
+}
+
+PAGE void remapped(const Plane &from, const Plane &x, const Plane &y, const Plane &to) {
+  sample(from, x.mat().ptr<float>(), y.mat().ptr<float>(), to.width * to.height, to, 0);
+}
+
+// Weights of two neighbouring pixels, or of four by cubic convolution (Keys 1981).
+static void weigh(float share, bool cubic, float *weights) {
+  const float bend = -0.75f, rest = 1 - share;
+  const auto near = [=](float apart) {
+    return ((bend + 2) * apart - (bend + 3)) * apart * apart + 1;
+  };
+  if (cubic) {
+    weights[0] = bend * share * rest * rest;
+    weights[1] = near(share);
+    weights[2] = near(rest);
+    weights[3] = bend * rest * share * share;
+  } else {
+    weights[0] = rest;
+    weights[1] = share;
+  }
+}
+
+// The library's own remap rounds places to parts of a pixel before version 5.
+PAGE void between(const Plane &from, const Plane &x, const Plane &y, int by, int beyond,
+                  const Plane &to) {
+  const Mat image = from.mat();
+  const bool cubic = by == INTER_CUBIC;
+  const int taps = cubic ? 4 : 2;
+  for (int i = 0; i < to.width; i++) {
+    const float atX = static_cast<float *>(x.data)[i], atY = static_cast<float *>(y.data)[i];
+    const int left = cvFloor(atX) - cubic, top = cvFloor(atY) - cubic;
+    float across[4], down[4], sum = 0;
+    weigh(atX - cvFloor(atX), cubic, across);
+    weigh(atY - cvFloor(atY), cubic, down);
+    for (int row = 0; row < taps; row++) {
+      const int inY = borderInterpolate(top + row, from.height, beyond);
+      for (int col = 0; col < taps; col++) {
+        const int inX = borderInterpolate(left + col, from.width, beyond);
+        if (inX >= 0 && inY >= 0) sum += down[row] * across[col] * image.at<float>(inY, inX);
+      }
+    }
+    static_cast<float *>(to.data)[i] = sum;
+  }
+}
+
+// The mean of images, one below the other, each weighed by a mesh that is interpolated; halves are
+// rounded up, and pixels of no weight are 0.
+PAGE void weightedMean(const Plane &images, const Plane &meshes, const Plane &to) {
+  Mat total = Mat::zeros(to.height, to.width, CV_32F), weights = total.clone(), weight, levels;
+  const int count = images.height / to.height, side = meshes.height / count;
+  for (int i = 0; i < count; i++) {
+    const Mat mesh = meshes.mat().rowRange(i * side, (i + 1) * side);
+    if (countNonZero(mesh) == 0) continue;
+    images.mat().rowRange(i * to.height, (i + 1) * to.height).convertTo(levels, CV_32F);
+    resize(mesh, weight, total.size(), 0, 0, INTER_LINEAR);
+    accumulateProduct(levels, weight, total);
+    weights += weight;
+  }
+  const float *sum = total.ptr<float>(), *all = weights.ptr<float>();
+  for (int i = 0; i < to.width * to.height; i++) {
+    static_cast<uchar *>(to.data)[i] = sum[i] / std::max(all[i], 1e-3f) + 0.5f;
+  }
+}
+
+PAGE void equalised(const Plane &gray, const Plane &to) { equalizeHist(gray.mat(), to.mat()); }
+
+PAGE void stretched(const Plane &gray, double mean, double deviation, const Plane &to) {
+  Scalar middle, spread;
+  meanStdDev(gray.mat(), middle, spread);
+  const double gain = deviation / std::max(spread[0], 1.0);
+  convertScaleAbs(gray.mat(), to.mat(), gain, mean - gain * middle[0]);
+}
+
+PAGE void eroded(const Plane &mask, int side, const Plane &to) {
+  erode(mask.mat(), to.mat(), Mat::ones(side, side, CV_8U), Point(-1, -1), 1, BORDER_CONSTANT,
+        Scalar(255));
+}
+
+PAGE double otsu(const Plane &gray) {
+  Mat unused;
+  return threshold(gray.mat(), unused, 0, 255, THRESH_BINARY | THRESH_OTSU);
+}
+
+// Returns the number of points; `points` has room for the largest number that is wanted.
+PAGE int features(const Plane &image, const Plane *mask, double quality, double apart,
+                  const Plane &points) {
+  Mat found;
+  goodFeaturesToTrack(image.mat(), found, points.width / 2, quality, apart,
+                      mask ? mask->mat() : Mat());
+  if (found.empty()) return 0;
+  found.reshape(2, found.rows).copyTo(points.points().rowRange(0, found.rows));
+  return found.rows;
+}
+
+// `found` is 1 for each point that was followed; a guess of null is where the points were.
+PAGE void flow(const Plane &reference, const Plane &image, const Plane &points, const Plane *guess,
+               int side, int halvings, const Plane &moved, const Plane &found) {
+  Mat there = (guess ? *guess : points).points().clone(), status;
+  calcOpticalFlowPyrLK(reference.mat(), image.mat(), points.points(), there, status, noArray(),
+                       Size(side, side), halvings,
+                       TermCriteria(TermCriteria::COUNT + TermCriteria::EPS, 30, 0.01),
+                       OPTFLOW_USE_INITIAL_FLOW);
+  there.copyTo(moved.points());
+  status.reshape(1, 1).copyTo(found.mat());
+}
+
+// Fits a motion by RANSAC. Returns the number of points that agree, 0 where nothing fits; `same` is
+// 1 for each that does.
+PAGE int motion(const Plane &from, const Plane &to, double apart, int affine, const Plane &H,
+                const Plane &same) {
+  Mat agree, fitted;
+  fitted = affine ? estimateAffine2D(from.points(), to.points(), agree, RANSAC, apart)
+                  : findHomography(from.points(), to.points(), RANSAC, apart, agree);
+  if (fitted.empty()) return 0;
+  Mat whole = Mat::eye(3, 3, CV_64F);
+  fitted.copyTo(whole.rowRange(0, fitted.rows));
+  whole.reshape(1, 1).copyTo(H.mat());
+  agree.reshape(1, 1).copyTo(same.mat());
+  return countNonZero(agree);
+}
+
+PAGE double hullArea(const Plane &points) {
+  Mat hull;
+  convexHull(points.points(), hull);
+  return contourArea(hull);
+}
+
+// Writes x1, y1, x2, y2 of each straight segment, and returns their number; those are dropped for
+// which there is no room.
+PAGE int segments(const Plane &gray, const Plane &ends) {
+  Mat found;
+  createLineSegmentDetector(LSD_REFINE_STD)->detect(gray.mat(), found);
+  const int count = std::min<int>(found.total(), ends.width / 4);
+  if (count > 0) found.reshape(1, 1).colRange(0, 4 * count).copyTo(ends.mat().colRange(0, 4 * count));
+  return count;
+}
+
+// Outlines of what is brighter than a level, of no less than an area, that four corners describe.
+// Returns their number; those are dropped for which there is no room.
+PAGE int brightQuads(const Plane &gray, double level, double area, const Plane &tolerances,
+                     const Plane &quads) {
+  Mat mask = gray.mat() > level;
+  morphologyEx(mask, mask, MORPH_OPEN, Mat::ones(3, 3, CV_8U));
+  std::vector<std::vector<Point>> outlines;
+  findContours(mask, outlines, RETR_LIST, CHAIN_APPROX_SIMPLE);
+  Point2d *next = static_cast<Point2d *>(quads.data), *const end = next + quads.width / 2;
+  for (const auto &outline : outlines) {
+    if (contourArea(outline) < area || next == end) continue;
+    std::vector<Point> hull, corners;
+    convexHull(outline, hull);
+    for (int i = 0; i < tolerances.width && corners.size() != 4; i++) {
+      approxPolyDP(hull, corners, tolerances.numbers()[i] * arcLength(hull, true), true);
+    }
+    if (corners.size() == 4) next = std::copy(corners.begin(), corners.end(), next);
+  }
+  return (next - static_cast<Point2d *>(quads.data)) / 4;
+}
+
+static Mat ellipse(int side) { return getStructuringElement(MORPH_ELLIPSE, Size(side, side)); }
+
+// Bounds the largest part of a mask of 0 and 1, holes closed and specks dropped, by the smallest
+// quadrilateral and the smallest rectangle. Returns 0 where no part has the area.
+PAGE int outlines(const Plane &mask, int closed, int opened, double area, const Plane &quads) {
+  Mat around;
+  copyMakeBorder(mask.mat(), around, closed, closed, closed, closed, BORDER_CONSTANT);
+  morphologyEx(around, around, MORPH_CLOSE, ellipse(closed));
+  morphologyEx(around, around, MORPH_OPEN, ellipse(opened));
+  std::vector<std::vector<Point>> contours;
+  findContours(around, contours, RETR_EXTERNAL, CHAIN_APPROX_NONE);
+  const auto largest = std::max_element(contours.begin(), contours.end(), [](auto &one, auto &two) {
+    return contourArea(one) < contourArea(two);
+  });
+  if (largest == contours.end() || contourArea(*largest) < area) return 0;
+  std::vector<Point> hull;
+  Mat quad, box(4, 2, CV_32F);
+  convexHull(*largest, hull);
+  approxPolyN(hull, quad, 4, -1, true);
+  boxPoints(minAreaRect(*largest), box);
+  Mat(quad.reshape(1, 1)).convertTo(quads.mat().colRange(0, 8), CV_64F, 1, -closed);
+  Mat(box.reshape(1, 1)).convertTo(quads.mat().colRange(8, 16), CV_64F, 1, -closed);
+  return 1;
+}
+
+// Sums a map, so many times smaller, within four points; minus infinity if they are not convex.
+static double sumWithin(const Mat &gain, const Point2d *quad, double smaller) {
+  Point2f corners[4];
+  Point fine[4];
+  for (int i = 0; i < 4; i++) {
+    corners[i] = quad[i];
+    fine[i] = Point(cvRound(quad[i].x / smaller * 16), cvRound(quad[i].y / smaller * 16));
+  }
+  if (!isContourConvex(Mat(4, 1, CV_32FC2, corners))) return -INFINITY;
+  Mat mask = Mat::zeros(gain.size(), CV_8U);
+  fillConvexPoly(mask, fine, 4, Scalar(1), LINE_8, 4);
+  double sum = 0;
+  for (int y = 0; y < gain.rows; y++) {
+    const uchar *in = mask.ptr(y);
+    const float *row = gain.ptr<float>(y);
+    for (int x = 0; x < gain.cols; x++) sum += in[x] ? row[x] : 0;
+  }
+  return sum;
+}
+
+PAGE void sumsWithin(const Plane &gain, const Plane &quads, double smaller, const Plane &sums) {
+  const Point2d *quad = static_cast<Point2d *>(quads.data);
+  for (int i = 0; i < sums.width; i++, quad += 4) {
+    sums.numbers()[i] = sumWithin(gain.mat(), quad, smaller);
+  }
+}
+
+// Moves the corners, one by one, while that adds to the sum within. Returns the sum.
+PAGE double fittedOutline(const Plane &gain, const Plane &quad, double smaller, const Plane &steps,
+                          const Plane &fitted) {
+  Point2d *corners = static_cast<Point2d *>(fitted.data);
+  quad.mat().copyTo(fitted.mat());
+  double best = sumWithin(gain.mat(), corners, smaller);
+  for (int i = 0; i < steps.width; i++) {
+    for (bool improved = true; improved;) {
+      improved = false;
+      for (int corner = 0; corner < 4; corner++) {
+        for (int move = 0; move < 9; move++) {
+          const Point2d before = corners[corner];
+          corners[corner] += Point2d(move / 3 - 1, move % 3 - 1) * steps.numbers()[i];
+          const double now = sumWithin(gain.mat(), corners, smaller);
+          if (now > best + 1e-6) {
+            best = now;
+            improved = true;
+          } else {
+            corners[corner] = before;
+          }
+        }
+      }
+    }
+  }
+  return best;
+}
+
+// Places where the logarithm of an image is steep in all directions, and more so than all around;
+// writes x and y, the steepest first, and returns their number.
+PAGE int steepest(const Plane &image, double sigma, double dark, int window, int alone,
+                  double least, const Plane &places) {
+  Mat light, steep, around;
+  image.mat().convertTo(light, CV_32F);
+  const int length = cvRound(sigma * 4 * 2 + 1) | 1;
+  GaussianBlur(light, light, Size(length, length), sigma);
+  light += dark;
+  log(light, light);
+  cornerMinEigenVal(light, steep, window);
+  dilate(steep, around, Mat::ones(alone, alone, CV_8U));
+  std::vector<Point> found;
+  findNonZero((steep >= around) & (steep > least), found);
+  std::stable_sort(found.begin(), found.end(), [&](const Point &one, const Point &two) {
+    return steep.at<float>(one) > steep.at<float>(two);
+  });
+  const int count = std::min<int>(found.size(), places.width / 2);
+  std::copy_n(found.begin(), count, static_cast<Point *>(places.data));
+  return count;
+}
+
+// Finds where a patch correlates best with a part of an image: writes x, y and the correlation.
+PAGE void bestMatch(const Plane &image, int left, int top, int width, int height,
+                    const Plane &patch, const Plane &best) {
+  Mat match;
+  Point place;
+  matchTemplate(image.mat()(Rect(left, top, width, height)), patch.mat(), match, TM_CCOEFF_NORMED);
+  patchNaNs(match);
+  minMaxLoc(match, nullptr, best.numbers() + 2, nullptr, &place);
+  best.numbers()[0] = place.x;
+  best.numbers()[1] = place.y;
+}
+
+// Correlates each part of a map with what is expected there, for all shifts within a reach. Blocks
+// that are expected not to change add nothing, and of the others a sum over pixels is enough; so
+// this takes a tenth of the time of matchTemplate, which finds the same.
+PAGE void matchParts(const Plane &map, const Plane &blocks, const Plane &ys, const Plane &xs,
+                     int reachX, int reachY, const Plane &matches) {
+  const int wide = 2 * reachX + 1, high = 2 * reachY + 1;
+  const auto start = [](int block, int length, int count) {
+    return (block * length + count - 1) / count;
+  };
+  Mat around, sums;
+  copyMakeBorder(map.mat(), around, reachY, reachY, reachX, reachX, BORDER_CONSTANT);
+  integral(around, sums, CV_64F);
+  const int *y = static_cast<int *>(ys.data), *x = static_cast<int *>(xs.data);
+  float *match = static_cast<float *>(matches.data);
+  for (int i = 0; i + 1 < ys.width; i++) {
+    for (int k = 0; k + 1 < xs.width; k++, match += wide * high) {
+      std::fill_n(match, wide * high, 0.f);
+      for (int block = 0; block < blocks.width * blocks.height; block++) {
+        const int row = block / blocks.width, col = block % blocks.width;
+        const float value = static_cast<float *>(blocks.data)[block];
+        const int top = std::max(y[i], start(row, map.height, blocks.height));
+        const int left = std::max(x[k], start(col, map.width, blocks.width));
+        const int bottom = std::min(y[i + 1], start(row + 1, map.height, blocks.height));
+        const int right = std::min(x[k + 1], start(col + 1, map.width, blocks.width));
+        if (value == 0 || top >= bottom || left >= right) continue;
+        for (int dy = 0; dy < high; dy++) {
+          const double *above = sums.ptr<double>(top + dy), *below = sums.ptr<double>(bottom + dy);
+          float *to = match + dy * wide;
+          for (int dx = 0; dx < wide; dx++) {
+            to[dx] += value * float(below[right + dx] - below[left + dx] - above[right + dx] +
+                                    above[left + dx]);
+          }
+        }
+      }
+    }
+  }
+}
+
+// Small images of a number of patches in many turns and shapes, each of mean 0 and norm 1, and their
+// parts along orthonormal directions in which most of them lie.
+struct Bank {
+  Mat templates, directions, parts; // a row each; parts have a column for each template
+  std::vector<float> rest; // length of what the directions leave of a template
+};
+
+static std::vector<Bank> banks;
+
+static float product(const float *one, const float *other, int count) {
+#pragma clang fp reassociate(on)
+  float sum = 0;
+  for (int i = 0; i < count; i++) sum += one[i] * other[i];
+  return sum;
+}
+
+// Keeps a bank, and returns its number.
+PAGE int keepBank(const Plane &templates, const Plane &directions) {
+  Bank bank{templates.mat().clone(), directions.mat().clone()};
+  bank.parts = bank.directions * bank.templates.t();
+  for (int t = 0; t < bank.templates.rows; t++) {
+    const double along = norm(bank.parts.col(t));
+    bank.rest.push_back(std::sqrt(std::max(0.0, 1 - along * along)) + 1e-3);
+  }
+  banks.push_back(bank);
+  return banks.size() - 1;
+}
+
+// Finds where, around each spot, each patch matches best: writes its number of the template, left,
+// top and correlation, where that is more than the least.
+PAGE void bestTemplates(int number, const Plane &image, const Plane &spots, const Plane &shifts,
+                        double least, const Plane &found) {
+  const Bank &bank = banks[number];
+  const int area = bank.templates.cols, count = bank.templates.rows;
+  const int side = cvRound(std::sqrt(area)), patches = found.width / 4 / (spots.width / 2);
+  Mat levels;
+  image.mat().convertTo(levels, CV_32F);
+  std::vector<float> window(area), bound(count);
+  double *best = found.numbers();
+  for (int spot = 0; spot < spots.width / 2; spot++, best += 4 * patches) {
+    const Point at = static_cast<Point *>(spots.data)[spot];
+    for (int patch = 0; patch < patches; patch++) best[4 * patch + 3] = least;
+    for (int shift = 0; shift < shifts.width * shifts.width; shift++) {
+      const int *steps = static_cast<int *>(shifts.data);
+      const int x = at.x + steps[shift % shifts.width] - side / 2;
+      const int y = at.y + steps[shift / shifts.width] - side / 2;
+      const int left = std::clamp(x, 0, image.width - side);
+      const int top = std::clamp(y, 0, image.height - side);
+      Mat seen(side, side, CV_32F, window.data());
+      levels(Rect(left, top, side, side)).copyTo(seen);
+      seen -= mean(seen)[0];
+      seen /= norm(seen) + 5;
+      double rest = product(window.data(), window.data(), area);
+      std::fill(bound.begin(), bound.end(), 0.f);
+      for (int k = 0; k < bank.directions.rows; k++) {
+        const float part = product(window.data(), bank.directions.ptr<float>(k), area);
+        const float *parts = bank.parts.ptr<float>(k);
+        rest -= part * part;
+        for (int t = 0; t < count; t++) bound[t] += part * parts[t];
+      }
+      const float left_over = std::sqrt(std::max(0.0, rest)) + 1e-3;
+      for (int t = 0; t < count; t++) {
+        double *entry = best + 4 * (t / (count / patches));
+        if (bound[t] + left_over * bank.rest[t] <= entry[3]) continue;
+        const float match = product(window.data(), bank.templates.ptr<float>(t), area);
+        if (match > entry[3]) std::copy_n((const double[]){t + 0., left + 0., top + 0., match}, 4, entry);
+      }
+    }
+  }
+}

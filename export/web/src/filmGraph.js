@@ -1,0 +1,68 @@
+/** The film decoder's ONNX graph, run by onnxruntime-web; one serves all layouts. */
+
+import * as ort from "onnxruntime-web/wasm";
+import { openSession } from "./decoder.js";
+
+/**
+ * Successive frames of a display whose clock is known, as `FilmWindow` of export/film_graph.py:
+ * frames, what they show, and the pilots, one after the other; and the sizes of these arrays,
+ * which are frames, height, width, rows and columns.
+ *
+ * @typedef {object} FilmWindow
+ * @property {Float32Array} frames
+ * @property {Float32Array} seen
+ * @property {Float32Array} known
+ * @property {Float64Array} times
+ * @property {Float64Array} clock
+ * @property {number} first
+ * @property {number} count
+ * @property {[number, number, number, number, number] | number[]} size
+ */
+
+/**
+ * What a receiver asks of a film decoder: the scores of all blocks of all pairs of a window.
+ *
+ * @typedef {object} FilmScorer
+ * @property {(window: FilmWindow) => Promise<Float32Array>} score
+ * @property {() => Promise<void>} [load]
+ */
+
+/** The film decoder; its graph is loaded when it is first needed. */
+export class FilmGraph {
+  /** @type {Promise<ort.InferenceSession> | null} */
+  #session = null;
+
+  /** @param {string | Uint8Array} model - address of the graph's file, or its bytes */
+  constructor(model) {
+    this.model = model;
+  }
+
+  /** Load the graph; later calls wait for the same graph. */
+  async load() {
+    await (this.#session ??= openSession(this.model));
+  }
+
+  /**
+   * Score the blocks of all frame pairs in a window.
+   *
+   * @param {FilmWindow} window
+   * @returns {Promise<Float32Array>} (count rows cols,) natural log-likelihood ratios
+   */
+  async score({ frames, seen, known, times, clock, first, count, size }) {
+    await this.load();
+    const [length, height, width, rows, cols] = size;
+    const pairs = BigInt64Array.from({ length: count }, (_, at) => BigInt(first + at));
+    const session = /** @type {ort.InferenceSession} */ (await this.#session);
+    const { scores } = await session.run({
+      frames: new ort.Tensor("float32", frames, [length, 1, height, width]),
+      seen: new ort.Tensor("float32", seen, [length, rows, cols]),
+      known: new ort.Tensor("float32", known, [rows, cols]),
+      times: new ort.Tensor("float64", times, [length]),
+      clock: new ort.Tensor("float64", clock, [5]),
+      pairs: new ort.Tensor("int64", pairs, [count]),
+    });
+    const found = /** @type {Float32Array} */ (scores.data);
+    if (!found.every(Number.isFinite)) throw new Error("the model returned no valid scores");
+    return found;
+  }
+}

@@ -1,0 +1,143 @@
+/**
+ * Decode frame pairs from whole windows of a film, where the picture stands still in them.
+ *
+ * A `FilmDesk` keeps the last frames, shrunk. Now and then it hands a window of them to the film
+ * decoder (filmGraph.js), and takes back the scores of all frame pairs that ended in it.
+ */
+
+import { filmGraph, receiveFilm } from "../generated/constants.js";
+import { areaMeans } from "../image/shrink.js";
+import { MESH } from "./states.js";
+
+/** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
+/** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
+/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
+
+export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveFilm;
+const { SHRINK } = filmGraph;
+
+/**
+ * What is kept of a camera frame: its time, the shrunk gray levels of the rectified display, and 1
+ * for each block that lies within the camera frame as a whole, else 0.
+ *
+ * @typedef {{ time: number, gray: Float32Array, seen: Float32Array }} FilmFrame
+ */
+
+/** Keeps frames of one display, and has frame pairs scored by windows of them. */
+export class FilmDesk {
+  #layout;
+  #scorer;
+  #kept;
+  #window;
+  #known;
+  /** @type {FilmFrame[]} */
+  #frames = [];
+  #scoredAt = -Infinity;
+
+  /**
+   * @param {Layout} layout - of the display, which `readsFilms`
+   * @param {FilmScorer} scorer - the film decoder
+   * @param {number} kept - number of frames that wait at most
+   */
+  constructor(layout, scorer, kept) {
+    this.#layout = layout;
+    this.#scorer = scorer;
+    this.#kept = kept;
+    this.#known = new Float32Array(layout.rows * layout.cols);
+    layout.pilotBlocks.forEach((block, at) => (this.#known[block] = 2 * layout.pilotBits[at] - 1));
+    this.#window = this.#known.length > FINE_BLOCKS ? WINDOW / 2 : WINDOW;
+  }
+
+  /** Forget all frames: what comes shows another place, another picture, or another clock. */
+  clear() {
+    this.#frames = [];
+    this.#scoredAt = -Infinity;
+  }
+
+  /**
+   * Keep a frame.
+   *
+   * @param {RectifiedFrame} frame
+   */
+  add({ time, rectified, inView }) {
+    const { rows, cols } = this.#layout;
+    const [width, height] = [rectified.width, rectified.height].map((side) =>
+      Math.floor(side / SHRINK),
+    );
+    const gray = areaMeans(rectified, width, height).data;
+    let seen = new Float32Array(rows * cols).fill(1);
+    if (inView) {
+      const shares = areaMeans({ width: MESH, height: MESH, data: inView }, cols, rows).data;
+      seen = shares.map((share) => (share > 1 - 1e-6 ? 1 : 0));
+    }
+    this.#frames.push({ time, gray, seen });
+    if (this.#frames.length > this.#kept) this.#frames.shift();
+  }
+
+  /** Whether it is time for the next window. */
+  get due() {
+    const newest = this.#frames.at(-1)?.time ?? -Infinity;
+    return this.#frames.length >= LEAST_FRAMES && newest - this.#scoredAt >= STRIDE_S;
+  }
+
+  /**
+   * Score frame pairs by the window that ends with the last of them that fits into it.
+   *
+   * @param {DisplayClock} clock - says when the display shows which state
+   * @param {number[]} numbers - of frame pairs that are over, rising
+   * @returns {Promise<Map<number, Float32Array>>} (nBits,) scores by the number of the frame pair,
+   *   for at least one of them; the others wait for the next window
+   */
+  async score(clock, numbers) {
+    const frames = this.#frames;
+    const spans = frames.map(({ time }) => pairsShown(clock, time));
+    const needed = spans.findIndex(([, last]) => last >= numbers[0]);
+    let begin = Math.max(0, needed);
+    const end = Math.min(frames.length, Math.max(begin + this.#window, LEAST_FRAMES));
+    if (end === frames.length) begin = Math.max(0, end - this.#window);
+    const window = frames.slice(begin, end);
+    const now = frames[end - 1].time;
+    const first = spans[begin][0];
+    const last = Math.max(...spans.slice(begin, end).map((span) => span[1]));
+    const over = end === frames.length ? Infinity : clock.number(now + clock.earliest) / 2;
+    const done = numbers.filter((number) => number <= Math.min(last, over - 1));
+    const { rows, cols, width, height, messageBlocks } = this.#layout;
+    const scores = await this.#scorer.score({
+      frames: joined(window.map(({ gray }) => gray)),
+      seen: joined(window.map(({ seen }) => seen)),
+      known: this.#known,
+      times: Float64Array.from(window, ({ time }) => time),
+      clock: Float64Array.of(clock.period, clock.start, clock.delayX, clock.delayY, clock.shutter),
+      first,
+      count: last + 1 - first,
+      size: [window.length, Math.floor(height / SHRINK), Math.floor(width / SHRINK), rows, cols],
+    });
+    this.#scoredAt = now;
+    frames.splice(0, Math.max(0, end - this.#window));
+    const chosen = done.length > 0 ? done : numbers.slice(0, 1);
+    return new Map(
+      chosen.map((number) => {
+        const from = (number - first) * rows * cols;
+        const isSeen = number >= first && number <= last;
+        return [number, Float32Array.from(messageBlocks, (at) => (isSeen ? scores[from + at] : 0))];
+      }),
+    );
+  }
+}
+
+/**
+ * Give the numbers of the first and the last frame pair of which a frame shows a part.
+ *
+ * @param {DisplayClock} clock
+ * @param {number} time - seconds
+ */
+function pairsShown(clock, time) {
+  return [clock.earliest, clock.latest].map((end) => Math.floor(clock.number(time + end) / 2));
+}
+
+/** @param {Float32Array[]} parts - of one length */
+function joined(parts) {
+  const whole = new Float32Array(parts.length * parts[0].length);
+  parts.forEach((part, at) => whole.set(part, at * part.length));
+  return whole;
+}

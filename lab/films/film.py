@@ -1,0 +1,227 @@
+"""What whole windows of film tell beyond frame pairs, on the same films.
+
+Each film is read twice: by frame pairs alone, and by windows of frames (`models.neural.film`) with
+frame pairs where the picture moves. Both receivers find, follow and time the display by themselves,
+and both read on to the film's end, so that all films count alike.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from data_gen.film.codec import through_codec
+from data_gen.pairs import PAIRS, pair_names
+from export.film_graph import FilmGraph
+from export.receive.receiver import Receiver
+from export.runtime import OWN_TIME_LIMIT_S, Decoder
+from lab.films.rates import SETTINGS
+from lab.films.trial import Take, check_filmed, film_message, nearest_frame, receiver_model
+from lab.study import Results, Study, StudyFlags, Workshop
+from link.errors import at_least, choose, each_once
+from models import FILM_GRAPH
+from reports.engine.backends import one_thread
+from reports.render.tables import Table, percent
+from reports.score.reliability import (
+    Bin,
+    binned_information,
+    calibration_error,
+    confidence_bins,
+    merge_bins,
+)
+
+METHODS = ("pairs", "film")
+"""How films are read."""
+COMPARED = ("hidden", "faint", "slow camera", "slanted", "fast", "robust")
+"""Settings that are compared, keys of `lab.films.rates.SETTINGS`."""
+
+
+@dataclass(frozen=True)
+class FilmFlags(StudyFlags):
+    """Bits read by frame pairs and by windows of film, from the same films (simulated)."""
+
+    settings: tuple[str, ...] = COMPARED
+    """Names of settings, keys of SETTINGS in lab/films/rates.py."""
+    pairs: tuple[str, ...] = tuple(PAIRS)
+    """Camera-display pairs."""
+    views: tuple[float, ...] = (0.0, 45.0)
+    """Angles between the camera and the normal of the display, degrees."""
+    runs: int = 1
+    """Number of films for each setting, pair and view."""
+    states: int = 90
+    """Length of each film, in states of the display."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What one method read of one film."""
+
+    setting: str
+    """Name of the setting."""
+    method: str
+    """One of `METHODS`."""
+    pair: str
+    """Camera-display pair."""
+    view_deg: float
+    """Angle between the camera and the normal of the display, degrees."""
+    run: int
+    """Number of the film among those of the setting, pair and view."""
+    picture: str
+    """Name of the picture that carries the message."""
+    seconds: float | None
+    """Time of the film at the first frame pair that was decoded; None where none was."""
+    bits: int
+    """Number of bits that were decided."""
+    bits_wrong: int
+    """Number of these that are wrong, each frame pair held against the one that it fits best."""
+    bins: list[Bin] = field(default_factory=list)
+    """Bits that were decided and not erased, sorted by how sure the receiver was of them."""
+
+
+@dataclass(frozen=True)
+class FilmContent:
+    """What was measured."""
+
+    readings: list[Reading]
+    """One entry for each film and method."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One film that both methods read."""
+
+    take: Take
+    """The film."""
+    setting: str
+    """Name of its setting."""
+    seconds: float
+    """Its length, seconds."""
+
+
+def compare(item: Comparison) -> list[dict[str, Any]]:
+    """Film, and let both receivers read.
+
+    Returns:
+        the fields of a `Reading` for each of `METHODS`.
+    """
+    one_thread()
+    take, filmed = item.take, film_message(item.take)
+    decoder = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
+    fps = take.settings.fps
+    receivers = {
+        "pairs": Receiver(decoder, fps),
+        "film": Receiver(decoder, fps, FilmGraph(FILM_GRAPH, 1)),
+    }
+    found: dict[str, dict[str, Any]] = {
+        method: {"seconds": None, "bits": 0, "bits_wrong": 0, "bins": []} for method in receivers
+    }
+    for frame in through_codec(filmed.frames, take.settings.codec, fps):
+        for method, receiver in receivers.items():
+            over = frame.time_s > item.seconds
+            step = receiver.finish() if over else receiver.push(frame.rgb, frame.time_s)
+            for pair in step.pairs:
+                _count(found[method], pair.soft.scores, filmed.bits, frame.time_s)
+        if frame.time_s > item.seconds:
+            break
+    names: dict[str, Any] = {
+        "setting": item.setting,
+        "pair": take.pair,
+        "view_deg": take.view,
+        "run": take.run,
+    }
+    return [
+        asdict(Reading(**names, picture=filmed.picture, method=method, **values))
+        for method, values in found.items()
+    ]
+
+
+def _count(found: dict[str, Any], scores: Any, loop: Any, time: float) -> None:
+    """Add a frame pair's scores to what a method has read so far."""
+    shown, seen = nearest_frame(scores, loop), np.flatnonzero(scores)
+    found["seconds"] = time if found["seconds"] is None else found["seconds"]
+    found["bits"] += len(shown)
+    found["bits_wrong"] += int(((scores > 0) != shown).sum())
+    if seen.size:
+        found["bins"] = merge_bins([found["bins"], confidence_bins(scores[seen], shown[seen])])
+
+
+def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
+    """Read every film by every method."""
+    items = {}
+    for name, run, view, pair in product(
+        flags.settings, range(flags.runs), flags.views, pair_names(flags.pairs)
+    ):
+        settings = SETTINGS[name]
+        model = receiver_model(settings.layout, workshop.out)
+        take = Take(settings, pair, view, run, flags.seed, model)
+        items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
+    inputs = sorted({item.take.model for item in items.values()})
+    read = workshop.each(compare, items, [*inputs, FILM_GRAPH])
+    readings = [
+        Reading(**{**each, "bins": [Bin(**one) for one in each["bins"]]})
+        for both in read.values()
+        for each in both
+    ]
+    return FilmContent(readings)
+
+
+def film_blocks(results: Mapping[str, Results[FilmContent]]) -> dict[str, str]:
+    """Tabulate both methods beside each other, by setting and view."""
+    all_readings = [each for stored in results.values() for each in stored.content.readings]
+    runs = pd.DataFrame([vars(each) for each in all_readings])
+    rows = []
+    for (setting, view), cell in runs.groupby(["setting", "view_deg"], sort=False):
+        by = {method: cell[cell["method"] == method] for method in METHODS}
+        knew = {
+            method: each.groupby(["pair", "run"])[["bins", "bits"]].apply(_information)
+            for method, each in by.items()
+        }
+        both = pd.DataFrame(knew).dropna()
+        ratios = both["film"] / both["pairs"]
+        wrong = [percent(each["bits_wrong"].sum() / each["bits"].sum()) for each in by.values()]
+        means = [f"{both[method].mean():.3f}" for method in METHODS]
+        errors = [f"{calibration_error(merge_bins(each['bins'])):.3f}" for each in by.values()]
+        spread = f"{ratios.min():.2f} – {ratios.max():.2f}"
+        ratio = f"{both['film'].mean() / both['pairs'].mean():.2f}"
+        rows.append([setting, f"{view:g}°", str(len(both)), *wrong, *means, ratio, spread, *errors])
+    heads = (
+        "setting", "view", "films", "wrong %, pairs", "film", "bits a block, pairs", "film",
+        "ratio", "least and largest", "calibration error, pairs", "film",
+    )  # fmt: skip
+    title = (
+        "Simulated hand-held video at 1280 × 720, read by frame pairs and by windows of film; "
+        "information in bits a block and frame pair, mean over films that both read "
+        "(`python -m lab film`):"
+    )
+    return {"film": Table(heads, rows, title, left=2).markdown()}
+
+
+def _information(films: pd.DataFrame) -> float:
+    """Give the information of films, in bits a block and frame pair; NaN where none was read."""
+    bits = int(films["bits"].sum())
+    return binned_information(merge_bins(films["bins"]), bits) if bits else float("nan")
+
+
+def check_film(flags: FilmFlags) -> None:
+    """Raise an `InputError` that names the first flag with a wrong value."""
+    at_least(1, runs=flags.runs, states=flags.states)
+    each_once(settings=flags.settings)
+    for name in flags.settings:
+        choose(SETTINGS, name, "name in --settings")
+    check_filmed(flags.pairs, flags.views)
+
+
+STUDY = Study(
+    name="film",
+    flags=FilmFlags,
+    content=FilmContent,
+    measure=measure_films,
+    blocks=film_blocks,
+    page=Path("docs/films.md"),
+    check=check_film,
+)
+"""The study that `python -m lab film` runs."""

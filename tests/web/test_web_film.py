@@ -1,0 +1,69 @@
+"""The page keeps frames, cuts windows and scores them as Python's receiver does."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from port import same
+from tolerances import FILM_SCORE, FLOAT32_SUM
+
+from export.film_graph import FilmGraph
+from export.parity import synthetic_window
+from export.receive.film import FilmDesk
+from export.receive.states import MESH, RectifiedFrame
+from export.receive.timing.clock import DisplayClock
+from link.presets import PRESETS
+from models import FILM_GRAPH
+
+LAYOUT = PRESETS["robust"].layout
+
+
+def film_of(frames=40, seed=2):
+    """Frames as a tracker gives them, some partly outside the image, and their clock."""
+    rng = np.random.default_rng(seed)
+    window, _ = synthetic_window(LAYOUT, rng, frames, noise=10.0)
+    shown = []
+    for number, (gray, time) in enumerate(zip(window.frames[:, 0], window.times, strict=True)):
+        image = np.repeat(np.repeat(gray.clip(0, 255).astype(np.uint8), 2, 0), 2, 1)
+        in_view = None
+        if number % 5 == 0:
+            in_view = np.ones((MESH, MESH), bool)
+            in_view[:, :3] = False
+        shown.append(RectifiedFrame(float(time), image, in_view))
+    return shown, DisplayClock(*window.clock.tolist())
+
+
+@pytest.mark.slow
+def test_windows_are_scored_as_by_python(port):
+    shown, clock = film_of()
+    desk = FilmDesk(LAYOUT, FilmGraph(FILM_GRAPH, 1), 64)
+    graph = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
+    ported = port("receive/film.js").FilmDesk(LAYOUT, graph, 64)
+    ported_clock = port("receive/timing/clock.js").DisplayClock(*astuple(clock))
+    waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
+    for frame in shown:
+        desk.add(frame)
+        ported.add({"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view})
+        while clock.number(frame.time + clock.earliest) >= 2 * next_pair + 2:
+            waiting.append(next_pair)
+            next_pair += 1
+        assert ported.due == desk.due()
+        if not waiting or not desk.due():
+            continue
+        known = desk.score(clock, waiting)
+        found = ported.score(ported_clock, waiting)
+        assert [int(key) for key in found.keys()] == list(known)
+        for number, scores in known.items():
+            same(found.get(number), scores, FILM_SCORE)
+            compared += 1
+        waiting = waiting[len(known) :]
+    assert compared >= 5
+
+
+def test_frames_are_shrunk_as_by_python(port):
+    rng = np.random.default_rng(0)
+    image = rng.integers(0, 256, (LAYOUT.height, LAYOUT.width)).astype(np.uint8)
+    found = port("image/shrink.js").areaMeans(image, LAYOUT.width // 2, LAYOUT.height // 2)
+    from export.receive.film import shrink
+
+    same(np.asarray(found), shrink(image), FLOAT32_SUM)
