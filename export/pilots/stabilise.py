@@ -85,18 +85,6 @@ class Stabiliser:
         self.tracks: Tracks | None = None
         """Points found again in the last frame; None where pictures in it may move."""
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Height and width of the copies, pixels; (0, 0) without a reference."""
-        if self._reference is None:
-            return 0, 0
-        height, width = self._reference.shape
-        return height, width
-
-    def forget(self) -> None:
-        """Give up the reference."""
-        self._reference = None
-
     def begin(self, gray: Gray, *, far_apart: bool = False, picture: Array | None = None) -> None:
         """Take a frame as the reference.
 
@@ -114,7 +102,7 @@ class Stabiliser:
         self._H_image_from_copy = resized_homography(x, y)
         room = np.zeros((0, 1, 2), np.float32)
         if picture is not None:
-            around = _around(self.on_copy(picture), self.shape)
+            around = _around(self.on_copy(picture), self._reference.shape)
             room = _clear_points(self._reference, 1, CLEAR, around)
         if len(room) >= ROOM_POINTS:
             self._points, self._far_apart = room, False

@@ -65,11 +65,8 @@ class FilmFrame:
             (height, width) uint8, or None where the corners make no sound quadrilateral near the
             image.
         """
-        quad = self._quad(corners)
-        if quad is None:
-            return None
-        H = homography_from_corners(quad, layout.width, layout.height)
-        return rectify(self.gray, H, layout.width, layout.height)
+        H = self._homography(corners, layout)
+        return None if H is None else rectify(self.gray, H, layout.width, layout.height)
 
     def block_view(self, corners: Corners, maps: GridMaps) -> Gray | None:
         """Rectify a display with what lies around it to the size of maps of its blocks.
@@ -82,26 +79,26 @@ class FilmFrame:
             uint8 of ``maps.size``, or None where the corners make no sound quadrilateral near the
             image.
         """
-        quad = self._quad(corners)
-        if quad is None:
+        H = self._homography(corners, maps.layout)
+        if H is None:
             return None
-        H = homography_from_corners(quad, maps.layout.width, maps.layout.height)
         shrunk = maps.layout.width // maps.inner[0]
         H_map_from_fine = resized_homography(1 / shrunk, 1 / shrunk)
         width, height = (shrunk * side for side in maps.size)
         fine = rectify(self.gray, H @ maps.to_layout() @ H_map_from_fine, width, height)
         return np.asarray(cv2.resize(fine, maps.size, interpolation=cv2.INTER_AREA), np.uint8)
 
-    def _quad(self, corners: Array) -> Array | None:
-        """Find where corners of the reference lie here; None where they are not sound."""
+    def _homography(self, corners: Array, layout: Layout) -> Homography | None:
+        """Find where pixels of a display lie here; None where its corners are not sound."""
         quad = self.corners(corners)
         size = np.array(self.gray.shape[::-1])
         if not ((quad > -FAR_OUTSIDE * size).all() and (quad < (1 + FAR_OUTSIDE) * size).all()):
             return None
         outline = np.asarray(quad, np.float32)
-        if not cv2.isContourConvex(outline):
+        least = LEAST_AREA * self.gray.size
+        if not cv2.isContourConvex(outline) or cv2.contourArea(outline) < least:
             return None
-        return quad if cv2.contourArea(outline) >= LEAST_AREA * self.gray.size else None
+        return homography_from_corners(quad, layout.width, layout.height)
 
 
 def positions(frames: Sequence[FilmFrame]) -> list[float]:

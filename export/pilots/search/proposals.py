@@ -40,34 +40,6 @@ class Proposal:
     """Frequency at which it may toggle, in periods for each nominal frame."""
 
 
-def surest_proposal(
-    corners: Corners,
-    views: Sequence[NDArray[np.generic]],
-    at: Sequence[float],
-    layouts: Sequence[Layout],
-) -> tuple[float, Proposal]:
-    """Choose the layout, upright or upside down, whose pilots toggle most surely.
-
-    Args:
-        corners: pixels of the reference frame.
-        views: what they bound in each frame, rectified to any size.
-        at: positions of the frames.
-        layouts: those that may be shown.
-
-    Returns:
-        the evidence, before it pays for what was tried, and what it speaks for.
-    """
-    found = []
-    for layout in layouts:
-        blocks = [standing_out(view, layout) for view in views]
-        for turn in (0, 2):
-            turned = [block[::-1, ::-1] if turn else block for block in blocks]
-            picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]  # -> (blocks,)
-            evidence, frequency = pilot_evidence(picked, layout, at)
-            found.append((evidence, Proposal(np.roll(corners, -turn, axis=0), layout, frequency)))
-    return max(found, key=lambda each: each[0])
-
-
 def proposal_evidence(proposal: Proposal, frames: Sequence[FilmFrame]) -> float:
     """Weigh a proposal by frames in full: the evidence, before it pays for what was tried."""
     values = []
@@ -123,8 +95,25 @@ class Proposer:
     def _surest(
         self, corners: Array, views: Sequence[NDArray[np.generic]]
     ) -> tuple[float, Proposal]:
-        """Weigh what corners in the reference bound, shown in each frame, as any layout."""
-        return surest_proposal(corners, views, self._watch.positions(), self._layouts)
+        """Choose the layout, upright or upside down, whose pilots toggle most surely.
+
+        Args:
+            corners: pixels of the reference frame.
+            views: what they bound in each frame, rectified to any size.
+
+        Returns:
+            the evidence, before it pays for what was tried, and what it speaks for.
+        """
+        found, at = [], positions(self._watch.frames)
+        for layout in self._layouts:
+            blocks = [standing_out(view, layout) for view in views]
+            for turn in (0, 2):
+                turned = [block[::-1, ::-1] if turn else block for block in blocks]
+                picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]  # -> (blocks,)
+                evidence, frequency = pilot_evidence(picked, layout, at)
+                proposal = Proposal(np.roll(corners, -turn, axis=0), layout, frequency)
+                found.append((evidence, proposal))
+        return max(found, key=lambda each: each[0])
 
     def all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
         """Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
@@ -159,7 +148,7 @@ class Proposer:
         """Weigh a proposal by small views: the evidence, before it pays."""
         layout = proposal.layout
         values = [pilot_values(view, layout) for view in self._watch.small_views(proposal.corners)]
-        return pilot_evidence(values, layout, self._watch.positions())[0]
+        return pilot_evidence(values, layout, positions(self._watch.frames))[0]
 
     def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
         """Choose the quadrilaterals to which the pilots are fitted, and their order.
@@ -202,7 +191,7 @@ class Proposer:
         views = self._watch.small_views(quad).astype(np.float32)
         best: tuple[int, Proposal] | None = None
         for frequency in self._frequencies:
-            line = amplitudes(views, self._watch.positions(), frequency)
+            line = amplitudes(views, positions(self._watch.frames), frequency)
             for layout in self._layouts:
                 blocks = expected_changes(layout)
                 for turn in (0, 2):

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from export.pilots.search.film import FilmFrame, positions
+from export.pilots.search.film import FilmFrame
 from export.pilots.search.parts import COARSE_SIZE
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.stabilise import Stabiliser
@@ -78,10 +78,6 @@ class Watch:
         """Watch a frame, the first or one that `next_frame` has given."""
         self.frames.append(frame)
         self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
-
-    def positions(self) -> list[float]:
-        """List the positions of the frames watched so far."""
-        return positions(self.frames)
 
     def small_views(self, corners: Corners) -> NDArray[np.uint8]:
         """Show what corners in the reference bound, in maps of `COARSE_SIZE`, (frames, h, w)."""

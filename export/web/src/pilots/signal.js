@@ -8,6 +8,7 @@
  */
 
 import { pilotsSignal } from "../generated/constants.js";
+import { lessMeanAround } from "../image/blur.js";
 import { areaMeans } from "../image/shrink.js";
 import { MOST_SPAN, spanOf, waves } from "./waves.js";
 
@@ -60,57 +61,19 @@ export function expectedChanges(layout) {
  * @returns {Float32Array} (pilots,) gray levels
  */
 export function pilotValues(view, layout) {
-  return pilotsOfBlocks(areaMeans(view, layout.cols, layout.rows).data, layout, false);
-}
-
-/** @type {WeakMap<Layout, Int32Array>} */
-const aroundOfLayouts = new WeakMap();
-
-/**
- * Measure by how much each pilot is brighter than its neighbourhood, where blocks are known.
- *
- * @param {Float32Array} blocks - (rows * cols,) levels
- * @param {Layout} layout - with pilots
- * @param {boolean} turned - whether the display is upside down
- * @returns {Float32Array} (pilots,) in the levels of the blocks
- */
-export function pilotsOfBlocks(blocks, layout, turned) {
-  const around = aroundPilots(layout);
-  const { pilotBlocks } = layout;
-  const values = new Float32Array(pilotBlocks.length);
-  const [last, way] = turned ? [blocks.length - 1, -1] : [0, 1];
-  for (let p = 0, at = 0; p < values.length; p++) {
-    let sum = 0;
-    for (const end = at + 9; at < end; at++) sum += blocks[last + way * around[at]];
-    values[p] = blocks[last + way * pilotBlocks[p]] - Math.fround(sum / 9);
-  }
-  return values;
+  const blocks = standingOut(view, layout);
+  return Float32Array.from(layout.pilotBlocks, (block) => blocks[block]);
 }
 
 /**
- * List the 3 x 3 blocks around each pilot; beyond the border the display is mirrored.
+ * Measure by how much each block is brighter than its neighbourhood of 3 x 3 blocks.
  *
- * @param {Layout} layout
- * @returns {Int32Array} (pilots, 9)
+ * @param {AnyPlane} view - the rectified display, of any size
+ * @param {Layout} layout - says how many blocks there are
+ * @returns {Float32Array} (rows * cols,) levels
  */
-function aroundPilots(layout) {
-  const known = aroundOfLayouts.get(layout);
-  if (known) return known;
-  const { rows, cols, pilotBlocks } = layout;
-  const inside = (/** @type {number} */ i, /** @type {number} */ count) =>
-    i < 0 ? Math.min(1, count - 1) : i >= count ? Math.max(0, count - 2) : i;
-  const around = Int32Array.from(
-    [...pilotBlocks].flatMap((block) =>
-      [-1, 0, 1].flatMap((y) =>
-        [-1, 0, 1].map((x) => {
-          const row = inside(Math.floor(block / cols) + y, rows);
-          return row * cols + inside((block % cols) + x, cols);
-        }),
-      ),
-    ),
-  );
-  aroundOfLayouts.set(layout, around);
-  return around;
+export function standingOut(view, { rows, cols }) {
+  return lessMeanAround(areaMeans(view, cols, rows), 3, 3).data;
 }
 
 /**
@@ -270,7 +233,9 @@ export function pilotEvidence(values, layout, at) {
   const frequencies = fastest + 1 - SLOWEST;
   if (frequencies < 1) return { evidence: 0, frequency: 0 };
   const phases = signedPhases(layout);
-  const series = standardised(values.slice(values.length - frames), pilots);
+  const taken = values.slice(values.length - frames);
+  const { mean, scale } = usual(taken);
+  const series = taken.map((now) => mean.map((middle, p) => (now[p] - middle) * scale[p]));
   const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
     Array.from({ length: count }, (_, i) => (from + i) / span);
   const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
@@ -354,24 +319,19 @@ function explainedShare(real, imaginary, phases) {
 }
 
 /**
- * Take off each pilot's mean over time, and divide by its deviation.
+ * Find the mean of values over time, and by what they are multiplied for their deviation to be 1.
  *
- * @param {readonly ArrayLike<number>[]} values
- * @param {number} pilots
- * @returns {Float64Array[]}
+ * @param {readonly ArrayLike<number>[]} values - (n,) for each of some frames
+ * @returns {{ mean: Float64Array, scale: Float64Array }} (n,) each
  */
-function standardised(values, pilots) {
-  const mean = new Float64Array(pilots);
-  const scale = new Float64Array(pilots);
-  for (const now of values) for (let p = 0; p < pilots; p++) mean[p] += now[p];
-  for (let p = 0; p < pilots; p++) mean[p] /= values.length;
-  for (const now of values) for (let p = 0; p < pilots; p++) scale[p] += (now[p] - mean[p]) ** 2;
-  for (let p = 0; p < pilots; p++) {
-    scale[p] = 1 / (Math.sqrt(scale[p] / values.length) + LEAST_DEVIATION);
+export function usual(values) {
+  const mean = new Float64Array(values[0].length);
+  const scale = new Float64Array(mean.length);
+  for (const now of values) for (let i = 0; i < mean.length; i++) mean[i] += now[i];
+  for (let i = 0; i < mean.length; i++) mean[i] /= values.length;
+  for (const now of values) for (let i = 0; i < mean.length; i++) scale[i] += (now[i] - mean[i]) ** 2;
+  for (let i = 0; i < mean.length; i++) {
+    scale[i] = 1 / (Math.sqrt(scale[i] / values.length) + LEAST_DEVIATION);
   }
-  return values.map((now) => {
-    const series = new Float64Array(pilots);
-    for (let p = 0; p < pilots; p++) series[p] = (now[p] - mean[p]) * scale[p];
-    return series;
-  });
+  return { mean, scale };
 }

@@ -88,12 +88,6 @@ export class Stabiliser {
     return this.#reference?.height ?? 0;
   }
 
-  /** Give up the reference. */
-  forget() {
-    this.#reference = null;
-    this.#last = null;
-  }
-
   /**
    * Take a frame as the reference.
    *

@@ -19,7 +19,7 @@ import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import {
   GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "../motion.js";
-import { LEAST_DEVIATION, commonPhase, pilotSigns, pilotValues } from "../signal.js";
+import { commonPhase, pilotSigns, pilotValues, usual } from "../signal.js";
 import { waves } from "../waves.js";
 
 export const {
@@ -317,7 +317,7 @@ export function* periodChangeSteps(maps, views, at, frequency) {
   const [width, height] = maps.size;
   const { real, imaginary, angle } = turns(maps, views, at, frequency);
   yield views.length * maps.work * 0.2;
-  const scale = usualScale(views);
+  const { scale } = usual(views.map(({ data }) => data));
   yield views.length * maps.work * 0.2;
   const periods = at.map((place) => frequency * (place - at[0]));
   const begun = periods.map((period) => Math.floor(period + angle / (2 * Math.PI) - 0.25 + 1e-6));
@@ -377,31 +377,6 @@ function turns(maps, views, at, frequency) {
     }
   }
   return { real, imaginary, angle };
-}
-
-/**
- * Find by what each pixel is multiplied for its usual deviation over time to be 1.
- *
- * @param {readonly FloatPlane[]} views
- * @returns {Float32Array}
- */
-function usualScale(views) {
-  const pixels = views[0].data.length;
-  const mean = new Float64Array(pixels);
-  const square = new Float64Array(pixels);
-  for (const { data } of views) {
-    for (let i = 0; i < pixels; i++) {
-      mean[i] += data[i];
-      square[i] += data[i] * data[i];
-    }
-  }
-  const scale = new Float32Array(pixels);
-  for (let i = 0; i < pixels; i++) {
-    const middle = mean[i] / views.length;
-    const variance = Math.max(0, square[i] / views.length - middle * middle);
-    scale[i] = 1 / (Math.sqrt(variance) + LEAST_DEVIATION);
-  }
-  return scale;
 }
 
 /**

@@ -18,7 +18,7 @@ import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "../motion.js";
 import { signedPhases, sumsAlong } from "../signal.js";
 
-/** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
+/** @typedef {import("./parts.js").Amplitudes} Amplitudes */
 
 export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = pilotsSearchClimb;
 

@@ -12,11 +12,11 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
-import { LEAST_DEVIATION } from "../signal.js";
+import { usual } from "../signal.js";
 import { waves } from "../waves.js";
 
 /** @typedef {import("../motion.js").GridMaps} GridMaps */
-/** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
+/** @typedef {import("./parts.js").Amplitudes} Amplitudes */
 /** @typedef {import("../stabilise.js").Tracks} Tracks */
 
 export const { FAR_OUTSIDE, LEAST_AREA } = pilotsSearchFilm;
@@ -144,8 +144,9 @@ export class FilmFrame {
    * @returns {FloatPlane}
    */
   #averaged(factor, H, width, height) {
-    const toCopy = inverse(resizedHomography(factor, factor));
-    return warped(this.#copy(factor), multiply3(toCopy, H), width, height);
+    const copy = this.#copy(factor);
+    const [x, y] = [this.gray.width / copy.width, this.gray.height / copy.height];
+    return warped(copy, multiply3(inverse(resizedHomography(x, y)), H), width, height);
   }
 
   /**
@@ -155,23 +156,9 @@ export class FilmFrame {
    * @returns {FloatPlane}
    */
   #copy(factor) {
+    const { width, height } = this.gray;
     const known = this.#copies.get(factor);
-    if (known) return known;
-    const { width: stride, data: source } = this.gray;
-    const width = Math.floor(stride / factor);
-    const height = Math.floor(this.gray.height / factor);
-    const data = new Float32Array(width * height);
-    const share = 1 / factor ** 2;
-    for (let y = 0, to = 0; y < height; y++) {
-      for (let x = 0; x < width; x++, to++) {
-        let sum = 0;
-        for (let row = 0, at = y * factor * stride + x * factor; row < factor; row++, at += stride) {
-          for (let k = 0; k < factor; k++) sum += source[at + k];
-        }
-        data[to] = sum * share;
-      }
-    }
-    const copy = { width, height, data };
+    const copy = known ?? areaMeans(this.gray, Math.floor(width / factor), Math.floor(height / factor));
     this.#copies.set(factor, copy);
     return copy;
   }
@@ -187,20 +174,7 @@ export class FilmFrame {
  */
 export function amplitudes(views, at, frequencies) {
   const { width, height } = views[0];
-  const count = views.length;
-  const mean = new Float64Array(width * height);
-  const scale = new Float64Array(width * height);
-  for (const { data } of views) {
-    for (let i = 0; i < mean.length; i++) {
-      mean[i] += data[i];
-      scale[i] += data[i] * data[i];
-    }
-  }
-  for (let i = 0; i < mean.length; i++) {
-    mean[i] /= count;
-    const variance = Math.max(0, scale[i] / count - mean[i] * mean[i]);
-    scale[i] = 1 / (Math.sqrt(variance) + LEAST_DEVIATION);
-  }
+  const { mean, scale } = usual(views.map(({ data }) => data));
   return waves(at, frequencies, [0]).map((wave) => {
     const real = new Float32Array(width * height);
     const imaginary = new Float32Array(width * height);

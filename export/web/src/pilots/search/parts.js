@@ -8,14 +8,25 @@
  */
 
 import { pilotsSearchParts } from "../../generated/constants.js";
+import { call } from "../../image/opencv.js";
 import { fitMotion } from "../../image/points.js";
 import { resizedHomography, transform } from "../../link/geometry.js";
 import { median } from "../../link/order.js";
 import { withoutSlope } from "../motion.js";
-import { matchParts } from "./partMatches.js";
 
-/** @typedef {import("./partMatches.js").Amplitudes} Amplitudes */
-/** @typedef {import("./partMatches.js").Matches} Matches */
+/**
+ * Amplitudes at one frequency: real and imaginary part of each pixel of a map.
+ *
+ * @typedef {{ width: number, height: number, real: Float32Array, imaginary: Float32Array }}
+ *   Amplitudes
+ */
+
+/**
+ * Matches of one part for shifts from -reach to reach along y and, faster, along x: of the real
+ * part of amplitudes, and of the imaginary part.
+ *
+ * @typedef {{ real: Float32Array, imaginary: Float32Array }} Matches
+ */
 
 export const {
   PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
@@ -59,6 +70,35 @@ export function coarseShift(change, blocks, layout, far = false) {
     if (fit !== null) return fit;
   }
   return null;
+}
+
+/**
+ * Match each part of a map.
+ *
+ * @param {Amplitudes} change
+ * @param {ArrayLike<number>} blocks - (rows * cols,) what is expected of each block
+ * @param {number} rows
+ * @param {number} cols
+ * @param {number[]} ys - the rows of the map at which parts begin and end
+ * @param {number[]} xs - the columns of the map at which parts begin and end
+ * @param {[number, number]} reach - largest shift along x and along y, pixels
+ * @returns {Matches[]} of each part, from the top left on, row by row
+ */
+function matchParts(change, blocks, rows, cols, ys, xs, reach) {
+  const { width, height } = change;
+  const expected = { width: cols, height: rows, data: Float32Array.from(blocks) };
+  const parts = [Int32Array.from(ys), Int32Array.from(xs)];
+  const each = (2 * reach[0] + 1) * (2 * reach[1] + 1);
+  const [real, imaginary] = [change.real, change.imaginary].map((data) => {
+    const matches = new Float32Array((ys.length - 1) * (xs.length - 1) * each);
+    if (data.every((value) => value === 0)) return matches;
+    call("matchParts", [{ width, height, data }, expected, ...parts, ...reach], [matches]);
+    return matches;
+  });
+  return Array.from({ length: real.length / each }, (_, part) => {
+    const [start, end] = [part * each, (part + 1) * each];
+    return { real: real.subarray(start, end), imaginary: imaginary.subarray(start, end) };
+  });
 }
 
 /**

@@ -2,11 +2,10 @@
 
 import { pilotsSearchProposals } from "../../generated/constants.js";
 import { equalised } from "../../image/levels.js";
-import { areaMeans } from "../../image/shrink.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
-import { expectedChanges, pilotEvidence, pilotValues, pilotsOfBlocks } from "../signal.js";
+import { expectedChanges, pilotEvidence, pilotValues, standingOut } from "../signal.js";
 import { amplitudes } from "./film.js";
 import { COARSE_SIZE, coarseShift } from "./parts.js";
 
@@ -68,9 +67,11 @@ export class Watched {
         values.push(new Float32Array(layout.pilotBlocks.length));
         continue;
       }
-      if (layout !== last) blocks = areaMeans(view, layout.cols, layout.rows).data;
+      if (layout !== last) blocks = standingOut(view, layout);
       last = layout;
-      values.push(pilotsOfBlocks(blocks, layout, turn !== 0));
+      values.push(
+        Float32Array.from(layout.pilotBlocks, (at) => blocks[turn ? blocks.length - 1 - at : at]),
+      );
     }
   }
 

@@ -10,16 +10,19 @@
 
 import { pilotsSearchToggleMap } from "../../generated/constants.js";
 import { blurred } from "../../image/blur.js";
+import { call } from "../../image/opencv.js";
 import { roundHalfEven } from "../../image/round.js";
+import { areaMeans, resizeArea } from "../../image/shrink.js";
+import { warped } from "../../image/warp.js";
 import { homographyFromCorners } from "../../link/geometry.js";
 import { median, quantile } from "../../link/order.js";
-import { upright } from "../../locate/quads.js";
+import { quadOf, upright } from "../../locate/quads.js";
 import { spanOf, waves } from "../waves.js";
-import { fitCopy, fittedOutline, outlines, sumsWithin } from "./outlines.js";
 
 export const {
   SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
-  LEAST_EXCESS, CLEAR_QUANTILE, FAINT, EDGE_SHARE,
+  LEAST_EXCESS, CLEAR_QUANTILE, FAINT, EDGE_SHARE, CLOSED_PX, OPENED_PX, FIT_PX, FIT_STEPS,
+  LEAST_SHARE,
 } = pilotsSearchToggleMap;
 
 /** Number of frames that are summed up in one pass over the pixels. */
@@ -29,7 +32,7 @@ const SAMPLES = 2;
 
 /** Tells how much each pixel toggles at each frequency, over the frames that were added. */
 export class ToggleMap {
-  /** @type {Uint8Array[]} */
+  /** @type {BytePlane[]} */
   #stills = [];
   /** Positions of the frames. @type {number[]} */
   #at = [];
@@ -54,7 +57,7 @@ export class ToggleMap {
    * @param {number} at - position of the frame (waves.js)
    */
   add(still, at) {
-    this.#stills.push(still.data);
+    this.#stills.push(still);
     this.#at.push(at);
     this.#logs.clear();
     this.#gains = [];
@@ -68,7 +71,7 @@ export class ToggleMap {
   mean() {
     const { width, height } = this;
     const sums = new Uint32Array(width * height);
-    for (const still of this.#stills) for (let i = 0; i < sums.length; i++) sums[i] += still[i];
+    for (const { data } of this.#stills) for (let i = 0; i < sums.length; i++) sums[i] += data[i];
     const count = this.#stills.length;
     const data = new Uint8Array(sums.length);
     for (let i = 0; i < sums.length; i++) data[i] = sums[i] / count;
@@ -152,35 +155,9 @@ export class ToggleMap {
    * @returns {FloatPlane[]}
    */
   views(quad, width, height) {
-    const each = SAMPLES * SAMPLES;
-    const places = new Int32Array(width * height * each);
-    const [a, b, c, d, e, f, g, h, i] = homographyFromCorners(
-      quad,
-      SAMPLES * width,
-      SAMPLES * height,
-    );
-    let at = 0;
-    for (let row = 0; row < height; row++) {
-      for (let col = 0; col < width; col++) {
-        for (let y = row * SAMPLES; y < (row + 1) * SAMPLES; y++) {
-          for (let x = col * SAMPLES; x < (col + 1) * SAMPLES; x++) {
-            const scale = 1 / (g * x + h * y + i);
-            const toX = clamped(Math.round((a * x + b * y + c) * scale), this.width);
-            const toY = clamped(Math.round((d * x + e * y + f) * scale), this.height);
-            places[at++] = toY * this.width + toX;
-          }
-        }
-      }
-    }
-    return this.#stills.map((still) => {
-      const data = new Float32Array(width * height);
-      for (let to = 0, from = 0; to < data.length; to++) {
-        let sum = 0;
-        for (const end = from + each; from < end; from++) sum += still[places[from]];
-        data[to] = sum / each;
-      }
-      return { width, height, data };
-    });
+    const [across, down] = [SAMPLES * width, SAMPLES * height];
+    const H = homographyFromCorners(quad, across, down);
+    return this.#stills.map((still) => areaMeans(warped(still, H, across, down), width, height));
   }
 
   /**
@@ -245,7 +222,7 @@ export class ToggleMap {
     const slower = Array.from({ length: SLOWEST - 1 }, (_, periods) => periods / span);
     const [wave] = waves(this.#at, [number / span], slower);
     for (let t = 0; t < count; t += AT_ONCE) {
-      const [a, b, c, d] = [0, 1, 2, 3].map((k) => this.#stills[Math.min(t + k, count - 1)]);
+      const [a, b, c, d] = [0, 1, 2, 3].map((k) => this.#stills[Math.min(t + k, count - 1)].data);
       const [a0, b0, c0, d0] = [0, 1, 2, 3].map((k) => wave.real[t + k] ?? 0);
       const [a1, b1, c1, d1] = [0, 1, 2, 3].map((k) => wave.imaginary[t + k] ?? 0);
       for (let i = 0; i < real.length; i++) {
@@ -289,10 +266,55 @@ function band(plane) {
 }
 
 /**
- * @param {number} place - of a pixel, maybe outside
- * @param {number} size - number of pixels
- * @returns {number} the nearest pixel
+ * Bound the largest part of a mask, specks dropped and holes closed.
+ *
+ * @param {BytePlane} mask - of 0 and 1
+ * @returns {Point[][]} the smallest quadrilateral and the smallest rectangle around it, pixels;
+ *   none where no part is large enough
  */
-function clamped(place, size) {
-  return Math.min(size - 1, Math.max(0, place));
+function outlines(mask) {
+  const quads = new Float64Array(16);
+  const area = LEAST_SHARE * mask.width * mask.height;
+  const isFound = call("outlines", [mask, CLOSED_PX, OPENED_PX, area], [quads]);
+  return isFound ? [quadOf(quads), quadOf(quads.subarray(8))] : [];
+}
+
+/**
+ * Shrink a map to the copy to which outlines are fitted.
+ *
+ * @param {FloatPlane} gain
+ * @returns {FloatPlane} `FIT_PX` times smaller
+ */
+function fitCopy(gain) {
+  const [width, height] = [gain.width, gain.height].map((side) =>
+    Math.max(1, roundHalfEven(side / FIT_PX)),
+  );
+  return resizeArea(gain, width, height);
+}
+
+/**
+ * Sum a map within quadrilaterals.
+ *
+ * @param {FloatPlane} gain - of `fitCopy`
+ * @param {Point[][]} quads - pixels of the map
+ * @returns {Float64Array} minus infinity for those that are not convex
+ */
+function sumsWithin(gain, quads) {
+  const sums = new Float64Array(quads.length);
+  call("sumsWithin", [gain, Float64Array.from(quads.flat(2)), FIT_PX], [sums]);
+  return sums;
+}
+
+/**
+ * Move the corners of a quadrilateral, one by one, while that adds to the sum within it.
+ *
+ * @param {Point[]} quad - pixels of the map
+ * @param {FloatPlane} gain - what each pixel adds, of `fitCopy`
+ * @returns {{ corners: Point[], sum: number }}
+ */
+function fittedOutline(quad, gain) {
+  const fitted = new Float64Array(8);
+  const start = Float64Array.from(quad.flat());
+  const sum = call("fittedOutline", [gain, start, FIT_PX, Float64Array.from(FIT_STEPS)], [fitted]);
+  return { corners: quadOf(fitted), sum };
 }
