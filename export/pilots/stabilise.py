@@ -72,29 +72,22 @@ class Stabiliser:
     Most points move with the camera. But if a display shows a video, its picture moves as well, and
     may have more points than the room. Then points around the picture are followed, or, as long as
     nobody knows where it is, those points count that lie farther apart.
+
+    Args:
+        gray: the reference frame, (H, W) uint8.
+        far_apart: whether, of two motions, that of the points counts which lie farther apart, and
+            not that of the most points.
+        picture: (4, 2) pixels of the corners of a picture that moves by itself. Points around it
+            are followed, if there are `ROOM_POINTS`; else ``far_apart`` holds.
     """
 
-    def __init__(self) -> None:
-        self._reference: Gray | None = None
-        self._shape: tuple[int, ...] = ()
-        self._points = self._guess = np.zeros((0, 1, 2), np.float32)
-        self._H_image_from_copy = np.eye(3)
-        self._far_apart = False
+    def __init__(
+        self, gray: Gray, *, far_apart: bool = False, picture: Array | None = None
+    ) -> None:
         self.share = 0.0
         """Share of the reference's points that moved as one in the last frame, in [0, 1]."""
         self.tracks: Tracks | None = None
         """Points found again in the last frame; None where pictures in it may move."""
-
-    def begin(self, gray: Gray, *, far_apart: bool = False, picture: Array | None = None) -> None:
-        """Take a frame as the reference.
-
-        Args:
-            gray: (H, W) uint8.
-            far_apart: whether, of two motions, that of the points counts which lie farther apart,
-                and not that of the most points.
-            picture: (4, 2) pixels of the corners of a picture that moves by itself. Points around
-                it are followed, if there are `ROOM_POINTS`; else ``far_apart`` holds.
-        """
         self._far_apart = far_apart
         height, width = self._shape = gray.shape
         self._reference = _small(gray)
@@ -117,11 +110,9 @@ class Stabiliser:
             gray: (H, W) uint8.
 
         Returns:
-            None where there is no reference, or its points are lost.
+            None where the reference's points are lost.
         """
-        if self._reference is None or len(self._points) < MIN_POINTS:
-            return None
-        if gray.shape != self._shape:
+        if len(self._points) < MIN_POINTS or gray.shape != self._shape:
             return None
         small = _small(gray)
         moved, status, _ = cv2.calcOpticalFlowPyrLK(

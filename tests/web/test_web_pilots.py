@@ -281,8 +281,7 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
 
 def motion_of_the_middle(port: Port, *begun: object) -> tuple[float, float]:
     """How far the page sees a picture move, pixels to the right, and the share of its points."""
-    stabiliser = port("pilots/stabilise.js").Stabiliser()
-    stabiliser.begin(moving_picture(0), *begun)
+    stabiliser = port("pilots/stabilise.js").Stabiliser(moving_picture(0), *begun)
     H = stabiliser.follow(moving_picture(6))
     return transform(H.reshape(3, 3), np.array([[320.0, 320.0]]))[0, 0] - 320, stabiliser.share
 
@@ -307,16 +306,14 @@ def test_frames_are_held_still(port: Port) -> None:
     moves[2] = np.array([[1.01, 0.02, 9.0], [-0.02, 1.01, 2.5], [2e-6, -1e-6, 1]])
     frames = [cv2.warpPerspective(wide, move, (960, 540)) for move in moves]
     frames.append(np.full((540, 960), 90, np.uint8))
-    stabiliser, ported = Stabiliser(), port("pilots/stabilise.js").Stabiliser()
-    assert ported.follow(frames[0]) is None
-    stabiliser.begin(frames[0])
-    ported.begin(frames[0])
+    stabiliser = Stabiliser(frames[0])
+    ported = port("pilots/stabilise.js").Stabiliser(frames[0])
     motions = [stabiliser.follow(frame) for frame in frames]
     assert motions[3] is None
     for frame, H in zip(frames, motions, strict=True):
         same_motion(ported.follow(frame), H, (960, 540), within.CORNERS_PX)
     still = stabiliser.still(frames[1], motions[1])
-    assert (ported.height, ported.width) == still.shape
+    assert ported.reference.shape == still.shape
     assert differences(ported.still(frames[1], motions[1]), still)[1] < within.STILL_MEAN
     places = [[0.0, 0.0], [100.0, 50.0]]
     points = stabiliser.on_image(np.array(places))
@@ -324,5 +321,3 @@ def test_frames_are_held_still(port: Port) -> None:
     same(ported.onImage(places), points, within.FLOAT64)
     same(ported.onCopy(points.tolist()), places, within.FLOAT64)
     assert ported.follow(np.zeros((3, 4), np.uint8)) is None
-    ported.forget()
-    assert ported.follow(frames[0]) is None

@@ -56,8 +56,7 @@ class Watch:
         self.map = ToggleMap()
         """What toggles in the frames watched."""
         self._fps = fps
-        self._stabiliser = Stabiliser()
-        self._stabiliser.begin(gray, far_apart=picture_moves)
+        self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
     def next_frame(self, gray: Gray, time: float) -> FilmFrame | None:

@@ -19,7 +19,7 @@ from export.pilots.motion import (
     unit_homography,
     without_slope,
 )
-from export.pilots.signal import pilot_signs
+from export.pilots.signal import expected_changes
 from link.images import as_gray
 from link.layout import Layout
 from link.types import Array, Image, Map
@@ -112,15 +112,10 @@ class CornerShift:
         return shift
 
     def _expected(self, scores: Array) -> NDArray[np.float32]:
-        """Draw the expected change of every block, smooth, without slope, in units of kappa."""
-        layout = self.layout
-        low, high = layout.change_of_bits
-        middle, half = (low + high) / 2, (high - low) / 2
-        blocks = np.full(layout.rows * layout.cols, middle)
-        sure = np.tanh(np.clip(scores, -20, 20) / 2)
-        blocks[layout.message_mask.reshape(-1)] += half * sure
-        blocks[layout.pilot_blocks] += half * pilot_signs(layout)
-        return self._maps.drawn(blocks.reshape(layout.rows, layout.cols), SPAN)
+        """Draw the expected change of every block, from -1 to 1, smooth and without slope."""
+        blocks = expected_changes(self.layout).copy()
+        blocks[self.layout.message_mask] = np.tanh(np.clip(scores, -20, 20) / 2)
+        return self._maps.drawn(blocks, SPAN)
 
 
 def _weight(mean: Map) -> Map:

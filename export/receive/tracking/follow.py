@@ -52,7 +52,8 @@ class Follower:
 
     def __init__(self, layout: Layout, k: float = 0.0, *, picture_moves: bool = False) -> None:
         self.layout, self._k = layout, k
-        self._room = Stabiliser() if picture_moves else None
+        self._picture_moves = picture_moves
+        self._room: Stabiliser | None = None
         self.corners: Array | None = None
         """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
         self._motion = self._first = np.zeros((4, 2))
@@ -82,8 +83,8 @@ class Follower:
         if self.corners is None:
             self._motion = np.zeros((4, 2))
         self.corners = self._first = corners
-        if self._room is not None:
-            self._room.begin(as_gray(image), far_apart=True, picture=corners)
+        if self._picture_moves:
+            self._room = Stabiliser(as_gray(image), far_apart=True, picture=corners)
             return
         H = homography_from_corners(corners, self.layout.width, self.layout.height)
         self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))

@@ -357,8 +357,7 @@ def test_changes_of_frame_pairs_are_kept_apart() -> None:
 
 def test_what_toggles_is_outlined() -> None:
     images, corners = filmed(FINE, 24, seed=7, dark=True)
-    stabiliser = Stabiliser()
-    stabiliser.begin(images[0])
+    stabiliser = Stabiliser(images[0])
     toggling = ToggleMap()
     for number, image in enumerate(images):
         H = stabiliser.follow(image)

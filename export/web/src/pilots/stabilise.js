@@ -57,18 +57,16 @@ export class Tracks {
  * nobody knows where it is, those points count that lie farther apart.
  */
 export class Stabiliser {
-  /** @type {BytePlane | null} */
-  #reference = null;
-  /** Width and height of the frames. @type {[number, number]} */
-  #size = [0, 0];
+  /** Width and height of the frames. */
+  #size;
   /** Points of the reference, and where they may be in the next frame: x and y in turn. */
-  #points = new Float32Array(0);
-  #guess = new Float32Array(0);
+  #points;
+  #guess;
   /** @type {Homography} */
-  #HImageFromCopy = identity(3);
+  #HImageFromCopy;
   /** The frame that was followed last, and its copy. @type {[BytePlane, BytePlane] | null} */
   #last = null;
-  #farApart = false;
+  #farApart;
   /** Share of the reference's points that moved as one in the last frame, in [0, 1]. */
   share = 0;
   /**
@@ -78,28 +76,18 @@ export class Stabiliser {
    */
   tracks = null;
 
-  /** Width of the copies, pixels; 0 without a reference. */
-  get width() {
-    return this.#reference?.width ?? 0;
-  }
-
-  /** Height of the copies, pixels; 0 without a reference. */
-  get height() {
-    return this.#reference?.height ?? 0;
-  }
-
   /**
-   * Take a frame as the reference.
-   *
-   * @param {BytePlane} gray
+   * @param {BytePlane} gray - the reference frame
    * @param {boolean} [farApart] - whether, of two motions, that of the points counts which lie
    *   farther apart, and not that of the most points
    * @param {Point[] | null} [picture] - corners of a picture that moves by itself; points around it
    *   are followed, if there are `ROOM_POINTS`; else `farApart` holds
    */
-  begin(gray, farApart = false, picture = null) {
+  constructor(gray, farApart = false, picture = null) {
     const { width, height } = gray;
-    const reference = (this.#reference = this.#copyOf(gray));
+    const reference = this.#copyOf(gray);
+    /** Copy of the reference. */
+    this.reference = reference;
     this.#size = [width, height];
     const x = width / reference.width;
     const y = height / reference.height;
@@ -116,16 +104,14 @@ export class Stabiliser {
    * Find the homography from pixels of the reference to pixels of a later frame.
    *
    * @param {BytePlane} gray
-   * @returns {Float64Array | null} nine numbers; null where there is no reference, or its points
-   *   are lost
+   * @returns {Float64Array | null} nine numbers; null where the reference's points are lost
    */
   follow(gray) {
-    const reference = this.#reference;
-    if (reference === null || this.#points.length < 2 * MIN_POINTS) return null;
+    if (this.#points.length < 2 * MIN_POINTS) return null;
     if (gray.width !== this.#size[0] || gray.height !== this.#size[1]) return null;
     this.#last = null;
     const small = this.#copyOf(gray);
-    const { before, after } = foundAgain(reference, small, this.#points, this.#guess);
+    const { before, after } = foundAgain(this.reference, small, this.#points, this.#guess);
     const motions = motionsOf(before, after, this.#farApart ? 2 : 1, SAME_PX);
     if (motions.length === 0) return null;
     const { H, count } = motions.reduce((best, each) => (each.area > best.area ? each : best));

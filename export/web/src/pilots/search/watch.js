@@ -14,7 +14,7 @@ const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HEL
 
 /** Holds the frames of a film still against the camera's motion since a reference frame. */
 export class Watch {
-  #stabiliser = new Stabiliser();
+  #stabiliser;
   #start;
   #fps;
   #most;
@@ -34,9 +34,10 @@ export class Watch {
     this.#start = time;
     this.#fps = fps;
     this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps));
-    this.#stabiliser.begin(reference, pictureMoves);
+    this.#stabiliser = new Stabiliser(reference, pictureMoves);
+    const { width, height } = this.#stabiliser.reference;
     /** What toggles in the frames watched. */
-    this.map = new ToggleMap(this.#stabiliser.width, this.#stabiliser.height);
+    this.map = new ToggleMap(width, height);
     /** Number of frames that are watched. */
     this.window = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
     /** Number of later frames that must agree with what is not certain. */

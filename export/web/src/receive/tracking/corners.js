@@ -12,7 +12,7 @@ import { resizeArea } from "../../image/shrink.js";
 import { slopesOf } from "../../image/slopes.js";
 import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
-import { pilotSigns } from "../../pilots/signal.js";
+import { expectedChanges } from "../../pilots/signal.js";
 import {
   GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, mapSize, pixelsFromUnit, unitHomography,
   withoutSlope,
@@ -123,23 +123,16 @@ export class CornerShift {
   }
 
   /**
-   * Draw the expected change of every block, smooth, without slope, in units of kappa.
+   * Draw the expected change of every block, from -1 to 1, smooth and without slope.
    *
    * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
    * @returns {FloatPlane}
    */
   #expected(scores) {
-    const { layout } = this;
-    const antipodal = layout.modulation === "antipodal";
-    const middle = antipodal ? 0 : 0.5;
-    const half = antipodal ? 1 : 0.5;
-    const blocks = new Float32Array(layout.rows * layout.cols).fill(middle);
-    layout.messageBlocks.forEach((block, bit) => {
-      const score = Math.min(Math.max(scores[bit], -20), 20);
-      blocks[block] = middle + half * Math.tanh(score / 2);
+    const blocks = expectedChanges(this.layout);
+    this.layout.messageBlocks.forEach((block, bit) => {
+      blocks[block] = Math.tanh(Math.min(Math.max(scores[bit], -20), 20) / 2);
     });
-    const signs = pilotSigns(layout);
-    layout.pilotBlocks.forEach((block, i) => (blocks[block] = middle + half * signs[i]));
     return this.#maps.drawn(blocks, SPAN);
   }
 }

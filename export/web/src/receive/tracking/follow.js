@@ -41,8 +41,9 @@ export class Follower {
   #motion = STILL;
   /** Corners in the reference. */
   #first = STILL;
-  /** @type {Stabiliser | null} */
-  #room;
+  /** What lies around a picture that moves. @type {Stabiliser | null} */
+  #room = null;
+  #pictureMoves;
   /** What is followed. @type {BytePlane | null} */
   #reference = null;
   /** Points of the reference: x, y, x, ... */
@@ -56,7 +57,7 @@ export class Follower {
    */
   constructor(layout, k = 0, pictureMoves = false) {
     this.layout = layout;
-    this.#room = pictureMoves ? new Stabiliser() : null;
+    this.#pictureMoves = pictureMoves;
     this.#k = k;
     /**
      * Corners in the last frame, in corner order, or null where nothing is followed.
@@ -101,8 +102,8 @@ export class Follower {
   begin(image, corners, rectified) {
     if (this.corners === null) this.#motion = STILL;
     this.corners = this.#first = corners;
-    if (this.#room) {
-      this.#room.begin(image, true, corners);
+    if (this.#pictureMoves) {
+      this.#room = new Stabiliser(image, true, corners);
       return;
     }
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
