@@ -22,8 +22,8 @@ LEAST_AREA = 0.005
 
 
 @dataclass(frozen=True, eq=False)
-class FilmFrame:
-    """One frame, and how what it shows has moved since a reference frame.
+class HeldFrame:
+    """A frame that is held still: how what it shows has moved since a reference frame.
 
     A camera that moves sideways sees what is near move farther than what is behind it (parallax).
     So a display is held still by the points within it, and only where they do not suffice, by the
@@ -101,13 +101,13 @@ class FilmFrame:
         return homography_from_corners(quad, layout.width, layout.height)
 
 
-def positions(frames: Sequence[FilmFrame]) -> list[float]:
+def positions(frames: Sequence[HeldFrame]) -> list[float]:
     """List the frames' positions since the reference."""
     return [frame.at for frame in frames]
 
 
 def rectified_views(
-    corners: Array, layout: Layout, frames: Sequence[FilmFrame], size: tuple[int, int]
+    corners: Array, layout: Layout, frames: Sequence[HeldFrame], size: tuple[int, int]
 ) -> NDArray[np.float32] | None:
     """Rectify all frames to maps of a size, (frames, h, w); None where corners are not sound."""
     views = []

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from export.pilots.search.film import FilmFrame
+from export.pilots.search.film import HeldFrame
 from export.pilots.search.proposals import PROMISING, Proposal, Proposer, proposal_evidence
 from export.pilots.search.settle import HINT, Settled, settle
 from export.pilots.search.watch import Watch
@@ -52,7 +52,7 @@ class PilotDisplay:
     """Pixels of the frame with which the search began."""
     k: float
     """Coefficient of the lens (`link.geometry.Lens`)."""
-    held: tuple[FilmFrame, ...]
+    held: tuple[HeldFrame, ...]
     """The frames before the newest one, from the oldest on, of those that are kept."""
 
 
@@ -145,7 +145,7 @@ class PilotSearch:
             held=tuple(held),
         )
 
-    def _look_at(self, frame: FilmFrame, watch: Watch, proposer: Proposer) -> None:
+    def _look_at(self, frame: HeldFrame, watch: Watch, proposer: Proposer) -> None:
         """Watch a frame, and begin the search once something looks promising, or all are seen."""
         watch.add(frame)
         proposer.add(frame)

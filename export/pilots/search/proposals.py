@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from export.locate.candidates import display_candidates
 from export.pilots.motion import moved_corners
-from export.pilots.search.film import FilmFrame, amplitudes, positions
+from export.pilots.search.film import HeldFrame, amplitudes, positions
 from export.pilots.search.parts import coarse_shift
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_evidence, pilot_values, standing_out
@@ -40,7 +40,7 @@ class Proposal:
     """Frequency at which it may toggle, in periods for each nominal frame."""
 
 
-def proposal_evidence(proposal: Proposal, frames: Sequence[FilmFrame]) -> float:
+def proposal_evidence(proposal: Proposal, frames: Sequence[HeldFrame]) -> float:
     """Weigh a proposal by frames in full: the evidence, before it pays for what was tried."""
     values = []
     for frame in frames:
@@ -77,7 +77,7 @@ class Proposer:
         ]
         self._values: list[list[NDArray[np.float32]]] = [[] for _ in self._edges]
 
-    def add(self, frame: FilmFrame) -> None:
+    def add(self, frame: HeldFrame) -> None:
         """Take what the edges bound in the next frame."""
         for corners, values in zip(self._edges, self._values, strict=True):
             view = frame.view(corners, self._largest)

@@ -8,7 +8,7 @@ import numpy as np
 from export.pilots.motion import map_size, moved_corners
 from export.pilots.search.all_blocks import BlockFit, block_maps
 from export.pilots.search.climb import climb_to_pilots
-from export.pilots.search.film import FilmFrame, amplitudes, positions, rectified_views
+from export.pilots.search.film import HeldFrame, amplitudes, positions, rectified_views
 from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, proposal_evidence
 from export.pilots.search.watch import Watch
@@ -119,7 +119,7 @@ def settle(
     return Settled(best, evidence, k)
 
 
-def _by_parts(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
+def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
     """Move corners by parts of the display."""
     layout, corners = proposal.layout, proposal.corners
     for _ in range(COARSE_ROUNDS):
@@ -139,7 +139,7 @@ def _by_parts(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
     return corners
 
 
-def _by_climbing(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
+def _by_climbing(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
     """Move corners while the sum over all pilots grows."""
     layout, corners = proposal.layout, proposal.corners
     for _ in range(CLIMB_ROUNDS):
@@ -154,7 +154,7 @@ def _by_climbing(proposal: Proposal, frames: Sequence[FilmFrame]) -> Move:
 
 
 def _by_blocks(
-    proposal: Proposal, frames: Sequence[FilmFrame]
+    proposal: Proposal, frames: Sequence[HeldFrame]
 ) -> Generator[None, None, BlockFit | None]:
     """Move corners by all blocks at once, to parts of a pixel; None where they are not sound."""
     maps = block_maps(proposal.layout)
@@ -173,7 +173,7 @@ def _by_blocks(
 
 
 def _through_lens(
-    fit: BlockFit, start: Proposal, reference: FilmFrame
+    fit: BlockFit, start: Proposal, reference: HeldFrame
 ) -> Generator[None, None, float]:
     """Go on with a fit by all blocks, and find how the lens bends the display.
 

@@ -5,7 +5,7 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from export.pilots.search.film import FilmFrame
+from export.pilots.search.film import HeldFrame
 from export.pilots.search.parts import COARSE_SIZE
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.stabilise import Stabiliser
@@ -39,15 +39,15 @@ class Watch:
     def __init__(self, reference: Image, time: float, fps: float, *, picture_moves: bool) -> None:
         self.reference = reference
         gray = as_gray(reference)
-        self.first = FilmFrame(gray, np.eye(3), 0.0, time)
+        self.first = HeldFrame(gray, np.eye(3), 0.0, time)
         """The reference as a frame."""
         self.window = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
         """Number of frames that are watched."""
-        self.frames: list[FilmFrame] = []
+        self.frames: list[HeldFrame] = []
         """Frames watched so far; none before the second frame of the film."""
         self.confirming = 2 * self.window // 3
         """Number of later frames that must agree with what is not certain."""
-        self.later: deque[FilmFrame] = deque(maxlen=self.confirming)
+        self.later: deque[HeldFrame] = deque(maxlen=self.confirming)
         """The newest frames after those watched, no more than needed."""
         self.held = deque([self.first], maxlen=max(LEAST_HELD, round(HELD_S * fps)))
         """The newest frames of all."""
@@ -59,21 +59,21 @@ class Watch:
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
-    def next_frame(self, gray: Gray, time: float) -> FilmFrame | None:
+    def next_frame(self, gray: Gray, time: float) -> HeldFrame | None:
         """Hold the next frame still, and return it; None where the reference is lost in it."""
         H = self._stabiliser.follow(gray)
         if H is None:
             return None
         at = position(time - self.first.time, self._fps)
-        return FilmFrame(gray, H, at, time, self._stabiliser.tracks)
+        return HeldFrame(gray, H, at, time, self._stabiliser.tracks)
 
-    def is_in_view(self, frame: FilmFrame) -> bool:
+    def is_in_view(self, frame: HeldFrame) -> bool:
         """Tell whether a frame still shows enough of the reference."""
         size = np.array(self.reference.shape[1::-1])
         places = transform(frame.H_image_from_reference, CHECKED * size - 0.5)
         return float(in_image(places, self.reference.shape).mean()) >= IN_VIEW
 
-    def add(self, frame: FilmFrame) -> None:
+    def add(self, frame: HeldFrame) -> None:
         """Watch a frame, the first or one that `next_frame` has given."""
         self.frames.append(frame)
         self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)

@@ -30,7 +30,7 @@ let room = new Uint8Array(0);
  * A camera that moves sideways sees what is near move farther than what is behind it (parallax). So
  * a display is held still by the points within it, and only where they do not suffice, by the room.
  */
-export class FilmFrame {
+export class HeldFrame {
   /** Copies of the frame, averaged down by whole factors. @type {Map<number, FloatPlane>} */
   #copies = new Map();
 

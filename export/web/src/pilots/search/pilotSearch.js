@@ -23,7 +23,7 @@ import { CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, evidenceSteps
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
 
-/** @typedef {import("./film.js").FilmFrame} FilmFrame */
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 
@@ -56,7 +56,7 @@ const BEGIN_WORK = 6;
  *   evidence: number,
  *   firstCorners: Point[],
  *   k: number,
- *   held: FilmFrame[],
+ *   held: HeldFrame[],
  * }} PilotDisplay
  */
 

@@ -9,7 +9,7 @@ import { expectedChanges, pilotEvidence, pilotValues, standingOut } from "../sig
 import { amplitudes } from "./film.js";
 import { COARSE_SIZE, coarseShift } from "./parts.js";
 
-/** @typedef {import("./film.js").FilmFrame} FilmFrame */
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
 export const { CANDIDATES, FAINT_CANDIDATES, STATES_HZ, PROMISING } = pilotsSearchProposals;
@@ -96,7 +96,7 @@ export class Watched {
  *
  * @param {Point[]} corners - in the reference frame
  * @param {Layout} layout
- * @param {readonly FilmFrame[]} frames
+ * @param {readonly HeldFrame[]} frames
  * @param {[number, number]} size - width and height
  * @returns {Steps<FloatPlane[] | null>} null where corners are not sound
  */
@@ -115,7 +115,7 @@ export function* viewSteps(corners, layout, frames, [width, height]) {
  * Find the evidence of a proposal, before it pays for what was tried, step by step.
  *
  * @param {Proposal} proposal
- * @param {readonly FilmFrame[]} frames
+ * @param {readonly HeldFrame[]} frames
  * @returns {Steps<number>} 0 where its corners are not sound
  */
 export function* evidenceSteps(proposal, frames) {
@@ -128,7 +128,7 @@ export function* evidenceSteps(proposal, frames) {
  * Find by how much the pilots of a proposal stand out in each frame, step by step.
  *
  * @param {Proposal} proposal
- * @param {readonly FilmFrame[]} frames
+ * @param {readonly HeldFrame[]} frames
  * @returns {Steps<Float32Array[] | null>} null where its corners are not sound
  */
 export function* valueSteps(proposal, frames) {
@@ -145,7 +145,7 @@ export function* valueSteps(proposal, frames) {
 /**
  * List the positions of frames.
  *
- * @param {readonly FilmFrame[]} frames
+ * @param {readonly HeldFrame[]} frames
  * @returns {number[]}
  */
 export function positions(frames) {
@@ -156,7 +156,7 @@ export function positions(frames) {
  * Find by how much the pilots of a proposal stand out in a frame.
  *
  * @param {Proposal} proposal
- * @param {FilmFrame} frame
+ * @param {HeldFrame} frame
  * @returns {Float32Array | null} null where its corners are not sound
  */
 export function valuesOf({ corners, layout }, frame) {

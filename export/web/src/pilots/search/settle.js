@@ -11,7 +11,7 @@ import {
   NEXT_FRAME, VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps,
 } from "./proposals.js";
 
-/** @typedef {import("./film.js").FilmFrame} FilmFrame */
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./watch.js").Watch} Watch */
 
@@ -37,7 +37,7 @@ const MOVE_WORK = 6;
  *
  * @typedef {(
  *   proposal: Proposal,
- *   frames: readonly FilmFrame[],
+ *   frames: readonly HeldFrame[],
  * ) => Steps<Point[]>} Move
  */
 
@@ -153,7 +153,7 @@ function* byClimbing({ corners, layout, frequency }, frames) {
  * Move corners by all blocks at once, to parts of a pixel.
  *
  * @param {Proposal} proposal
- * @param {readonly FilmFrame[]} frames
+ * @param {readonly HeldFrame[]} frames
  * @returns {Steps<BlockFit | null>} null where the corners are
  *   not sound
  */
@@ -179,7 +179,7 @@ function* byBlocks({ corners, layout, frequency }, frames) {
  *
  * @param {BlockFit} fit - one that began with the corners of `start`
  * @param {Proposal} start - whose corners the fit moves
- * @param {FilmFrame} reference - the reference frame
+ * @param {HeldFrame} reference - the reference frame
  * @returns {Steps<number>} the coefficient of the lens; 0 where
  *   the lens bends the display by too little to tell
  */

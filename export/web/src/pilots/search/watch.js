@@ -6,7 +6,7 @@ import { inImage, transform } from "../../link/geometry.js";
 import { identity } from "../../link/linear.js";
 import { Stabiliser } from "../stabilise.js";
 import { position } from "../waves.js";
-import { FilmFrame } from "./film.js";
+import { HeldFrame } from "./film.js";
 import { ToggleMap } from "./toggleMap.js";
 
 const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HELD } =
@@ -18,7 +18,7 @@ export class Watch {
   #start;
   #fps;
   #most;
-  /** Frames watched so far; none before the edges of the reference are known. @type {FilmFrame[]} */
+  /** Frames watched so far; none before the edges of the reference are known. @type {HeldFrame[]} */
   frames = [];
   /** Number of frames after the reference. */
   seen = 0;
@@ -43,7 +43,7 @@ export class Watch {
     /** Number of later frames that must agree with what is not certain. */
     this.confirming = Math.floor((2 * this.window) / 3);
     /** The newest frames of all. */
-    this.held = [new FilmFrame(reference, identity(3), 0, time)];
+    this.held = [new HeldFrame(reference, identity(3), 0, time)];
   }
 
   /** The newest frame. */
@@ -62,7 +62,7 @@ export class Watch {
     const H = this.#stabiliser.follow(gray);
     if (H === null) return false;
     const at = position(time - this.#start, this.#fps);
-    this.held.push(new FilmFrame(gray, H, at, time, this.#stabiliser.tracks));
+    this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
     if (this.held.length > this.#most) this.held.shift();
     this.seen++;
     return true;
