@@ -10,7 +10,7 @@
 import { pilotsSignal } from "../generated/constants.js";
 import { lessMeanAround } from "../image/blur.js";
 import { areaMeans } from "../image/shrink.js";
-import { MOST_SPAN, spanOf, waves } from "./waves.js";
+import { MOST_SPAN, alongWave, spanOf, waves } from "./waves.js";
 
 /** @typedef {import("../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
 
@@ -239,22 +239,10 @@ export function pilotEvidence(values, layout, at) {
   const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
     Array.from({ length: count }, (_, i) => (from + i) / span);
   const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
-  const real = new Float64Array(pilots);
-  const imaginary = new Float64Array(pilots);
   let share = -1;
   let best = 0;
   for (let i = 0; i < frequencies; i++) {
-    real.fill(0);
-    imaginary.fill(0);
-    for (let frame = 0; frame < frames; frame++) {
-      const cosine = seen[i].real[frame];
-      const sine = seen[i].imaginary[frame];
-      const now = series[frame];
-      for (let p = 0; p < pilots; p++) {
-        real[p] += cosine * now[p];
-        imaginary[p] += sine * now[p];
-      }
-    }
+    const { real, imaginary } = alongWave(series, seen[i]);
     const found = explainedShare(real, imaginary, phases);
     if (found > share) {
       share = found;

@@ -16,10 +16,12 @@ export const { FINE_STEP, FAINT_SINE, MOST_SPAN, SPARE } = pilotsWaves;
 
 /** Share of a slow wave that must be new for it to be taken out, beside those before. */
 const NEW_SHARE = 1e-6;
+/** Number of frames that are summed up in one pass over their values. */
+const AT_ONCE = 4;
 
 /**
  * A wave at the positions of frames: by these numbers, the frames' values are multiplied, and then
- * added up.
+ * added up. Or such sums.
  *
  * @typedef {{ real: Float64Array, imaginary: Float64Array }} Wave
  */
@@ -116,4 +118,27 @@ function takeOut(wave, others) {
       for (let t = 0; t < wave.length; t++) wave[t] -= along * other[t];
     }
   }
+}
+
+/**
+ * Add up the values of frames times a wave.
+ *
+ * @param {readonly ArrayLike<number>[]} values - (n,) of each frame, at least one
+ * @param {Wave} wave
+ * @returns {Wave} (n,)
+ */
+export function alongWave(values, wave) {
+  const real = new Float64Array(values[0].length);
+  const imaginary = new Float64Array(real.length);
+  const last = values.length - 1;
+  for (let t = 0; t <= last; t += AT_ONCE) {
+    const [a, b, c, d] = [0, 1, 2, 3].map((k) => values[Math.min(t + k, last)]);
+    const [a0, b0, c0, d0] = [0, 1, 2, 3].map((k) => wave.real[t + k] ?? 0);
+    const [a1, b1, c1, d1] = [0, 1, 2, 3].map((k) => wave.imaginary[t + k] ?? 0);
+    for (let i = 0; i < real.length; i++) {
+      real[i] += a0 * a[i] + b0 * b[i] + c0 * c[i] + d0 * d[i];
+      imaginary[i] += a1 * a[i] + b1 * b[i] + c1 * c[i] + d1 * d[i];
+    }
+  }
+  return { real, imaginary };
 }

@@ -20,7 +20,7 @@ import {
   GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "../motion.js";
 import { commonPhase, pilotSigns, pilotValues, usual } from "../signal.js";
-import { waves } from "../waves.js";
+import { alongWave, waves } from "../waves.js";
 
 export const {
   LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
@@ -325,18 +325,13 @@ export function* periodChangeSteps(maps, views, at, frequency) {
   const changes = [];
   for (const number of new Set(begun)) {
     const taken = begun.flatMap((other, frame) => (other === number ? [frame] : []));
-    const { cosines, sines, power } = waveOf(taken.map((frame) => periods[frame]));
-    if (power < LEAST_WAVE) continue;
-    const root = Math.sqrt(power);
-    const data = new Float32Array(width * height);
-    taken.forEach((frame, k) => {
-      const view = views[frame].data;
-      const [cosine, sine] = [cosines[k] / root, sines[k] / root];
-      for (let i = 0; i < data.length; i++) {
-        data[i] += view[i] * (cosine * real[i] - sine * imaginary[i]);
-      }
-    });
-    for (let i = 0; i < data.length; i++) data[i] *= scale[i];
+    const wave = waveOf(taken.map((frame) => periods[frame]));
+    if (wave === null) continue;
+    const sums = alongWave(taken.map((frame) => views[frame].data), wave);
+    const data = Float32Array.from(
+      sums.real,
+      (sum, i) => scale[i] * (sum * real[i] - sums.imaginary[i] * imaginary[i]),
+    );
     changes.push(maps.smooth({ width, height, data }, SPAN));
     yield (1 + 0.3 * taken.length) * maps.work;
   }
@@ -356,15 +351,8 @@ export function* periodChangeSteps(maps, views, at, frequency) {
 function turns(maps, views, at, frequency) {
   const { layout, margin } = maps;
   const [wave] = waves(at, [frequency], [0]);
-  const pilotReal = new Float64Array(layout.pilotBlocks.length);
-  const pilotImaginary = new Float64Array(layout.pilotBlocks.length);
-  views.forEach((view, frame) => {
-    pilotValues(maps.within(view), layout).forEach((value, p) => {
-      pilotReal[p] += wave.real[frame] * value;
-      pilotImaginary[p] += wave.imaginary[frame] * value;
-    });
-  });
-  const { slope, phase: angle } = commonPhase(pilotReal, pilotImaginary, layout);
+  const pilots = alongWave(views.map((view) => pilotValues(maps.within(view), layout)), wave);
+  const { slope, phase: angle } = commonPhase(pilots.real, pilots.imaginary, layout);
   const [width, height] = maps.size;
   const real = new Float32Array(width * height);
   const imaginary = new Float32Array(width * height);
@@ -380,18 +368,20 @@ function turns(maps, views, at, frequency) {
 }
 
 /**
- * Make the wave of one period at some times, without its mean.
+ * Make the wave of one period at some times, without its mean, of power 1.
  *
  * @param {number[]} times - in periods
- * @returns {{ cosines: number[], sines: number[], power: number }}
+ * @returns {import("../waves.js").Wave | null} null where the times tell nothing of it
  */
 function waveOf(times) {
-  const withoutMean = (/** @type {number[]} */ values) => {
+  const parts = [Math.cos, (/** @type {number} */ turn) => -Math.sin(turn)];
+  const [real, imaginary] = parts.map((wave) => {
+    const values = Float64Array.from(times, (time) => wave(2 * Math.PI * time));
     const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
     return values.map((value) => value - mean);
-  };
-  const cosines = withoutMean(times.map((time) => Math.cos(2 * Math.PI * time)));
-  const sines = withoutMean(times.map((time) => -Math.sin(2 * Math.PI * time)));
-  const power = cosines.reduce((sum, cosine, k) => sum + cosine ** 2 + sines[k] ** 2, 0);
-  return { cosines, sines, power };
+  });
+  const length = Math.hypot(...real, ...imaginary);
+  if (length ** 2 < LEAST_WAVE) return null;
+  const shortened = (/** @type {number} */ value) => value / length;
+  return { real: real.map(shortened), imaginary: imaginary.map(shortened) };
 }

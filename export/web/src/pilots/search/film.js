@@ -13,7 +13,7 @@ import {
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { usual } from "../signal.js";
-import { waves } from "../waves.js";
+import { alongWave, waves } from "../waves.js";
 
 /** @typedef {import("../motion.js").GridMaps} GridMaps */
 /** @typedef {import("./parts.js").Amplitudes} Amplitudes */
@@ -174,34 +174,19 @@ export class HeldFrame {
  */
 export function amplitudes(views, at, frequencies) {
   const { width, height } = views[0];
-  const { mean, scale } = usual(views.map(({ data }) => data));
+  const values = views.map(({ data }) => data);
+  const { mean, scale } = usual(values);
+  const apart = values.map((data) => data.map((value, i) => value - mean[i]));
   return waves(at, frequencies, [0]).map((wave) => {
-    const real = new Float32Array(width * height);
-    const imaginary = new Float32Array(width * height);
-    views.forEach(({ data }, frame) => {
-      // an imaginary part that is 0 but for rounding must be 0
-      const cosine = rounded(wave.real[frame]);
-      const sine = rounded(wave.imaginary[frame]);
-      for (let i = 0; i < data.length; i++) {
-        const apart = data[i] - mean[i];
-        real[i] += cosine * apart;
-        imaginary[i] += sine * apart;
-      }
-    });
-    for (let i = 0; i < real.length; i++) {
-      real[i] *= scale[i];
-      imaginary[i] *= scale[i];
-    }
+    // an imaginary part that is 0 but for rounding must be 0
+    const [turns, quarters] = [wave.real, wave.imaginary].map((part) =>
+      part.map((value) => Math.round(value * 1e12) / 1e12),
+    );
+    const sums = alongWave(apart, { real: turns, imaginary: quarters });
+    const real = Float32Array.from(sums.real, (sum, i) => sum * scale[i]);
+    const imaginary = Float32Array.from(sums.imaginary, (sum, i) => sum * scale[i]);
     return { width, height, real, imaginary };
   });
-}
-
-/**
- * @param {number} value
- * @returns {number} with twelve digits behind the point
- */
-function rounded(value) {
-  return Math.round(value * 1e12) / 1e12;
 }
 
 /**

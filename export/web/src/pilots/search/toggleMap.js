@@ -17,7 +17,7 @@ import { warped } from "../../image/warp.js";
 import { homographyFromCorners } from "../../link/geometry.js";
 import { median, quantile } from "../../link/order.js";
 import { quadOf, upright } from "../../locate/quads.js";
-import { spanOf, waves } from "../waves.js";
+import { alongWave, spanOf, waves } from "../waves.js";
 
 export const {
   SLOWEST, BAND, QUIET, BAND_WAVES, QUIET_WAVES, FINE_PX, COARSE_PX, SMOOTH_PX, CEILING, EVEN_PX,
@@ -25,8 +25,6 @@ export const {
   LEAST_SHARE,
 } = pilotsSearchToggleMap;
 
-/** Number of frames that are summed up in one pass over the pixels. */
-const AT_ONCE = 4;
 /** Number of places along each axis of a pixel at which small views are sampled. */
 const SAMPLES = 2;
 
@@ -182,8 +180,12 @@ export class ToggleMap {
     const known = this.#logs.get(number);
     if (known) return known;
     const { width, height } = this;
-    const [real, imaginary] = this.#amplitudes(number).map((data) =>
-      band({ width, height, data }),
+    const { span } = spanOf(this.#at);
+    const slower = Array.from({ length: SLOWEST - 1 }, (_, periods) => periods / span);
+    const [wave] = waves(this.#at, [number / span], slower);
+    const sums = alongWave(this.#stills.map(({ data }) => data), wave);
+    const [real, imaginary] = [sums.real, sums.imaginary].map((sum) =>
+      band({ width, height, data: Float32Array.from(sum) }),
     );
     for (let i = 0; i < real.length; i++) {
       real[i] = real[i] * real[i] + imaginary[i] * imaginary[i];
@@ -206,31 +208,6 @@ export class ToggleMap {
     const toggling = spread(frequency * span, BAND, fastest, BAND_WAVES);
     const quiet = spread(frequency * span, QUIET, fastest, QUIET_WAVES);
     return toggling.length && quiet.length ? [toggling, quiet] : [[], []];
-  }
-
-  /**
-   * Sum up the frames' amplitudes at one of the frequencies.
-   *
-   * @param {number} number - of periods in the window
-   * @returns {Float32Array[]} the real and the imaginary part
-   */
-  #amplitudes(number) {
-    const real = new Float32Array(this.width * this.height);
-    const imaginary = new Float32Array(real.length);
-    const count = this.#stills.length;
-    const { span } = spanOf(this.#at);
-    const slower = Array.from({ length: SLOWEST - 1 }, (_, periods) => periods / span);
-    const [wave] = waves(this.#at, [number / span], slower);
-    for (let t = 0; t < count; t += AT_ONCE) {
-      const [a, b, c, d] = [0, 1, 2, 3].map((k) => this.#stills[Math.min(t + k, count - 1)].data);
-      const [a0, b0, c0, d0] = [0, 1, 2, 3].map((k) => wave.real[t + k] ?? 0);
-      const [a1, b1, c1, d1] = [0, 1, 2, 3].map((k) => wave.imaginary[t + k] ?? 0);
-      for (let i = 0; i < real.length; i++) {
-        real[i] += a0 * a[i] + b0 * b[i] + c0 * c[i] + d0 * d[i];
-        imaginary[i] += a1 * a[i] + b1 * b[i] + c1 * c[i] + d1 * d[i];
-      }
-    }
-    return [real, imaginary];
   }
 }
 
