@@ -12,7 +12,7 @@
  * early: perhaps the display came into view, or began to play, only after the frames that they look
  * at.
  *
- * The work is cut into steps (`../steps.js`), so that no frame takes long; Python's steps are one
+ * The work is cut into steps (`link/code/steps.js`), so that no frame takes long; Python's steps are one
  * for each frame, these are finer.
  */
 
@@ -29,7 +29,7 @@ import { Watch } from "./watch.js";
 
 const { PATIENCE_S, MOST_DOUBLED } = pilotsSearchPilotSearch;
 
-/** Units of work (`../steps.js`) from which on a frame has had its share. */
+/** Units of work (`steps.js`) from which on a frame has had its share. */
 export const FRAME_WORK = 36;
 /**
  * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:

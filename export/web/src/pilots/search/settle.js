@@ -154,8 +154,7 @@ function* byClimbing({ corners, layout, frequency }, frames) {
  *
  * @param {Proposal} proposal
  * @param {readonly HeldFrame[]} frames
- * @returns {Steps<BlockFit | null>} null where the corners are
- *   not sound
+ * @returns {Steps<BlockFit | null>} null where the corners are not sound
  */
 function* byBlocks({ corners, layout, frequency }, frames) {
   const maps = blockMaps(layout);
@@ -180,8 +179,8 @@ function* byBlocks({ corners, layout, frequency }, frames) {
  * @param {BlockFit} fit - one that began with the corners of `start`
  * @param {Proposal} start - whose corners the fit moves
  * @param {HeldFrame} reference - the reference frame
- * @returns {Steps<number>} the coefficient of the lens; 0 where
- *   the lens bends the display by too little to tell
+ * @returns {Steps<number>} the coefficient of the lens; 0 where the lens bends the display by too
+ *   little to tell
  */
 function* throughLens(fit, start, { gray }) {
   fit.freeLens(start.corners, gray.width, gray.height);
