@@ -317,7 +317,9 @@ export function usual(values) {
   const scale = new Float64Array(mean.length);
   for (const now of values) for (let i = 0; i < mean.length; i++) mean[i] += now[i];
   for (let i = 0; i < mean.length; i++) mean[i] /= values.length;
-  for (const now of values) for (let i = 0; i < mean.length; i++) scale[i] += (now[i] - mean[i]) ** 2;
+  for (const now of values) {
+    for (let i = 0; i < mean.length; i++) scale[i] += (now[i] - mean[i]) ** 2;
+  }
   for (let i = 0; i < mean.length; i++) {
     scale[i] = 1 / (Math.sqrt(scale[i] / values.length) + LEAST_DEVIATION);
   }

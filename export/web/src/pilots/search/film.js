@@ -157,8 +157,8 @@ export class HeldFrame {
    */
   #copy(factor) {
     const { width, height } = this.gray;
-    const known = this.#copies.get(factor);
-    const copy = known ?? areaMeans(this.gray, Math.floor(width / factor), Math.floor(height / factor));
+    const [across, down] = [width, height].map((side) => Math.floor(side / factor));
+    const copy = this.#copies.get(factor) ?? areaMeans(this.gray, across, down);
     this.#copies.set(factor, copy);
     return copy;
   }

@@ -12,14 +12,16 @@
  * early: perhaps the display came into view, or began to play, only after the frames that they look
  * at.
  *
- * The work is cut into steps (`link/code/steps.js`), so that no frame takes long; Python's steps are one
- * for each frame, these are finer.
+ * The work is cut into steps (`link/code/steps.js`), so that no frame takes long; Python's steps are
+ * one for each frame, these are finer.
  */
 
 import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
-import { CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, evidenceSteps } from "./proposals.js";
+import {
+  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, evidenceSteps,
+} from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
 

@@ -14,7 +14,7 @@ import { COARSE_SIZE, coarseShift } from "./parts.js";
 
 export const { CANDIDATES, FAINT_CANDIDATES, STATES_HZ, PROMISING } = pilotsSearchProposals;
 
-/** More units of work (`steps.js`) than a frame has room for: the next step needs the next frame. */
+/** More units of work than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
 /** Units of work of one frame's view of a display, and of a glance at it. */
 export const VIEW_WORK = 0.6;
@@ -166,8 +166,8 @@ export function valuesOf({ corners, layout }, frame) {
 
 /**
  * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
- * reference are watched in every frame. What toggles, faint edges and the pilots' fit propose others
- * once all frames have been watched.
+ * reference are watched in every frame. What toggles, faint edges and the pilots' fit propose
+ * others once all frames have been watched.
  */
 export class Proposer {
   #watch;
