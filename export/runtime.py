@@ -16,8 +16,8 @@ import onnxruntime
 from numpy.typing import ArrayLike, NDArray
 from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
-from export.locate.pilots.evidence import pilots_toggled
 from export.onnx_file import check_onnx_file
+from export.pilots.signal import pilots_toggled
 from export.watchdog import Watchdog
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.errors import InputError, ParameterError
@@ -63,7 +63,7 @@ DECODED_CORRELATION = 0.8
 """Smallest `link.ratex.patch_correlation` of frames that the command decodes; simulated captures up
 to 70 degrees have 0.97 and more."""
 LEAST_TOGGLED = 2.5
-"""Smallest `export.locate.pilots.evidence.pilots_toggled` of frames that the command decodes. Of
+"""Smallest `export.pilots.signal.pilots_toggled` of frames that the command decodes. Of
 216 simulated pairs up to 60 degrees, those below had a fifth of their bits wrong or more; of as
 many that were turned round, so that no pilot is where it should be, some 3 % are above."""
 FORMAT = "1"

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.all_blocks import BlockMaps
-from export.locate.pilots.evidence import pilot_signs
+from export.pilots.search.all_blocks import block_maps
+from export.pilots.signal import pilot_signs
 from link.code.framing import encode
 from link.frames import SoftBits
 from link.geometry import Lens, frame_corners, homography_from_corners, transform
@@ -189,12 +189,12 @@ def block_views(
     toggling: float = 3.0,
     k: float = 0.0,
 ) -> Floats:
-    """Maps of `BlockMaps` of a display whose corners lie ``off`` by some layout pixels in them.
+    """Maps of `block_maps` of a display whose corners lie ``off`` by some layout pixels in them.
 
     Its phase slopes from top to bottom by ``slope`` radians. Each period shows another message.
     A lens of coefficient ``k`` shows the corners at BENT_CORNERS of an image of BENT_SIZE.
     """
-    rng, maps = np.random.default_rng(5), BlockMaps(layout)
+    rng, maps = np.random.default_rng(5), block_maps(layout)
     size, lens = (layout.width, layout.height), Lens(k, BENT_SIZE)
     x, y = np.meshgrid(*map(np.arange, maps.size))
     pixels = transform(maps.to_layout(), np.column_stack([x.ravel(), y.ravel()]))

@@ -4,6 +4,4 @@
 which `quads` finds from lines and outlines and `edges` moves onto edges and judges; `spots` makes
 quadrilaterals from ratex patches alone; and `refine` moves corners onto the patches, which
 `patches` seeks and `align` follows to sub-pixels, or onto edges.
-
-`pilots` finds a display without patches, in a film.
 """

@@ -26,7 +26,7 @@ from export.receive.decoders import PairDecoder, open_decoders
 from export.receive.receiver import Receiver as FrameReceiver
 from export.receive.receiver import as_uint8
 from export.receive.stream import EventStream, pair_event
-from export.receive.two_images import find_in_both
+from export.receive.tracking.two_images import find_in_both
 from link import __version__
 from link.code.authenticate import Verifier
 from link.errors import InputError, ParameterError

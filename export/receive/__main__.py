@@ -21,7 +21,7 @@ from export.receive.show import draw_decoded_pair
 from export.receive.sources import FPS_HELP, open_source
 from export.receive.stream import EventStream, pair_event
 from export.receive.tracking.patches import Tracked
-from export.receive.two_images import find_in_both
+from export.receive.tracking.two_images import find_in_both
 from link.cli import add_pixel_limit, read_flags, run_cli
 from link.code.authenticate import Verifier, read_key
 from link.errors import InputError, ParameterError, at_least

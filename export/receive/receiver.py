@@ -20,7 +20,7 @@ from export.receive.repeats import Repeats
 from export.receive.states import MESH, DisplayState
 from export.receive.tracking.patches import DisplayTracker, Tracked, Tracker
 from export.receive.tracking.pilots import PilotTracker
-from export.receive.two_images import state_change
+from export.receive.tracking.two_images import state_change
 from link.code.collect import Message
 from link.errors import InputError
 from link.frames import Captured

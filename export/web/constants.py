@@ -43,21 +43,22 @@ SHARED = (
     "export.locate.edges",
     "export.locate.find",
     "export.locate.patches",
-    "export.locate.pilots.all_blocks",
-    "export.locate.pilots.climb",
-    "export.locate.pilots.corners",
-    "export.locate.pilots.evidence",
-    "export.locate.pilots.film",
-    "export.locate.pilots.motion",
-    "export.locate.pilots.proposals",
-    "export.locate.pilots.search",
-    "export.locate.pilots.settle",
-    "export.locate.pilots.stabilise",
-    "export.locate.pilots.toggle_map",
-    "export.locate.pilots.waves",
     "export.locate.quads",
     "export.locate.refine",
     "export.locate.spots",
+    "export.pilots.motion",
+    "export.pilots.search.all_blocks",
+    "export.pilots.search.climb",
+    "export.pilots.search.film",
+    "export.pilots.search.parts",
+    "export.pilots.search.pilot_search",
+    "export.pilots.search.proposals",
+    "export.pilots.search.settle",
+    "export.pilots.search.toggle_map",
+    "export.pilots.search.watch",
+    "export.pilots.signal",
+    "export.pilots.stabilise",
+    "export.pilots.waves",
     "export.receive.diagnosis",
     "export.receive.film",
     "export.receive.unseen",
@@ -108,8 +109,8 @@ def write_constants() -> None:
 def object_name(module: str) -> str:
     """Name of the object that holds a module's constants.
 
-    >>> object_name("export.locate.pilots.toggle_map")
-    'locatePilotsToggleMap'
+    >>> object_name("export.pilots.search.toggle_map")
+    'pilotsSearchToggleMap'
     """
     words = module.replace("_", ".").split(".")[1:]
     return words[0] + "".join(word.capitalize() for word in words[1:])

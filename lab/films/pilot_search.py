@@ -1,9 +1,8 @@
 """How often displays are found by their pilots.
 
-Nothing visible marks a display with pilots. Here `export.locate.pilots.search.PilotSearch` looks
-for it in simulated hand-held films of rooms: of displays that show a preset, of displays that stand
-still, that show a film, and that toggle blocks of another layout. In the last three it must find
-nothing.
+Nothing visible marks a display with pilots. Here `PilotSearch` looks for it in simulated hand-held
+films of rooms: of displays that show a preset, of displays that stand still, that show a film, and
+that toggle blocks of another layout. In the last three it must find nothing.
 A share of the frames may be dropped at random, as slow receivers and busy phones drop them.
 """
 
@@ -19,7 +18,7 @@ from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
 from data_gen.pairs import GROUPS, pair_names
-from export.locate.pilots.search import PilotSearch
+from export.pilots.search.pilot_search import PilotSearch
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.embed import embed
 from link.errors import ParameterError, at_least, choose

@@ -22,7 +22,6 @@ levels."""
 OTHER_TWINS = {
     "locate/bank.js": "export/locate/spots.py",
     "locate/segments.js": "export/locate/quads.py",
-    "locate/pilots/partMatches.js": "export/locate/pilots/corners.py",
     "receive/timing/series.js": "export/receive/timing/fit.py",
 }
 """Modules of JavaScript that hold a part of a Python module of another name."""

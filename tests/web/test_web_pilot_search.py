@@ -9,7 +9,7 @@ from pilot_films import FINE, OTHER, filmed, panned_to
 from port import Port, PortError
 from tolerances import LENS_FOUND_K, PILOTS_FOUND_PX
 
-from export.locate.pilots.search import PilotSearch
+from export.pilots.search.pilot_search import PilotSearch
 from link.geometry import Lens
 from link.layout import Layout, make_layout
 from link.types import Array, Image
@@ -73,7 +73,7 @@ def first_found(search: Any, images: list[Image]) -> tuple[int, Any] | None:
 def test_page_finds_what_python_finds(port: Port, name: str) -> None:
     images, truth, layouts = film(name)
     known = first_found(PilotSearch(layouts, FPS), images)
-    found = first_found(port("locate/pilots/search.js").PilotSearch(layouts, FPS), images)
+    found = first_found(port("pilots/search/pilotSearch.js").PilotSearch(layouts, FPS), images)
     assert (found is None) == (known is None) == (truth is None)
     if known is None:
         return
@@ -89,4 +89,4 @@ def test_page_finds_what_python_finds(port: Port, name: str) -> None:
 def test_layouts_need_pilots(port: Port) -> None:
     plain = make_layout(24, 32)
     with pytest.raises(PortError, match="pilots"):
-        port("locate/pilots/search.js").PilotSearch([plain])
+        port("pilots/search/pilotSearch.js").PilotSearch([plain])

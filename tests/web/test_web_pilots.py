@@ -18,25 +18,20 @@ from pilot_films import (
 )
 from port import Port, differences, same
 
-from export.locate.pilots.all_blocks import BlockFit, BlockMaps
-from export.locate.pilots.climb import climb_to_pilots
-from export.locate.pilots.corners import (
-    COARSE_SIZE,
-    coarse_shift,
-    map_size,
-    moved_corners,
-    without_slope,
-)
-from export.locate.pilots.evidence import (
+from export.pilots.motion import map_size, moved_corners, without_slope
+from export.pilots.search.all_blocks import BlockFit, block_maps
+from export.pilots.search.climb import climb_to_pilots
+from export.pilots.search.parts import COARSE_SIZE, coarse_shift
+from export.pilots.search.toggle_map import ToggleMap
+from export.pilots.signal import (
     common_phase,
     pilot_centres,
     pilot_evidence,
     pilot_signs,
     pilot_values,
 )
-from export.locate.pilots.stabilise import Stabiliser
-from export.locate.pilots.toggle_map import ToggleMap
-from export.locate.pilots.waves import position, span_of, waves
+from export.pilots.stabilise import Stabiliser
+from export.pilots.waves import position, span_of, waves
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
 from link.types import Array
@@ -45,7 +40,8 @@ SMALL = make_layout(12, 16, 128, 96, modulation="antipodal", pilots=40)
 UNEVEN = make_layout(10, 14, 128, 96, modulation="antipodal", pilots=30)
 HIDDEN = make_layout(48, 64, modulation="antipodal", pilots="auto")
 CORNERS = np.array([[120.0, 70.0], [520.0, 90.0], [510.0, 390.0], [130.0, 360.0]])
-CORNERS_JS, EVIDENCE_JS = "locate/pilots/corners.js", "locate/pilots/evidence.js"
+CORNERS_JS, EVIDENCE_JS = "pilots/search/parts.js", "pilots/signal.js"
+MOTION_JS = "pilots/motion.js"
 
 
 def complex_plane(change: NDArray[np.complex64]) -> dict[str, object]:
@@ -66,7 +62,7 @@ def same_motion(found: object, H: Array | None, size: tuple[int, int], tolerance
 
 
 def test_medians_and_quantiles(port: Port) -> None:
-    order, rng = port("locate/pilots/order.js"), np.random.default_rng(0)
+    order, rng = port("link/order.js"), np.random.default_rng(0)
     for count in (3, 6, 101):
         values = rng.permutation(count).astype(np.float64)
         same(order.median(values), np.median(values))
@@ -123,7 +119,7 @@ def test_times_of_frames_and_waves_at_them(
     fps: float, kept: float, digits: int, port: Port
 ) -> None:
     """The times are rounded, and some frames are missing."""
-    rng, module = np.random.default_rng(9), port("locate/pilots/waves.js")
+    rng, module = np.random.default_rng(9), port("pilots/waves.js")
     seconds = np.round(np.flatnonzero(rng.random(60) < kept) / fps, digits)
     seconds -= seconds[0]
     at = [position(second, fps) for second in seconds]
@@ -165,7 +161,7 @@ def test_corners_move_by_parts_of_a_display(
     known = coarse_shift(
         change, pilots_alone(FINE, (FINE.cols, FINE.rows)).astype(np.float64), FINE, far=far
     )
-    blocks = module.expectedChanges(FINE)
+    blocks = port(EVIDENCE_JS).expectedChanges(FINE)
     found = module.coarseShift(complex_plane(change), blocks, FINE, far)
     assert (found is None) == (known is None)
     if known is not None:
@@ -175,7 +171,7 @@ def test_corners_move_by_parts_of_a_display(
 
 @pytest.mark.parametrize("layout", [FINE, SMALL], ids=["fine", "small"])
 def test_maps_without_slope(port: Port, layout: Layout) -> None:
-    module, size = port(CORNERS_JS), map_size(layout)
+    module, size = port(MOTION_JS), map_size(layout)
     assert module.mapSize(layout) == list(size)
     change = np.random.default_rng(2).normal(0, 1, size[::-1]).astype(np.float32)
     block = np.array([size[0] / layout.cols, size[1] / layout.rows])
@@ -194,14 +190,17 @@ def test_corners_move_by_all_blocks(
     layout: Layout, period: int, slope: float, noise: float, port: Port
 ) -> None:
     """Corners are off by less than a block."""
-    module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd
+    module, run = port("pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
     off = np.array([[2.0, -1.0], [-1.5, 1.0], [1.0, 2.0], [-1.0, -2.0]])
     views = block_views(layout, off, 5 * period, period, slope=slope, noise=noise)
     at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
-    maps = module.BlockMaps(layout)
+    maps = module.blockMaps(layout)
     assert maps.size == list(views.shape[:0:-1])
     changes = run(module.periodChangeSteps(maps, list(views), at, 1 / period))
-    fit, ported = BlockFit(BlockMaps(layout), views, at, 1 / period), module.BlockFit(maps, changes)
+    fit, ported = (
+        BlockFit(block_maps(layout), views, at, 1 / period),
+        module.BlockFit(maps, changes),
+    )
     same(changes, fit.changes, within.PILOT_CHANGE)
     for _ in range(5):
         settled = fit.step()
@@ -213,11 +212,11 @@ def test_corners_move_by_all_blocks(
 
 @pytest.mark.parametrize("k", [-0.1, 0.05, 0.0])
 def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> None:
-    module, run = port("locate/pilots/allBlocks.js"), port("link/code/steps.js").runToEnd
+    module, run = port("pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
     views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
-    maps = module.BlockMaps(FINE)
+    maps = module.blockMaps(FINE)
     changes = run(module.periodChangeSteps(maps, list(views), at, 0.25))
-    fit, ported = BlockFit(BlockMaps(FINE), views, at, 0.25), module.BlockFit(maps, changes)
+    fit, ported = BlockFit(block_maps(FINE), views, at, 0.25), module.BlockFit(maps, changes)
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     ported.freeLens(BENT_CORNERS.tolist(), *BENT_SIZE)
     for _ in range(12):
@@ -238,7 +237,7 @@ def test_corners_climb_to_the_pilots(port: Port) -> None:
     shown = cv2.warpPerspective(pilots_alone(HIDDEN, size), H_seen, size)
     noise = rng.normal(0, 1.5, (2, *shown.shape))
     change = np.asarray(shown * np.exp(1j) + noise[0] + 1j * noise[1], np.complex64)
-    found = port("locate/pilots/climb.js").climbToPilots(complex_plane(change), HIDDEN)
+    found = port("pilots/search/climb.js").climbToPilots(complex_plane(change), HIDDEN)
     H = climb_to_pilots(change, HIDDEN)
     assert H is not None
     same_motion(found, H, (HIDDEN.width, HIDDEN.height), within.CORNERS_PX)
@@ -246,7 +245,7 @@ def test_corners_climb_to_the_pilots(port: Port) -> None:
 
 def test_corners_of_what_lies_elsewhere_in_its_rectified_image(port: Port) -> None:
     H = np.array([[1.01, 0.02, 3.0], [-0.01, 0.99, -2.0], [1e-5, -2e-5, 1.0]])
-    found = port(CORNERS_JS).movedCorners(CORNERS.tolist(), H, FINE)
+    found = port(MOTION_JS).movedCorners(CORNERS.tolist(), H, FINE)
     same(found, moved_corners(CORNERS, H, FINE), within.MOVED_PX)
 
 
@@ -255,7 +254,7 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
     rng = np.random.default_rng(4)
     room = 100 + 20 * texture((200, 300), 5)
     signs = cv2.resize(rng.choice([-1.0, 1.0], (24, 32)), (128, 96), interpolation=0)
-    toggle_map, ported = ToggleMap(), port("locate/pilots/toggleMap.js").ToggleMap(300, 200)
+    toggle_map, ported = ToggleMap(), port("pilots/search/toggleMap.js").ToggleMap(300, 200)
     for number in range(24):
         if number < 10:
             assert ported.outline(0.25) is None
@@ -282,8 +281,7 @@ def test_what_toggles_is_mapped_and_outlined(port: Port) -> None:
 
 def motion_of_the_middle(port: Port, *begun: object) -> tuple[float, float]:
     """How far the page sees a picture move, pixels to the right, and the share of its points."""
-    stabiliser = port("locate/pilots/stabilise.js").Stabiliser()
-    stabiliser.begin(moving_picture(0), *begun)
+    stabiliser = port("pilots/stabilise.js").Stabiliser(moving_picture(0), *begun)
     H = stabiliser.follow(moving_picture(6))
     return transform(H.reshape(3, 3), np.array([[320.0, 320.0]]))[0, 0] - 320, stabiliser.share
 
@@ -308,16 +306,14 @@ def test_frames_are_held_still(port: Port) -> None:
     moves[2] = np.array([[1.01, 0.02, 9.0], [-0.02, 1.01, 2.5], [2e-6, -1e-6, 1]])
     frames = [cv2.warpPerspective(wide, move, (960, 540)) for move in moves]
     frames.append(np.full((540, 960), 90, np.uint8))
-    stabiliser, ported = Stabiliser(), port("locate/pilots/stabilise.js").Stabiliser()
-    assert ported.follow(frames[0]) is None
-    stabiliser.begin(frames[0])
-    ported.begin(frames[0])
+    stabiliser = Stabiliser(frames[0])
+    ported = port("pilots/stabilise.js").Stabiliser(frames[0])
     motions = [stabiliser.follow(frame) for frame in frames]
     assert motions[3] is None
     for frame, H in zip(frames, motions, strict=True):
         same_motion(ported.follow(frame), H, (960, 540), within.CORNERS_PX)
     still = stabiliser.still(frames[1], motions[1])
-    assert (ported.height, ported.width) == still.shape
+    assert ported.reference.shape == still.shape
     assert differences(ported.still(frames[1], motions[1]), still)[1] < within.STILL_MEAN
     places = [[0.0, 0.0], [100.0, 50.0]]
     points = stabiliser.on_image(np.array(places))
@@ -325,5 +321,3 @@ def test_frames_are_held_still(port: Port) -> None:
     same(ported.onImage(places), points, within.FLOAT64)
     same(ported.onCopy(points.tolist()), places, within.FLOAT64)
     assert ported.follow(np.zeros((3, 4), np.uint8)) is None
-    ported.forget()
-    assert ported.follow(frames[0]) is None

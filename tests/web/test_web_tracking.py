@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from port import Port, same
 from tolerances import CORNERS_PX, DECODED_PX, FOLLOWED_PX
 
-from export.locate.pilots.evidence import pilot_signs
+from export.pilots.signal import pilot_signs
 from export.receive.tracking.corners import CornerShift
 from export.receive.tracking.follow import Follower
 from link.geometry import frame_corners, homography_from_corners, transform

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.evidence import pilot_signs, pilot_values
+from export.pilots.signal import pilot_signs, pilot_values
 from link.layout import Layout
 from link.ratex import CLEAR_MATCH, match_patches, patch_centres
 from link.types import Array, Image

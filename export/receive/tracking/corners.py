@@ -10,15 +10,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.corners import map_size, without_slope
-from export.locate.pilots.evidence import pilot_signs
-from export.locate.pilots.motion import (
-    POWERS,
+from export.pilots.motion import (
     UNIT_CORNERS,
-    motion_equations,
+    GridMaps,
+    MotionEquations,
+    map_size,
     pixels_from_unit,
     unit_homography,
+    without_slope,
 )
+from export.pilots.signal import expected_changes
 from link.images import as_gray
 from link.layout import Layout
 from link.types import Array, Image, Map
@@ -54,11 +55,9 @@ class CornerShift:
         self.total: Array = np.zeros(8)
         """(8,) sum of all moves so far, numbers of a homography of a display from -1 to 1."""
         self._shift: Array | None = None
-        self._size = map_size(layout)
-        width, height = self._size
-        x_powers = np.vander(np.linspace(-1, 1, width), POWERS, increasing=True)
-        self._x_powers = x_powers.astype(np.float32)
-        self._y_powers = np.vander(np.linspace(-1, 1, height), POWERS, increasing=True)
+        self._maps = GridMaps(layout, map_size(layout))
+        width, height = self._maps.size
+        self._places = np.linspace(-1, 1, width), np.linspace(-1, 1, height)
         block = 2 * max(1 / layout.cols, 1 / layout.rows)
         self._information = np.eye(8) / (FIRST_BLOCKS * block) ** 2
 
@@ -72,31 +71,28 @@ class CornerShift:
             total: (8,) value of `total` when the frames were rectified. What they show to be amiss
                 may have been put right since.
         """
-        layout, size = self.layout, self._size
+        layout, maps = self.layout, self._maps
         if not layout.pilots:
             return
         first, second = (
-            cv2.resize(as_gray(image), size, interpolation=cv2.INTER_AREA)
+            cv2.resize(as_gray(image), maps.size, interpolation=cv2.INTER_AREA)
             for image in (original, embedded)
         )
         expected = self._expected(scores)
-        block = np.array([size[0] / layout.cols, size[1] / layout.rows])
-        change = without_slope(cv2.subtract(second, first, dtype=cv2.CV_32F), block)
+        change = without_slope(cv2.subtract(second, first, dtype=cv2.CV_32F), maps.block)
         weight = _weight(cv2.addWeighted(first, 0.5, second, 0.5, 0, dtype=cv2.CV_32F))
         weighed = weight * expected
         power = _product(weighed, expected)
         amplitude = _product(weighed, change) / max(power, 1e-9)
         residual = cv2.scaleAdd(expected, -amplitude, change)
         weighed = np.multiply(weight, residual, out=weighed)
-        variance = _product(weighed, residual) / float(weight.sum()) * float(block.prod())
+        variance = _product(weighed, residual) / float(weight.sum()) * float(maps.block.prod())
         # noise is alike over a block, which so counts once
         if amplitude**2 * power < LEAST_TOGGLING**2 * variance or power == 0:
             return
-        slopes = [
-            cv2.Sobel(expected, -1, 1 - axis, axis, scale=amplitude * size[axis] / 16)
-            for axis in (0, 1)
-        ]
-        seen, right = self._normal_equations(slopes, weight, residual)
+        equations = MotionEquations(maps.size, self._places, np.float32)
+        equations.take(expected, residual, weight, amplitude)
+        seen, right = equations.normal()
         sure = 1 / max(variance, 1e-6)
         self._information = KEPT * self._information + sure * seen
         left = -right - seen @ (self.total - total)
@@ -110,51 +106,16 @@ class CornerShift:
             self._shift = shift if self._shift is None else self._shift @ shift
             self.total = self.total + move
 
-    def _normal_equations(
-        self, slopes: list[Map], weight: Map, residual: Map
-    ) -> tuple[Array, Array]:
-        """Write the weighed least squares of the eight numbers, from what is left of the change.
-
-        Args:
-            slopes: two maps (h, w): the change of each pixel where a display from -1 to 1 moves by
-                1 along x, and where it moves so along y.
-            weight: (h, w) weight of each pixel.
-            residual: (h, w) change that is left.
-
-        Returns:
-            the (8, 8) matrix and the (8,) right-hand side of the normal equations.
-        """
-        weighed = np.empty_like(weight)
-        squares, products = [], []
-        for axis, slope in enumerate(slopes):
-            np.multiply(weight, slope, out=weighed)
-            products.append(self._moments(weighed * residual))
-            squares += [self._moments(weighed * other) for other in slopes[axis:]]
-        return motion_equations(squares, products)
-
-    def _moments(self, pixels: Map) -> Array:
-        """Sum a map (h, w) times powers of y and of x: (`POWERS`, `POWERS`)."""
-        return np.asarray(self._y_powers.T @ (pixels @ self._x_powers).astype(np.float64))
-
     def shift(self) -> Array | None:
         """Return, once, the (3, 3) ``H_old_from_new`` in layout pixels that is known anew."""
         shift, self._shift = self._shift, None
         return shift
 
     def _expected(self, scores: Array) -> NDArray[np.float32]:
-        """Draw the expected change of every block, smooth, without slope, in units of kappa."""
-        layout = self.layout
-        low, high = layout.change_of_bits
-        middle, half = (low + high) / 2, (high - low) / 2
-        blocks = np.full(layout.rows * layout.cols, middle)
-        sure = np.tanh(np.clip(scores, -20, 20) / 2)
-        blocks[layout.message_mask.reshape(-1)] += half * sure
-        blocks[layout.pilot_blocks] += half * pilot_signs(layout)
-        grid = blocks.reshape(layout.rows, layout.cols).astype(np.float32)  # (blocks,) -> grid
-        drawn = cv2.resize(grid, self._size, interpolation=cv2.INTER_NEAREST)
-        block = np.array([self._size[0] / layout.cols, self._size[1] / layout.rows])
-        smooth = cv2.GaussianBlur(drawn, (0, 0), SPAN * float(block.min()))
-        return without_slope(smooth, block)
+        """Draw the expected change of every block, from -1 to 1, smooth and without slope."""
+        blocks = expected_changes(self.layout).copy()
+        blocks[self.layout.message_mask] = np.tanh(np.clip(scores, -20, 20) / 2)
+        return self._maps.drawn(blocks, SPAN)
 
 
 def _weight(mean: Map) -> Map:

@@ -3,8 +3,8 @@
 import cv2
 import numpy as np
 
-from export.locate.pilots.stabilise import Stabiliser
 from export.locate.refine import OUTSIDE
+from export.pilots.stabilise import Stabiliser
 from link.errors import InputError
 from link.geometry import (
     Lens,
@@ -41,18 +41,22 @@ class Follower:
     """Follows the display by optical flow to a rectified reference, so that errors do not add up.
 
     The reference is the frame in which the display was found, and is taken anew where the picture
-    has changed (a video): points on ratex patches then hold the geometry.
+    has changed (a video): points on ratex patches then hold the geometry. A display without them
+    whose picture moves is followed by what lies around it, which moves with the camera.
 
     Args:
         layout: layout of the display.
         k: coefficient of the lens.
+        picture_moves: whether the display is followed by what lies around it.
     """
 
-    def __init__(self, layout: Layout, k: float = 0.0) -> None:
+    def __init__(self, layout: Layout, k: float = 0.0, *, picture_moves: bool = False) -> None:
         self.layout, self._k = layout, k
+        self._picture_moves = picture_moves
+        self._room: Stabiliser | None = None
         self.corners: Array | None = None
         """(4, 2) pixels of the last frame, in corner order, or None where nothing is followed."""
-        self._motion = np.zeros((4, 2))
+        self._motion = self._first = np.zeros((4, 2))
         self._reference: Image | None = None
         self._points = np.zeros((0, 1, 2), np.float32)
 
@@ -78,7 +82,10 @@ class Follower:
         """Take a frame, and the display rectified by its corners, as the reference."""
         if self.corners is None:
             self._motion = np.zeros((4, 2))
-        self.corners = corners
+        self.corners = self._first = corners
+        if self._picture_moves:
+            self._room = Stabiliser(as_gray(image), far_apart=True, picture=corners)
+            return
         H = homography_from_corners(corners, self.layout.width, self.layout.height)
         self._take_reference(_equalised(rectified), self._view_mask(H, image.shape))
 
@@ -102,7 +109,14 @@ class Follower:
             (4, 2) pixels of the image, and whether the picture has changed so much that the
             reference should be taken anew; None where the display is lost.
         """
-        if self.corners is None or self._reference is None or len(self._points) < MIN_INLIERS:
+        if self.corners is None:
+            return None
+        if self._room is not None:
+            H_image_from_first = self._room.follow(as_gray(image))
+            if H_image_from_first is None:
+                return None
+            return transform(H_image_from_first, self._first), self._room.share < WORN_SHARE
+        if self._reference is None or len(self._points) < MIN_INLIERS:
             return None
         width, height = self.layout.width, self.layout.height
         guess = self.corners + self._motion
@@ -173,34 +187,6 @@ class Follower:
             np.abs(points[:, 0] - [width / 2, height / 2]) < [width / 2 - 3, height / 2 - 3]
         ).all(1)
         self._points = np.asarray(points[inside], np.float32)
-
-
-class RoomFollower(Follower):
-    """Follows a display whose picture moves by what lies around it, which moves with the camera.
-
-    Args:
-        layout: layout of the display.
-        k: coefficient of the lens.
-    """
-
-    def __init__(self, layout: Layout, k: float = 0.0) -> None:
-        super().__init__(layout, k)
-        self._room = Stabiliser()
-        self._first = np.zeros((4, 2))
-
-    def begin(self, image: Image, corners: Array, rectified: Image) -> None:
-        """Take a frame, and the corners in it, as the reference."""
-        self.corners = self._first = corners
-        self._room.begin(as_gray(image), far_apart=True, picture=corners)
-
-    def step(self, image: Image) -> tuple[Array, bool] | None:
-        """Find the display in the next frame, as `Follower.step` does."""
-        if self.corners is None:
-            return None
-        H_image_from_first = self._room.follow(as_gray(image))
-        if H_image_from_first is None:
-            return None
-        return transform(H_image_from_first, self._first), self._room.share < WORN_SHARE
 
 
 def _equalised(rectified: Image) -> Image:

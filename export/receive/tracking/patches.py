@@ -6,7 +6,6 @@ in the frame with which it began is then looked for once more in the frame at ha
 """
 
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import cv2
 import numpy as np
@@ -38,8 +37,6 @@ THUMBNAIL_PX = 32
 CHANGED_LEVELS, CHANGED_SHARE = 16.0, 0.03
 """Gray levels by which a thumbnail's pixel differs where something has changed, and share of such
 pixels at which the image counts as changed: the smallest display that is found covers as much."""
-
-
 ASIDE_S = 10.0
 """Time, in seconds, for which a place that was set aside is not found again."""
 
@@ -60,13 +57,11 @@ class Tracked:
     in them; of one that was just found by its pilots."""
 
 
-class DisplayTracker(Protocol):
+class DisplayTracker:
     """Finds a display, and follows it from frame to frame."""
 
-    @property
-    def layout(self) -> Layout:
-        """Layout of the display that was found last."""
-        ...
+    layout: Layout
+    """Layout of the display that was found last."""
 
     def follow(self, image: Image, time: float) -> Tracked | None:
         """Find the display in the next frame.
@@ -78,28 +73,30 @@ class DisplayTracker(Protocol):
         Returns:
             the display, or None where it is not in view.
         """
-        ...
+        raise NotImplementedError
 
     def set_aside(self, time: float, *, forget: bool) -> None:
         """Look elsewhere, too, with the next frame, because what is followed does not toggle.
+
+        Pilots are found where they toggle, and lost where they no longer do, and this does nothing.
 
         Args:
             time: time of the frame, seconds.
             forget: whether it is followed no more, because another display was found.
         """
-        ...
 
     def correct(self, H_old_from_new: Homography) -> None:
         """Move the display within its rectified image, from the next frame on.
+
+        Patches are seen in each frame, and say where the display lies, and this does nothing.
 
         Args:
             H_old_from_new: in layout pixels; says where points of the display lie in the
                 image rectified so far.
         """
-        ...
 
 
-class Tracker:
+class Tracker(DisplayTracker):
     """Finds a display by its ratex patches, and follows it as long as these are seen.
 
     Args:
@@ -126,12 +123,7 @@ class Tracker:
         self._elsewhere = False
 
     def set_aside(self, time: float, *, forget: bool) -> None:
-        """Look elsewhere, too, with the next frame, because what is followed does not toggle.
-
-        Args:
-            time: time of the frame, seconds.
-            forget: whether it is followed no more, because another display was found.
-        """
+        """Look elsewhere, too, with the next frame, because what is followed does not toggle."""
         corners = self._follower.corners
         if corners is not None:
             kept = [(at, place) for at, place in self._aside if not is_at(corners, [place])]
@@ -145,23 +137,8 @@ class Tracker:
         self._follower.forget()
         self._search, self._vain = None, 0
 
-    def correct(self, H_old_from_new: Homography) -> None:
-        """Do nothing: the patches are seen in each frame, and say where the display lies.
-
-        Args:
-            H_old_from_new: in layout pixels; of no effect.
-        """
-
     def follow(self, image: Image, time: float) -> Tracked | None:
-        """Find the display in the next frame.
-
-        Args:
-            image: an `Image`.
-            time: time of the frame, seconds; rising from frame to frame.
-
-        Returns:
-            the display, or None where it is not in view.
-        """
+        """Find the display in the next frame, or return None where it is not in view."""
         elsewhere, self._elsewhere = self._elsewhere, False
         self._aside = [(at, place) for at, place in self._aside if time - at < ASIDE_S]
         if self._follower.corners is not None:

@@ -8,12 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.locate.pilots.corners import moved_corners
-from export.locate.pilots.evidence import pilot_evidence, pilot_values
-from export.locate.pilots.search import PilotDisplay, PilotSearch
-from export.locate.pilots.waves import position
-from export.receive.tracking.follow import Follower, RoomFollower
-from export.receive.tracking.patches import Tracked
+from export.pilots.motion import moved_corners
+from export.pilots.search.pilot_search import PilotDisplay, PilotSearch
+from export.pilots.signal import pilot_evidence, pilot_values
+from export.pilots.waves import position
+from export.receive.tracking.follow import Follower
+from export.receive.tracking.patches import DisplayTracker, Tracked
 from link.layout import Layout
 from link.types import Array, Homography, Image
 
@@ -22,7 +22,7 @@ WATCHED = 48
 CHECK_EVERY = 24
 """Number of frames from one look at the pilots to the next."""
 LEAST_EVIDENCE = 4.0
-"""Smallest evidence (`export.locate.pilots.evidence.pilot_evidence`) at which the pilots are still
+"""Smallest evidence (`export.pilots.signal.pilot_evidence`) at which the pilots are still
 seen."""
 PATIENCE = 3
 """Number of looks in a row without evidence after which the display counts as lost. One is enough
@@ -32,7 +32,7 @@ SOON = 240
 by what did not move with it, its picture if that moves, or by a room in which nothing is seen."""
 
 
-class PilotTracker:
+class PilotTracker(DisplayTracker):
     """Finds a display that shows one of several layouts with pilots, and follows it.
 
     Args:
@@ -46,45 +46,20 @@ class PilotTracker:
     def __init__(self, layouts: Sequence[Layout], fps: float) -> None:
         self._search = PilotSearch(layouts, fps)
         self._fps, self._start = fps, 0.0
-        self._follower = Follower(layouts[0])
+        self.layout = layouts[0]
+        self._follower = Follower(self.layout)
         self._H_followed_from_shown = np.eye(3)
         self._values: deque[NDArray[np.float32]] = deque(maxlen=WATCHED)
         self._at: deque[float] = deque(maxlen=WATCHED)
         self._count = self._missed = 0
 
-    @property
-    def layout(self) -> Layout:
-        """Layout of the display that was found last."""
-        return self._follower.layout
-
     def correct(self, H_old_from_new: Homography) -> None:
-        """Move the display within its rectified image, from the next frame on.
-
-        Args:
-            H_old_from_new: in layout pixels; says where points of the display lie in the
-                image rectified so far.
-        """
+        """Move the display within its rectified image, from the next frame on."""
         H = self._H_followed_from_shown @ H_old_from_new
         self._H_followed_from_shown = H / H[2, 2]
 
-    def set_aside(self, time: float, *, forget: bool) -> None:
-        """Do nothing: pilots are found where they toggle, and are lost where they no longer do.
-
-        Args:
-            time: of no effect.
-            forget: of no effect.
-        """
-
     def follow(self, image: Image, time: float) -> Tracked | None:
-        """Find the display in the next frame.
-
-        Args:
-            image: an `Image`.
-            time: time of the frame, seconds; rising from frame to frame.
-
-        Returns:
-            the display, or None where it is not in view.
-        """
+        """Find the display in the next frame, or return None where it is not in view."""
         if self._follower.corners is None:
             return self._look(image, time)
         step = self._follower.step(image)
@@ -101,8 +76,8 @@ class PilotTracker:
         found = self._search.push(image, time)
         if found is None:
             return None
-        follower = RoomFollower if self._search.picture_moves else Follower
-        self._follower = follower(found.layout, found.k)
+        self.layout, moves = found.layout, self._search.picture_moves
+        self._follower = Follower(found.layout, found.k, picture_moves=moves)
         self._H_followed_from_shown = np.eye(3)
         self._start = time
         self._values.clear()

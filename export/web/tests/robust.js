@@ -1,6 +1,6 @@
 /** What Python's tests cannot send to the page's solver: functions that it calls. */
 
-import { median } from "../src/locate/pilots/order.js";
+import { median } from "../src/link/order.js";
 import { gemanMcclureWeights, reweighted, ridgeSolution } from "../src/link/robust.js";
 
 /**

@@ -15,14 +15,15 @@ from pilot_films import (
     pilots_alone,
 )
 
-from export.locate.pilots.all_blocks import BlockFit, BlockMaps, period_changes
-from export.locate.pilots.climb import climb_to_pilots
-from export.locate.pilots.corners import COARSE_SIZE, coarse_shift, map_size
-from export.locate.pilots.evidence import pilot_evidence, pilot_signs
-from export.locate.pilots.search import PATIENCE_S, PilotSearch
-from export.locate.pilots.stabilise import Stabiliser, Tracks
-from export.locate.pilots.toggle_map import ToggleMap
-from export.locate.pilots.waves import position, span_of, waves
+from export.pilots.motion import map_size
+from export.pilots.search.all_blocks import BlockFit, block_maps, period_changes
+from export.pilots.search.climb import climb_to_pilots
+from export.pilots.search.parts import COARSE_SIZE, coarse_shift
+from export.pilots.search.pilot_search import PATIENCE_S, PilotSearch
+from export.pilots.search.toggle_map import ToggleMap
+from export.pilots.signal import pilot_evidence, pilot_signs
+from export.pilots.stabilise import Stabiliser, Tracks
+from export.pilots.waves import position, span_of, waves
 from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
@@ -72,7 +73,7 @@ def test_a_search_goes_on_while_the_hand_moves_the_frame_a_little() -> None:
     for number, image in enumerate(images):
         grow = cv2.getRotationMatrix2D(middle.tolist(), 0.1 * number, 1 + 0.002 * number)
         finder.push(cv2.warpAffine(image, grow, (640, 480)), number / 60)
-    assert finder._first.time == 0.0
+    assert finder._watch.first.time == 0.0
 
 
 @pytest.mark.slow
@@ -274,7 +275,7 @@ OFF = np.array([[5.0, -3.0], [-4.0, 2.0], [3.0, 4.0], [-2.0, -5.0]])
 
 def fitted_by_blocks(views: Floats, frequency: float) -> Array:
     """Corners, in layout pixels, to which the fit by all blocks moves those of the views."""
-    fit = BlockFit(BlockMaps(FINE), views, range(len(views)), frequency)
+    fit = BlockFit(block_maps(FINE), views, range(len(views)), frequency)
     for _ in range(6):
         if fit.step():
             break
@@ -295,7 +296,7 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
 def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> None:
     """Corners were found as if the lens bent nothing."""
     views = block_views(FINE, off, 24, 4, k=k)
-    fit = BlockFit(BlockMaps(FINE), views, range(24), 0.25)
+    fit = BlockFit(block_maps(FINE), views, range(24), 0.25)
     H_captured_from_view = homography_from_corners(BENT_CORNERS, 512, 384) @ np.linalg.inv(
         homography_from_corners(frame_corners(512, 384) + off, 512, 384)
     )
@@ -312,7 +313,7 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> N
 @pytest.mark.parametrize("toggling", [3.0, 0.0])
 def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: float) -> None:
     fit = BlockFit(
-        BlockMaps(FINE), block_views(FINE, 0 * OFF, 24, 4, toggling=toggling), range(24), 0.25
+        block_maps(FINE), block_views(FINE, 0 * OFF, 24, 4, toggling=toggling), range(24), 0.25
     )
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     fit.step()
@@ -322,7 +323,7 @@ def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: fl
 def test_a_display_in_a_corner_of_the_image_tells_of_no_lens() -> None:
     """A small display is hardly bent, and noise does not make it look so."""
     small = 100 + 0.2 * BENT_CORNERS
-    fit = BlockFit(BlockMaps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), 0.25)
+    fit = BlockFit(block_maps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), 0.25)
     fit.free_lens(small, BENT_SIZE)
     fit.step()
     assert not fit.bends()
@@ -338,7 +339,7 @@ def test_noise_leads_corners_a_quarter_of_a_block_at_most() -> None:
 def test_changes_of_frame_pairs_are_kept_apart() -> None:
     """Pilots change alike in all periods, and other blocks by the bits of each frame pair."""
     views = block_views(FINE, 0 * OFF, 24, 4, noise=0.0)
-    maps = BlockMaps(FINE)
+    maps = block_maps(FINE)
     blocks = np.array(
         [
             cv2.resize(np.ascontiguousarray(change), (32, 24), interpolation=cv2.INTER_AREA)
@@ -356,8 +357,7 @@ def test_changes_of_frame_pairs_are_kept_apart() -> None:
 
 def test_what_toggles_is_outlined() -> None:
     images, corners = filmed(FINE, 24, seed=7, dark=True)
-    stabiliser = Stabiliser()
-    stabiliser.begin(images[0])
+    stabiliser = Stabiliser(images[0])
     toggling = ToggleMap()
     for number, image in enumerate(images):
         H = stabiliser.follow(image)

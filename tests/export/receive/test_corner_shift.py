@@ -9,7 +9,7 @@ from conftest import cases, slow
 from pilot_films import FINE, texture
 
 import export.receive.tracking.corners as corners_module
-from export.locate.pilots.evidence import pilot_signs
+from export.pilots.signal import pilot_signs
 from export.receive.tracking.corners import CornerShift
 from link.geometry import frame_corners, transform
 from link.layout import Layout, make_layout

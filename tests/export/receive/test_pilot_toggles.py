@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from export.locate.pilots.evidence import pilot_signs
+from export.pilots.signal import pilot_signs
 from export.receive.timing.toggles import PARTS, PatchToggles, PilotToggles, make_toggles
 from link.layout import Layout, make_layout
 from link.types import Array, Image

@@ -10,9 +10,9 @@ from pilot_films import FINE, MOVING_OUTLINE, OTHER, BlockMeans, filmed, moving_
 
 import export.receive.tracking.pilots as pilots_module
 from export.locate.candidates import display_candidates
-from export.locate.pilots.search import PilotSearch
-from export.locate.pilots.stabilise import WIDTH, Stabiliser
-from export.locate.pilots.toggle_map import ToggleMap
+from export.pilots.search.pilot_search import PilotSearch
+from export.pilots.search.toggle_map import ToggleMap
+from export.pilots.stabilise import WIDTH, Stabiliser
 from export.receive.receiver import Receiver
 from export.receive.timing.synchronise import MIN_FRAMES
 from export.receive.tracking.pilots import CHECK_EVERY, PATIENCE, PilotTracker
@@ -107,8 +107,7 @@ def test_a_display_whose_picture_moves_is_found_and_followed() -> None:
 
 def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() -> None:
     for far_apart, moved in ((False, 6.0), (True, 0.0)):
-        stabiliser = Stabiliser()
-        stabiliser.begin(moving_picture(0), far_apart=far_apart)
+        stabiliser = Stabiliser(moving_picture(0), far_apart=far_apart)
         H = stabiliser.follow(moving_picture(6))
         middle = H @ [320.0, 320.0, 1.0]
         assert middle[0] / middle[2] - 320 == pytest.approx(moved, abs=0.3)
@@ -116,13 +115,12 @@ def test_of_two_motions_that_of_the_points_that_lie_farther_apart_is_chosen() ->
 
 
 def test_around_a_picture_that_moves_all_points_are_those_of_the_room() -> None:
-    stabiliser = Stabiliser()
-    stabiliser.begin(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
+    stabiliser = Stabiliser(moving_picture(0), far_apart=True, picture=MOVING_OUTLINE)
     H = stabiliser.follow(moving_picture(6))
     np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=0.01)
     assert stabiliser.share > 0.97
     everything = np.array([[-50.0, -50.0], [700.0, -50.0], [700.0, 700.0], [-50.0, 700.0]])
-    stabiliser.begin(moving_picture(0), far_apart=True, picture=everything)
+    stabiliser = Stabiliser(moving_picture(0), far_apart=True, picture=everything)
     assert stabiliser.follow(moving_picture(6)) is not None
     assert 0 < stabiliser.share < 0.9  # nothing lies around it: points are taken from all over
 
@@ -259,24 +257,19 @@ def test_a_search_survives_odd_frames(kind: str) -> None:
     "shape", [(16, 16), (17, 70_000), (3000, 16), (480, 641), (16, 700)], ids=str
 )
 def test_copies_of_any_shape_are_held_still(shape: tuple[int, int]) -> None:
-    stabiliser = Stabiliser()
-    assert stabiliser.shape == (0, 0)
     gray = noise(*shape)
-    stabiliser.begin(gray)
-    height, width = stabiliser.shape
+    stabiliser = Stabiliser(gray)
+    height, width = stabiliser.still(gray, np.eye(3)).shape
     assert height >= 1
     assert 1 <= width <= WIDTH
     H = stabiliser.follow(gray)
     if H is not None:
         np.testing.assert_allclose(H / H[2, 2], np.eye(3), atol=1e-2)
-    assert stabiliser.still(gray, np.eye(3)).shape == (height, width)
     corner = np.array([[-0.5, -0.5], [width - 0.5, height - 0.5]])
     np.testing.assert_allclose(
         stabiliser.on_image(corner), [[-0.5, -0.5], [shape[1] - 0.5, shape[0] - 0.5]], atol=1e-6
     )
     assert stabiliser.follow(np.zeros((50, 50), np.uint8)) is None
-    stabiliser.forget()
-    assert stabiliser.follow(gray) is None
 
 
 @pytest.mark.parametrize("shape", [(1, 640), (16, 16), (300, 2)], ids=str)

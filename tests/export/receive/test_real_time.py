@@ -9,12 +9,12 @@ from conftest import run_process
 from pilot_films import FINE, BlockMeans, texture
 from scores import noisy
 
+from export.pilots.motion import MotionEquations
 from export.receive.occlusion import median_image
 from export.receive.reader import WORK_A_FRAME
 from export.receive.receiver import Receiver
 from export.receive.states import MESH, PLACES, PURE, RectifiedFrame, compose_state
 from export.receive.timing.clock import DisplayClock
-from export.receive.tracking.corners import CornerShift
 from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless
@@ -169,24 +169,29 @@ def test_what_is_left_of_decoding_is_done_when_the_film_ends() -> None:
 # The same results with less work
 
 
-def test_the_corners_fit_has_the_normal_equations_of_all_pixels() -> None:
-    rng = np.random.default_rng(6)
-    shifts = CornerShift(FINE)
-    width, height = shifts._size
-    slopes = [rng.normal(0, 1, (height, width)).astype(np.float32) for _ in range(2)]
+def test_the_motion_of_a_grid_has_the_normal_equations_of_all_pixels() -> None:
+    """Those of the eight numbers of a homography, and of a further motion."""
+    rng, (width, height) = np.random.default_rng(6), (64, 48)
+    places = np.linspace(-1, 1, width), np.linspace(-1, 1, height)
+    expected, residual = rng.normal(0, 1, (2, height, width)).astype(np.float32)
     weight = rng.uniform(0.1, 1, (height, width)).astype(np.float32)
-    residual = rng.normal(0, 1, (height, width)).astype(np.float32)
-    matrix, right = shifts._normal_equations(slopes, weight, residual)
-    x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+    further = rng.normal(0, 1, (2, height, width)).astype(np.float32)
+    equations = MotionEquations((width, height), places)
+    equations.take(expected, residual, weight, 0.5)
+    x, y = np.meshgrid(*places)
     # the motion of a point by the eight numbers of a homography, to first order
     zero, one = np.zeros_like(x), np.ones_like(x)
-    motion_x = np.stack([x, y, one, zero, zero, zero, -x * x, -x * y])
-    motion_y = np.stack([zero, zero, zero, x, y, one, -x * y, -y * y])
-    columns = (slopes[0] * motion_x + slopes[1] * motion_y).reshape(8, -1)
+    motion_x = np.stack([x, y, one, zero, zero, zero, -x * x, -x * y, further[0]])
+    motion_y = np.stack([zero, zero, zero, x, y, one, -x * y, -y * y, further[1]])
+    slope_x = 0.5 * width / 16 * cv2.Sobel(expected, -1, 1, 0)
+    slope_y = 0.5 * height / 16 * cv2.Sobel(expected, -1, 0, 1)
+    columns = (slope_x * motion_x + slope_y * motion_y).reshape(9, -1)
     weighed = columns * weight.reshape(-1)
     scale = float(np.diag(weighed @ columns.T).mean())
-    np.testing.assert_allclose(matrix, weighed @ columns.T, rtol=0, atol=1e-5 * scale)
-    np.testing.assert_allclose(right, weighed @ residual.reshape(-1), rtol=0, atol=1e-5 * scale)
+    for count, found in ((8, equations.normal()), (9, equations.normal(further))):
+        matrix, right = (weighed @ columns.T)[:count, :count], weighed @ residual.reshape(-1)
+        np.testing.assert_allclose(found[0], matrix, rtol=0, atol=1e-5 * scale)
+        np.testing.assert_allclose(found[1], right[:count], rtol=0, atol=1e-5 * scale)
 
 
 @pytest.mark.parametrize("colour", [False, True])

@@ -16,7 +16,7 @@ import { TILES } from "../link/ratex.js";
 import { MAD_TO_SIGMA, reweighted } from "../link/robust.js";
 import { pointsByCorners } from "./cornerMotion.js";
 import { atLevel, levelFor, sideLengths } from "./patches.js";
-import { median } from "./pilots/order.js";
+import { median } from "../link/order.js";
 
 /** @typedef {import("./patches.js").Pyramid} Pyramid */
 

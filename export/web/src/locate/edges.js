@@ -1,9 +1,8 @@
 /** What an image shows along a quadrilateral's sides: evidence for a display, and its edges. */
 
 import { locateEdges } from "../generated/constants.js";
+import { median, quantilesOfEvery } from "../link/order.js";
 import { MAD_TO_SIGMA, gemanMcclureWeights, reweighted, ridgeSolution } from "../link/robust.js";
-import { median } from "./pilots/order.js";
-import { quantilesOfEvery } from "./quantiles.js";
 import { signedArea } from "./quads.js";
 
 const {

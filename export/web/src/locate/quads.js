@@ -8,7 +8,7 @@
 
 import { locateQuads } from "../generated/constants.js";
 import { call } from "../image/opencv.js";
-import { quantilesOfEvery } from "./quantiles.js";
+import { quantilesOfEvery } from "../link/order.js";
 import { longestSegments } from "./segments.js";
 
 /**

@@ -8,7 +8,7 @@ import { loadOpenCv } from "../image/opencv.js";
 import { Verifier } from "../link/code/authenticate.js";
 import { equalBytes } from "../link/code/bits.js";
 import { Layout } from "../link/layout.js";
-import { FRAME_MS } from "../locate/pilots/search.js";
+import { FRAME_MS } from "../pilots/search/pilotSearch.js";
 import { explainSilence, explainSlowness, OFTEN } from "../receive/diagnosis.js";
 import { Inbox } from "../receive/inbox.js";
 import { Receiver } from "../receive/receiver.js";

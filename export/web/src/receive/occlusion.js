@@ -2,7 +2,7 @@
 
 import { receiveOcclusion } from "../generated/constants.js";
 import { resizeArea } from "../image/shrink.js";
-import { median } from "../locate/pilots/order.js";
+import { median } from "../link/order.js";
 
 const { BLOCK_PX, ROWS_PX, HISTORY, STANDS_OUT, MIN_LEVELS, MAX_COVERED } = receiveOcclusion;
 

@@ -8,7 +8,7 @@
  */
 
 import { images, receiveReceiver } from "../generated/constants.js";
-import { MISSING } from "../locate/pilots/search.js";
+import { MISSING } from "../pilots/search/pilotSearch.js";
 import { DisplayReader, Sight, StageTimes } from "./reader.js";
 import { Repeats } from "./repeats.js";
 import { Tracker } from "./tracking/patches.js";

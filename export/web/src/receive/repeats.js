@@ -10,7 +10,7 @@
  */
 
 import { receiveRepeats } from "../generated/constants.js";
-import { quantile } from "../locate/pilots/order.js";
+import { quantile } from "../link/order.js";
 
 const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } = receiveRepeats;
 

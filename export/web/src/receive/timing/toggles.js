@@ -7,7 +7,7 @@
 
 import { receiveTimingToggles } from "../../generated/constants.js";
 import { CLEAR_MATCH, matchPatches } from "../../link/ratex.js";
-import { pilotSigns, pilotValues } from "../../locate/pilots/evidence.js";
+import { pilotSigns, pilotValues } from "../../pilots/signal.js";
 
 export const { PARTS, LEAST_VARIANCE } = receiveTimingToggles;
 

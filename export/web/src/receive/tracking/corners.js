@@ -8,16 +8,15 @@
  */
 
 import { receiveTrackingCorners } from "../../generated/constants.js";
-import { blurred } from "../../image/blur.js";
-import { drawnBlocks, resizeArea } from "../../image/shrink.js";
+import { resizeArea } from "../../image/shrink.js";
 import { slopesOf } from "../../image/slopes.js";
 import { transform } from "../../link/geometry.js";
 import { identity, inverse, multiply3, solve } from "../../link/linear.js";
-import { mapSize, withoutSlope } from "../../locate/pilots/corners.js";
-import { pilotSigns } from "../../locate/pilots/evidence.js";
+import { expectedChanges } from "../../pilots/signal.js";
 import {
-  MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
-} from "../../locate/pilots/motion.js";
+  GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, mapSize, pixelsFromUnit, unitHomography,
+  withoutSlope,
+} from "../../pilots/motion.js";
 
 const { FIRST_BLOCKS, KEPT, SPAN, STEEP, LEAST_TOGGLING, FAR_BLOCKS } = receiveTrackingCorners;
 
@@ -27,7 +26,7 @@ export class CornerShift {
   total = new Float64Array(NUMBERS);
   /** @type {Float64Array | null} */
   #shift = null;
-  #size;
+  #maps;
   /** x of each column and y of each row of the maps. @type {Float64Array[]} */
   #places;
   #information;
@@ -35,8 +34,8 @@ export class CornerShift {
   /** @param {Layout} layout - of the display; without pilots it is never moved */
   constructor(layout) {
     this.layout = layout;
-    this.#size = mapSize(layout);
-    this.#places = this.#size.map((count) =>
+    this.#maps = new GridMaps(layout, mapSize(layout));
+    this.#places = this.#maps.size.map((count) =>
       Float64Array.from({ length: count }, (_, at) => (2 * at) / Math.max(count - 1, 1) - 1),
     );
     const block = 2 * Math.max(1 / layout.cols, 1 / layout.rows);
@@ -54,13 +53,13 @@ export class CornerShift {
    */
   take(original, embedded, scores, total) {
     const { layout } = this;
-    const [width, height] = this.#size;
+    const { block, size } = this.#maps;
+    const [width, height] = size;
     if (layout.pilotBlocks.length === 0) return;
     const [first, second] = [original, embedded].map(
       (image) => resizeArea(image, width, height).data,
     );
     const expected = this.#expected(scores);
-    const block = [width / layout.cols, height / layout.rows];
     const pixels = width * height;
     const difference = new Float32Array(pixels);
     const mean = new Float32Array(pixels);
@@ -86,7 +85,7 @@ export class CornerShift {
     // noise is alike over a block, which so counts once
     const variance = (squares / all) * block[0] * block[1];
     if (amplitude ** 2 * power < LEAST_TOGGLING ** 2 * variance || power === 0) return;
-    const equations = new MotionEquations(this.#size, this.#places);
+    const equations = new MotionEquations(this.#maps, this.#places);
     equations.take(expected, amplitude, residual, weight);
     const { matrix, right } = equations.normal();
     const sure = 1 / Math.max(variance, 1e-6);
@@ -124,27 +123,17 @@ export class CornerShift {
   }
 
   /**
-   * Draw the expected change of every block, smooth, without slope, in units of kappa.
+   * Draw the expected change of every block, from -1 to 1, smooth and without slope.
    *
    * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
    * @returns {FloatPlane}
    */
   #expected(scores) {
-    const { layout } = this;
-    const [width, height] = this.#size;
-    const antipodal = layout.modulation === "antipodal";
-    const middle = antipodal ? 0 : 0.5;
-    const half = antipodal ? 1 : 0.5;
-    const blocks = new Float32Array(layout.rows * layout.cols).fill(middle);
-    layout.messageBlocks.forEach((block, bit) => {
-      const score = Math.min(Math.max(scores[bit], -20), 20);
-      blocks[block] = middle + half * Math.tanh(score / 2);
+    const blocks = expectedChanges(this.layout);
+    this.layout.messageBlocks.forEach((block, bit) => {
+      blocks[block] = Math.tanh(Math.min(Math.max(scores[bit], -20), 20) / 2);
     });
-    const signs = pilotSigns(layout);
-    layout.pilotBlocks.forEach((block, i) => (blocks[block] = middle + half * signs[i]));
-    const drawn = drawnBlocks(blocks, layout.rows, layout.cols, width, height);
-    const block = [width / layout.cols, height / layout.rows];
-    return withoutSlope(blurred(drawn, SPAN * Math.min(...block)), block);
+    return this.#maps.drawn(blocks, SPAN);
   }
 }
 

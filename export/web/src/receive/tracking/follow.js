@@ -14,8 +14,8 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { multiply3 } from "../../link/linear.js";
-import { Stabiliser } from "../../locate/pilots/stabilise.js";
 import { OUTSIDE } from "../../locate/refine.js";
+import { Stabiliser } from "../../pilots/stabilise.js";
 
 const {
   FEATURES, COMPARED_PX, HALVINGS, EVEN_MEAN, EVEN_DEVIATION, MIN_INLIERS, INLIER_PX, EDGE_PX,
@@ -34,10 +34,16 @@ const STILL = [
  * Follows the display by optical flow to a rectified reference, so that errors do not add up.
  *
  * The reference is the frame in which the display was found, and is taken anew where the picture
- * has changed (a video): points on ratex patches then hold the geometry.
+ * has changed (a video): points on ratex patches then hold the geometry. A display without them
+ * whose picture moves is followed by what lies around it, which moves with the camera.
  */
 export class Follower {
   #motion = STILL;
+  /** Corners in the reference. */
+  #first = STILL;
+  /** What lies around a picture that moves. @type {Stabiliser | null} */
+  #room = null;
+  #pictureMoves;
   /** What is followed. @type {BytePlane | null} */
   #reference = null;
   /** Points of the reference: x, y, x, ... */
@@ -47,9 +53,11 @@ export class Follower {
   /**
    * @param {Layout} layout - of the display
    * @param {number} [k] - coefficient of the lens
+   * @param {boolean} [pictureMoves] - whether it is followed by what lies around it
    */
-  constructor(layout, k = 0) {
+  constructor(layout, k = 0, pictureMoves = false) {
     this.layout = layout;
+    this.#pictureMoves = pictureMoves;
     this.#k = k;
     /**
      * Corners in the last frame, in corner order, or null where nothing is followed.
@@ -93,7 +101,11 @@ export class Follower {
    */
   begin(image, corners, rectified) {
     if (this.corners === null) this.#motion = STILL;
-    this.corners = corners;
+    this.corners = this.#first = corners;
+    if (this.#pictureMoves) {
+      this.#room = new Stabiliser(image, true, corners);
+      return;
+    }
     const H = homographyFromCorners(corners, this.layout.width, this.layout.height);
     const reference = stretched(rectified, EVEN_MEAN, EVEN_DEVIATION);
     this.#reference = reference;
@@ -129,6 +141,11 @@ export class Follower {
    *   is lost
    */
   step(image) {
+    const room = this.#room;
+    if (room && this.corners !== null) {
+      const H = room.follow(image);
+      return H && { corners: transform(H, this.#first), fresh: room.share < WORN_SHARE };
+    }
     const reference = this.#reference;
     if (this.corners === null || reference === null) return null;
     if (this.#points.length < 2 * MIN_INLIERS) return null;
@@ -210,36 +227,5 @@ export class Follower {
       const [x, y] = [points[2 * i], points[2 * i + 1]];
       return x > 3 && x < width - 3 && y > 3 && y < height - 3;
     });
-  }
-}
-
-/** Follows a display whose picture moves by what lies around it, which moves with the camera. */
-export class RoomFollower extends Follower {
-  #room = new Stabiliser();
-  /** Corners in the reference. @type {Point[]} */
-  #first = [];
-
-  /**
-   * Take a frame, and the corners in it, as the reference.
-   *
-   * @param {BytePlane} image
-   * @param {Point[]} corners - pixels of the image, in corner order
-   */
-  begin(image, corners) {
-    this.corners = this.#first = corners;
-    this.#room.begin(image, true, corners);
-  }
-
-  /**
-   * Find the display in the next frame, as `Follower.step` does.
-   *
-   * @param {BytePlane} image
-   */
-  step(image) {
-    if (this.corners === null) return null;
-    const HImageFromFirst = this.#room.follow(image);
-    if (HImageFromFirst === null) return null;
-    const corners = transform(HImageFromFirst, this.#first);
-    return { corners, fresh: this.#room.share < WORN_SHARE };
   }
 }

@@ -2,11 +2,11 @@
 
 import { receiveTrackingPilots } from "../../generated/constants.js";
 import { identity, multiply3 } from "../../link/linear.js";
-import { movedCorners } from "../../locate/pilots/corners.js";
-import { pilotEvidence, pilotValues } from "../../locate/pilots/evidence.js";
-import { PilotSearch } from "../../locate/pilots/search.js";
-import { position } from "../../locate/pilots/waves.js";
-import { Follower, RoomFollower } from "./follow.js";
+import { movedCorners } from "../../pilots/motion.js";
+import { pilotEvidence, pilotValues } from "../../pilots/signal.js";
+import { PilotSearch } from "../../pilots/search/pilotSearch.js";
+import { position } from "../../pilots/waves.js";
+import { Follower } from "./follow.js";
 
 /** @typedef {import("./patches.js").Tracked} Tracked */
 
@@ -82,8 +82,7 @@ export class PilotTracker {
   #look(image, time) {
     const found = this.#search.push(image, time);
     if (found === null) return null;
-    const follower = this.#search.pictureMoves ? RoomFollower : Follower;
-    this.#follower = new follower(found.layout, found.k);
+    this.#follower = new Follower(found.layout, found.k, this.#search.pictureMoves);
     this.#HFollowedFromShown = identity(3);
     this.#values = [];
     this.#at = [];
@@ -96,7 +95,7 @@ export class PilotTracker {
   /**
    * Show the display in the frames in which it was looked for.
    *
-   * @param {import("../../locate/pilots/search.js").PilotDisplay} found
+   * @param {import("../../pilots/search/pilotSearch.js").PilotDisplay} found
    * @returns {{ time: number, seen: Tracked }[]}
    */
   #before({ firstCorners, held }) {

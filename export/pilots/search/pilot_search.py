@@ -1,0 +1,204 @@
+"""Find a display by its pilots, over some frames of a film: nothing visible marks it.
+
+The frames of some tenths of a second are held still against the camera's motion (`stabilise`).
+Edges and what toggles (`toggle_map`) propose where the display may be. Corners then move to where
+the pilots fit the grid, and the display is believed if its blocks toggle with the pilots' signs
+beyond doubt (`settle`). That also tells which way up it is and which of several grids it shows.
+
+Where something toggled like a display and none was sure, the next search takes the picture for one
+that moves, as a video does, and holds the room still alone. The first searches are given up early:
+perhaps the display came into view, or began to play, only after the frames that they look at.
+
+The work is cut into steps, one or two for each frame, so that no frame takes long.
+"""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from export.pilots.search.film import HeldFrame
+from export.pilots.search.proposals import PROMISING, Proposal, Proposer, proposal_evidence
+from export.pilots.search.settle import HINT, Settled, settle
+from export.pilots.search.watch import Watch
+from link.errors import InputError
+from link.images import as_gray
+from link.layout import Layout
+from link.types import Corners, Image
+
+GLANCES = 4
+"""Number of quadrilaterals that are glanced at in one step."""
+STEPS_HZ = 60.0
+"""Number of steps of the search that are done in a second, at least: the frames of a slow camera
+leave time for several."""
+PATIENCE_S, MOST_DOUBLED = 2.0, 3
+"""Time, in seconds of frames that were seen, after which the first two searches are given up, and
+number of times that it doubles, each time for the next two searches: some displays take longer."""
+Search = Generator[None, None, Settled | None]
+"""Steps of the search, which end with the display that is sure, or None."""
+
+
+@dataclass(frozen=True)
+class PilotDisplay:
+    """A display that its pilots have given away."""
+
+    layout: Layout
+    """Layout that it shows, one of those that were looked for."""
+    corners: Corners
+    """Pixels of the newest frame, from the top left of the displayed picture on."""
+    evidence: float
+    """Natural logarithm of the odds against chance, after paying for everything that was tried."""
+    first_corners: Corners
+    """Pixels of the frame with which the search began."""
+    k: float
+    """Coefficient of the lens (`link.geometry.Lens`)."""
+    held: tuple[HeldFrame, ...]
+    """The frames before the newest one, from the oldest on, of those that are kept."""
+
+
+class PilotSearch:
+    """Looks for a display that shows one of several layouts with pilots.
+
+    Args:
+        layouts: layouts that are looked for, at least one, each with pilots.
+        fps: nominal number of frames of the camera in a second; some may be missing.
+
+    Raises:
+        InputError: a layout has no pilots.
+    """
+
+    def __init__(self, layouts: Sequence[Layout], fps: float = 30.0) -> None:
+        if not layouts or any(layout.pilots == 0 for layout in layouts):
+            raise InputError("layouts: need at least one, each with pilots")
+        self.layouts, self._fps = tuple(layouts), fps
+        self._steps = max(1, round(STEPS_HZ / fps))
+        self.picture_moves = False
+        """Whether displays are looked for whose picture moves (`doubt_picture`)."""
+        self._failed = 0
+        self._surest_seen = 0.0
+        self._watch: Watch | None = None
+        self._proposer: Proposer | None = None
+        self._work: Search | None = None
+
+    def push(self, image: Image, time: float) -> PilotDisplay | None:
+        """Take the next frame.
+
+        Args:
+            image: an `Image`.
+            time: time of the frame, seconds; rising from frame to frame.
+
+        Returns:
+            the display once it is sure, else None.
+        """
+        gray, watch = as_gray(image), self._watch
+        newest = None if watch is None else watch.next_frame(gray, time)
+        if watch is not None and newest is not None and not watch.is_in_view(newest):
+            self._give_up()
+            newest = None
+        if watch is None or newest is None:
+            self._watch = Watch(image, time, self._fps, picture_moves=self.picture_moves)
+            self._proposer = self._work = None
+            self._surest_seen = 0.0
+            return None
+        if self._proposer is None:  # now the film can be held still
+            self._proposer = Proposer(watch, self.layouts, self._fps)
+            self._look_at(watch.first, watch, self._proposer)
+        watch.held.append(newest)
+        watch.seen += 1
+        if len(watch.frames) < watch.window:
+            self._look_at(newest, watch, self._proposer)
+        else:
+            watch.later.append(newest)
+        if self._work is None:
+            return None
+        for _ in range(self._steps):
+            try:
+                next(self._work)
+            except StopIteration as end:
+                return self._ended(end.value, watch)
+        patience = PATIENCE_S * 2 ** min(self._failed // 2, MOST_DOUBLED)
+        return self._ended(None, watch) if watch.seen > patience * self._fps else None
+
+    def doubt_picture(self) -> None:
+        """Take the picture for one that moves, or no longer for one, from the next search on."""
+        self.picture_moves = not self.picture_moves
+
+    def _give_up(self) -> None:
+        """Choose how the next search begins after one in vain."""
+        self.picture_moves = not self.picture_moves and self._surest_seen > PROMISING
+
+    def _ended(self, settled: Settled | None, watch: Watch) -> PilotDisplay | None:
+        """Say what a search has found, and choose how the next one begins."""
+        self._watch = None
+        if settled is None:
+            self._failed += 1
+            self._give_up()
+            return None
+        self._failed = 0
+        proposal, (*held, newest) = settled.proposal, watch.held
+        return PilotDisplay(
+            layout=proposal.layout,
+            corners=newest.corners(proposal.corners),
+            evidence=settled.evidence,
+            first_corners=proposal.corners,
+            k=settled.k,
+            held=tuple(held),
+        )
+
+    def _look_at(self, frame: HeldFrame, watch: Watch, proposer: Proposer) -> None:
+        """Watch a frame, and begin the search once something looks promising, or all are seen."""
+        watch.add(frame)
+        proposer.add(frame)
+        count, every = len(watch.frames), watch.window // 4
+        if self._work is not None:
+            return
+        checked = count >= 2 * every and count % every == 0
+        promising = proposer.promising() if checked else None
+        if promising is not None or count == watch.window:
+            self._work = self._search(watch, proposer, promising)
+
+    def _search(self, watch: Watch, proposer: Proposer, promising: Proposal | None) -> Search:
+        """Settle one proposal after another until one is sure."""
+        if promising and (found := (yield from self._weigh_and_settle(promising, watch))):
+            return found
+        while len(watch.frames) < watch.window:
+            yield None
+        quads, usual = yield from proposer.all_quads()
+        glances = []
+        for number, quad in enumerate(quads):
+            glances.append(proposer.glance(quad))
+            if number % GLANCES == GLANCES - 1:
+                yield None
+        for evidence, proposal in sorted(glances, key=lambda glance: -glance[0]):
+            if evidence <= HINT:
+                break
+            if found := (yield from self._weigh_and_settle(proposal, watch)):
+                return found
+        ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
+        doubtful = []
+        for quad in (quads[number] for number in ranked):
+            for turn in (0, 1):
+                fit = proposer.first_fit(np.roll(quad, -turn, axis=0))
+                yield None
+                if fit is None:
+                    continue
+                evidence = proposer.glance_at(fit)
+                if evidence <= HINT:
+                    doubtful.append((evidence, fit))
+                elif found := (yield from self._settle(fit, evidence, watch)):
+                    return found
+        for evidence, fit in sorted(doubtful, key=lambda each: -each[0]):
+            if found := (yield from self._settle(fit, evidence, watch)):
+                return found
+        return None
+
+    def _weigh_and_settle(self, proposal: Proposal, watch: Watch) -> Search:
+        """Weigh a proposal by all frames so far, and settle it."""
+        evidence = proposal_evidence(proposal, watch.frames)
+        yield None
+        return (yield from self._settle(proposal, evidence, watch))
+
+    def _settle(self, proposal: Proposal, evidence: float, watch: Watch) -> Search:
+        """Settle a proposal with this evidence in all frames so far, before it pays."""
+        self._surest_seen = max(self._surest_seen, evidence)
+        return (yield from settle(proposal, evidence, watch))

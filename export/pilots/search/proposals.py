@@ -1,0 +1,203 @@
+"""Where a display may be, what it may show, and how surely its pilots toggle there."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from itertools import chain, zip_longest
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from export.locate.candidates import display_candidates
+from export.pilots.motion import moved_corners
+from export.pilots.search.film import HeldFrame, amplitudes, positions
+from export.pilots.search.parts import coarse_shift
+from export.pilots.search.watch import Watch
+from export.pilots.signal import expected_changes, pilot_evidence, pilot_values, standing_out
+from link.layout import Layout
+from link.types import Array, Corners
+
+CANDIDATES, FAINT_CANDIDATES = 6, 50
+"""Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
+among which what toggles chooses."""
+STATES_HZ = (15.0, 30.0, 60.0, 120.0)
+"""Numbers of states a second at which what toggles is outlined; where edges bound the display, it
+is found at any rate."""
+PROMISING = 9.0
+"""Evidence of a quadrilateral, before it pays, at which its corners are refined at once; without so
+much in a search in vain, there was probably no display to be seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """Where a display may be."""
+
+    corners: Corners
+    """Pixels of the reference frame; the displayed picture's top left comes first."""
+    layout: Layout
+    """What it may show."""
+    frequency: float
+    """Frequency at which it may toggle, in periods for each nominal frame."""
+
+
+def proposal_evidence(proposal: Proposal, frames: Sequence[HeldFrame]) -> float:
+    """Weigh a proposal by frames in full: the evidence, before it pays for what was tried."""
+    values = []
+    for frame in frames:
+        view = frame.view(proposal.corners, proposal.layout)
+        if view is None:
+            return 0.0
+        values.append(pilot_values(view, proposal.layout))
+    return pilot_evidence(values, proposal.layout, positions(frames))[0]
+
+
+class Proposer:
+    """Proposes where the display may be in a film, and what it may show.
+
+    Quadrilaterals of edges in the reference are watched in every frame. What toggles, faint edges
+    and the pilots' fit propose others once all frames have been watched.
+
+    Args:
+        watch: the film, of which the second frame has come.
+        layouts: those that may be shown.
+        fps: nominal number of frames of the camera in a second.
+    """
+
+    def __init__(self, watch: Watch, layouts: Sequence[Layout], fps: float) -> None:
+        self._watch, self._layouts = watch, layouts
+        self._largest = max(layouts, key=lambda layout: layout.width * layout.height)
+        finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
+        self._size = 2 * finest.cols, 2 * finest.rows
+        periods = (np.array(STATES_HZ) / 2 / fps) % 1
+        self._frequencies = sorted({float(f) for f in np.minimum(periods, 1 - periods) if f > 0})
+        self._edges = [
+            np.roll(candidate.corners, -turn, axis=0)
+            for candidate in display_candidates(watch.reference, CANDIDATES)
+            for turn in (0, 1)
+        ]
+        self._values: list[list[NDArray[np.float32]]] = [[] for _ in self._edges]
+
+    def add(self, frame: HeldFrame) -> None:
+        """Take what the edges bound in the next frame."""
+        for corners, values in zip(self._edges, self._values, strict=True):
+            view = frame.view(corners, self._largest)
+            small = np.zeros(self._size[::-1], np.uint8) if view is None else view
+            small = cv2.resize(small, self._size, interpolation=cv2.INTER_AREA)
+            values.append(small.astype(np.float32))
+
+    def promising(self) -> Proposal | None:
+        """Choose the quadrilateral of edges that toggles most surely, where it is promising."""
+        watched = zip(self._edges, self._values, strict=True)
+        surest = [self._surest(corners, values) for corners, values in watched]
+        evidence, proposal = max(surest, key=lambda found: found[0], default=(0.0, None))
+        return proposal if evidence > PROMISING else None
+
+    def _surest(
+        self, corners: Array, views: Sequence[NDArray[np.generic]]
+    ) -> tuple[float, Proposal]:
+        """Choose the layout, upright or upside down, whose pilots toggle most surely.
+
+        Args:
+            corners: pixels of the reference frame.
+            views: what they bound in each frame, rectified to any size.
+
+        Returns:
+            the evidence, before it pays for what was tried, and what it speaks for.
+        """
+        found, at = [], positions(self._watch.frames)
+        for layout in self._layouts:
+            blocks = [standing_out(view, layout) for view in views]
+            for turn in (0, 2):
+                turned = [block[::-1, ::-1] if turn else block for block in blocks]
+                picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]  # -> (blocks,)
+                evidence, frequency = pilot_evidence(picked, layout, at)
+                proposal = Proposal(np.roll(corners, -turn, axis=0), layout, frequency)
+                found.append((evidence, proposal))
+        return max(found, key=lambda each: each[0])
+
+    def all_quads(self) -> Generator[None, None, tuple[list[Array], int]]:
+        """Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
+
+        Returns:
+            quadrilaterals, and the number of them, from the first on, that are tried in any case.
+        """
+        faint = self._faint_edges()
+        yield None
+        outlines = []
+        for frequency in self._frequencies:
+            outline = self._watch.map.outline(frequency)
+            yield None
+            if outline is not None:
+                outlines.append(self._watch.on_image(outline))
+        usual = [*faint[:CANDIDATES], *outlines, *self._edges[::2]]
+        return [*usual, *faint[CANDIDATES:]], len(usual)
+
+    def glance(self, quad: Array) -> tuple[float, Proposal]:
+        """Weigh a quadrilateral, any side up, by small views of what toggles in it.
+
+        Returns:
+            the evidence, before it pays, and what it speaks for.
+        """
+        ways = [
+            self._surest(corners, list(self._watch.small_views(corners)))
+            for corners in (quad, np.roll(quad, -1, axis=0))
+        ]
+        return max(ways, key=lambda way: way[0])
+
+    def glance_at(self, proposal: Proposal) -> float:
+        """Weigh a proposal by small views: the evidence, before it pays."""
+        layout = proposal.layout
+        values = [pilot_values(view, layout) for view in self._watch.small_views(proposal.corners)]
+        return pilot_evidence(values, layout, positions(self._watch.frames))[0]
+
+    def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
+        """Choose the quadrilaterals to which the pilots are fitted, and their order.
+
+        Those for which a first glance speaks most come by turns with those that best bound what
+        toggles.
+
+        Args:
+            quads: quadrilaterals.
+            evidence: evidence of each at a first glance.
+            usual: number of quadrilaterals, from the first on, that are tried in any case.
+
+        Returns:
+            numbers of quadrilaterals.
+        """
+        worth = [self._watch.worth(quad) for quad in quads]
+        numbers = range(len(quads))
+        clearest = sorted(numbers, key=lambda i: -evidence[i])[:CANDIDATES]
+        bounding = sorted(numbers, key=lambda i: -worth[i])[:CANDIDATES]
+        by_turns = chain(*zip_longest(clearest, [i for i in bounding if worth[i] > 0]))
+        first = [i for i in by_turns if i is not None]
+        return list(dict.fromkeys([*first, *range(usual)]))
+
+    def _faint_edges(self) -> list[Array]:
+        """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
+
+        The mean has less noise than a frame, and its histogram, made even, shows the edges of a
+        dark picture in a dark frame.
+        """
+        even = np.asarray(cv2.equalizeHist(self._watch.map.mean()), np.uint8)
+        found = display_candidates(even, FAINT_CANDIDATES)
+        return [self._watch.on_image(candidate.corners) for candidate in found]
+
+    def first_fit(self, quad: Array) -> Proposal | None:
+        """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+
+        Returns:
+            what fits best after a shift, or None where nothing does.
+        """
+        views = self._watch.small_views(quad).astype(np.float32)
+        best: tuple[int, Proposal] | None = None
+        for frequency in self._frequencies:
+            line = amplitudes(views, positions(self._watch.frames), frequency)
+            for layout in self._layouts:
+                blocks = expected_changes(layout)
+                for turn in (0, 2):
+                    shown = blocks[::-1, ::-1] if turn else blocks
+                    fit = coarse_shift(line, shown, layout, far=True)
+                    if fit is not None and (best is None or fit[1] > best[0]):
+                        corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
+                        best = fit[1], Proposal(corners, layout, frequency)
+        return None if best is None else best[1]

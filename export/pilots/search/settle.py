@@ -1,0 +1,203 @@
+"""Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from export.pilots.motion import map_size, moved_corners
+from export.pilots.search.all_blocks import BlockFit, block_maps
+from export.pilots.search.climb import climb_to_pilots
+from export.pilots.search.film import HeldFrame, amplitudes, positions, rectified_views
+from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
+from export.pilots.search.proposals import Proposal, proposal_evidence
+from export.pilots.search.watch import Watch
+from export.pilots.signal import expected_changes
+from link.types import Array
+
+SURE, SURE_SHARE = 16.0, 0.5
+"""Smallest evidence, after paying for everything that was tried, at which a display is found: the
+natural logarithm of one false alarm in some ten million searches. Few pilots cannot bring so much;
+for them it is this share of their number."""
+TRIALS = 1000
+"""Number of quadrilaterals, turns, layouts and rounds that a search may try, for which evidence
+pays."""
+CLIMB_TRIALS = 500
+"""Number of quadrilaterals that moving corners by the sum over the pilots may try, for which
+evidence pays, too."""
+CERTAIN, CERTAIN_SHARE = 35.0, 0.75
+"""Evidence from which on a display is believed at once, and the share of the number of pilots that
+is enough where it is less; below it, later frames must agree."""
+CONFIRMED = 9.0
+"""Evidence, before it pays for anything, that later frames must bring where they must agree."""
+NEARLY = 0.5
+"""Share of the evidence needed from which on later frames are waited for, to be weighed too."""
+HINT, CLIMBABLE = 6.0, 3.0
+"""Evidence of a proposal, before it pays, at which its corners are refined once all frames were
+seen, and at which the sum over its pilots can lead them on."""
+COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS = 5, 2, 5, 20
+"""Largest number of times that corners are moved by parts of the display, by the sum over its
+pilots, by all of its blocks, and by these while the lens is found, too."""
+SETTLED_PX = 3.0
+"""Distance, in layout pixels, below which a coarse move is the last one."""
+
+Move = Generator[None, None, Array]
+"""Steps of work that end with corners, (4, 2) pixels of the reference frame."""
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A display that is sure."""
+
+    proposal: Proposal
+    """Where it is in the reference frame, and what it shows."""
+    evidence: float
+    """Natural logarithm of the odds against chance, after paying for everything that was tried."""
+    k: float
+    """Coefficient of the lens (`link.geometry.Lens`); 0 where nothing speaks for another."""
+
+
+def settle(
+    proposal: Proposal,
+    evidence: float,
+    watch: Watch,
+) -> Generator[None, None, Settled | None]:
+    """Move corners to where the pilots fit the grid, step by step, and weigh what they bound.
+
+    A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts may
+    have been matched amiss. What all blocks say of the corners is kept where the display is sure
+    there, too.
+
+    Args:
+        proposal: where a display may be.
+        evidence: evidence of the proposal in all frames so far, before it pays for anything.
+        watch: the film, of which there may be more after each step.
+
+    Returns:
+        None where it is not sure.
+    """
+    layout, frames = proposal.layout, list(watch.frames)
+    needed = min(SURE, SURE_SHARE * layout.pilots)
+    certain = min(CERTAIN, CERTAIN_SHARE * layout.pilots)
+    best, tried = proposal, float(TRIALS)
+    evidence -= float(np.log(tried))
+    for move, tries in ((_by_parts, 1), (_by_climbing, CLIMB_TRIALS)):
+        sum_needed = CLIMBABLE - float(np.log(tried)) <= evidence < certain
+        if tries > 1 and not sum_needed:  # it need not pay for so many trials, or is hopeless
+            continue
+        moved = replace(best, corners=(yield from move(best, frames)))
+        now = proposal_evidence(moved, frames) - float(np.log(tried * tries))
+        yield None
+        if now > evidence:
+            best, evidence, tried = moved, now, tried * tries
+    if evidence < HINT - float(np.log(tried)):
+        return None
+    used = len(watch.frames)
+    start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
+    fitted = best if fit is None else _moved(best, fit)
+    now = proposal_evidence(fitted, frames) - float(np.log(tried))
+    yield None
+    evidence = max(evidence, now)
+    if evidence < NEARLY * needed:
+        return None
+    if now >= NEARLY * needed:
+        best = fitted
+    if evidence < certain:  # corners were fitted to these frames; later ones must agree
+        while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
+            yield None
+        if proposal_evidence(best, agreeing) < CONFIRMED:
+            return None
+        if evidence < needed:
+            evidence = proposal_evidence(best, [*frames, *agreeing]) - float(np.log(tried))
+            yield None
+    if evidence < needed:
+        return None
+    k = 0.0
+    if best is fitted and fit is not None:
+        k = yield from _through_lens(fit, start, frames[0])
+        best = _moved(start, fit) if k else fitted
+    return Settled(best, evidence, k)
+
+
+def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
+    """Move corners by parts of the display."""
+    layout, corners = proposal.layout, proposal.corners
+    for _ in range(COARSE_ROUNDS):
+        views = rectified_views(corners, layout, frames, COARSE_SIZE)
+        if views is None:
+            break
+        line = amplitudes(views, positions(frames), proposal.frequency)
+        fit = coarse_shift(line, expected_changes(layout), layout)
+        yield None
+        if fit is None:
+            break
+        moved = moved_corners(corners, fit[0], layout)
+        far = float(np.linalg.norm(moved - corners, axis=1).max())
+        corners = moved
+        if fit[1] >= MANY and far < SETTLED_PX:
+            break
+    return corners
+
+
+def _by_climbing(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
+    """Move corners while the sum over all pilots grows."""
+    layout, corners = proposal.layout, proposal.corners
+    for _ in range(CLIMB_ROUNDS):
+        views = rectified_views(corners, layout, frames, map_size(layout))
+        if views is None:
+            break
+        line = amplitudes(views, positions(frames), proposal.frequency)
+        H_old_from_new = climb_to_pilots(line, layout)
+        yield None
+        corners = moved_corners(corners, H_old_from_new, layout)
+    return corners
+
+
+def _by_blocks(
+    proposal: Proposal, frames: Sequence[HeldFrame]
+) -> Generator[None, None, BlockFit | None]:
+    """Move corners by all blocks at once, to parts of a pixel; None where they are not sound."""
+    maps = block_maps(proposal.layout)
+    views = []
+    for frame in frames:
+        view = frame.block_view(proposal.corners, maps)
+        if view is None:
+            return None
+        views.append(view)
+    fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.frequency)
+    for _ in range(BLOCK_ROUNDS):
+        yield None
+        if fit.step():
+            break
+    return fit
+
+
+def _through_lens(
+    fit: BlockFit, start: Proposal, reference: HeldFrame
+) -> Generator[None, None, float]:
+    """Go on with a fit by all blocks, and find how the lens bends the display.
+
+    Args:
+        fit: a fit that began with the corners of ``start``.
+        start: proposal whose corners the fit moves.
+        reference: the reference frame.
+
+    Returns:
+        the coefficient of the lens; 0 where the lens bends the display by too little to tell.
+    """
+    height, width = reference.gray.shape
+    fit.free_lens(start.corners, (width, height))
+    for _ in range(LENS_ROUNDS):
+        ended = fit.step()
+        if not fit.bends():
+            return 0.0
+        if ended:
+            break
+        yield None
+    return fit.k
+
+
+def _moved(proposal: Proposal, fit: BlockFit) -> Proposal:
+    """Move the corners of a proposal to where a fit by all blocks puts them."""
+    corners = moved_corners(proposal.corners, fit.shift(), proposal.layout)
+    return replace(proposal, corners=corners)

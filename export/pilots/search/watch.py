@@ -1,0 +1,87 @@
+"""Watch a film from a reference frame on: what a search for a display by its pilots looks at."""
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.pilots.search.film import HeldFrame
+from export.pilots.search.parts import COARSE_SIZE
+from export.pilots.search.toggle_map import ToggleMap
+from export.pilots.stabilise import Stabiliser
+from export.pilots.waves import position
+from link.geometry import in_image, transform
+from link.images import as_gray
+from link.types import Array, Corners, Gray, Image
+
+WINDOW_S, LEAST_WINDOW, MOST_WINDOW = 0.4, 24, 48
+"""Time, in seconds, for which a room is watched before what toggles is outlined, and the smallest
+and the largest number of frames that are watched: quick cameras see more of less light."""
+IN_VIEW = 0.75
+"""Smallest share of the reference frame that must still be in view for a search to go on."""
+CHECKED = (np.indices((8, 8)).reshape(2, -1).T + 0.5) / 8  # (2, 8, 8) -> (64, 2)
+"""Places of the reference frame, x and y in [0, 1], that are looked for in the newest one."""
+HELD_S, LEAST_HELD = 0.5, 35
+"""Time, in seconds, and smallest number of frames for which the newest frames are kept: a display
+that is found is read in them, too."""
+
+
+class Watch:
+    """Holds the frames of a film still against the camera's motion since a reference frame.
+
+    Args:
+        reference: the reference frame, an `Image`.
+        time: when it was taken, seconds.
+        fps: nominal number of frames of the camera in a second; some may be missing.
+        picture_moves: whether the room alone is held still, because a picture may move in it.
+    """
+
+    def __init__(self, reference: Image, time: float, fps: float, *, picture_moves: bool) -> None:
+        self.reference = reference
+        gray = as_gray(reference)
+        self.first = HeldFrame(gray, np.eye(3), 0.0, time)
+        """The reference as a frame."""
+        self.window = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
+        """Number of frames that are watched."""
+        self.frames: list[HeldFrame] = []
+        """Frames watched so far; none before the second frame of the film."""
+        self.confirming = 2 * self.window // 3
+        """Number of later frames that must agree with what is not certain."""
+        self.later: deque[HeldFrame] = deque(maxlen=self.confirming)
+        """The newest frames after those watched, no more than needed."""
+        self.held = deque([self.first], maxlen=max(LEAST_HELD, round(HELD_S * fps)))
+        """The newest frames of all."""
+        self.seen = 0
+        """Number of frames after the reference."""
+        self.map = ToggleMap()
+        """What toggles in the frames watched."""
+        self._fps = fps
+        self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
+        self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
+
+    def next_frame(self, gray: Gray, time: float) -> HeldFrame | None:
+        """Hold the next frame still, and return it; None where the reference is lost in it."""
+        H = self._stabiliser.follow(gray)
+        if H is None:
+            return None
+        at = position(time - self.first.time, self._fps)
+        return HeldFrame(gray, H, at, time, self._stabiliser.tracks)
+
+    def is_in_view(self, frame: HeldFrame) -> bool:
+        """Tell whether a frame still shows enough of the reference."""
+        size = np.array(self.reference.shape[1::-1])
+        places = transform(frame.H_image_from_reference, CHECKED * size - 0.5)
+        return float(in_image(places, self.reference.shape).mean()) >= IN_VIEW
+
+    def add(self, frame: HeldFrame) -> None:
+        """Watch a frame, the first or one that `next_frame` has given."""
+        self.frames.append(frame)
+        self.map.add(self._stabiliser.still(frame.gray, frame.H_image_from_reference), frame.at)
+
+    def small_views(self, corners: Corners) -> NDArray[np.uint8]:
+        """Show what corners in the reference bound, in maps of `COARSE_SIZE`, (frames, h, w)."""
+        return self.map.views(self.on_copy(corners), *COARSE_SIZE)
+
+    def worth(self, quad: Array) -> float:
+        """Tell how well a quadrilateral of the reference bounds what toggles (`ToggleMap`)."""
+        return self.map.worth(self.on_copy(quad))

@@ -1,0 +1,247 @@
+/**
+ * Move the corners of a display so that its blocks lie where the grid says they lie.
+ *
+ * What toggles in the rectified image is compared with what should toggle: pilots whose signs are
+ * known. Corners may be off by blocks: parts of the display are shifted by themselves, and a
+ * transform is fitted to their shifts (`coarseShift`). Where corners are off by less than a block,
+ * the whole display is fitted at once (`allBlocks.js`).
+ */
+
+import { pilotsSearchParts } from "../../generated/constants.js";
+import { call } from "../../image/opencv.js";
+import { fitMotion } from "../../image/points.js";
+import { resizedHomography, transform } from "../../link/geometry.js";
+import { median } from "../../link/order.js";
+import { withoutSlope } from "../motion.js";
+
+/**
+ * Amplitudes at one frequency: real and imaginary part of each pixel of a map.
+ *
+ * @typedef {{ width: number, height: number, real: Float32Array, imaginary: Float32Array }}
+ *   Amplitudes
+ */
+
+/**
+ * Matches of one part for shifts from -reach to reach along y and, faster, along x: of the real
+ * part of amplitudes, and of the imaginary part.
+ *
+ * @typedef {{ real: Float32Array, imaginary: Float32Array }} Matches
+ */
+
+export const {
+  PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
+} = pilotsSearchParts;
+
+/**
+ * Find where the parts of a display lie that toggle as they should.
+ *
+ * @param {Amplitudes} change - at one frequency of the rectified display, in a map such as of
+ *   `COARSE_SIZE`, each pixel divided by its usual deviation; of any phase
+ * @param {ArrayLike<number>} blocks - (rows * cols,) expected change of each block, 0 where it is
+ *   not known
+ * @param {Layout} layout - of the display
+ * @param {boolean} [far] - whether to look farther than `REACH_BLOCKS`
+ * @returns {{ HOldFromNew: Float64Array, parts: number } | null} the transform, and the number of
+ *   parts that clearly match and agree with it; null where there are none
+ */
+export function coarseShift(change, blocks, layout, far = false) {
+  const { width, height } = change;
+  /** @type {[number, number]} */
+  const block = [width / layout.cols, height / layout.rows];
+  const least = far ? REACH_SHARE * width : 0;
+  const [reachX, reachY] = block.map((side) => Math.ceil(Math.max(REACH_BLOCKS * side, least)));
+  const real = withoutSlope({ width, height, data: change.real }, block).data;
+  const imaginary = withoutSlope({ width, height, data: change.imaginary }, block).data;
+  // of the matches that chance makes, so many medians are one e-th as frequent as the median
+  const unit = imaginary.some((value) => value !== 0) ? Math.log(2) : HALF_REAL;
+  const [down, across] = PARTS[0];
+  const smallest = matchParts(
+    { width, height, real, imaginary },
+    blocks,
+    layout.rows,
+    layout.cols,
+    divided(height, down),
+    divided(width, across),
+    [reachX, reachY],
+  );
+  for (const parts of PARTS) {
+    const found = shiftsOfParts(joined(smallest, parts), change, parts, [reachX, reachY], unit);
+    const fit = fittedShift(found, layout, change);
+    if (fit !== null) return fit;
+  }
+  return null;
+}
+
+/**
+ * Match each part of a map.
+ *
+ * @param {Amplitudes} change
+ * @param {ArrayLike<number>} blocks - (rows * cols,) what is expected of each block
+ * @param {number} rows
+ * @param {number} cols
+ * @param {number[]} ys - the rows of the map at which parts begin and end
+ * @param {number[]} xs - the columns of the map at which parts begin and end
+ * @param {[number, number]} reach - largest shift along x and along y, pixels
+ * @returns {Matches[]} of each part, from the top left on, row by row
+ */
+function matchParts(change, blocks, rows, cols, ys, xs, reach) {
+  const { width, height } = change;
+  const expected = { width: cols, height: rows, data: Float32Array.from(blocks) };
+  const parts = [Int32Array.from(ys), Int32Array.from(xs)];
+  const each = (2 * reach[0] + 1) * (2 * reach[1] + 1);
+  const [real, imaginary] = [change.real, change.imaginary].map((data) => {
+    const matches = new Float32Array((ys.length - 1) * (xs.length - 1) * each);
+    if (data.every((value) => value === 0)) return matches;
+    call("matchParts", [{ width, height, data }, expected, ...parts, ...reach], [matches]);
+    return matches;
+  });
+  return Array.from({ length: real.length / each }, (_, part) => {
+    const [start, end] = [part * each, (part + 1) * each];
+    return { real: real.subarray(start, end), imaginary: imaginary.subarray(start, end) };
+  });
+}
+
+/**
+ * What is known of some parts' shifts: where each lies in the layout and where it was seen, in
+ * pixels of the map, and how clearly.
+ *
+ * @typedef {{ places: Point[], seen: Point[], heights: number[] }} Shifts
+ */
+
+/**
+ * Shift each part by itself to where it matches best.
+ *
+ * @param {Matches[]} matches - of each part
+ * @param {{ width: number, height: number }} map
+ * @param {[number, number]} parts - their number from top to bottom, and from left to right
+ * @param {[number, number]} reach - largest shift along x and y, pixels of the map
+ * @param {number} unit - power of e by which a match of a median more is rarer
+ * @returns {Shifts}
+ */
+function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
+  const ys = divided(map.height, down);
+  const xs = divided(map.width, across);
+  const wide = 2 * reachX + 1;
+  /** @type {Shifts} */
+  const found = { places: [], seen: [], heights: [] };
+  matches.forEach((match, part) => {
+    const squared = new Float32Array(match.real.length);
+    let best = 0;
+    for (let i = 0; i < squared.length; i++) {
+      squared[i] = match.real[i] * match.real[i] + match.imaginary[i] * match.imaginary[i];
+      if (squared[i] > squared[best]) best = i;
+    }
+    found.heights.push((unit * squared[best]) / (median(squared) + 1e-12));
+    const row = Math.floor(part / across);
+    const col = part % across;
+    const x = best % wide;
+    const y = Math.floor(best / wide);
+    const placeX = (xs[col] + xs[col + 1] - 1) / 2;
+    const placeY = (ys[row] + ys[row + 1] - 1) / 2;
+    const line = squared.subarray(y * wide, (y + 1) * wide);
+    const column = Float32Array.from({ length: 2 * reachY + 1 }, (_, k) => squared[k * wide + x]);
+    found.places.push([placeX, placeY]);
+    found.seen.push([
+      placeX + x - reachX + peakOffset(line, x),
+      placeY + y - reachY + peakOffset(column, y),
+    ]);
+  });
+  return found;
+}
+
+/**
+ * Fit a transform to the shifts of clear parts.
+ *
+ * @param {Shifts} shifts
+ * @param {Layout} layout
+ * @param {{ width: number, height: number }} map
+ * @returns {{ HOldFromNew: Float64Array, parts: number } | null} as `coarseShift`
+ */
+function fittedShift({ places, seen, heights }, layout, map) {
+  const scale = resizedHomography(layout.width / map.width, layout.height / map.height);
+  const clear = heights.map((_, i) => i).filter((i) => heights[i] > CLEAR);
+  const place = transform(
+    scale,
+    clear.map((i) => places[i]),
+  );
+  const old = transform(
+    scale,
+    clear.map((i) => seen[i]),
+  );
+  const same = SAME_BLOCKS * Math.min(layout.width / layout.cols, layout.height / layout.rows);
+  const count = clear.length;
+  if (count === 0) return null;
+  if (count >= FEW && heights.length > 1) return ransac(place, old, same, count < MANY);
+  let best = 0;
+  for (let i = 1; i < count; i++) if (heights[clear[i]] > heights[clear[best]]) best = i;
+  const shifts = old.map(([x, y], i) => [x - place[i][0], y - place[i][1]]);
+  const [shiftX, shiftY] = shifts[best];
+  const agree = shifts.filter(([x, y]) => Math.hypot(x - shiftX, y - shiftY) < same).length;
+  if (heights.length > 1 && agree < 2) return null;
+  return { HOldFromNew: Float64Array.of(1, 0, shiftX, 0, 1, shiftY, 0, 0, 1), parts: agree };
+}
+
+/**
+ * Fit an affine transform or a homography that most points agree with.
+ *
+ * @param {Point[]} from
+ * @param {Point[]} to
+ * @param {number} same - distance, in pixels, within which a point agrees
+ * @param {boolean} affine
+ * @returns {{ HOldFromNew: Float64Array, parts: number } | null}
+ */
+function ransac(from, to, same, affine) {
+  const [source, target] = [from, to].map((points) => Float64Array.from(points.flat()));
+  const fit = fitMotion(source, target, same, affine);
+  return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
+}
+
+/**
+ * Add up the matches of the smallest parts to those of larger ones.
+ *
+ * @param {Matches[]} smallest - of `PARTS[0]`
+ * @param {[number, number]} parts - one of `PARTS`
+ * @returns {Matches[]}
+ */
+function joined(smallest, [down, across]) {
+  const [rows, cols] = PARTS[0];
+  if (down === rows && across === cols) return smallest;
+  const shifts = smallest[0].real.length;
+  const sums = Array.from({ length: down * across }, () => ({
+    real: new Float32Array(shifts),
+    imaginary: new Float32Array(shifts),
+  }));
+  smallest.forEach((match, part) => {
+    const row = Math.floor((Math.floor(part / cols) * down) / rows);
+    const col = Math.floor(((part % cols) * across) / cols);
+    const sum = sums[row * across + col];
+    for (let i = 0; i < shifts; i++) {
+      sum.real[i] += match.real[i];
+      sum.imaginary[i] += match.imaginary[i];
+    }
+  });
+  return sums;
+}
+
+/**
+ * @param {number} length - pixels
+ * @param {number} count - of parts
+ * @returns {number[]} where the parts begin and end
+ */
+function divided(length, count) {
+  return Array.from({ length: count + 1 }, (_, i) => Math.floor((i * length) / count));
+}
+
+/**
+ * Find the offset, within half a step, of a parabola's top through a maximum and its neighbours.
+ *
+ * @param {ArrayLike<number>} values
+ * @param {number} at
+ * @returns {number}
+ */
+function peakOffset(values, at) {
+  if (!(at > 0 && at < values.length - 1)) return 0;
+  const [before, here, after] = [values[at - 1], values[at], values[at + 1]];
+  const bend = before - 2 * here + after;
+  return bend < 0 ? (0.5 * (before - after)) / bend : 0;
+}

@@ -1,0 +1,244 @@
+/**
+ * Find a display by its pilots, over some frames of a film: nothing visible marks it.
+ *
+ * The frames of some tenths of a second are held still against the camera's motion
+ * (`../stabilise.js`). Edges and what toggles (`toggleMap.js`) propose where the display may be.
+ * Corners then move to where the pilots fit the grid (`parts.js`, `climb.js`), and the display is
+ * believed if its blocks toggle with the pilots' signs beyond doubt (`../signal.js`). That also
+ * tells which way up it is and which of several grids it shows.
+ *
+ * Where something toggled like a display and none was sure, the next search takes the picture for
+ * one that moves, as a video does, and holds the room still alone. The first searches are given up
+ * early: perhaps the display came into view, or began to play, only after the frames that they look
+ * at.
+ *
+ * The work is cut into steps (`link/code/steps.js`), so that no frame takes long; Python's steps are
+ * one for each frame, these are finer.
+ */
+
+import { pilotsSearchPilotSearch } from "../../generated/constants.js";
+import { candidateSteps } from "../../locate/candidates.js";
+import { rolled } from "../../locate/quads.js";
+import {
+  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, evidenceSteps,
+} from "./proposals.js";
+import { HINT, settleSteps } from "./settle.js";
+import { Watch } from "./watch.js";
+
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
+/** @typedef {import("./proposals.js").Proposal} Proposal */
+/** @typedef {import("./settle.js").Settled} Settled */
+
+const { PATIENCE_S, MOST_DOUBLED } = pilotsSearchPilotSearch;
+
+/** Units of work (`steps.js`) from which on a frame has had its share. */
+export const FRAME_WORK = 36;
+/**
+ * Time, in milliseconds, after which a frame of a camera that does not wait has had its share, too:
+ * the first frames take many times as long, as code is compiled while it runs.
+ */
+export const FRAME_MS = 60;
+/** Share of this time after which a frame that is only watched is done, so that none is missed. */
+const SPARE_SHARE = 0.35;
+/** Number of nominal frames from one frame to the next above which a frame is missing. */
+export const MISSING = 1.5;
+/** Units of work of the first watched frame. */
+const BEGIN_WORK = 6;
+
+/**
+ * A display that its pilots have given away: the layout that it shows, one of those that were
+ * looked for; its corners in the newest frame, from the top left of the displayed picture on; the
+ * natural logarithm of the odds against chance, after paying for everything that was tried; its
+ * corners in the frame with which the search began; the coefficient of the lens; and the frames
+ * before the newest one, from the oldest on, of those that are kept.
+ *
+ * @typedef {{
+ *   layout: Layout,
+ *   corners: Point[],
+ *   evidence: number,
+ *   firstCorners: Point[],
+ *   k: number,
+ *   held: HeldFrame[],
+ * }} PilotDisplay
+ */
+
+/** Looks for a display that shows one of several layouts with pilots. */
+export class PilotSearch {
+  /** Whether displays are looked for whose picture moves (`doubtPicture`). */
+  pictureMoves = false;
+  /** Whether frames were missing, as happens where a camera does not wait for the search. */
+  #isLate = false;
+  /** Time of the newest frame, seconds. */
+  #last = NaN;
+  /** Number of searches in vain since a display was found. */
+  #failed = 0;
+  /** Largest evidence of a quadrilateral in this search, before it pays. */
+  #surestSeen = 0;
+  /** Until when the newest frame has time for what need not be now, milliseconds. */
+  #spareUntil = Infinity;
+  /** What is looked at; null before the first frame. @type {Watch | null} */
+  #watch = null;
+  /** Null before the edges of the reference are known. @type {Proposer | null} */
+  #proposer = null;
+  /** @type {Steps<Settled | null> | null} */
+  #work = null;
+
+  /**
+   * @param {readonly Layout[]} layouts - those that are looked for, at least one, each with pilots
+   * @param {number} [fps] - nominal number of frames of the camera in a second; some may be missing
+   * @param {number} [frameMs] - time after which no step is begun with a frame, milliseconds, such
+   *   as `FRAME_MS`; of films, which wait, it counts only until quadrilaterals are watched
+   */
+  constructor(layouts, fps = 30, frameMs = Infinity) {
+    if (layouts.length === 0 || layouts.some((layout) => layout.pilotBlocks.length === 0)) {
+      throw new Error("layouts: need at least one, each with pilots");
+    }
+    this.layouts = [...layouts];
+    this.fps = fps;
+    this.frameMs = frameMs;
+  }
+
+  /**
+   * Take the next frame.
+   *
+   * @param {BytePlane} gray - it may be kept, so it must not change afterwards
+   * @param {number} time - of the frame, seconds; rising from frame to frame
+   * @returns {PilotDisplay | null} the display once it is sure
+   */
+  push(gray, time) {
+    const now = performance.now();
+    const until = now + this.frameMs;
+    if ((time - this.#last) * this.fps > MISSING) this.#isLate = true;
+    this.#spareUntil = this.#isLate ? now + SPARE_SHARE * this.frameMs : Infinity;
+    this.#last = time;
+    const watch = this.#watch;
+    let isFollowed = watch !== null && watch.take(gray, time);
+    if (watch !== null && isFollowed && !watch.isInView()) {
+      this.#giveUp();
+      isFollowed = false;
+    }
+    if (watch === null || !isFollowed) {
+      this.#watch = new Watch(gray, time, this.fps, this.pictureMoves);
+      this.#work = this.#proposer = null;
+      this.#surestSeen = 0;
+      return null;
+    }
+    if (watch.frames.length < watch.window) this.#proposer?.add();
+    this.#work ??= this.#search(watch);
+    let work = 0;
+    while (work < FRAME_WORK) {
+      const step = this.#work.next();
+      if (!step.done) {
+        work += step.value;
+        if ((this.#isLate || this.#proposer === null) && performance.now() >= until) break;
+        continue;
+      }
+      if (step.value === null) return this.#fail();
+      this.#watch = null;
+      this.#failed = 0;
+      const { proposal, evidence, k } = step.value;
+      const { layout, corners } = proposal;
+      const newest = watch.newest.corners(corners);
+      const held = watch.held.slice(0, -1);
+      return { layout, corners: newest, evidence, firstCorners: corners, k, held };
+    }
+    const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
+    return watch.seen > patience * this.fps ? this.#fail() : null;
+  }
+
+  /** Choose how the next search begins after one in vain. */
+  #giveUp() {
+    this.pictureMoves = !this.pictureMoves && this.#surestSeen > PROMISING;
+  }
+
+  /** End a search in vain. */
+  #fail() {
+    this.#giveUp();
+    this.#failed++;
+    this.#watch = null;
+    return null;
+  }
+
+  /** Take the picture for one that moves, or no longer for one, from the next search on. */
+  doubtPicture() {
+    this.pictureMoves = !this.pictureMoves;
+  }
+
+  /**
+   * Look for the display in the film that follows the reference.
+   *
+   * @param {Watch} watch
+   * @returns {Steps<Settled | null>}
+   */
+  *#search(watch) {
+    const edges = yield* candidateSteps(watch.reference, CANDIDATES);
+    const corners = edges.map((edge) => edge.corners);
+    const proposer = new Proposer(watch, corners, this.layouts, this.fps);
+    yield BEGIN_WORK;
+    this.#proposer = proposer;
+    proposer.add();
+    const promising = yield* proposer.promising(() => performance.now() < this.#spareUntil);
+    if (promising !== null) {
+      const found = yield* this.#weighAndSettle(promising, watch);
+      if (found !== null) return found;
+    }
+    while (watch.frames.length < watch.window) yield NEXT_FRAME;
+    const { quads, usual } = yield* proposer.allQuads();
+    const glances = [];
+    for (const quad of quads) {
+      glances.push(proposer.glance(quad));
+      yield GLANCE_WORK;
+    }
+    const hints = glances.filter(({ evidence }) => evidence > HINT);
+    for (const { proposal: hint } of hints.sort((one, other) => other.evidence - one.evidence)) {
+      const found = yield* this.#weighAndSettle(hint, watch);
+      if (found !== null) return found;
+    }
+    const evidences = glances.map(({ evidence }) => evidence);
+    const doubtful = [];
+    for (const number of proposer.ranked(quads, evidences, usual)) {
+      for (const turn of [0, 1]) {
+        const fit = yield* proposer.firstFit(rolled(quads[number], turn));
+        if (fit === null) continue;
+        const { evidence } = proposer.surestIn(fit.corners, [fit.layout]);
+        yield GLANCE_WORK;
+        if (!(evidence > HINT)) {
+          doubtful.push({ fit, evidence });
+          continue;
+        }
+        const found = yield* this.#settle(fit, evidence, watch);
+        if (found !== null) return found;
+      }
+    }
+    for (const { fit, evidence } of doubtful.sort((one, other) => other.evidence - one.evidence)) {
+      const found = yield* this.#settle(fit, evidence, watch);
+      if (found !== null) return found;
+    }
+    return null;
+  }
+
+  /**
+   * Weigh a proposal by all frames so far, and settle it.
+   *
+   * @param {Proposal} proposal
+   * @param {Watch} watch
+   * @returns {Steps<Settled | null>}
+   */
+  *#weighAndSettle(proposal, watch) {
+    const evidence = yield* evidenceSteps(proposal, watch.frames);
+    return yield* this.#settle(proposal, evidence, watch);
+  }
+
+  /**
+   * Settle a proposal with this evidence in all frames so far, before it pays.
+   *
+   * @param {Proposal} proposal
+   * @param {number} evidence
+   * @param {Watch} watch
+   * @returns {Steps<Settled | null>}
+   */
+  #settle(proposal, evidence, watch) {
+    this.#surestSeen = Math.max(this.#surestSeen, evidence);
+    return settleSteps(proposal, evidence, watch);
+  }
+}

@@ -1,0 +1,384 @@
+/** Where a display may be, what it may show, and how surely its pilots toggle there. */
+
+import { pilotsSearchProposals } from "../../generated/constants.js";
+import { equalised } from "../../image/levels.js";
+import { candidateSteps } from "../../locate/candidates.js";
+import { rolled } from "../../locate/quads.js";
+import { movedCorners } from "../motion.js";
+import { expectedChanges, pilotEvidence, pilotValues, standingOut } from "../signal.js";
+import { amplitudes } from "./film.js";
+import { COARSE_SIZE, coarseShift } from "./parts.js";
+
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
+/** @typedef {import("./watch.js").Watch} Watch */
+
+export const { CANDIDATES, FAINT_CANDIDATES, STATES_HZ, PROMISING } = pilotsSearchProposals;
+
+/** More units of work than a frame has room for: the next step needs the next frame. */
+export const NEXT_FRAME = Infinity;
+/** Units of work of one frame's view of a display, and of a glance at it. */
+export const VIEW_WORK = 0.6;
+export const GLANCE_WORK = 10;
+/** Units of work of the power at one frequency, and of an outline. */
+const POWER_WORK = 10;
+const OUTLINE_WORK = 20;
+/** Units of work of a layout's fit, and of weighing the evidence of a quadrilateral. */
+const FIT_WORK = 4;
+const SURE_WORK = 1;
+const WEIGH_WORK = 6;
+
+/**
+ * Where a display may be: corners in the reference frame, the displayed picture's top left first;
+ * what it may show; and the frequency at which it may toggle, in periods for each nominal frame.
+ *
+ * @typedef {{ corners: Point[], layout: Layout, frequency: number }} Proposal
+ */
+
+/** A quadrilateral, and how pilots toggle where it is a display. */
+export class Watched {
+  /**
+   * @param {Point[]} corners - in the reference frame
+   * @param {readonly Layout[]} layouts - those that it may show
+   */
+  constructor(corners, layouts) {
+    this.corners = corners;
+    /** Positions of the frames. @type {number[]} */
+    this.at = [];
+    /** For each layout, upright and upside down, the pilots' values in each frame. */
+    this.guesses = layouts.flatMap((layout) =>
+      [0, 2].map((turn) => ({ layout, turn, values: /** @type {Float32Array[]} */ ([]) })),
+    );
+  }
+
+  /**
+   * Take what the quadrilateral shows in the next frame.
+   *
+   * @param {FloatPlane | null} view - of it, rectified to any size; null where it is not sound
+   * @param {number} at - position of the frame (waves.js)
+   */
+  take(view, at) {
+    this.at.push(at);
+    /** @type {Layout | null} */
+    let last = null;
+    /** @type {Float32Array} */
+    let blocks = new Float32Array(0);
+    for (const { layout, turn, values } of this.guesses) {
+      if (view === null) {
+        values.push(new Float32Array(layout.pilotBlocks.length));
+        continue;
+      }
+      if (layout !== last) blocks = standingOut(view, layout);
+      last = layout;
+      values.push(
+        Float32Array.from(layout.pilotBlocks, (at) => blocks[turn ? blocks.length - 1 - at : at]),
+      );
+    }
+  }
+
+  /**
+   * Choose the layout, upright or upside down, whose pilots toggle most surely.
+   *
+   * @returns {{ evidence: number, proposal: Proposal }} the evidence, before it pays for what was
+   *   tried, and what it speaks for
+   */
+  surest() {
+    const found = this.guesses.map(({ layout, turn, values }) => {
+      const { evidence, frequency } = pilotEvidence(values, layout, this.at);
+      const proposal = { corners: rolled(this.corners, turn), layout, frequency };
+      return { evidence, proposal };
+    });
+    return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
+  }
+}
+
+/**
+ * Rectify all frames to maps of a size, step by step.
+ *
+ * @param {Point[]} corners - in the reference frame
+ * @param {Layout} layout
+ * @param {readonly HeldFrame[]} frames
+ * @param {[number, number]} size - width and height
+ * @returns {Steps<FloatPlane[] | null>} null where corners are not sound
+ */
+export function* viewSteps(corners, layout, frames, [width, height]) {
+  const views = [];
+  for (const frame of frames) {
+    const view = frame.view(corners, layout, width, height);
+    if (view === null) return null;
+    views.push(view);
+    yield VIEW_WORK;
+  }
+  return views;
+}
+
+/**
+ * Find the evidence of a proposal, before it pays for what was tried, step by step.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly HeldFrame[]} frames
+ * @returns {Steps<number>} 0 where its corners are not sound
+ */
+export function* evidenceSteps(proposal, frames) {
+  const values = yield* valueSteps(proposal, frames);
+  if (values === null) return 0;
+  return pilotEvidence(values, proposal.layout, positions(frames)).evidence;
+}
+
+/**
+ * Find by how much the pilots of a proposal stand out in each frame, step by step.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly HeldFrame[]} frames
+ * @returns {Steps<Float32Array[] | null>} null where its corners are not sound
+ */
+export function* valueSteps(proposal, frames) {
+  const values = [];
+  for (const frame of frames) {
+    const now = valuesOf(proposal, frame);
+    if (now === null) return null;
+    values.push(now);
+    yield VIEW_WORK;
+  }
+  return values;
+}
+
+/**
+ * List the positions of frames.
+ *
+ * @param {readonly HeldFrame[]} frames
+ * @returns {number[]}
+ */
+export function positions(frames) {
+  return frames.map(({ at }) => at);
+}
+
+/**
+ * Find by how much the pilots of a proposal stand out in a frame.
+ *
+ * @param {Proposal} proposal
+ * @param {HeldFrame} frame
+ * @returns {Float32Array | null} null where its corners are not sound
+ */
+export function valuesOf({ corners, layout }, frame) {
+  const view = frame.view(corners, layout, layout.width >> 1, layout.height >> 1);
+  return view && pilotValues(view, layout);
+}
+
+/**
+ * Proposes where the display may be in a film, and what it may show. Quadrilaterals of edges in the
+ * reference are watched in every frame. What toggles, faint edges and the pilots' fit propose
+ * others once all frames have been watched.
+ */
+export class Proposer {
+  #watch;
+  #layouts;
+  #largest;
+  #finest;
+  /** Frequencies at which displays may toggle, in periods for each nominal frame. */
+  #frequencies;
+  /** Quadrilaterals of edges, watched in each frame. @type {Watched[]} */
+  #edges;
+  /** The same, a quarter turn on, watched where there is time, else later. @type {Watched[]} */
+  #turned;
+
+  /**
+   * @param {Watch} watch - the film
+   * @param {Point[][]} edges - quadrilaterals of edges in its reference
+   * @param {readonly Layout[]} layouts - those that may be shown
+   * @param {number} fps - nominal number of frames of the camera in a second
+   */
+  constructor(watch, edges, layouts, fps) {
+    this.#watch = watch;
+    this.#layouts = layouts;
+    this.#largest = layouts.reduce((most, layout) =>
+      layout.width * layout.height > most.width * most.height ? layout : most,
+    );
+    this.#finest = layouts.reduce((most, layout) =>
+      layout.rows * layout.cols > most.rows * most.cols ? layout : most,
+    );
+    const periods = STATES_HZ.map((rate) => (rate / 2 / fps) % 1);
+    const folded = periods.map((period) => Math.min(period, 1 - period));
+    this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
+    [this.#edges, this.#turned] = [0, 1].map((turn) =>
+      edges.map((corners) => new Watched(rolled(corners, turn), layouts)),
+    );
+  }
+
+  /** Watch the newest frame. */
+  add() {
+    this.#watch.add();
+    for (const quad of this.#edges) this.#showNext(quad);
+  }
+
+  /**
+   * Let a quadrilateral take what it shows in the first frame that it was not shown yet.
+   *
+   * @param {Watched} quad
+   * @returns {boolean} false where it has been shown all frames
+   */
+  #showNext(quad) {
+    const frame = this.#watch.frames.at(quad.at.length);
+    if (frame === undefined) return false;
+    const { width, height } = this.#largest;
+    quad.take(frame.view(quad.corners, this.#largest, width >> 1, height >> 1), frame.at);
+    return true;
+  }
+
+  /**
+   * Wait until a quadrilateral of edges toggles promisingly, or the window is full.
+   *
+   * @param {() => boolean} isSpare - tells whether there is time for what need not be now
+   * @returns {Steps<Proposal | null>} the one that toggles most surely
+   */
+  *promising(isSpare) {
+    const { frames, window } = this.#watch;
+    const every = Math.floor(window / 4);
+    for (;;) {
+      const count = frames.length;
+      if (count >= 2 * every && count % every === 0) {
+        for (const quads of [this.#edges, this.#turned]) {
+          const best = yield* this.#surest(quads);
+          if (best !== null) return best;
+        }
+      }
+      if (count >= window) return null;
+      for (const quad of this.#turned) {
+        while (isSpare() && this.#showNext(quad)) yield VIEW_WORK;
+      }
+      yield NEXT_FRAME;
+    }
+  }
+
+  /**
+   * Choose the quadrilateral that toggles most surely over the frames so far.
+   *
+   * @param {readonly Watched[]} quads - those that have not been shown all frames are shown the rest
+   * @returns {Steps<Proposal | null>} null where none is promising
+   */
+  *#surest(quads) {
+    let most = PROMISING;
+    let best = null;
+    for (const quad of quads) {
+      while (this.#showNext(quad)) yield VIEW_WORK;
+      const { evidence, proposal } = quad.surest();
+      yield SURE_WORK;
+      if (!(evidence > most)) continue;
+      most = evidence;
+      best = proposal;
+    }
+    return best;
+  }
+
+  /**
+   * Propose quadrilaterals by faint edges, by what toggles, and by the edges watched so far.
+   *
+   * @returns {Steps<{ quads: Point[][], usual: number }>} quadrilaterals, and the number of them,
+   *   from the first on, that are tried in any case
+   */
+  *allQuads() {
+    const faint = yield* this.#faintEdges();
+    const others = [];
+    for (const frequency of this.#frequencies) {
+      for (const _ of this.#watch.map.prepare(frequency)) yield POWER_WORK;
+      const outline = this.#watch.map.outline(frequency);
+      yield OUTLINE_WORK;
+      if (outline !== null) others.push(this.#watch.onImage(outline));
+    }
+    others.push(...this.#edges.map(({ corners }) => corners));
+    const usual = [...faint.slice(0, CANDIDATES), ...others];
+    return { quads: [...usual, ...faint.slice(CANDIDATES)], usual: usual.length };
+  }
+
+  /**
+   * Weigh a quadrilateral, any side up, by small views of what toggles in it.
+   *
+   * @param {Point[]} quad
+   * @returns {{ evidence: number, proposal: Proposal }} the evidence, before it pays, and what it
+   *   speaks for
+   */
+  glance(quad) {
+    const ways = [0, 1].map((turn) => this.surestIn(rolled(quad, turn)));
+    return ways[0].evidence >= ways[1].evidence ? ways[0] : ways[1];
+  }
+
+  /**
+   * Choose the layout, upright or upside down, whose pilots toggle most surely in small views.
+   *
+   * @param {Point[]} corners - in the reference frame
+   * @param {readonly Layout[]} [layouts] - those that may be shown
+   */
+  surestIn(corners, layouts = this.#layouts) {
+    const { rows, cols } = this.#finest;
+    const watched = new Watched(corners, layouts);
+    const views = this.#watch.views(corners, cols, rows);
+    const at = positions(this.#watch.frames);
+    views.forEach((view, i) => watched.take(view, at[i]));
+    return watched.surest();
+  }
+
+  /**
+   * Choose the quadrilaterals to which the pilots are fitted, and their order.
+   *
+   * Those for which a first glance speaks most come by turns with those that best bound what
+   * toggles.
+   *
+   * @param {Point[][]} quads
+   * @param {number[]} evidences - of each at a first glance
+   * @param {number} usual - number of quadrilaterals, from the first on, that are tried in any case
+   * @returns {number[]} numbers of quadrilaterals
+   */
+  ranked(quads, evidences, usual) {
+    const worths = this.#watch.worths(quads);
+    const most = (/** @type {number[]} */ values) =>
+      [...quads.keys()].sort((i, k) => values[k] - values[i]).slice(0, CANDIDATES);
+    const bounding = most(worths).filter((i) => worths[i] > 0);
+    const byTurns = most(evidences).flatMap((i, turn) =>
+      turn < bounding.length ? [i, bounding[turn]] : [i],
+    );
+    return [...new Set([...byTurns, ...Array(usual).keys()])];
+  }
+
+  /**
+   * Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
+   *
+   * The mean has less noise than a frame, and its histogram, made even, shows the edges of a dark
+   * picture in a dark frame.
+   *
+   * @returns {Steps<Point[][]>}
+   */
+  *#faintEdges() {
+    const even = equalised(this.#watch.map.mean());
+    const found = yield* candidateSteps(even, FAINT_CANDIDATES);
+    return found.map(({ corners }) => this.#watch.onImage(corners));
+  }
+
+  /**
+   * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+   *
+   * @param {Point[]} quad
+   * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
+   */
+  *firstFit(quad) {
+    const views = this.#watch.views(quad, ...COARSE_SIZE);
+    yield GLANCE_WORK;
+    const lines = amplitudes(views, positions(this.#watch.frames), this.#frequencies);
+    yield WEIGH_WORK;
+    let most = 0;
+    let best = null;
+    for (const [i, frequency] of this.#frequencies.entries()) {
+      for (const layout of this.#layouts) {
+        const blocks = expectedChanges(layout);
+        for (const turn of [0, 2]) {
+          const shown = turn ? blocks.slice().reverse() : blocks;
+          const fit = coarseShift(lines[i], shown, layout, true);
+          yield FIT_WORK;
+          if (fit === null || fit.parts <= most) continue;
+          most = fit.parts;
+          const corners = rolled(movedCorners(quad, fit.HOldFromNew, layout), turn);
+          best = { corners, layout, frequency };
+        }
+      }
+    }
+    return best;
+  }
+}

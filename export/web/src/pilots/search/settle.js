@@ -1,0 +1,219 @@
+/** Move the corners of a proposal to where its pilots fit the grid, and say whether that is sure. */
+
+import { pilotsSearchSettle } from "../../generated/constants.js";
+import { mapSize, movedCorners } from "../motion.js";
+import { expectedChanges, pilotEvidence } from "../signal.js";
+import { BlockFit, blockMaps, periodChangeSteps } from "./allBlocks.js";
+import { climbToPilots } from "./climb.js";
+import { amplitudes } from "./film.js";
+import { COARSE_SIZE, MANY, coarseShift } from "./parts.js";
+import {
+  NEXT_FRAME, VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps,
+} from "./proposals.js";
+
+/** @typedef {import("./film.js").HeldFrame} HeldFrame */
+/** @typedef {import("./proposals.js").Proposal} Proposal */
+/** @typedef {import("./watch.js").Watch} Watch */
+
+export const {
+  SURE, SURE_SHARE, TRIALS, CLIMB_TRIALS, CERTAIN, CERTAIN_SHARE, CONFIRMED, NEARLY, HINT,
+  CLIMBABLE, COARSE_ROUNDS, CLIMB_ROUNDS, BLOCK_ROUNDS, LENS_ROUNDS, SETTLED_PX,
+} = pilotsSearchSettle;
+
+/** Units of work of measuring how a display toggles, and of a move of its corners. */
+const MEASURE_WORK = 4;
+const MOVE_WORK = 6;
+
+/**
+ * A display that is sure: where it is in the reference frame; the natural logarithm of the odds
+ * against chance, after paying for everything that was tried; and the coefficient of the lens, 0
+ * where nothing speaks for another.
+ *
+ * @typedef {{ proposal: Proposal, evidence: number, k: number }} Settled
+ */
+
+/**
+ * A way to move the corners of a proposal, in the reference frame, step by step.
+ *
+ * @typedef {(
+ *   proposal: Proposal,
+ *   frames: readonly HeldFrame[],
+ * ) => Steps<Point[]>} Move
+ */
+
+/**
+ * Move the corners of a proposal to where its pilots fit the grid, step by step.
+ *
+ * A move by the pilots is kept only if they then toggle more surely: in a dark picture, parts may
+ * have been matched amiss. What all blocks say of the corners is kept where the display is sure
+ * there, too.
+ *
+ * @param {Proposal} proposal
+ * @param {number} first - evidence of it in all frames so far, before it pays for anything
+ * @param {Watch} watch - the film, of which there may be more after each step
+ * @returns {Steps<Settled | null>} null where it is not sure
+ */
+export function* settleSteps(proposal, first, watch) {
+  const frames = [...watch.frames];
+  const { layout } = proposal;
+  const pilots = layout.pilotBlocks.length;
+  const needed = Math.min(SURE, SURE_SHARE * pilots);
+  const certain = Math.min(CERTAIN, CERTAIN_SHARE * pilots);
+  let best = proposal;
+  let tried = TRIALS;
+  let evidence = first - Math.log(tried);
+  for (const { move, tries } of MOVES) {
+    // it need not pay for so many trials, or it is hopeless
+    const climbable = evidence >= CLIMBABLE - Math.log(tried) && evidence < certain;
+    if (move === byClimbing && !climbable) continue;
+    const there = { ...best, corners: yield* move(best, frames) };
+    const now = (yield* evidenceSteps(there, frames)) - Math.log(tried * tries);
+    if (!(now > evidence)) continue;
+    best = there;
+    evidence = now;
+    tried *= tries;
+  }
+  if (evidence < HINT - Math.log(tried)) return null;
+  const start = best;
+  const fit = yield* byBlocks(start, [...watch.frames]);
+  const fitted = fit === null ? start : moved(start, fit);
+  const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
+  evidence = Math.max(evidence, now);
+  if (evidence < NEARLY * needed) return null;
+  if (now >= NEARLY * needed) best = fitted;
+  if (evidence < certain) {
+    // corners were fitted to these frames; later ones must agree
+    const later = [];
+    const at = [];
+    while (later.length < watch.confirming) {
+      yield NEXT_FRAME;
+      const frame = watch.newest;
+      const values = valuesOf(best, frame);
+      if (values === null) return null;
+      later.push(values);
+      at.push(frame.at);
+    }
+    if (pilotEvidence(later, layout, at).evidence < CONFIRMED) return null;
+    if (evidence < needed) {
+      const before = yield* valueSteps(best, frames);
+      if (before === null) return null;
+      const values = [...before, ...later];
+      evidence = pilotEvidence(values, layout, [...positions(frames), ...at]).evidence;
+      evidence -= Math.log(tried);
+    }
+  }
+  if (evidence < needed) return null;
+  const isFitted = best === fitted && fit !== null;
+  const k = isFitted ? yield* throughLens(fit, start, frames[0]) : 0;
+  return { proposal: isFitted && k !== 0 ? moved(start, fit) : best, evidence, k };
+}
+
+/**
+ * Move corners by parts of the display.
+ *
+ * @type {Move}
+ */
+function* byParts({ corners, layout, frequency }, frames) {
+  const blocks = expectedChanges(layout);
+  for (let round = 0; round < COARSE_ROUNDS; round++) {
+    const views = yield* viewSteps(corners, layout, frames, COARSE_SIZE);
+    if (views === null) break;
+    const [line] = amplitudes(views, positions(frames), [frequency]);
+    yield MEASURE_WORK;
+    const fit = coarseShift(line, blocks, layout);
+    yield MOVE_WORK;
+    if (fit === null) break;
+    const there = movedCorners(corners, fit.HOldFromNew, layout);
+    const far = farthestMove(corners, there);
+    corners = there;
+    if (fit.parts >= MANY && far < SETTLED_PX) break;
+  }
+  return corners;
+}
+
+/**
+ * Move corners while the sum over all pilots grows.
+ *
+ * @type {Move}
+ */
+function* byClimbing({ corners, layout, frequency }, frames) {
+  for (let round = 0; round < CLIMB_ROUNDS; round++) {
+    const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
+    if (views === null) break;
+    const [line] = amplitudes(views, positions(frames), [frequency]);
+    yield MEASURE_WORK;
+    const HOldFromNew = climbToPilots(line, layout);
+    yield MOVE_WORK;
+    corners = movedCorners(corners, HOldFromNew, layout);
+  }
+  return corners;
+}
+
+/**
+ * Move corners by all blocks at once, to parts of a pixel.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly HeldFrame[]} frames
+ * @returns {Steps<BlockFit | null>} null where the corners are not sound
+ */
+function* byBlocks({ corners, layout, frequency }, frames) {
+  const maps = blockMaps(layout);
+  const views = [];
+  for (const frame of frames) {
+    const view = frame.blockView(corners, maps);
+    if (view === null) return null;
+    views.push(view);
+    yield VIEW_WORK;
+  }
+  const changes = yield* periodChangeSteps(maps, views, positions(frames), frequency);
+  const fit = new BlockFit(maps, changes);
+  for (let round = 0; round < BLOCK_ROUNDS; round++) {
+    if (yield* fit.moveSteps()) break;
+  }
+  return fit;
+}
+
+/**
+ * Go on with a fit by all blocks, and find how the lens bends the display.
+ *
+ * @param {BlockFit} fit - one that began with the corners of `start`
+ * @param {Proposal} start - whose corners the fit moves
+ * @param {HeldFrame} reference - the reference frame
+ * @returns {Steps<number>} the coefficient of the lens; 0 where the lens bends the display by too
+ *   little to tell
+ */
+function* throughLens(fit, start, { gray }) {
+  fit.freeLens(start.corners, gray.width, gray.height);
+  for (let round = 0; round < LENS_ROUNDS; round++) {
+    const hasEnded = yield* fit.moveSteps();
+    if (!fit.bends()) return 0;
+    if (hasEnded) break;
+  }
+  return fit.k;
+}
+
+/**
+ * Move the corners of a proposal to where a fit by all blocks puts them.
+ *
+ * @param {Proposal} proposal
+ * @param {BlockFit} fit
+ * @returns {Proposal}
+ */
+function moved(proposal, fit) {
+  return { ...proposal, corners: movedCorners(proposal.corners, fit.shift(), proposal.layout) };
+}
+
+/** Ways to move corners by the pilots, one after the other, and how many places each tries. */
+const MOVES = [
+  { move: byParts, tries: 1 },
+  { move: byClimbing, tries: CLIMB_TRIALS },
+];
+
+/**
+ * @param {Point[]} from
+ * @param {Point[]} to
+ * @returns {number} the largest distance of two points, pixels
+ */
+function farthestMove(from, to) {
+  return Math.max(...from.map(([x, y], i) => Math.hypot(to[i][0] - x, to[i][1] - y)));
+}

@@ -1,0 +1,118 @@
+/** Watch a film from a reference frame on: what a search for a display by its pilots looks at. */
+
+import { pilotsSearchWatch } from "../../generated/constants.js";
+import { roundHalfEven } from "../../image/round.js";
+import { inImage, transform } from "../../link/geometry.js";
+import { identity } from "../../link/linear.js";
+import { Stabiliser } from "../stabilise.js";
+import { position } from "../waves.js";
+import { HeldFrame } from "./film.js";
+import { ToggleMap } from "./toggleMap.js";
+
+const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HELD } =
+  pilotsSearchWatch;
+
+/** Holds the frames of a film still against the camera's motion since a reference frame. */
+export class Watch {
+  #stabiliser;
+  #start;
+  #fps;
+  #most;
+  /** Frames watched so far; none before the edges of the reference are known. @type {HeldFrame[]} */
+  frames = [];
+  /** Number of frames after the reference. */
+  seen = 0;
+
+  /**
+   * @param {BytePlane} reference - the reference frame
+   * @param {number} time - when it was taken, seconds
+   * @param {number} fps - nominal number of frames of the camera in a second
+   * @param {boolean} pictureMoves - whether the room alone is held still
+   */
+  constructor(reference, time, fps, pictureMoves) {
+    this.reference = reference;
+    this.#start = time;
+    this.#fps = fps;
+    this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps));
+    this.#stabiliser = new Stabiliser(reference, pictureMoves);
+    const { width, height } = this.#stabiliser.reference;
+    /** What toggles in the frames watched. */
+    this.map = new ToggleMap(width, height);
+    /** Number of frames that are watched. */
+    this.window = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
+    /** Number of later frames that must agree with what is not certain. */
+    this.confirming = Math.floor((2 * this.window) / 3);
+    /** The newest frames of all. */
+    this.held = [new HeldFrame(reference, identity(3), 0, time)];
+  }
+
+  /** The newest frame. */
+  get newest() {
+    return this.held[this.held.length - 1];
+  }
+
+  /**
+   * Hold the next frame still, and keep it.
+   *
+   * @param {BytePlane} gray
+   * @param {number} time - seconds
+   * @returns {boolean} false where the reference is lost in it
+   */
+  take(gray, time) {
+    const H = this.#stabiliser.follow(gray);
+    if (H === null) return false;
+    const at = position(time - this.#start, this.#fps);
+    this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
+    if (this.held.length > this.#most) this.held.shift();
+    this.seen++;
+    return true;
+  }
+
+  /** Tell whether the newest frame still shows enough of the reference. */
+  isInView() {
+    const { width, height } = this.reference;
+    const places = CHECKED.map(
+      ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
+    );
+    const H = this.newest.HFrameFromReference;
+    const seen = inImage(transform(H, places), width, height);
+    return seen.filter(Boolean).length >= IN_VIEW * places.length;
+  }
+
+  /** Watch the newest frame. */
+  add() {
+    const { newest } = this;
+    this.frames.push(newest);
+    const still = this.#stabiliser.still(newest.gray, newest.HFrameFromReference);
+    this.map.add(still, newest.at);
+  }
+
+  /**
+   * Show what corners in the reference bound in the frames watched.
+   *
+   * @param {Point[]} corners
+   * @param {number} width - of the views, pixels
+   * @param {number} height
+   */
+  views(corners, width, height) {
+    return this.map.views(this.#stabiliser.onCopy(corners), width, height);
+  }
+
+  /**
+   * Tell how well quadrilaterals of the reference bound what toggles (`ToggleMap`).
+   *
+   * @param {Point[][]} quads
+   */
+  worths(quads) {
+    return this.map.worths(quads.map((quad) => this.#stabiliser.onCopy(quad)));
+  }
+
+  /**
+   * Move points from the map to the reference.
+   *
+   * @param {Point[]} points
+   */
+  onImage(points) {
+    return this.#stabiliser.onImage(points);
+  }
+}
