@@ -29,7 +29,8 @@ from models.neural.methods import decode_with
 TOLERANCE = 1e-3
 """Largest difference of a score, a log-likelihood ratio, between torch and onnxruntime."""
 FILM_TOLERANCE = 0.1
-"""The same for the film decoder, whose rounds are in float32; bits of smaller scores may differ."""
+"""Largest difference of a score of the film decoder, in log-likelihood units: its rounds are in
+float32. Bits of smaller scores may differ."""
 FILM_GRIDS = ((16, 16), (24, 32), (48, 64))
 """Rows and columns of the grids of the windows that are compared."""
 NOISE_RANGE = (10.0, 100.0)

@@ -209,7 +209,9 @@ def loss_of(module: FilmDecoder, file: Path) -> torch.Tensor:
     return binary_cross_entropy_with_logits(scores[inner], bits[inner])
 
 
-def train(module: FilmDecoder, files: list[Path], config: TrainFilmConfig) -> list[dict[str, Any]]:
+def fit_constants(
+    module: FilmDecoder, files: list[Path], config: TrainFilmConfig
+) -> list[dict[str, Any]]:
     """Run the loop.
 
     Returns:
@@ -246,7 +248,7 @@ def main() -> None:
         found = Workshop(config.out, Backend(config.jobs)).each(record, items, models)
         files = [config.out / "windows" / name for names in found.values() for name in names]
         module = FilmDecoder()
-        log = train(module, files, config)
+        log = fit_constants(module, files, config)
         text = "".join(json.dumps(entry) + "\n" for entry in log)
         write_bytes(config.out / "log.jsonl", text.encode())
         save_checkpoint(config.graph.parent, module, {"train": training_settings(config)})

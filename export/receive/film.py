@@ -79,7 +79,7 @@ class FilmDesk:
             in_view = frame.in_view.astype(np.float32)
             shares = cv2.resize(in_view, (layout.cols, layout.rows), interpolation=cv2.INTER_AREA)
             seen = (shares > 1 - 1e-6).astype(np.float32)
-        self._frames.append(FilmFrame(frame.time, shrink(frame.rectified)[None], seen))
+        self._frames.append(FilmFrame(frame.time, shrunk_gray(frame.rectified)[None], seen))
 
     def due(self) -> bool:
         """Return whether it is time for the next window."""
@@ -134,7 +134,7 @@ def _pairs_shown(clock: DisplayClock, time: float) -> tuple[int, int]:
     return int(np.floor(first)), int(np.floor(last))
 
 
-def shrink(image: Image) -> Map:
+def shrunk_gray(image: Image) -> Map:
     """Make gray of a rectified image, and average it over squares of `SHRINK` pixels.
 
     Args:

@@ -102,7 +102,7 @@ class Comparison:
     """Its length, seconds."""
 
 
-def compare(item: Comparison) -> list[dict[str, Any]]:
+def read_both(item: Comparison) -> list[dict[str, Any]]:
     """Film, and let both receivers read.
 
     Returns:
@@ -160,7 +160,7 @@ def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:
         take = Take(settings, pair, view, run, flags.seed, model)
         items[f"{name} {take.name}"] = Comparison(take, name, flags.states / settings.state_hz)
     inputs = sorted({item.take.model for item in items.values()})
-    read = workshop.each(compare, items, [*inputs, FILM_GRAPH])
+    read = workshop.each(read_both, items, [*inputs, FILM_GRAPH])
     readings = [
         Reading(**{**each, "bins": [Bin(**one) for one in each["bins"]]})
         for both in read.values()

@@ -63,7 +63,7 @@ distance over which it masks, as in `link.strength`."""
 
 
 @dataclass(frozen=True)
-class Picture:
+class ReferenceBlocks:
     """What the reference says of its B blocks."""
 
     S: Tensor
@@ -194,7 +194,7 @@ class FilmDecoder(nn.Module):
 
     def look(
         self, frames: Tensor, reference: Tensor, rows: int, cols: int
-    ) -> tuple[Picture, Tensor]:
+    ) -> tuple[ReferenceBlocks, Tensor]:
         """Describe the blocks of the reference, and how each frame's blocks differ from it.
 
         Args:
@@ -228,7 +228,7 @@ class FilmDecoder(nn.Module):
         x, y = x.reshape(1, -1), y.reshape(1, -1)
         light = (means[1] / 2 + 0.5).clamp_min(0.002) ** DISPLAY_GAMMA
         mask = self._masking(light.reshape(1, 1, rows, cols)).reshape(1, -1)
-        return Picture(
+        return ReferenceBlocks(
             self._signal(means[:5], x, y, mask),
             self._nuisances(means[:5], means[5:8], x, y),
             self._variance(means[1:3], means[8:]),
@@ -286,7 +286,7 @@ class FilmDecoder(nn.Module):
         self,
         changes: Tensor,
         seen: Tensor,
-        picture: Picture,
+        picture: ReferenceBlocks,
         state: "Estimates",
         ripple: Ripple,
         find_waves: bool,
@@ -316,7 +316,12 @@ class FilmDecoder(nn.Module):
         return (left - shift) * seen
 
     def _estimate_noise(
-        self, left: Tensor, seen: Tensor, picture: Picture, mixture: Mixture, state: "Estimates"
+        self,
+        left: Tensor,
+        seen: Tensor,
+        picture: ReferenceBlocks,
+        mixture: Mixture,
+        state: "Estimates",
     ) -> None:
         """Estimate the variance of each block over time, and of each frame over its blocks."""
         doubt = mixture.shares**2 * (1 - mixture.of_slots(state.x**2))
@@ -337,7 +342,7 @@ class FilmDecoder(nn.Module):
         left: Tensor,
         seen: Tensor,
         known: Tensor,
-        picture: Picture,
+        picture: ReferenceBlocks,
         mixture: Mixture,
         state: "Estimates",
         first: bool,
@@ -403,7 +408,9 @@ class Estimates:
     """(T, 1) variance of each frame relative to the others."""
 
 
-def mix(picture: Picture, seen: Tensor, times: Tensor, clock: Tensor, pairs: Tensor) -> Mixture:
+def mix(
+    picture: ReferenceBlocks, seen: Tensor, times: Tensor, clock: Tensor, pairs: Tensor
+) -> Mixture:
     """Work out which pairs each frame mixes at each block.
 
     Args:

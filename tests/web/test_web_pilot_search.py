@@ -25,7 +25,7 @@ FILMS = [
     "still",
     "other layout",
 ]
-LATER, NO_EDGES_LATER = 3, 6
+LATER, NO_EDGES_LATER = 3, 8
 """Largest number of frames by which the page may find a display later than Python: its steps are
 finer, and what toggles is outlined in several of them."""
 
