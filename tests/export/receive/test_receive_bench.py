@@ -25,5 +25,5 @@ def test_a_film_of_a_preset_with_pilots_is_timed(
     for number, image in enumerate(robust_film(80)[0]):
         write_image(tmp_path / "film" / f"{number:03d}.png", image)
     done = command(bench_cli.main, tmp_path / "film", "--threads", 1, *flags)
-    assert "| decode |" in done.stdout
+    assert "| film |" in done.stdout
     assert json.loads(done.stdout.splitlines()[-1])["frames"] == 80
