@@ -104,6 +104,18 @@ class Compact:
             numbers[box] = still + (shown[1][box] - shown[0][box]) // self.kappa
         return numbers
 
+    @property
+    def known(self) -> list[str]:
+        """Bits that blocks show whatever the message is, row-major: one text for each frame pair.
+
+        A letter is "0", "1", or "." where a block carries a bit of the message. After the last text
+        the first one comes again.
+        """
+        layout = self.layout
+        letters = np.where(layout.message_mask, ".", "0").reshape(-1)
+        letters[layout.pilot_blocks] = layout.pilot_bits.astype(str)
+        return ["".join(letters)]
+
     def cells(self, bits: ArrayLike) -> NDArray[np.uint8]:
         """Number the changes of a frame pair's cells.
 
