@@ -110,7 +110,8 @@ def block_steps(picture: Image, layout: Layout) -> NDArray[np.uint8]:
     2.38
     """
     weights = (1.0,) if picture.ndim == 2 else LUMINANCE_FROM_RGB
-    table = light_of_level(np.arange(256.0)).astype(np.float32)
+    # of 24 bits, so that sums are exact, and equal in every order and language
+    table = light_of_level(np.arange(256.0)).astype(np.float32).astype(np.float64)
     planes = picture.reshape(*picture.shape[:2], -1)  # (H, W, 1 or 3)
     light = np.zeros((layout.rows, layout.cols))
     for channel, weight in enumerate(weights):
