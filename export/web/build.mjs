@@ -1,17 +1,17 @@
 /**
- * Bundles the page for browsers: node build.mjs DIR, where `python -m export.web` has put the
- * graphs, the presets and the icons.
+ * Bundles the pages for browsers: node build.mjs DIR, where `python -m export.web` has put the
+ * graphs, the presets, the player and the icons.
  */
 
 import { createHash } from "node:crypto";
-import { cp, mkdir, readdir, readFile, writeFile } from "node:fs/promises";
+import { cp, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join, relative, sep } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
 const HERE = dirname(fileURLToPath(import.meta.url));
 const PAGE = join(HERE, "src", "page");
-const COPIED = ["index.html", "style.css", "manifest.webmanifest", "icon.svg"];
+const COPIED = ["index.html", "send.html", "about.html", "style.css", "manifest.webmanifest", "icon.svg"];
 const WASM = /"data:application\/octet-stream;base64,(AGFzbQ[A-Za-z0-9+/=]+)"/;
 const { dependencies } = JSON.parse(await readFile(join(HERE, "package.json"), "utf8"));
 
@@ -83,8 +83,10 @@ await cp(
   join(out, "ort-wasm-simd-threaded.wasm"),
 );
 await writeFile(join(out, "licences.txt"), await licences());
-const define = { VERSIONS: JSON.stringify(dependencies) };
-const alone = ["page.js", "decoding.js"].map((name) => join(PAGE, name));
+const sent = join(out, "send.json");
+const define = { VERSIONS: JSON.stringify(dependencies), SENT: await readFile(sent, "utf8") };
+await rm(sent);
+const alone = ["page.js", "decoding.js", "send.js", "sending.js", "about.js"].map((name) => join(PAGE, name));
 await build({ ...SETTINGS, define, entryPoints: alone, outdir: out });
 await build({
   ...SETTINGS,

@@ -17,8 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.send.player import TEMPLATE
 from export.web.constants import write_constants
-from export.web.tables import layout_table, page_preset
+from export.web.tables import layout_table, page_preset, send_preset
 from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
@@ -130,8 +131,11 @@ def run_node(command: Sequence[str]) -> str:
 
 
 def write_inputs(folder: Path) -> None:
-    """Write what Python gives the page: graphs, the table of presets, first films, and icons."""
+    """Write what Python gives the pages: graphs, tables, the player, first films, and icons."""
     write_presets(folder)
+    sent = [send_preset(name, preset) for name, preset in PRESETS.items()]
+    write_bytes(folder / "send.json", json.dumps(sent).encode())
+    write_bytes(folder / TEMPLATE.name, TEMPLATE.read_bytes())
     films = []
     for kind, name in WARM_PRESETS.items():
         film = draw_warm_film(PRESETS[name].layout)

@@ -1,22 +1,27 @@
-"""The page that sends makes the loops that export.send makes, and its visitors are told what is wrong."""
+"""The page that sends makes the loops of export.send, and says what is wrong with what it is given."""
 
 import base64
 import json
 import re
+import struct
+import time
 import zlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import cases
-from numpy.typing import NDArray
+from conftest import OpenWindow, cases
+from playwright.sync_api import Page
 from port import Port, same
 
 from export.send.player import write_player
 from export.web.tables import send_preset
+from lab.films.browser import serve_folder, text_of
 from link.code.authenticate import sign
-from link.code.framing import encode
+from link.code.framing import encode, longest_message
+from link.images import write_image
 from link.layout import make_layout
 from link.loop import Loop
 from link.presets import PRESETS
@@ -84,3 +89,150 @@ def test_loops_are_those_of_python(
     content = {"data": message, "signed": signed}
     found = vars(port("send/loop.js").makeLoop(table, content, given))
     assert unpacked(found) == sent_loop(tmp_path / "player.html")
+
+
+# The page in Chromium
+
+PATIENCE_S = 60.0
+RNG = np.random.default_rng(5)
+MESSAGES = {
+    "1 byte": b"a",
+    "100 bytes": b"0123456789" * 10,
+    "link": b"https://example.org/menu?table=7#today",
+    "lines": b"one\n\ttwo\n\n three ",
+    "Unicode": "Gr\u00fc\u00dfe, \u4f60\u597d \U0001f642 \u05e9\u05dc\u05d5\u05dd".encode(),
+    "markup": b"</script><script>alert(1)</script>",
+    "5 kB": b"A long one. " * 420,
+    "file": RNG.bytes(2000),
+    "signed": b"The door is open",
+    "signed file": RNG.bytes(300),
+}
+
+
+@pytest.fixture(scope="module")
+def address(site: Path) -> Iterator[str]:
+    """Where the page that sends is served."""
+    with serve_folder(site) as url:
+        yield f"{url}send.html"
+
+
+@pytest.fixture
+def sender(address: str, open_window: OpenWindow) -> Iterator[Page]:
+    """The page, which must ask nothing of anybody else, and have no errors."""
+    page = open_window(390, 844)
+    asked: list[str] = []
+    errors: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(address)
+    yield page
+    ours = (address.removesuffix("send.html"), "blob:", "data:")
+    assert errors == []
+    assert [url for url in asked if not url.startswith(ours)] == []
+
+
+def wait_for(page: Page, condition: Callable[[], object]) -> None:
+    """Wait until a function is true; Playwright's own way is refused by the page's policy."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, text_of(page, "status")
+        page.wait_for_timeout(50)
+
+
+def save(page: Page, file: Path) -> dict[str, Any]:
+    """Press *Save*; gives the loop of the file."""
+    with page.expect_download() as saved:
+        page.locator("#save").click()
+    saved.value.save_as(file)
+    return sent_loop(file)
+
+
+def given_file(name: str, data: bytes, kind: str = "") -> Any:
+    return {"name": name, "mimeType": kind or "application/octet-stream", "buffer": data}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_saved_file_is_what_export_send_writes(name: str, sender: Page, tmp_path: Path) -> None:
+    preset, drawn = PRESETS[name], picture()
+    n_bits = preset.layout.n_bits
+    write_image(tmp_path / "picture.png", drawn)
+    sender.set_input_files("#picture", tmp_path / "picture.png")
+    sender.select_option("#preset", name)
+    sender.locator("summary").click()
+    sender.fill("#counter", "7")
+    for kind, message in MESSAGES.items():
+        signed, is_file = "signed" in kind, "file" in kind
+        sender.fill("#text", "" if is_file else message.decode())
+        sender.set_input_files("#file", given_file("any.bin", message) if is_file else [])
+        sender.set_input_files("#key", given_file("key", KEY) if signed else [])
+        sent = sign(message, KEY, 7) if signed else message
+        if len(sent) > longest_message(n_bits):
+            sender.locator("#save").click()
+            wait_for(sender, lambda: "too long" in text_of(sender, "status"))
+            continue
+        loop = save(sender, tmp_path / "saved.html")
+        rows = encode(sent, n_bits, signed=signed)
+        assert loop["bits"] == ["".join(map(str, row)) for row in rows], kind
+    made = Loop(preset.layout, preset.kappa, rows, lambda: iter([drawn]), even=preset.even)
+    flicker = "" if name == "hidden" else "seen"
+    write_player(tmp_path / "player.html", made, preset.state_hz, flicker)
+    assert loop == sent_loop(tmp_path / "player.html")
+
+
+def huge_png(width: int, height: int) -> bytes:
+    """A PNG of a size that its file does not show."""
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes(2**20))
+    parts = [(b"IHDR", head), (b"IDAT", rows), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in parts
+    )
+
+
+SVG = b"""<svg xmlns="http://www.w3.org/2000/svg" width="99" height="99">
+<script>alert(1)</script><image href="https://example.org/a.png" /></svg>"""
+HOSTILE = {
+    "200 megapixels": ("picture", given_file("a.png", huge_png(20_000, 10_000), "image/png")),
+    "drawing": ("picture", given_file("a.svg", SVG, "image/svg+xml")),
+    "drawing in disguise": ("picture", given_file("a.png", SVG, "image/png")),
+    "no picture": ("picture", given_file("a.jpg", b"no picture", "image/jpeg")),
+    "narrow": ("picture", given_file("a.png", huge_png(900, 20), "image/png")),
+    "key of 1 byte": ("key", given_file("key", b"k")),
+    "empty file": ("file", given_file("none", b"")),
+}
+SAID = {
+    "200 megapixels": "This picture has 200 million pixels, and 50 are the most.",
+    "drawing": "Drawings (SVG) are not read. Save it as PNG.",
+    "drawing in disguise": "This file is no picture that this browser can read.",
+    "no picture": "This file is no picture that this browser can read.",
+    "narrow": "This picture is longer than 3 to 1. Crop it.",
+    "key of 1 byte": "This file is no key: a key has 16 to 4096 bytes.",
+    "empty file": "The message is empty. Type a text, or choose a file.",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_is_no_good_is_refused_in_one_sentence(name: str, sender: Page) -> None:
+    place, file = HOSTILE[name]
+    sender.set_input_files(f"#{place}", file)
+    if place != "picture":
+        sender.locator("#save").click()
+    wait_for(sender, lambda: text_of(sender, "status") == SAID[name])
+    assert not sender.evaluate("document.getElementById('save').disabled")
+
+
+@pytest.mark.slow
+def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path) -> None:
+    sender.fill("#text", "")
+    sender.locator("#save").click()
+    wait_for(sender, lambda: "is empty" in text_of(sender, "status"))
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(10**9)
+    for place, said in (("file", "too long"), ("picture", "too large")):
+        sender.set_input_files(f"#{place}", tmp_path / "huge")
+        if place == "file":
+            sender.locator("#save").click()
+        wait_for(sender, lambda said=said: said in text_of(sender, "status"))

@@ -8,6 +8,7 @@ import { filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
+import { download, keepForOffline } from "./site.js";
 import { linkOf, noteOf } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
@@ -417,15 +418,6 @@ function readNamedFilm() {
 
 // ---- Buttons
 
-/** @param {Blob} file @param {string} name */
-function download(file, name) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(file);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60e3);
-}
-
 byId("start").addEventListener("click", () => void readCamera());
 byId("again").addEventListener("click", () => readAgain());
 byId("copy").addEventListener("click", async () => {
@@ -498,15 +490,6 @@ for (const name of ["dragover", "dragleave", "drop"]) {
     const file = name === "drop" ? /** @type {DragEvent} */ (event).dataTransfer?.files[0] : null;
     if (file) void readFilm(file);
   });
-}
-
-/** Keep the page for times without a network. */
-async function keepForOffline() {
-  try {
-    await navigator.serviceWorker?.register(new URL("serviceWorker.js", document.baseURI));
-  } catch {
-    // the page works as long as there is a network
-  }
 }
 
 if (!readNamedFilm()) void readCamera();

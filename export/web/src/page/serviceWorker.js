@@ -1,5 +1,5 @@
 /**
- * Keeps the whole page on the device, so that it opens without a network.
+ * Keeps all pages on the device, so that they open without a network.
  *
  * build.mjs lists the files and changes the version whenever one of them changes. A new version is
  * loaded as a whole, and takes over when the page is opened next.
@@ -19,6 +19,7 @@ const WORKER_POLICY = "default-src 'none'; connect-src 'self'; script-src 'self'
 const POLICIES = {
   "worker.js": `${WORKER_POLICY} 'unsafe-eval'; worker-src 'self'`,
   "decoding.js": WORKER_POLICY,
+  "sending.js": WORKER_POLICY,
 };
 
 scope.addEventListener("install", (/** @type {any} */ event) => {
