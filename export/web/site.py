@@ -1,7 +1,7 @@
-"""Build the receiver's page: a folder of files that any static host can serve over https.
+"""Build the site: pages that read, send and explain, in a folder that any host can serve over https.
 
 JavaScript is bundled by esbuild, a tool of Node.js, from `export/web/src`. Everything else that the
-page needs, the graphs of the decoders and a table of the presets, comes from Python.
+pages need, such as the graphs of the decoders and tables of the presets, comes from Python.
 """
 
 import gzip
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from export.send.player import TEMPLATE
 from export.web.constants import write_constants
+from export.web.demo import write_demo
 from export.web.tables import layout_table, page_preset, send_preset
 from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
@@ -131,11 +132,12 @@ def run_node(command: Sequence[str]) -> str:
 
 
 def write_inputs(folder: Path) -> None:
-    """Write what Python gives the pages: graphs, tables, the player, first films, and icons."""
+    """Write what Python gives the pages: graphs, tables, the player, films, pictures and icons."""
     write_presets(folder)
     sent = [send_preset(name, preset) for name, preset in PRESETS.items()]
     write_bytes(folder / "send.json", json.dumps(sent).encode())
     write_bytes(folder / TEMPLATE.name, TEMPLATE.read_bytes())
+    write_demo(folder)
     films = []
     for kind, name in WARM_PRESETS.items():
         film = draw_warm_film(PRESETS[name].layout)

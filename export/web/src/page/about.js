@@ -5,7 +5,7 @@ import { keepForOffline } from "./site.js";
 const button = /** @type {HTMLButtonElement} */ (document.getElementById("read"));
 button.addEventListener("click", () => {
   const frame = document.createElement("iframe");
-  Object.assign(frame, { src: "./?film=demo.webm", title: "The receiver reads the film" });
+  Object.assign(frame, { src: "./?film=demo.mkv", title: "The receiver reads the film" });
   button.replaceWith(frame);
   frame.focus();
 });

@@ -87,6 +87,11 @@ function length() {
   return own + (byId("key").files.length ? STAMP_BYTES + TAG_BYTES : 0);
 }
 
+/** @param {number} number @returns {string} as it is read */
+function numberOf(number) {
+  return number.toLocaleString("en", { maximumFractionDigits: 1 });
+}
+
 /** Say what the preset needs, and how long a loop lasts. */
 function sayCost() {
   const { purpose, needs_fps, better_fps, seen, distance_m, longest_bytes, n_bits, loop } = chosen();
@@ -96,8 +101,8 @@ function sayCost() {
   byId("cost").textContent =
     `${purpose} Its flicker is ${seen} times what is just seen from ${distance_m} m. ` +
     `It needs a camera of ${needs_fps} frames a second${better}. ` +
-    `The message has ${size} of at most ${longest_bytes} bytes, and comes round every ` +
-    `${((2 * pairs) / loop.state_hz).toFixed(1)} s.`;
+    `The message has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
+    `round every ${numberOf((2 * pairs) / loop.state_hz)} s.`;
   byId("flicker").hidden = !loop.flicker;
 }
 
@@ -204,7 +209,7 @@ document.addEventListener("fullscreenchange", () => {
   if (!document.fullscreenElement) endShow();
 });
 
-byId("preset").append(...SENT.map(({ name, purpose }) => new Option(purpose, name)));
+byId("preset").append(...SENT.map(({ name, purpose }) => new Option(purpose.split(":")[0], name)));
 byId("preset").value = "robust";
 void take(picture);
 sayCost();
