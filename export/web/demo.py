@@ -15,7 +15,7 @@ from link.presets import PRESETS
 
 PRESET, MESSAGE = "robust", "You have just read a display."
 """Name of the preset that the film shows, and its message."""
-PICTURE = 4
+PICTURE = 3
 """Number of the displayed picture among those of the split "test"."""
 DRAWN_KAPPA = 36
 """Gray levels by which blocks change where people are to see it."""

@@ -1,4 +1,4 @@
-"""The page that sends makes the loops of export.send, and says what is wrong with what it is given."""
+"""The page that sends makes the loops of export.send, and says what is wrong with its input."""
 
 import base64
 import json
@@ -10,12 +10,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from conftest import OpenWindow, cases
 from playwright.sync_api import Page
 from port import Port, same
+from web_films import gray, y4m_bytes
 
+from export.receive.decoders import open_decoders
+from export.receive.stream import EventStream
 from export.send.player import write_player
 from export.web.tables import send_preset
 from lab.films.browser import serve_folder, text_of
@@ -236,3 +240,81 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
         if place == "file":
             sender.locator("#save").click()
         wait_for(sender, lambda said=said: said in text_of(sender, "status"))
+
+
+# From the playing page through a camera of a few lines
+
+SHOWN = {
+    "paper": (b"Hi", 1.5, 92),
+    "hidden": ("Gr\u00fc\u00dfe, \u4f60\u597d \U0001f642".encode(), 0.4, 98),
+    "fast": (b"0123456789" * 10, 0.4, 97),
+    "robust": (b"https://example.org/menu?table=7", 1.5, 88),
+}
+"""By preset a message, the standard deviation of the camera's noise, and the quality of JPEG."""
+SEEN_AT = np.array([[93, 61], [886, 84], [858, 667], [120, 650]], np.float32)
+"""Corners of the display in the film, in pixels."""
+
+
+def states_of(page: Page, player: Path) -> list[Image]:
+    """What a window of 640 x 480 shows of a file's first states, (480, 640, 3) uint8."""
+    page.goto(player.resolve().as_uri())
+    wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
+    page.evaluate("player.pause(), player.step(-player.state)")
+    shown = []
+    for _ in range(page.evaluate("Math.min(player.states, 48)")):
+        image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        shown.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))
+        page.keyboard.press("ArrowRight")
+    return shown
+
+
+def filmed(states: list[Image], name: str) -> Iterator[Image]:
+    """A film of 960 x 720, two frames of each state: slanted, blurred, noisy and compressed."""
+    _, noise, quality = SHOWN[name]
+    rng = np.random.default_rng(7)
+    corners = np.array([[-0.5, -0.5], [639.5, -0.5], [639.5, 479.5], [-0.5, 479.5]], np.float32)
+    H_captured_from_display = cv2.getPerspectiveTransform(corners, SEEN_AT)
+    room = np.full((720, 960, 3), 60, np.uint8)
+    room[::40] = room[:, ::60] = 80
+    for number in range(2 * len(states)):
+        frame = cv2.warpPerspective(
+            states[number // 2],
+            H_captured_from_display,
+            (960, 720),
+            dst=room.copy(),
+            flags=cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_TRANSPARENT,
+        )
+        frame = cv2.GaussianBlur(frame, (0, 0), 0.6) + rng.normal(0, noise, frame.shape)
+        frame = np.clip(frame.round(), 0, 255).astype(np.uint8)
+        _, data = cv2.imencode(".jpg", frame[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        yield np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[:, :, ::-1], np.uint8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_what_the_page_shows_is_read_by_both_receivers(
+    name: str, sender: Page, address: str, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    message = SHOWN[name][0]
+    coarse = np.random.default_rng(4).uniform(60, 220, (7, 9, 3)).astype(np.float32)
+    smooth = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_CUBIC)
+    write_image(tmp_path / "picture.png", smooth.clip(0, 255).astype(np.uint8))
+    sender.set_input_files("#picture", tmp_path / "picture.png")
+    sender.fill("#text", message.decode())
+    sender.select_option("#preset", name)
+    save(sender, tmp_path / "player.html")
+    states = states_of(open_window(640, 480), tmp_path / "player.html")
+    frames, fps = list(filmed(states, name)), 2 * PRESETS[name].state_hz
+    receiver = EventStream(open_decoders(None, 2), fps)
+    for number, frame in enumerate(frames):
+        receiver.push(frame, number / fps, str(number))
+    receiver.finish()
+    assert receiver.inbox.last and receiver.inbox.last.data == message, receiver.explanation
+    film = tmp_path / "film.y4m"
+    film.write_bytes(y4m_bytes((gray(frame) for frame in frames), fps))
+    page = open_window(1280, 800)
+    page.goto(f"{address.removesuffix('send.html')}?film=none.y4m")  # or it would take a camera
+    page.set_input_files("#film", film)
+    wait_for(page, lambda: text_of(page, "message"))
+    assert text_of(page, "message") == message.decode()

@@ -194,7 +194,7 @@ function endShow() {
   const [frame] = byId("stage").children;
   if (!frame) return;
   const { player, stats } = /** @type {any} */ (frame).contentWindow;
-  if (player?.agreed) {
+  if (player?.ready && player.agreed) {
     agreed = true;
     const rate = `${player.rate.toFixed(1)} states a second, at ${stats.hz.toFixed(1)} refreshes`;
     say(`Shown with ${rate}; ${stats.dropped} refreshes were skipped.`);
