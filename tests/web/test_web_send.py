@@ -21,6 +21,8 @@ from web_films import gray, y4m_bytes
 from export.receive.decoders import open_decoders
 from export.receive.stream import EventStream
 from export.send.player import write_player
+from export.web.demo import MESSAGE
+from export.web.site import WEB
 from export.web.tables import send_preset
 from lab.films.browser import serve_folder, text_of
 from link.code.authenticate import sign
@@ -240,6 +242,116 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
         if place == "file":
             sender.locator("#save").click()
         wait_for(sender, lambda said=said: said in text_of(sender, "status"))
+
+
+# How it is shown
+
+SAID_OF_RATES = {
+    ("robust", 60): (4, 15.0, ""),
+    ("robust", 75): (5, 15.0, ""),
+    ("robust", 120): (8, 15.0, ""),
+    ("hidden", 60): (1, 60.0, ""),
+    ("hidden", 75): (1, 75.0, "75.0 states a second, not 60 as asked"),
+    ("hidden", 120): (2, 60.0, ""),
+}
+"""By preset and refreshes a second, for how many of them a state stays, states a second, and what
+the player says of it."""
+REFRESHES = """
+    window.asked = [], window.clock = 1000;
+    window.requestAnimationFrame = (call) => asked.push(call);
+    window.refresh = (gap) => { clock += gap; for (const call of asked.splice(0)) call(clock); };
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["robust", "hidden"])
+def test_a_saved_file_keeps_its_rate_on_usual_displays(
+    name: str, sender: Page, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    sender.select_option("#preset", name)
+    save(sender, tmp_path / "saved.html")
+    for (preset, hz), (hold, rate, said) in SAID_OF_RATES.items():
+        if preset != name:
+            continue
+        page = open_window(640, 480)
+        page.add_init_script(REFRESHES)
+        page.goto((tmp_path / "saved.html").resolve().as_uri())
+        wait_for(page, lambda page=page: page.evaluate("asked.length > 0 && Boolean(room)"))
+        page.evaluate(f"while (!player.ready) refresh(1000 / {hz}); player.play();")
+        assert page.evaluate("[player.hold, player.rate]") == [hold, pytest.approx(rate)]
+        assert said in page.inner_text("p")
+        assert ("as asked" in page.inner_text("p")) == bool(said)
+        before = page.evaluate("player.count")
+        page.evaluate(f"refresh({3 * hold * 1000 / hz})")  # three states pass at once
+        assert page.evaluate("[player.count, stats.dropped]") == [before + 3, 3 * hold - 1]
+
+
+@pytest.mark.slow
+def test_what_flickers_is_shown_once_somebody_agreed(sender: Page) -> None:
+    def player() -> Any:
+        sender.locator("#show").click()
+        wait_for(sender, lambda: len(sender.frames) == 2)
+        wait_for(sender, lambda: sender.frames[1].evaluate("Boolean(window.player?.ready)"))
+        return sender.frames[1]
+
+    first = player()
+    assert not first.evaluate("player.playing")
+    assert "flickers visibly" in first.inner_text("p")
+    assert sender.evaluate("document.fullscreenElement.id") == "stage"
+    sender.mouse.click(200, 300)
+    assert first.evaluate("player.playing")
+    sender.keyboard.press("Escape")
+    wait_for(sender, lambda: len(sender.frames) == 1)
+    assert "15.0 states a second" in text_of(sender, "status")
+    assert player().evaluate("player.playing")  # it does not ask again
+    sender.mouse.click(200, 300)
+    wait_for(sender, lambda: len(sender.frames) == 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nobody_is_shut_out(scheme: Any, address: str, open_window: OpenWindow) -> None:
+    """Names, contrast and order, as axe-core checks them in each page and state."""
+    axe = (WEB / "node_modules" / "axe-core" / "axe.min.js").read_text()
+    for name in ("index.html?film=none", "send.html", "send.html?shown", "about.html"):
+        page = open_window(390, 844)
+        page.emulate_media(color_scheme=scheme)
+        page.goto(address.replace("send.html", name))
+        for summary in page.locator("summary").all():
+            summary.click()
+        if "shown" in name:
+            page.locator("#show").click()
+            wait_for(page, lambda page=page: len(page.frames) == 2)
+        page.evaluate(axe)
+        found = page.evaluate("axe.run()")
+        assert [(each["id"], each["nodes"]) for each in found["violations"]] == []
+        assert len(found["passes"]) > 20
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.slow
+def test_all_pages_work_without_a_network(site: Path, browser: Any) -> None:
+    context = browser.new_context()
+    with serve_folder(site) as url:
+        page = context.new_page()
+        page.goto(f"{url}send.html")
+        page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.goto(f"{url}about.html")  # from here on nobody serves it
+    page.locator("#read").click()
+    reader = page.frame_locator("iframe")
+    wait_for_text = time.monotonic() + PATIENCE_S
+    while reader.locator("#message").inner_text() != MESSAGE:
+        assert time.monotonic() < wait_for_text, reader.locator("#status").inner_text()
+        page.wait_for_timeout(100)
+    page.goto(f"{url}send.html")
+    with page.expect_download():
+        page.locator("#save").click()
+    context.close()
+
+
+def test_the_page_that_sends_is_small(site: Path) -> None:
+    names = ("send.html", "style.css", "send.js", "sending.js", "player.html", "icon.svg")
+    assert sum((site / name).stat().st_size for name in names) <= 300_000
 
 
 # From the playing page through a camera of a few lines

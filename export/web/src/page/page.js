@@ -492,4 +492,5 @@ for (const name of ["dragover", "dragleave", "drop"]) {
   });
 }
 
+document.querySelector("header")?.toggleAttribute("hidden", parent !== window); // within another page
 if (!readNamedFilm()) void readCamera();
