@@ -22,62 +22,15 @@ GENERATED = Path(__file__).parent / "src" / "generated" / "constants.js"
 """The file of constants."""
 EVENTS = GENERATED.with_name("events.d.ts")
 """The file of the types of events."""
-SHARED = (
-    "link.code.authenticate",
-    "link.code.collect_coarse",
-    "link.code.collect_fine",
-    "link.code.fine",
-    "link.code.framing",
-    "link.code.ldpc",
-    "link.code.message",
-    "link.code.rateless",
-    "link.code.words",
-    "link.geometry",
-    "link.images",
-    "link.images.video",
-    "link.layout",
-    "link.placement",
-    "link.ratex",
-    "link.robust",
-    "link.strength",
-    "export.locate.align",
-    "export.locate.candidates",
-    "export.locate.edges",
-    "export.locate.find",
-    "export.locate.patches",
-    "export.locate.pilots.all_blocks",
-    "export.locate.pilots.climb",
-    "export.locate.pilots.corners",
-    "export.locate.pilots.evidence",
-    "export.locate.pilots.film",
-    "export.locate.pilots.motion",
-    "export.locate.pilots.proposals",
-    "export.locate.pilots.search",
-    "export.locate.pilots.settle",
-    "export.locate.pilots.stabilise",
-    "export.locate.pilots.toggle_map",
-    "export.locate.pilots.waves",
-    "export.locate.quads",
-    "export.locate.refine",
-    "export.locate.spots",
-    "export.receive.diagnosis",
-    "export.receive.unseen",
-    "export.receive.occlusion",
-    "export.receive.reader",
-    "export.receive.receiver",
-    "export.receive.repeats",
-    "export.receive.states",
-    "export.receive.stream",
-    "export.receive.timing.fit",
-    "export.receive.timing.synchronise",
-    "export.receive.timing.toggles",
-    "export.receive.tracking.corners",
-    "export.receive.tracking.follow",
-    "export.receive.tracking.patches",
-    "export.receive.tracking.pilots",
-    "export.web.tables",
-)
-"""Modules whose constants the page shares."""
+ROOT = Path(__file__).parents[2]
+"""Folder of the checkout."""
+SHARED = [
+    ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for place in ("link/[a-z]*", "link/*/*", "export/[lr]*/**/*", "export/web/tables")
+    for file in sorted(ROOT.glob(f"{place}.py"))
+    if file.name != "__main__.py"
+]
+"""Modules whose constants the page shares: those of link, export.locate and export.receive."""
 LONGEST_TUPLE = 4
 """Largest number of entries that a tuple of numbers may have to be of a fixed length to the page's
 types; longer ones are arrays of any length."""
@@ -153,8 +106,10 @@ def plain(value: Any) -> Any:
         whole = None not in entries
         return type(value)(entries) if whole else None
     if isinstance(value, dict):
-        pairs = {plain(key): plain(entry) for key, entry in value.items()}
-        return None if None in pairs or None in pairs.values() else pairs
+        if not all(isinstance(key, int | float | str) for key in value):
+            return None
+        pairs = {key: plain(entry) for key, entry in value.items()}
+        return None if None in pairs.values() else pairs
     return value if isinstance(value, bool | int | float | str) else None
 
 

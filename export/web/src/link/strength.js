@@ -7,25 +7,17 @@ import { layout, strength } from "../generated/constants.js";
 
 const { LUMINANCE_FROM_RGB } = layout;
 const {
-  STEPS_PER_OCTAVE, FACTORS, EVEN, MASKING_WEIGHT, MASKING_EXPONENT, MASKING_SCALE,
-  SIGNAL_EXPONENT, STILL_SENSITIVITY, UNCERTAINTY_BLOCKS, AROUND_BLOCKS,
+  STEPS_PER_OCTAVE, FACTORS, LIGHT, EVEN, EVEN_LIGHT, MASKING_WEIGHT, MASKING_EXPONENT,
+  MASKING_SCALE, SIGNAL_EXPONENT, STILL_SENSITIVITY, UNCERTAINTY_BLOCKS, AROUND_BLOCKS,
 } = strength;
 
 /** Light of black, of the display and the room, in units of white's. */
 const BLACK = 1e-3;
-/** By gray level the linear light, of 24 bits, so that sums are exact in any order. */
-const LIGHT = Float64Array.from({ length: 256 }, (_, level) => Math.fround(lightOf(level)));
-/** Lights, and the factors at them, in rising order. */
-const KNOWN = [...EVEN].map(([level, factor]) => [lightOf(level), factor]);
+/** Factors at the lights of `EVEN_LIGHT`. */
+const EVEN_FACTORS = [...EVEN.values()];
 
 /** A picture, red, green and blue for each pixel. @typedef {{ width: number, height: number,
  *   data: Uint8Array }} Picture */
-
-/** @param {number} level - from 0 to 255 @returns {number} linear light of [0, 1] by sRGB's curve */
-function lightOf(level) {
-  const share = level / 255;
-  return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
-}
 
 /**
  * Choose how strongly each block of a picture may change.
@@ -58,9 +50,9 @@ export function blockSteps({ width, height, data }, rows, cols) {
 
 /** @param {number} light @returns {number} by which flicker over it may be larger, at least 1 */
 function evenFactor(light) {
-  const at = Math.max(1, KNOWN.findIndex(([known]) => known >= light));
-  const [[low, factor], [high, next]] = [KNOWN[at - 1], KNOWN[at]];
-  return factor + ((next - factor) / (high - low)) * (light - low);
+  const at = Math.max(1, EVEN_LIGHT.findIndex((known) => known >= light));
+  const slope = (EVEN_FACTORS[at] - EVEN_FACTORS[at - 1]) / (EVEN_LIGHT[at] - EVEN_LIGHT[at - 1]);
+  return EVEN_FACTORS[at - 1] + slope * (light - EVEN_LIGHT[at - 1]);
 }
 
 /**
