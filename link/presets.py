@@ -102,7 +102,7 @@ PRESETS = {
         kappa=1,
         state_hz=60.0,
         line_code="toggle",
-        purpose="To stay unseen: below the threshold of sight 1 m from a 24-inch display of 200 cd/m².",
+        purpose="To stay unseen: below the threshold of sight 1 m from 24 inches of 200 cd/m².",
         distance_m=1.0,
         even=True,
     ),
@@ -111,7 +111,7 @@ PRESETS = {
         kappa=3,
         state_hz=30.0,
         line_code="toggle",
-        purpose="To send much: most bits a second, for a camera of 60 frames a second; it flickers.",
+        purpose="To send much: most bits a second, with 60 frames a second; it flickers.",
     ),
     "robust": Preset(
         make_layout(24, 32, modulation="antipodal", pilots="auto"),

@@ -94,9 +94,12 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
     """
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa, loop.pyramid_level)
-    bits, pictures, steps, changes = [], [], [], []
-    numbers: dict[bytes, int] = {}
+    bits: list[str] = []
+    pictures: list[str] = []
+    steps: list[str | None] = []
+    changes: list[str] = []
     shown: list[int] = []
+    numbers: dict[bytes, int] = {}
     last = None
     for carrier in with_bar(loop.carriers(), len(loop.bits), "pair"):
         bits.append((ord("0") + carrier.bits).tobytes().decode())

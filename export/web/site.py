@@ -1,4 +1,4 @@
-"""Build the site: pages that read, send and explain, in a folder that any host can serve over https.
+"""Build the site that sends and reads, a folder that any static host can serve over https.
 
 JavaScript is bundled by esbuild, a tool of Node.js, from `export/web/src`. Everything else that the
 pages need, such as the graphs of the decoders and tables of the presets, comes from Python.

@@ -97,7 +97,7 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
         "longest_bytes": longest_message(layout.n_bits),
         "size": [layout.width, layout.height],
         "even": preset.even,
-        "room": base64.b64encode(np.concatenate(room)).decode(),
+        "room": base64.b64encode(np.concatenate(room).tobytes()).decode(),
         "ratex": layout.ratex,
         "tiles": original.reshape(-1, TILES**2).tolist(),
         "changes": (still + (embedded - original) // kappa).reshape(-1, TILES**2).tolist(),
