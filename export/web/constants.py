@@ -1,8 +1,8 @@
 """Write what the page shares with Python: src/generated/constants.js, and events.d.ts beside it.
 
-Every constant of `SHARED` stands in Python alone. The file has one object for each module, with its
-constants under their Python names, each with its docstring as its comment. The page's build and
-the tests write it; it is not kept in the repository.
+Every constant of these modules stands in Python alone. The file has one object for each module,
+with its constants under their Python names, each with its docstring as its comment. The page's
+build and the tests write it; it is not kept in the repository.
 """
 
 import ast
@@ -24,13 +24,15 @@ EVENTS = GENERATED.with_name("events.d.ts")
 """The file of the types of events."""
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
+PLACES = ("link/[a-z]*", "link/*/*", "export/[lr]*/**/*", "export/send/player", "export/web/tables")
+"""Patterns of the modules, without their ending, whose constants the page shares."""
 SHARED = [
     ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-    for place in ("link/[a-z]*", "link/*/*", "export/[lr]*/**/*", "export/web/tables")
+    for place in PLACES
     for file in sorted(ROOT.glob(f"{place}.py"))
     if file.name != "__main__.py"
 ]
-"""Modules whose constants the page shares: those of link, export.locate and export.receive."""
+"""Names of these modules."""
 LONGEST_TUPLE = 4
 """Largest number of entries that a tuple of numbers may have to be of a fixed length to the page's
 types; longer ones are arrays of any length."""

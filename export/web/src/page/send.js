@@ -1,7 +1,7 @@
 /** The page that sends: what is chosen, and what its buttons do. A worker makes the loop. */
 
 import { wrap } from "comlink";
-import { codeAuthenticate } from "../generated/constants.js";
+import { codeAuthenticate, sendPlayer } from "../generated/constants.js";
 import { framesNeeded } from "../link/code/framing.js";
 import { checkKey } from "../link/code/authenticate.js";
 import { InputError } from "../link/errors.js";
@@ -169,11 +169,8 @@ function onClick(id, use) {
 
 onClick("save", async (loop) => {
   const text = await (await load("player.html")).text();
-  const page = new DOMParser().parseFromString(text, "text/html");
-  const place = /** @type {HTMLElement} */ (page.getElementById("loop"));
-  place.textContent = JSON.stringify(loop);
-  const file = new Blob([`<!doctype html>\n${page.documentElement.outerHTML}\n`]);
-  download(file, "player.html");
+  const page = text.replace(sendPlayer.PLACE, () => `>${JSON.stringify(loop)}<`);
+  download(new Blob([page]), "player.html");
   say("The file is among your downloads. Open it on the display.");
 });
 
