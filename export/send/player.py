@@ -6,19 +6,15 @@ the change of its pixels where blocks have soft edges. It computes the states it
 shown, or where that is not exact by the processor, at the picture's own size.
 """
 
-import base64
 import json
-import zlib
 from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
-from export.send.compact import TILE, Compact
+from export.send.compact import PLACE, TEMPLATE, Compact, packed, rule_page
 from link.errors import InputError
 from link.images import write_bytes
 from link.loop import Loop
@@ -26,12 +22,6 @@ from link.loop import Loop
 T = TypeVar("T")
 BAR_AFTER_S = 2.0
 """Seconds of writing after which a bar shows how far it is."""
-PACKING = 4
-"""How hard arrays are packed, 0 to 9; a picture of 1920 x 1080 pixels takes some 0.2 s."""
-TEMPLATE = Path(__file__).with_name("player.html")
-"""Page of the player."""
-PLACE = ">null<"
-"""Text of the page, once, in whose place the loop goes as JSON."""
 MAX_DECODED_BYTES = 2**30
 """Largest memory for pictures and changes as a browser holds them: 3 bytes for each pixel of a
 picture, and 1 byte for each pixel of a frame pair's soft changes."""
@@ -46,37 +36,6 @@ def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
         unit: word for one of them.
     """
     yield from tqdm(items, None, count, False, unit=unit, disable=None, delay=BAR_AFTER_S)
-
-
-def packed(array: NDArray[np.integer]) -> str:
-    """Pack whole numbers from 0 to 255 as a page reads them: what zlib makes of their differences.
-
-    Args:
-        array: any shape. Where it has three dimensions, its last axis counts the channels: each
-            number is less the one before it in its channel.
-
-    Returns:
-        base64.
-    """
-    channels = array.shape[2] if array.ndim == 3 else 1
-    numbers = np.asarray(array, np.uint8).reshape(-1)
-    steps = numbers.copy()
-    steps[channels:] -= numbers[:-channels]
-    return base64.b64encode(zlib.compress(steps.tobytes(), PACKING)).decode()
-
-
-def rule_page(rule: Compact, state_hz: float, flicker: str) -> dict[str, Any]:
-    """Describe to a page, in JSON's types, how states follow from pictures and bits."""
-    layout = rule.layout
-    return {
-        "rows": layout.rows,
-        "cols": layout.cols,
-        "kappa": rule.kappa,
-        "state_hz": state_hz,
-        "flicker": flicker,
-        "known": rule.known,
-        "offsets": packed(128 + rule.offsets.reshape(-1, TILE * TILE, 3)),
-    }
 
 
 def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> None:

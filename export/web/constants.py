@@ -24,7 +24,13 @@ EVENTS = GENERATED.with_name("events.d.ts")
 """The file of the types of events."""
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
-PLACES = ("link/[a-z]*", "link/*/*", "export/[lr]*/**/*", "export/send/player", "export/web/tables")
+PLACES = (
+    "link/[a-z]*",
+    "link/*/*",
+    "export/[lr]*/**/*",
+    "export/send/compact",
+    "export/web/tables",
+)
 """Patterns of the modules, without their ending, whose constants the page shares."""
 SHARED = [
     ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")

@@ -17,10 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.send.player import TEMPLATE
+from export.send.compact import TEMPLATE
 from export.web.constants import write_constants
 from export.web.demo import write_demo
-from export.web.tables import layout_table, page_preset, send_preset
+from export.web.tables import layout_table, send_preset
 from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
@@ -158,7 +158,7 @@ def write_presets(folder: Path) -> None:
         name = names[layout]
         model = f"models/{name}.onnx"
         write_bytes(folder / model, graph.read_bytes())
-        tables.append(page_preset(name, PRESETS[name], model))
+        tables.append({"name": name, "model": model, "layout": layout_table(layout)})
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
 
 

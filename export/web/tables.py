@@ -12,9 +12,8 @@ import numpy as np
 
 from export.locate.patches import DRAWN_KAPPA
 from export.locate.spots import template_bank
-from export.send.compact import Compact
+from export.send.compact import Compact, rule_page
 from export.send.hiding import Hiding, Onlooker
-from export.send.player import rule_page
 from link.code.framing import longest_message
 from link.embed import levels_by_step, with_head_room
 from link.layout import Layout
@@ -57,17 +56,6 @@ def bank_directions(layout: Layout) -> Array:
         return np.empty((0, 0))
     templates, _ = template_bank(layout)
     return np.linalg.svd(templates.astype(np.float64), full_matrices=False)[2][:LEADING]
-
-
-def page_preset(name: str, preset: Preset, model: str) -> dict[str, Any]:
-    """Describe a preset for the page.
-
-    Args:
-        name: name of the preset.
-        preset: what the display shows.
-        model: file name of the graph that reads its layout.
-    """
-    return {"name": name, "model": model, "layout": layout_table(preset.layout)}
 
 
 def send_preset(name: str, preset: Preset) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from export.send.compact import Compact
 from export.send.player import write_player
 from link.code import framing
 from link.code.collect import make_collector
+from link.embed import block_changes
 from link.layout import Layout, block_index, make_layout
 from link.loop import Loop
 from link.types import Array, Image
@@ -236,7 +237,8 @@ def offsets_at(loop: Loop, width: int, height: int) -> Iterator[NDArray[np.intp]
     patches = spread(rule.patches)
     y, x = np.indices((height, width)) % 4
     for carrier in loop.carriers():
-        cells = rule.cells(carrier.bits)
+        hard = np.asarray(block_changes(carrier.bits, loop.layout) > 0, np.intp)
+        cells = rule.cells(carrier.bits) if rule.soft else hard
         cells = cells if carrier.steps is None else 2 * carrier.steps + cells
         numbers = np.where(patches > 0, patches, spread(cells))
         for offsets in rule.offsets[int(carrier.turned)]:

@@ -1,11 +1,11 @@
 /** The page that sends: what is chosen, and what its buttons do. A worker makes the loop. */
 
 import { wrap } from "comlink";
-import { codeAuthenticate, sendPlayer } from "../generated/constants.js";
+import { codeAuthenticate, sendCompact } from "../generated/constants.js";
 import { framesNeeded } from "../link/code/framing.js";
 import { checkKey } from "../link/code/authenticate.js";
 import { InputError } from "../link/errors.js";
-import { DRAWN, drawnPicture, openPicture, pixelsOf } from "../send/picture.js";
+import { openPicture, pixelsOf } from "../send/picture.js";
 import { addressOf, download, keepForOffline, load } from "./site.js";
 
 /** @import { Remote } from "comlink" */
@@ -18,8 +18,8 @@ const { MIN_KEY_BYTES, MAX_KEY_BYTES, MAX_STAMP, STAMP_BYTES, TAG_BYTES } = code
 const byId = (id) => document.getElementById(id);
 /** @type {Remote<Sending>} */
 const worker = wrap(new Worker(addressOf("sending.js"), { type: "module" }));
-/** What is shown; each new one takes its place. @type {Promise<ImageBitmap | HTMLCanvasElement>} */
-let picture = Promise.resolve(drawnPicture("Noon"));
+/** What is shown; each new one takes its place. */
+let picture = drawn("noon");
 /** Whether the visitor was asked whether what flickers may play. */
 let agreed = false;
 
@@ -40,7 +40,12 @@ function chosen() {
 
 // ---- The picture
 
-/** @param {Promise<ImageBitmap | HTMLCanvasElement>} next - what is shown from now on */
+/** @param {string} name @returns {Promise<ImageBitmap>} a picture that comes with the page */
+async function drawn(name) {
+  return openPicture(await (await load(`${name}.jpg`)).blob());
+}
+
+/** @param {Promise<ImageBitmap>} next - what is shown from now on */
 async function take(next) {
   const before = picture;
   const mine = (picture = next.catch(() => before));
@@ -56,11 +61,8 @@ async function take(next) {
   }
 }
 
-for (const name of /** @type {(keyof typeof DRAWN)[]} */ (Object.keys(DRAWN))) {
-  const button = document.createElement("button");
-  Object.assign(button, { type: "button", textContent: name });
-  button.addEventListener("click", () => void take(Promise.resolve(drawnPicture(name))));
-  byId("drawn").append(button);
+for (const button of byId("drawn").children) {
+  button.addEventListener("click", () => void take(drawn(button.value)));
 }
 for (const id of ["picture", "camera"]) {
   byId(id).addEventListener("change", () => {
@@ -169,7 +171,7 @@ function onClick(id, use) {
 
 onClick("save", async (loop) => {
   const text = await (await load("player.html")).text();
-  const page = text.replace(sendPlayer.PLACE, () => `>${JSON.stringify(loop)}<`);
+  const page = text.replace(sendCompact.PLACE, () => `>${JSON.stringify(loop)}<`);
   download(new Blob([page]), "player.html");
   say("The file is among your downloads. Open it on the display.");
 });
