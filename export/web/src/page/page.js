@@ -4,7 +4,7 @@ import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../link/code/message.js";
 import { adviceFor, barOf, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
-import { filmFrames } from "./films.js";
+import { drawPlane, filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
@@ -112,6 +112,12 @@ function showStep(step) {
   byId("progress").value = barOf(step);
   byId("percent").textContent = `${Math.floor(100 * barOf(step))} %`;
   byId("received").hidden = false;
+  const { bits } = step;
+  byId("bits").hidden = !bits;
+  if (bits) {
+    [byId("bits").width, byId("bits").height] = [bits.width, bits.height];
+    drawPlane(bits, byId("bits").getContext("2d"));
+  }
   byId("details").textContent = detailsOf(step);
   if (step.arrival && step.arrival.refused === null) {
     stop();
@@ -183,7 +189,7 @@ function clearMessage() {
   byId("message").textContent = "";
   byId("progress").value = 0;
   byId("percent").textContent = "";
-  byId("received").hidden = true;
+  byId("received").hidden = byId("bits").hidden = true;
   byId("details").textContent = "";
   lastStep = null;
   Object.assign(refusal, { text: "", advice: "", until: 0 });

@@ -39,6 +39,8 @@ export class RemoteDecoder {
     this.layout = layout;
     this.preset = preset;
     this.decoding = decoding;
+    /** Scores of the frame pair that was decoded last. @type {Float32Array | null} */
+    this.scores = null;
   }
 
   /** Load the graph, unless it is there. */
@@ -54,6 +56,7 @@ export class RemoteDecoder {
    * @returns {Promise<{ scores: Float32Array }>} (nBits,) scores
    */
   async decode(original, embedded) {
-    return { scores: await this.decoding.decode(this.preset, original, embedded) };
+    this.scores = await this.decoding.decode(this.preset, original, embedded);
+    return { scores: this.scores };
   }
 }

@@ -165,6 +165,7 @@ async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
 /** @param {number} fps @param {Uint8Array | null} key @param {number | null} maxAgeS */
 function start(fps, key, maxAgeS) {
   film.fps = fps;
+  for (const decoder of decoders) decoder.scores = null;
   film.receiver = new Receiver(decoders, fps, FRAME_MS);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
@@ -192,6 +193,7 @@ function report(corners, message, last) {
     width,
     height,
     corners,
+    bits: bitsOf(receiver.layout),
     preset,
     found: seen.found,
     synchronised: receiver.synchronised,
@@ -209,6 +211,20 @@ function report(corners, message, last) {
       stamp: delivery.stamp,
     },
   };
+}
+
+/**
+ * Draw the bits that were read last.
+ *
+ * @param {Layout} layout
+ * @returns {Plane | null} a pixel for each block: the surer of 1, the brighter
+ */
+function bitsOf(layout) {
+  const scores = decoders.find((decoder) => decoder.layout === layout)?.scores;
+  if (!scores) return null;
+  const data = new Uint8Array(layout.rows * layout.cols).fill(128);
+  layout.messageBlocks.forEach((block, at) => (data[block] += 127 * Math.tanh(scores[at])));
+  return { width: layout.cols, height: layout.rows, data };
 }
 
 /**
