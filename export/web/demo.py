@@ -13,8 +13,8 @@ from link.images import fit_picture, make_folder, write_image
 from link.loop import Loop, LoopStates
 from link.presets import PRESETS
 
-PRESET, MESSAGE = PRESETS["robust"], "You have just read a display."
-"""What the film shows."""
+PRESET, MESSAGE = PRESETS["robust"], "You have just read a display. Now send something yourself."
+"""What the film shows, and its message."""
 HILLS = {
     "morning": ((127, 163, 199), (242, 217, 192), (255, 243, 214), (138, 160, 106)),
     "noon": ((79, 143, 208), (207, 228, 242), (255, 248, 200), (111, 174, 92)),
@@ -23,26 +23,29 @@ HILLS = {
 """By the name of a picture the red, green and blue of the sky, of the horizon, sun and hills."""
 DRAWN_KAPPA = 36
 """Gray levels by which blocks change where people are to see it."""
-SIZE_PX, FPS, FRAMES = (480, 270), 30, 60
+SIZE_PX, FPS, FRAMES = (480, 270), 30, 48
 """Width and height of the film in pixels, frames a second, and their number."""
 CORNERS = np.array([(84, 22), (402, 39), (393, 241), (75, 250)])
 """Corners of the display in the film, in pixels, before the hand moves."""
-ROOM, OUTLINE = (84, 88, 96), (53, 211, 154)
+ROOM, OUTLINE = (60, 62, 68), (53, 211, 154)
 """Red, green and blue of what surrounds the display, and of the line around one that was found."""
 SHOWN_PX = (320, 240)
 """Width and height, in pixels, of the pictures."""
 
 
 def draw_hills(*colours: tuple[int, int, int]) -> NDArray[np.uint8]:
-    """Draw hills under a sun, (1080, 1440, 3) uint8, encoded RGB, in colours as in `HILLS`."""
+    """Draw hills under a sun, (720, 960, 3) uint8, encoded RGB, in colours as in `HILLS`."""
     sky, horizon, sun, hill = np.array(colours, np.float64)
-    y, x = np.mgrid[0:1:1080j, 0 : 4 / 3 : 1440j]
+    y, x = np.mgrid[0:1:720j, 0 : 4 / 3 : 960j]
     drawn = sky + y[:, :, None] * (horizon - sky)
     drawn[np.hypot(x - 0.93, y - 0.32) < 0.09] = sun
     for row in range(4):
         top = np.sin((5 + row) * x + 2 * row) + np.sin(16 * x + 5 * row) / 4
         drawn[y > 0.55 + 0.11 * row - 0.05 * top] = horizon + (0.4 + 0.2 * row) * (hill - horizon)
-    return np.asarray(cv2.GaussianBlur(drawn, (0, 0), 0.7).round(), np.uint8)
+    grain = np.random.default_rng(0).normal(0, 1, (*y.shape, 1))
+    for size in (2, 8, 32):  # of clouds, and of grass
+        drawn += 13 * size * cv2.GaussianBlur(grain, (0, 0), size)[:, :, None]
+    return np.asarray(drawn.round().clip(0, 255), np.uint8)
 
 
 def write_demo(folder: Path) -> None:
