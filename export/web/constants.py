@@ -24,21 +24,19 @@ EVENTS = GENERATED.with_name("events.d.ts")
 """The file of the types of events."""
 ROOT = Path(__file__).parents[2]
 """Folder of the checkout."""
-PLACES = (
-    "link/[a-z]*",
-    "link/*/*",
-    "export/[lr]*/**/*",
-    "export/send/compact",
-    "export/web/tables",
-)
-"""Patterns of the modules, without their ending, whose constants the page shares."""
 SHARED = [
     ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-    for place in PLACES
+    for place in (
+        "link/[a-z]*",
+        "link/*/*",
+        "export/[lr]*/**/*",
+        "export/*/compact",
+        "export/*/tables",
+    )
     for file in sorted(ROOT.glob(f"{place}.py"))
     if file.name != "__main__.py"
 ]
-"""Names of these modules."""
+"""Names of the modules whose constants the page shares, by where they lie."""
 LONGEST_TUPLE = 4
 """Largest number of entries that a tuple of numbers may have to be of a fixed length to the page's
 types; longer ones are arrays of any length."""

@@ -163,14 +163,7 @@ def write_presets(folder: Path) -> None:
 
 
 def draw_icon(side: int) -> NDArray[np.uint8]:
-    """Draw the icon as icon.svg has it: light blocks on a dark display.
-
-    Args:
-        side: width and height in pixels.
-
-    Returns:
-        (side, side, 3) uint8, encoded RGB.
-    """
+    """Draw the icon as icon.svg has it, (side, side, 3) uint8, encoded RGB."""
     blocks = np.array([[1, 0, 1, 1], [0, 1, 0, 1], [1, 1, 0, 0], [0, 1, 1, 0]], bool)
     colours = np.where(blocks[:, :, None], np.array([94, 214, 166]), np.array([30, 74, 66]))
     icon = np.full((16, 16, 3), (16, 33, 31), np.uint8)

@@ -59,12 +59,7 @@ def bank_directions(layout: Layout) -> Array:
 
 
 def send_preset(name: str, preset: Preset) -> dict[str, Any]:
-    """Describe a preset for the page that sends: what makes its states, and what is said of it.
-
-    Args:
-        name: name of the preset.
-        preset: what the display shows.
-    """
+    """Describe a preset to the page that sends: what makes its states, and what is said of it."""
     layout, kappa, state_hz = preset.layout, preset.kappa, preset.state_hz
     rule = Compact(layout, kappa)
     hiding = Hiding(layout, state_hz, Onlooker(distance=preset.distance_m), preset.even)
