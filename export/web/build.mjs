@@ -11,7 +11,25 @@ import { build } from "esbuild";
 
 const HERE = dirname(fileURLToPath(import.meta.url));
 const PAGE = join(HERE, "src", "page");
-const COPIED = ["index.html", "send.html", "about.html", "style.css", "manifest.webmanifest", "icon.svg"];
+/** By the name of a page what stands in frame.html around its content. */
+const PAGES = {
+  "index.html": {
+    script: "page.js",
+    title: "Read a display",
+    description: "Reads messages that are hidden in a picture on a display.",
+  },
+  "send.html": {
+    script: "send.js",
+    title: "Send from a display",
+    description: "Hides a message in a picture that a display shows.",
+  },
+  "about.html": {
+    script: "about.js",
+    title: "How it works",
+    description: "How a picture on a display carries a message to a camera.",
+  },
+};
+const COPIED = ["style.css", "manifest.webmanifest", "icon.svg"];
 const WASM = /"data:application\/octet-stream;base64,(AGFzbQ[A-Za-z0-9+/=]+)"/;
 const { dependencies } = JSON.parse(await readFile(join(HERE, "package.json"), "utf8"));
 
@@ -78,6 +96,15 @@ async function licences() {
 
 await mkdir(out, { recursive: true });
 for (const name of COPIED) await cp(join(PAGE, name), join(out, name));
+const frame = await readFile(join(PAGE, "frame.html"), "utf8");
+for (const [name, words] of Object.entries(PAGES)) {
+  const parts = { content: await readFile(join(PAGE, name), "utf8"), ...words };
+  const page = Object.entries(parts).reduce(
+    (text, [at, part]) => text.replaceAll(`{{${at}}}`, () => part),
+    frame,
+  );
+  await writeFile(join(out, name), page);
+}
 await cp(
   join(HERE, "node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded.wasm"),
   join(out, "ort-wasm-simd-threaded.wasm"),
