@@ -294,6 +294,11 @@ def test_what_flickers_is_shown_once_somebody_agreed(sender: Page) -> None:
         wait_for(sender, lambda: sender.frames[1].evaluate("Boolean(window.player?.ready)"))
         return sender.frames[1]
 
+    sender.select_option("#preset", "hidden")
+    assert player().evaluate("player.playing")
+    sender.keyboard.press("Escape")
+    wait_for(sender, lambda: len(sender.frames) == 1)
+    sender.select_option("#preset", "robust")
     first = player()
     assert not first.evaluate("player.playing")
     assert "flickers visibly" in first.inner_text("p")

@@ -3,7 +3,6 @@
 import { wrap } from "comlink";
 import { codeAuthenticate, sendCompact } from "../generated/constants.js";
 import { framesNeeded } from "../link/code/framing.js";
-import { checkKey } from "../link/code/authenticate.js";
 import { InputError } from "../link/errors.js";
 import { openPicture, pixelsOf } from "../send/picture.js";
 import { addressOf, download, keepForOffline, load } from "./site.js";
@@ -20,7 +19,7 @@ const byId = (id) => document.getElementById(id);
 const worker = wrap(new Worker(addressOf("sending.js"), { type: "module" }));
 /** What is shown; each new one takes its place. */
 let picture = drawn("noon");
-/** Whether the visitor was asked whether what flickers may play. */
+/** Whether the visitor was asked whether what flickers may play, and agreed. */
 let agreed = false;
 
 /** @param {string} text - what is said to the visitor */
@@ -144,13 +143,10 @@ async function signatureOf(file) {
   if (!(Number.isInteger(stamp) && stamp >= 0 && stamp <= MAX_STAMP)) {
     throw new InputError(`The counter is a whole number from 0 to ${MAX_STAMP}.`);
   }
-  const key = new Uint8Array(await file.slice(0, MAX_KEY_BYTES + 1).arrayBuffer());
-  try {
-    checkKey(key);
-  } catch {
+  if (!(file.size >= MIN_KEY_BYTES && file.size <= MAX_KEY_BYTES)) {
     throw new InputError(`This file is no key: a key has ${MIN_KEY_BYTES} to ${MAX_KEY_BYTES} bytes.`);
   }
-  return { key, stamp };
+  return { key: new Uint8Array(await file.arrayBuffer()), stamp };
 }
 
 /** @param {string} id - of a button @param {(loop: any) => unknown} use - is given the loop */
@@ -160,6 +156,7 @@ function onClick(id, use) {
     say("Preparing");
     try {
       const loop = await makeLoop();
+      if (location.protocol === "https:") loop.reader = addressOf("./");
       say("");
       await use(loop);
     } catch (error) {
@@ -194,7 +191,7 @@ function endShow() {
   if (!frame) return;
   const { player, stats } = /** @type {any} */ (frame).contentWindow;
   if (player?.ready && player.agreed) {
-    agreed = true;
+    agreed ||= /** @type {any} */ (window).loop.flicker !== "";
     const rate = `${player.rate.toFixed(1)} states a second, at ${stats.hz.toFixed(1)} refreshes`;
     say(`Shown with ${rate}; ${stats.dropped} refreshes were skipped.`);
   }
