@@ -50,7 +50,7 @@ class Preset:
     """How a block shows a row of bits over time; a key of `export.visibility.line_code.LINE_CODES`.
     The sender shows the code of the layout's modulation."""
     purpose: str = ""
-    """One sentence that says what the preset is good for."""
+    """One sentence that says what the preset is good for: in a few words, a colon, and in more."""
     distance_m: float = USUAL_DISTANCE_M
     """Distance of the eye, in metres, for which the sender says how visible the message is."""
     even: bool = False
@@ -95,14 +95,14 @@ PRESETS = {
         kappa=3,
         state_hz=15.0,
         line_code="on_off",
-        purpose="The paper's blocks and patches, to compare with its numbers; they are seen.",
+        purpose="To compare with the paper: its blocks and patches, which are seen.",
     ),
     "hidden": Preset(
         make_layout(48, 64, modulation="antipodal", pilots="auto"),
         kappa=1,
         state_hz=60.0,
         line_code="toggle",
-        purpose="Below the threshold of sight 1 m from a 24-inch display of 200 cd/m².",
+        purpose="To stay unseen: below the threshold of sight 1 m from 24 inches of 200 cd/m².",
         distance_m=1.0,
         even=True,
     ),
@@ -111,14 +111,14 @@ PRESETS = {
         kappa=3,
         state_hz=30.0,
         line_code="toggle",
-        purpose="Most bits a second for a camera of 60 frames a second; it flickers.",
+        purpose="To send much: most bits a second, with 60 frames a second; it flickers.",
     ),
     "robust": Preset(
         make_layout(24, 32, modulation="antipodal", pilots="auto"),
         kappa=3,
         state_hz=15.0,
         line_code="toggle",
-        purpose="For far or slanted displays, compressed films and slow cameras; it is seen.",
+        purpose="To reach every camera: far or slanted, slow or compressed; it is seen.",
     ),
 }
 """Presets by name; docs/hidden.md says why they have these numbers."""

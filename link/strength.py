@@ -56,6 +56,12 @@ def light_of_level(levels: ArrayLike) -> Array:
     return np.asarray(linear)
 
 
+LIGHT = light_of_level(np.arange(256)).astype(np.float32).astype(np.float64)
+"""Linear light of each gray level, of 24 bits, so that sums are exact, and equal in every order."""
+EVEN_LIGHT = light_of_level(list(EVEN))
+"""Linear light of the gray levels of `EVEN`."""
+
+
 def even_factor(light: ArrayLike) -> Array:
     """Work out by which factor flicker over a plain gray may be larger than over the most visible.
 
@@ -68,9 +74,7 @@ def even_factor(light: ArrayLike) -> Array:
     >>> float(even_factor(light_of_level(128)))
     1.5
     """
-    return np.asarray(
-        np.interp(np.asarray(light, np.float64), light_of_level(list(EVEN)), list(EVEN.values()))
-    )
+    return np.asarray(np.interp(np.asarray(light), EVEN_LIGHT, list(EVEN.values())))
 
 
 def masking(light: Array) -> Array:
@@ -110,11 +114,10 @@ def block_steps(picture: Image, layout: Layout) -> NDArray[np.uint8]:
     2.38
     """
     weights = (1.0,) if picture.ndim == 2 else LUMINANCE_FROM_RGB
-    table = light_of_level(np.arange(256.0)).astype(np.float32)
     planes = picture.reshape(*picture.shape[:2], -1)  # (H, W, 1 or 3)
     light = np.zeros((layout.rows, layout.cols))
     for channel, weight in enumerate(weights):
-        light += weight * block_mean(table[planes[..., channel]], layout.rows, layout.cols)
+        light += weight * block_mean(LIGHT[planes[..., channel]], layout.rows, layout.cols)
     factors = even_factor(light) * masking(light)
     steps = np.floor(STEPS_PER_OCTAVE * np.log2(factors) + 1e-9)
     return np.asarray(np.clip(steps, 0, len(FACTORS) - 1), np.uint8)

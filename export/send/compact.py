@@ -7,8 +7,12 @@ pixel's block between both frames, and on where the pixel lies among the 4 x 4 p
 step of strength for each block, a short table of offsets, and a bit for each block and frame pair.
 """
 
+import base64
+import zlib
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 from link.embed import (
     BEFORE,
     THRESHOLDS,
-    block_changes,
     levels_by_step,
     levels_of_steps,
     message_mask,
@@ -29,6 +32,12 @@ from link.types import Image
 
 TILE = len(THRESHOLDS)
 """Number of pixels, along either axis, after which the dither repeats."""
+PACKING = 4
+"""How hard arrays are packed, 0 to 9; a picture of 1920 x 1080 pixels takes some 0.2 s."""
+TEMPLATE = Path(__file__).with_name("player.html")
+"""Page of the player."""
+PLACE = ">null<"
+"""Text of the page, once, in whose place the loop goes as JSON."""
 
 
 @dataclass(frozen=True)
@@ -104,17 +113,20 @@ class Compact:
             numbers[box] = still + (shown[1][box] - shown[0][box]) // self.kappa
         return numbers
 
-    def cells(self, bits: ArrayLike) -> NDArray[np.uint8]:
-        """Number the changes of a frame pair's cells.
+    @property
+    def known(self) -> list[str]:
+        """Bits that blocks show whatever the message is, row-major: one text for each frame pair.
 
-        Args:
-            bits: (n_bits,) 0 or 1 that the pair carries.
-
-        Returns:
-            (rows, cols) 0 or 1 where edges are hard, (height, width) where they are soft.
+        A letter is "0", "1", or "." where a block carries a bit of the message. After the last text
+        the first one comes again.
         """
-        if not self.soft:
-            return np.asarray(block_changes(bits, self.layout) > 0, np.uint8)
+        layout = self.layout
+        letters = np.where(layout.message_mask, ".", "0").reshape(-1)
+        letters[layout.pilot_blocks] = layout.pilot_bits.astype(str)
+        return ["".join(letters)]
+
+    def cells(self, bits: ArrayLike) -> NDArray[np.uint8]:
+        """Number the changes of a frame pair's pixels, (height, width), where edges are soft."""
         mask = message_mask(bits, self.layout, self.pyramid_level)
         return np.asarray((self.kappa * mask).round() - self.changes[0], np.uint8)
 
@@ -133,3 +145,34 @@ class Compact:
         shown = with_head_room(picture, self.kappa, layout.modulation, layout.colour, levels)
         draw_patches(shown, layout, self.kappa, embedded=False)
         return shown
+
+
+def packed(array: NDArray[np.integer]) -> str:
+    """Pack whole numbers from 0 to 255 as a page reads them: what zlib makes of their differences.
+
+    Args:
+        array: any shape. Where it has three dimensions, its last axis counts the channels: each
+            number is less the one before it in its channel.
+
+    Returns:
+        base64.
+    """
+    channels = array.shape[2] if array.ndim == 3 else 1
+    numbers = np.asarray(array, np.uint8).reshape(-1)
+    steps = numbers.copy()
+    steps[channels:] -= numbers[:-channels]
+    return base64.b64encode(zlib.compress(steps.tobytes(), PACKING)).decode()
+
+
+def rule_page(rule: Compact, state_hz: float, flicker: str) -> dict[str, Any]:
+    """Describe to a page, in JSON's types, how states follow from pictures and bits."""
+    layout = rule.layout
+    return {
+        "rows": layout.rows,
+        "cols": layout.cols,
+        "kappa": rule.kappa,
+        "state_hz": state_hz,
+        "flicker": flicker,
+        "known": rule.known,
+        "offsets": packed(128 + rule.offsets.reshape(-1, TILE * TILE, 3)),
+    }

@@ -6,19 +6,15 @@ the change of its pixels where blocks have soft edges. It computes the states it
 shown, or where that is not exact by the processor, at the picture's own size.
 """
 
-import base64
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from hashlib import sha256
 from pathlib import Path
 from typing import TypeVar
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
-from export.send.compact import TILE, Compact
+from export.send.compact import PLACE, TEMPLATE, Compact, packed, rule_page
 from link.errors import InputError
 from link.images import write_bytes
 from link.loop import Loop
@@ -26,14 +22,9 @@ from link.loop import Loop
 T = TypeVar("T")
 BAR_AFTER_S = 2.0
 """Seconds of writing after which a bar shows how far it is."""
-PACKING = 4
-"""How hard pictures are packed, 0 to 9. Level 6 makes them 5 % smaller and takes three times as
-long: half a second for 1920 x 1080 pixels."""
-TEMPLATE = Path(__file__).with_name("player.html")
-"""Page of the player, with `__LOOP__` where the loop goes as JSON."""
 MAX_DECODED_BYTES = 2**30
 """Largest memory for pictures and changes as a browser holds them: 3 bytes for each pixel of a
-picture, and 1 byte for each cell of a frame pair's changes."""
+picture, and 1 byte for each pixel of a frame pair's soft changes."""
 
 
 def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
@@ -45,23 +36,6 @@ def with_bar(items: Iterator[T], count: int, unit: str) -> Iterator[T]:
         unit: word for one of them.
     """
     yield from tqdm(items, None, count, False, unit=unit, disable=None, delay=BAR_AFTER_S)
-
-
-class _Texts:
-    """Arrays as texts, each of which a page holds once, however often it is shown."""
-
-    def __init__(self, write: Callable[[NDArray[np.uint8]], str]) -> None:
-        self.texts: list[str] = []
-        self._write = write
-        self._numbers: dict[bytes, int] = {}
-
-    def number(self, array: NDArray[np.uint8]) -> int:
-        """Find the number of an array's text, which is written where the array is new."""
-        key = sha256(array.tobytes()).digest()
-        if key not in self._numbers:
-            self._numbers[key] = len(self.texts)
-            self.texts.append(self._write(array))
-        return self._numbers[key]
 
 
 def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> None:
@@ -79,54 +53,44 @@ def write_player(path: Path, loop: Loop, state_hz: float, flicker: str = "") -> 
     """
     layout = loop.shown_layout
     rule = Compact(layout, loop.kappa, loop.pyramid_level)
-    pictures, changes = _Texts(_png), _Texts(_png if rule.soft else _bits)
+    bits: list[str] = []
+    pictures: list[str] = []
     steps: list[str | None] = []
-    order: list[tuple[int, int]] = []
+    changes: list[str] = []
+    shown: list[int] = []
+    numbers: dict[bytes, int] = {}
     last = None
     for carrier in with_bar(loop.carriers(), len(loop.bits), "pair"):
-        cells = rule.cells(carrier.bits)
-        same = carrier.picture is last
-        shown = None if same else rule.picture(carrier.picture, carrier.steps)
-        picture = order[-1][0] if shown is None else pictures.number(shown)
-        if picture == len(steps):
-            steps.append(None if carrier.steps is None else _png(carrier.steps))
-        order.append((picture, changes.number(cells)))
-        last = carrier.picture
+        bits.append((ord("0") + carrier.bits).tobytes().decode())
+        if rule.soft:
+            changes.append(packed(rule.cells(carrier.bits)))
+        if carrier.picture is not last:
+            last = carrier.picture
+            picture = rule.picture(last, carrier.steps)
+            number = numbers.setdefault(sha256(picture.tobytes()).digest(), len(pictures))
+            if number == len(pictures):
+                gray = (picture == picture[:, :, :1]).all()
+                pictures.append(packed(picture[:, :, 0] if gray else picture))
+                steps.append(None if carrier.steps is None else packed(carrier.steps))
+        shown.append(number)
         pixels = layout.width * layout.height
-        if 3 * len(pictures.texts) * pixels + len(changes.texts) * cells.size > MAX_DECODED_BYTES:
+        if (3 * len(pictures) + len(changes)) * pixels > MAX_DECODED_BYTES:
             raise InputError(
                 f"the player has more than {MAX_DECODED_BYTES >> 20} MiB of pixels; "
                 "write a video, or use fewer pictures or a smaller size"
             )
     page = {
+        **rule_page(rule, state_hz, flicker),
         "width": layout.width,
         "height": layout.height,
         "turned": loop.placement.turns(loop.layout),
-        "rows": layout.rows,
-        "cols": layout.cols,
-        "stateHz": state_hz,
-        "flicker": flicker,
-        "soft": rule.soft,
-        "offsets": _png(np.asarray(128 + rule.offsets.reshape(-1, TILE * TILE, 3), np.uint8)),
-        "patches": _png(rule.patches) if layout.ratex else None,
-        "pairs": order,
-        "changes": changes.texts,
-        "pictures": pictures.texts,
+        "patches": packed(rule.patches) if layout.ratex else None,
+        "bits": bits,
+        "pictures": pictures,
         "steps": steps,
+        "shown": shown,
+        "changes": changes,
     }
-    text = TEMPLATE.read_text("utf-8").replace("__LOOP__", json.dumps(page, separators=(",", ":")))
+    text = f">{json.dumps(page, separators=(',', ':'))}<"
+    text = TEMPLATE.read_text("utf-8").replace(PLACE, text)
     write_bytes(path, text.encode())
-
-
-def _bits(cells: NDArray[np.uint8]) -> str:
-    """Pack cells that are 0 or 1, row-major, the first one in the highest bit, as base64."""
-    return base64.b64encode(np.packbits(cells).tobytes()).decode()
-
-
-def _png(image: NDArray[np.uint8]) -> str:
-    """Write an image as PNG of one channel, or of three where they differ, as base64."""
-    if image.ndim == 3 and (image == image[:, :, :1]).all():
-        image = image[:, :, 0]
-    bgr = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
-    _, data = cv2.imencode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, PACKING])
-    return base64.b64encode(bytes(data)).decode()

@@ -1,10 +1,10 @@
 /**
- * Bundles the page for browsers: node build.mjs DIR, where `python -m export.web` has put the
- * graphs, the presets and the icons.
+ * Bundles the pages for browsers: node build.mjs DIR, where `python -m export.web` has put the
+ * graphs, the presets, the player and the icons.
  */
 
 import { createHash } from "node:crypto";
-import { cp, mkdir, readdir, readFile, writeFile } from "node:fs/promises";
+import { cp, mkdir, readdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join, relative, sep } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
@@ -12,7 +12,25 @@ import { build } from "esbuild";
 const HERE = dirname(fileURLToPath(import.meta.url));
 const PAGE = join(HERE, "src", "page");
 const OPENCV = "4.12.0"; // opencv/build.sh names it too
-const COPIED = ["index.html", "style.css", "manifest.webmanifest", "icon.svg"];
+/** By the name of a page what stands in frame.html around its content. */
+const PAGES = {
+  "index.html": {
+    script: "page.js",
+    title: "Read a display",
+    description: "Reads messages that are hidden in a picture on a display.",
+  },
+  "send.html": {
+    script: "send.js",
+    title: "Send from a display",
+    description: "Hides a message in a picture that a display shows.",
+  },
+  "about.html": {
+    script: "about.js",
+    title: "How it works",
+    description: "How a picture on a display carries a message to a camera.",
+  },
+};
+const COPIED = ["style.css", "manifest.webmanifest", "icon.svg"];
 const { dependencies } = JSON.parse(await readFile(join(HERE, "package.json"), "utf8"));
 
 const out = process.argv[2];
@@ -62,15 +80,30 @@ async function licences() {
 
 await mkdir(out, { recursive: true });
 for (const name of COPIED) await cp(join(PAGE, name), join(out, name));
+const frame = await readFile(join(PAGE, "frame.html"), "utf8");
+for (const [name, words] of Object.entries(PAGES)) {
+  const parts = { content: await readFile(join(PAGE, name), "utf8"), ...words };
+  const page = Object.entries(parts).reduce(
+    (text, [at, part]) => text.replaceAll(`{{${at}}}`, () => part),
+    frame,
+  );
+  await writeFile(join(out, name), page);
+}
 await cp(
   join(HERE, "node_modules/onnxruntime-web/dist/ort-wasm-simd-threaded.wasm"),
   join(out, "ort-wasm-simd-threaded.wasm"),
 );
 await cp(join(HERE, "opencv/opencv.wasm"), join(out, "opencv.wasm"));
 await writeFile(join(out, "licences.txt"), await licences());
-const define = { VERSIONS: JSON.stringify({ ...dependencies, opencv: OPENCV }) };
-const scripts = ["page.js", "decoding.js", "worker.js"].map((name) => join(PAGE, name));
-await build({ ...SETTINGS, define, entryPoints: scripts, outdir: out });
+const sent = join(out, "send.json");
+const define = {
+  VERSIONS: JSON.stringify({ ...dependencies, opencv: OPENCV }),
+  SENT: await readFile(sent, "utf8"),
+};
+await rm(sent);
+const scripts = ["page", "worker", "decoding", "send", "sending", "about"];
+const entryPoints = scripts.map((name) => join(PAGE, `${name}.js`));
+await build({ ...SETTINGS, define, entryPoints, outdir: out });
 
 const files = await filesOf(out);
 const hash = createHash("sha256");

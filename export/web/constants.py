@@ -1,8 +1,8 @@
 """Write what the page shares with Python: src/generated/constants.js, and events.d.ts beside it.
 
-Every constant of `SHARED` stands in Python alone. The file has one object for each module, with its
-constants under their Python names, each with its docstring as its comment. The page's build and
-the tests write it; it is not kept in the repository.
+Every constant of these modules stands in Python alone. The file has one object for each module,
+with its constants under their Python names, each with its docstring as its comment. The page's
+build and the tests write it; it is not kept in the repository.
 """
 
 import ast
@@ -22,62 +22,23 @@ GENERATED = Path(__file__).parent / "src" / "generated" / "constants.js"
 """The file of constants."""
 EVENTS = GENERATED.with_name("events.d.ts")
 """The file of the types of events."""
-SHARED = (
-    "link.code.authenticate",
-    "link.code.collect_coarse",
-    "link.code.collect_fine",
-    "link.code.fine",
-    "link.code.framing",
-    "link.code.ldpc",
-    "link.code.message",
-    "link.code.rateless",
-    "link.code.words",
-    "link.geometry",
-    "link.images",
-    "link.images.video",
-    "link.ratex",
-    "link.robust",
-    "export.film_graph",
-    "export.locate.align",
-    "export.locate.candidates",
-    "export.locate.edges",
-    "export.locate.find",
-    "export.locate.patches",
-    "export.locate.quads",
-    "export.locate.refine",
-    "export.locate.spots",
-    "export.pilots.motion",
-    "export.pilots.search.all_blocks",
-    "export.pilots.search.climb",
-    "export.pilots.search.film",
-    "export.pilots.search.parts",
-    "export.pilots.search.pilot_search",
-    "export.pilots.search.proposals",
-    "export.pilots.search.settle",
-    "export.pilots.search.toggle_map",
-    "export.pilots.search.watch",
-    "export.pilots.signal",
-    "export.pilots.stabilise",
-    "export.pilots.waves",
-    "export.receive.diagnosis",
-    "export.receive.film",
-    "export.receive.unseen",
-    "export.receive.occlusion",
-    "export.receive.reader",
-    "export.receive.receiver",
-    "export.receive.repeats",
-    "export.receive.states",
-    "export.receive.stream",
-    "export.receive.timing.fit",
-    "export.receive.timing.synchronise",
-    "export.receive.timing.toggles",
-    "export.receive.tracking.corners",
-    "export.receive.tracking.follow",
-    "export.receive.tracking.patches",
-    "export.receive.tracking.pilots",
-    "export.web.tables",
-)
-"""Modules whose constants the page shares."""
+ROOT = Path(__file__).parents[2]
+"""Folder of the checkout."""
+SHARED = [
+    ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for place in (
+        "link/[a-z]*",
+        "link/*/*",
+        "export/film_graph",
+        "export/[lr]*/**/*",
+        "export/pilots/**/*",
+        "export/*/compact",
+        "export/*/tables",
+    )
+    for file in sorted(ROOT.glob(f"{place}.py"))
+    if file.name != "__main__.py"
+]
+"""Names of the modules whose constants the page shares, by where they lie."""
 LONGEST_TUPLE = 4
 """Largest number of entries that a tuple of numbers may have to be of a fixed length to the page's
 types; longer ones are arrays of any length."""
@@ -153,8 +114,10 @@ def plain(value: Any) -> Any:
         whole = None not in entries
         return type(value)(entries) if whole else None
     if isinstance(value, dict):
-        pairs = {plain(key): plain(entry) for key, entry in value.items()}
-        return None if None in pairs or None in pairs.values() else pairs
+        if not all(isinstance(key, int | float | str) for key in value):
+            return None
+        pairs = {key: plain(entry) for key, entry in value.items()}
+        return None if None in pairs.values() else pairs
     return value if isinstance(value, bool | int | float | str) else None
 
 

@@ -1,7 +1,7 @@
-"""Build the receiver's page: a folder of files that any static host can serve over https.
+"""Build the site that sends and reads, a folder that any static host can serve over https.
 
 JavaScript is bundled by esbuild, a tool of Node.js, from `export/web/src`. Everything else that the
-page needs, the graphs of the decoders and a table of the presets, comes from Python.
+pages need, such as the graphs of the decoders and tables of the presets, comes from Python.
 """
 
 import gzip
@@ -17,8 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from export.send.compact import TEMPLATE
 from export.web.constants import write_constants
-from export.web.tables import layout_table, page_preset
+from export.web.demo import write_demo
+from export.web.tables import layout_table, send_preset
 from export.web.warm import SIZE_PX, draw_warm_film
 from link.errors import InputError, ParameterError
 from link.images import make_folder, temporary_name, write_bytes, write_image
@@ -130,8 +132,12 @@ def run_node(command: Sequence[str]) -> str:
 
 
 def write_inputs(folder: Path) -> None:
-    """Write what Python gives the page: graphs, the table of presets, first films, and icons."""
+    """Write what Python gives the pages: graphs, tables, the player, films, pictures and icons."""
     write_presets(folder)
+    sent = [send_preset(name, preset) for name, preset in PRESETS.items()]
+    write_bytes(folder / "send.json", json.dumps(sent).encode())
+    write_bytes(folder / TEMPLATE.name, TEMPLATE.read_bytes())
+    write_demo(folder)
     films = []
     for kind, name in WARM_PRESETS.items():
         film = draw_warm_film(PRESETS[name].layout)
@@ -152,20 +158,13 @@ def write_presets(folder: Path) -> None:
         name = names[layout]
         model = f"models/{name}.onnx"
         write_bytes(folder / model, graph.read_bytes())
-        tables.append(page_preset(name, PRESETS[name], model))
+        tables.append({"name": name, "model": model, "layout": layout_table(layout)})
     write_bytes(folder / "models/film.onnx", FILM_GRAPH.read_bytes())
     write_bytes(folder / MARK, json.dumps(tables, separators=(",", ":")).encode())
 
 
 def draw_icon(side: int) -> NDArray[np.uint8]:
-    """Draw the icon as icon.svg has it: light blocks on a dark display.
-
-    Args:
-        side: width and height in pixels.
-
-    Returns:
-        (side, side, 3) uint8, encoded RGB.
-    """
+    """Draw the icon as icon.svg has it, (side, side, 3) uint8, encoded RGB."""
     blocks = np.array([[1, 0, 1, 1], [0, 1, 0, 1], [1, 1, 0, 0], [0, 1, 1, 0]], bool)
     colours = np.where(blocks[:, :, None], np.array([94, 214, 166]), np.array([30, 74, 66]))
     icon = np.full((16, 16, 3), (16, 33, 31), np.uint8)

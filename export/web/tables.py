@@ -1,6 +1,7 @@
-"""What the page's receiver knows of each preset, as numbers that Python works out.
+"""What the pages know of each preset, as numbers that Python works out.
 
-Places of pilots and tiles of patches are drawn here once, so that the page does not repeat it.
+Places of pilots, tiles of patches, dither and room for it are drawn here once, so that the pages do
+not repeat it.
 """
 
 import base64
@@ -13,9 +14,13 @@ from numpy.typing import NDArray
 from export.film_graph import reads_films
 from export.locate.patches import DRAWN_KAPPA
 from export.locate.spots import template_bank
+from export.send.compact import Compact, rule_page
+from export.send.hiding import Hiding, Onlooker
+from link.code.framing import longest_message
+from link.embed import levels_by_step, with_head_room
 from link.layout import Layout
-from link.presets import Preset
-from link.ratex import tile_labels, tile_levels
+from link.presets import Preset, needed_camera_fps
+from link.ratex import TILES, shown_levels, tile_labels, tile_levels
 
 LEADING = 24
 """Number of directions in the space of windows along which the page compares all templates of
@@ -56,12 +61,31 @@ def bank_directions(layout: Layout) -> NDArray[np.float32]:
     return directions.astype(np.float32)
 
 
-def page_preset(name: str, preset: Preset, model: str) -> dict[str, Any]:
-    """Describe a preset for the page.
-
-    Args:
-        name: name of the preset.
-        preset: what the display shows.
-        model: file name of the graph that reads its layout.
-    """
-    return {"name": name, "model": model, "layout": layout_table(preset.layout)}
+def send_preset(name: str, preset: Preset) -> dict[str, Any]:
+    """Describe a preset to the page that sends: what makes its states, and what is said of it."""
+    layout, kappa, state_hz = preset.layout, preset.kappa, preset.state_hz
+    rule = Compact(layout, kappa)
+    hiding = Hiding(layout, state_hz, Onlooker(distance=preset.distance_m), preset.even)
+    strengths = levels_by_step(kappa) if preset.even else [float(kappa)]
+    ramp = np.arange(256, dtype=np.uint8)[None]
+    changed = (layout.modulation, layout.colour)
+    room = [with_head_room(ramp, kappa, *changed, np.full(ramp.shape, each)) for each in strengths]
+    still = len(rule.changes) + 1
+    original, embedded = (shown_levels(layout, kappa, embedded=each) for each in (False, True))
+    return {
+        "name": name,
+        "purpose": preset.purpose,
+        "needs_fps": needed_camera_fps(state_hz),
+        "better_fps": needed_camera_fps(2 * state_hz),
+        "seen": round(hiding.seen(kappa), 1),
+        "distance_m": preset.distance_m,
+        "n_bits": layout.n_bits,
+        "longest_bytes": longest_message(layout.n_bits),
+        "size": [layout.width, layout.height],
+        "even": preset.even,
+        "room": base64.b64encode(np.concatenate(room).tobytes()).decode(),
+        "ratex": layout.ratex,
+        "tiles": original.reshape(-1, TILES**2).tolist(),
+        "changes": (still + (embedded - original) // kappa).reshape(-1, TILES**2).tolist(),
+        "loop": rule_page(rule, state_hz, hiding.flicker(kappa)),
+    }

@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 import time
+import zlib
 from collections.abc import Callable, Iterator
 from io import StringIO
 from pathlib import Path
@@ -69,50 +70,44 @@ def pairs_of(states: list[NDArray[np.uint8]]) -> list[tuple[Any, Any]]:
     return list(zip(states[::2], states[1::2], strict=True))
 
 
-def read_png(text: str) -> NDArray[np.uint8]:
-    """An image of the page, (H, W) or (H, W, 3)."""
-    png = base64.b64decode(text)
-    chunks, at = [], 8
-    while at < len(png):
-        chunks.append(png[at + 4 : at + 8])
-        at += 12 + int.from_bytes(png[at : at + 4], "big")
-    assert set(chunks) == {b"IHDR", b"IDAT", b"IEND"}  # nothing says colours to correct
-    assert png[24] == 8  # bits a channel, as the page's reader takes them
-    assert png[25] in (0, 2)  # gray or colour
-    assert png[28] == 0  # not interlaced
-    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
-    return image if image.ndim == 2 else image[:, :, ::-1]
+def unpacked(text: str, channels: int = 1) -> NDArray[np.intp]:
+    """Numbers of the page, (N, channels)."""
+    steps = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8)
+    return np.cumsum(steps.reshape(-1, channels), axis=0, dtype=np.intp) % 256
 
 
 def read_player(file: Path) -> dict[str, Any]:
-    """What the page's script holds."""
-    found = re.search(r"^const loop = (\{.*\});$", file.read_text(), re.MULTILINE)
-    assert found
-    held: dict[str, Any] = json.loads(found[1])
-    return held
+    """The loop that the page holds."""
+    held = re.findall(
+        r'<script type="application/json" id="loop">(.*?)</script>', file.read_text(), re.DOTALL
+    )
+    assert len(held) == 1
+    loop: dict[str, Any] = json.loads(held[0])
+    return loop
 
 
 def player_states(file: Path) -> list[NDArray[np.uint8]]:
     """The states that a page computes, by its rule, written here in numpy once more."""
     loop = read_player(file)
-    width, height = loop["width"], loop["height"]
+    width, height, rows, cols = (loop[name] for name in ("width", "height", "rows", "cols"))
     y, x = np.indices((height, width))
-    offsets = np.atleast_3d(read_png(loop["offsets"])).astype(int) - 128
-    offsets = offsets.reshape(2, 2, -1, offsets.shape[2])
-    patches = read_png(loop["patches"]) if loop["patches"] else np.zeros((height, width), int)
+    offsets = unpacked(loop["offsets"], 3).reshape(2, 2, -1, 3) - 128
+    patches = unpacked(loop["patches"]).reshape(height, width) if loop["patches"] else 0
     states = []
-    for number, (picture, changes) in enumerate(loop["pairs"]):
-        text = loop["changes"][changes]
-        if loop["soft"]:
-            numbers = read_png(text)
+    for number, (picture, bits) in enumerate(zip(loop["shown"], loop["bits"], strict=True)):
+        if loop["changes"]:
+            numbers = unpacked(loop["changes"][number]).reshape(height, width)
         else:
-            bits = np.unpackbits(np.frombuffer(base64.b64decode(text), np.uint8))
-            blocks = bits[: loop["rows"] * loop["cols"]].reshape(loop["rows"], loop["cols"])
+            known, following = loop["known"][number % len(loop["known"])], iter(bits)
+            shown = [next(following) if letter == "." else letter for letter in known]
+            blocks = np.array(shown, np.intp).reshape(rows, cols)
             if loop["steps"][picture]:
-                blocks = blocks + 2 * read_png(loop["steps"][picture])
-            numbers = blocks[y * loop["rows"] // height, x * loop["cols"] // width]
-        numbers = np.where(patches > 0, patches, numbers).astype(int)
-        levels = np.atleast_3d(read_png(loop["pictures"][picture])).astype(int)
+                blocks += 2 * unpacked(loop["steps"][picture]).reshape(rows, cols)
+            numbers = blocks[y * rows // height, x * cols // width]
+        numbers = np.where(patches > 0, patches, numbers)
+        packed = loop["pictures"][picture]
+        channels = len(unpacked(packed)) // (width * height)
+        levels = unpacked(packed, channels).reshape(height, width, channels)
         for half in offsets[number % 2]:
             state = levels + half[16 * numbers + 4 * (y % 4) + x % 4]
             assert state.min() >= 0
@@ -265,10 +260,11 @@ def test_a_player_holds_each_picture_once(tmp_path: Path, send: Send) -> None:
     out = tmp_path / "sent.html"
     send(out, *FLAGS, "--hold", 6)
     loop = read_player(out)
-    assert [loop[key] for key in ("width", "height", "stateHz")] == [120, 80, 10]
+    assert [loop[key] for key in ("width", "height", "state_hz")] == [120, 80, 10]
     assert len(loop["pictures"]) == 1
-    assert len(loop["changes"]) == len({tuple(bits) for bits in SENT.tolist()})
-    assert [picture for picture, _ in loop["pairs"]] == [0] * len(SENT)
+    assert loop["shown"] == [0] * len(SENT)
+    assert loop["bits"] == ["".join(map(str, bits)) for bits in SENT.tolist()]
+    assert (loop["rows"], loop["cols"], loop["kappa"]) == (5, 6, 3)
     text = out.read_text()
     policy = "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
     assert f'content="{policy}"' in text
@@ -288,7 +284,7 @@ def test_a_preset_says_all_and_no_flag_is_needed(
     assert said["preset"] == (name or DEFAULT_PRESET)
     assert said["layout"] == preset.layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
-    assert read_player(tmp_path / "sent.html")["stateHz"] == preset.state_hz
+    assert read_player(tmp_path / "sent.html")["state_hz"] == preset.state_hz
     assert said["needs_camera_fps"] == (60 if preset is PRESETS["hidden"] else 30)
     assert (said["visibility_block"] <= 1) == (preset is PRESETS["hidden"])
     assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]

@@ -53,6 +53,12 @@ def test_messages_are_judged_alike(port: Port, name: str) -> None:
     assert reasons == REASONS[name]
 
 
+def test_messages_are_signed_alike(port: Port) -> None:
+    for key, stamp in ((KEY, 0), (bytes(4096), MAX_STAMP)):
+        signed = port("link/code/authenticate.js").sign(b"door open", key, stamp)
+        assert bytes(signed) == sign(b"door open", key, stamp)
+
+
 def test_keys_and_ages_have_bounds(port: Port) -> None:
     verifier = port("link/code/authenticate.js").Verifier
     for size in (0, 15, 4097):

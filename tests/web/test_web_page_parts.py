@@ -98,8 +98,9 @@ def test_what_needs_no_browser(node):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def test_the_page_has_no_script_or_style_in_its_text():
-    html = (PAGE / "index.html").read_text()
+@pytest.mark.parametrize("name", ["index.html", "send.html", "about.html"])
+def test_the_page_has_no_script_or_style_in_its_text(name):
+    html = (PAGE / "frame.html").read_text() + (PAGE / name).read_text()
     policy = re.search(r'Content-Security-Policy"\s+content="([^"]+)"', html)
     rules = dict(rule.strip().split(" ", 1) for rule in policy[1].split(";"))
     assert rules["default-src"] == "'none'"

@@ -6,3 +6,5 @@ declare const VERSIONS: Record<string, string>;
 declare const FILES: string[];
 /** Hash of all files. */
 declare const VERSION: string;
+/** What `send_preset` of export/web/tables.py says of each preset. */
+declare const SENT: any[];

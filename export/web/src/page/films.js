@@ -137,7 +137,7 @@ async function plainFrames(stream, viewer, signal) {
 }
 
 /** @param {Plane} plane @param {CanvasRenderingContext2D} context */
-function drawPlane({ width, height, data }, context) {
+export function drawPlane({ width, height, data }, context) {
   const image = new ImageData(width, height);
   const pixels = new Uint32Array(image.data.buffer);
   for (let i = 0; i < data.length; i++) pixels[i] = 0xff000000 | (data[i] * 0x010101);

@@ -4,10 +4,11 @@ import { codeAuthenticate } from "../generated/constants.js";
 import { textOf, utf8Of } from "../link/code/message.js";
 import { adviceFor, barOf, cameraTrouble, stateOf } from "./advice.js";
 import { cameraControls, listCameras, openCamera } from "./camera.js";
-import { filmFrames } from "./films.js";
+import { drawPlane, filmFrames } from "./films.js";
 import { cameraFrames } from "./frames.js";
 import { Overlay } from "./overlay.js";
 import { Reception } from "./reception.js";
+import { download, keepForOffline } from "./site.js";
 import { linkOf, noteOf } from "./text.js";
 
 /** @import { Viewer } from "./films.js" */
@@ -111,6 +112,12 @@ function showStep(step) {
   byId("progress").value = barOf(step);
   byId("percent").textContent = `${Math.floor(100 * barOf(step))} %`;
   byId("received").hidden = false;
+  const { bits } = step;
+  byId("bits").hidden = !bits;
+  if (bits) {
+    [byId("bits").width, byId("bits").height] = [bits.width, bits.height];
+    drawPlane(bits, byId("bits").getContext("2d"));
+  }
   byId("details").textContent = detailsOf(step);
   if (step.arrival && step.arrival.refused === null) {
     stop();
@@ -182,7 +189,7 @@ function clearMessage() {
   byId("message").textContent = "";
   byId("progress").value = 0;
   byId("percent").textContent = "";
-  byId("received").hidden = true;
+  byId("received").hidden = byId("bits").hidden = true;
   byId("details").textContent = "";
   lastStep = null;
   Object.assign(refusal, { text: "", advice: "", until: 0 });
@@ -417,15 +424,6 @@ function readNamedFilm() {
 
 // ---- Buttons
 
-/** @param {Blob} file @param {string} name */
-function download(file, name) {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(file);
-  link.download = name;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 60e3);
-}
-
 byId("start").addEventListener("click", () => void readCamera());
 byId("again").addEventListener("click", () => readAgain());
 byId("copy").addEventListener("click", async () => {
@@ -500,13 +498,5 @@ for (const name of ["dragover", "dragleave", "drop"]) {
   });
 }
 
-/** Keep the page for times without a network. */
-async function keepForOffline() {
-  try {
-    await navigator.serviceWorker?.register(new URL("serviceWorker.js", document.baseURI));
-  } catch {
-    // the page works as long as there is a network
-  }
-}
-
+document.querySelector("header")?.toggleAttribute("hidden", parent !== window); // within another page
 if (!readNamedFilm()) void readCamera();

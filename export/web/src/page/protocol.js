@@ -1,5 +1,6 @@
 /** What the worker says to the page of each frame. */
 
+/** @import { Plane } from "../image/opencv.js" */
 /** @import { Sight } from "./advice.js" */
 
 /**
@@ -20,6 +21,7 @@
  * @property {boolean} last - whether the film has ended
  * @property {number} width - of the frames, in pixels
  * @property {number} height - of the frames, in pixels
+ * @property {Plane | null} bits - those that were read last, a pixel for each block, or null
  * @property {string | null} preset - name of what the display shows, or null
  * @property {string} explanation - why there is no message yet, in the words of export.receive
  * @property {Arrival | null} arrival

@@ -1,5 +1,5 @@
 /**
- * Keeps the whole page on the device, so that it opens without a network.
+ * Keeps all pages on the device, so that they open without a network.
  *
  * build.mjs lists the files and changes the version whenever one of them changes. A new version is
  * loaded as a whole, and takes over when the page is opened next.
@@ -12,7 +12,7 @@ const CACHE = `receiver-${VERSION}`;
  * What a worker may do: run its own code, WebAssembly included, load from where it came from, and
  * start the other worker. A host's own rules, where there are any, hold as well.
  */
-const WORKERS = ["worker.js", "decoding.js"];
+const WORKERS = ["worker.js", "decoding.js", "sending.js"];
 const WORKER_POLICY =
   "default-src 'none'; connect-src 'self'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'";
 

@@ -46,6 +46,8 @@ const film = {
   /** @type {Receiver | null} */
   receiver: null,
   inbox: new Inbox(null),
+  /** Scores of the frame pair that was read last. @type {Float64Array | null} */
+  scores: null,
 };
 
 /** Judges messages with a key; it knows what was delivered until another key or age is chosen. */
@@ -107,6 +109,7 @@ const functions = {
       [film.width, film.height] = [plane.width, plane.height];
       if (recording.wanted) return { kept: keep(plane, time) };
       const step = await film.receiver?.push(plane, time);
+      film.scores = step?.pairs.at(-1)?.scores ?? film.scores;
       return report(step?.tracked?.corners ?? null, step?.message ?? null, false);
     }),
 
@@ -169,6 +172,7 @@ async function planeOf({ frame, rotation = 0, flip = false, rgba, plane }) {
 /** @param {number} fps @param {Uint8Array | null} key @param {number | null} maxAgeS */
 function start(fps, key, maxAgeS) {
   film.fps = fps;
+  film.scores = null;
   film.receiver = new Receiver(decoders, fps, FRAME_MS, filmScorer);
   const isSame = key && judge.key && equalBytes(key, judge.key) && maxAgeS === judge.maxAgeS;
   if (!isSame) Object.assign(judge, { key, maxAgeS, verifier: key && new Verifier(key, maxAgeS) });
@@ -196,6 +200,7 @@ function report(corners, message, last) {
     width,
     height,
     corners,
+    bits: bitsOf(receiver.layout),
     preset,
     found: seen.found,
     synchronised: receiver.synchronised,
@@ -213,6 +218,20 @@ function report(corners, message, last) {
       stamp: delivery.stamp,
     },
   };
+}
+
+/**
+ * Draw the bits that were read last.
+ *
+ * @param {Layout} layout
+ * @returns {Plane | null} a pixel for each block: the surer of 1, the brighter
+ */
+function bitsOf(layout) {
+  const { scores } = film;
+  if (scores?.length !== layout.nBits) return null;
+  const data = new Uint8Array(layout.rows * layout.cols).fill(128);
+  layout.messageBlocks.forEach((block, at) => (data[block] += 127 * Math.tanh(scores[at])));
+  return { width: layout.cols, height: layout.rows, data };
 }
 
 /**

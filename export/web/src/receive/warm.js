@@ -11,7 +11,7 @@ import { range, scrambled } from "../link/code/scrambled.js";
 import { Receiver } from "./receiver.js";
 
 /** Frames a second of the films, and number of frames for which a state is shown. */
-const [FPS, HELD] = [30, 2];
+const [WARM_FPS, HELD] = [30, 2];
 /** Number of frame pairs that are decoded, and largest number of frames until then. */
 const [DECODED, FRAMES] = [2, 60];
 /** Largest noise of a pixel, in gray levels. */
@@ -35,11 +35,11 @@ export async function warmUp(films, mostMs = Infinity) {
   let decoded = 0;
   for (const [number, { layout, states }] of films.entries()) {
     const end = start + (mostMs * (number + 1)) / films.length;
-    const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], FPS);
+    const receiver = new Receiver([{ layout, decode: async () => guesses(layout) }], WARM_FPS);
     for (let frame = 0; frame < FRAMES && receiver.decoded < DECODED; frame++) {
       if (performance.now() >= end) break;
       const state = states[Math.floor(frame / HELD) % states.length];
-      await receiver.push(noisy(state, frame), frame / FPS);
+      await receiver.push(noisy(state, frame), frame / WARM_FPS);
     }
     decoded += receiver.decoded;
   }

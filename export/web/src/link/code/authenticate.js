@@ -5,7 +5,7 @@
  *     tag              first 8 bytes of HMAC-SHA256(key, context | stamp | message)   (RFC 2104)
  *
  * The stamp is a whole number that a receiver expects to rise: the seconds since 1970 at which the
- * message was made, or a counter (link/code/authenticate.py). Only the receiver's side is here.
+ * message was made, or a counter (link/code/authenticate.py).
  */
 
 import { codeAuthenticate } from "../../generated/constants.js";
@@ -50,6 +50,36 @@ export function checkKey(key) {
 }
 
 /**
+ * Append stamp and tag to a message.
+ *
+ * @param {Uint8Array} message - at least 1 byte
+ * @param {Uint8Array} key - 16 to 4096 bytes that sender and receiver share
+ * @param {number} stamp - seconds since 1970, or a counter, from 0 to 2 ** 32 - 1
+ * @returns {Uint8Array} the signed message, 12 bytes longer
+ */
+export function sign(message, key, stamp) {
+  checkKey(key);
+  const signed = new Uint8Array(message.length + STAMP_BYTES + TAG_BYTES);
+  signed.set(message);
+  new DataView(signed.buffer).setUint32(message.length, stamp);
+  signed.set(tagOf(signed.subarray(0, -TAG_BYTES), key), message.length + STAMP_BYTES);
+  return signed;
+}
+
+/**
+ * Make the tag of a stamped message: stamp before message, as the stamp has one length, so that no
+ * two pairs of them read alike.
+ *
+ * @param {Uint8Array} stamped - the message, and after it the stamp
+ * @param {Uint8Array} key
+ */
+function tagOf(stamped, key) {
+  const [data, stamp] = [stamped.subarray(0, -STAMP_BYTES), stamped.subarray(-STAMP_BYTES)];
+  const tag = hmac.create(sha256, key).update(CONTEXT).update(stamp).update(data).digest();
+  return tag.subarray(0, TAG_BYTES);
+}
+
+/**
  * Take a signed message apart where its tag fits.
  *
  * @param {Uint8Array} signed - any bytes
@@ -60,12 +90,9 @@ export function verify(signed, key) {
   checkKey(key);
   const data = unchecked(signed);
   if (data.length === 0) return null;
-  const end = data.length;
-  const stamp = signed.slice(end, end + STAMP_BYTES);
-  // stamp before message: the stamp has one length, so no two pairs of them read alike
-  const tag = hmac.create(sha256, key).update(CONTEXT).update(stamp).update(data).digest();
-  if (!equalBytes(tag.subarray(0, TAG_BYTES), signed.subarray(end + STAMP_BYTES))) return null;
-  return { data, stamp: new DataView(stamp.buffer).getUint32(0) };
+  const stamped = signed.slice(0, -TAG_BYTES);
+  if (!equalBytes(tagOf(stamped, key), signed.subarray(-TAG_BYTES))) return null;
+  return { data, stamp: new DataView(stamped.buffer).getUint32(data.length) };
 }
 
 /**

@@ -8,7 +8,7 @@
  * The *terms* are what a receiver must know before it can decode: the length of the message, the
  * number of frames in the loop and a mark of the message. They make six words, of which each frame
  * shows one or more by turns (link/code/fine.py). The header is the length, after a bit that says
- * whether the message is signed; it is not sent, so the receiver tries both. Only the receiver's side is here.
+ * whether the message is signed; it is not sent, so the receiver tries both.
  */
 
 import { codeFine } from "../../generated/constants.js";
@@ -19,12 +19,14 @@ import { crc32 } from "./crc.js";
 import { MAX_INFORMATION, MIN_INFORMATION, makeRateless } from "./rateless.js";
 import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
-import { NUMBERS, WORD, weighWord } from "./words.js";
+import { NUMBERS, WORD, weighWord, wordOf } from "./words.js";
 
 /** @import { Content } from "./message.js" */
 
 export const { PIECES } = codeFine;
-const { MIN_FRAMES, MAX_CODED, HEADER_SHARE, CRC_BYTES } = codeFine;
+const {
+  MIN_FRAMES, MAX_FRAMES, USUAL_FRAMES, USUAL_REDUNDANCY, MAX_CODED, HEADER_SHARE, CRC_BYTES,
+} = codeFine;
 
 /** What a receiver must know of a loop before it can decode it. */
 export class Terms {
@@ -164,13 +166,16 @@ export class Shape {
   }
 
   /**
-   * Make the (nBits) pseudo-random bits that are added to a frame's bits other than those of the
-   * word that tells its number.
+   * Make the (nBits) pseudo-random bits that are added to all of a frame's bits.
+   *
+   * The bits of the word that tells the number are whitened alike in all frames.
    *
    * @param {number} number - of the frame
    */
   whitening(number) {
-    return scrambled(range(this.nBits, number * this.nBits), 2).low;
+    const white = scrambled(range(this.nBits, number * this.nBits), 2).low;
+    for (let at = 0; at < WORD; at++) white[this.head[at]] = this.numberWhitening[at];
+    return white;
   }
 }
 
@@ -230,6 +235,47 @@ export function numberLikelihoods(scores) {
     clear[at] = shape.numberWhitening[at] ? -score : score;
   }
   return weighWord(clear);
+}
+
+/**
+ * Count the frames of the loop that carries a message with the usual redundancy, or with less where
+ * that would make too long a loop, or with more where it would be too short.
+ *
+ * @param {number} nBytes - length of the message
+ * @param {number} nBits - message blocks of a frame
+ */
+export function fineFrames(nBytes, nBits) {
+  const { body } = Shape.of(nBits);
+  const coded = USUAL_REDUNDANCY * new Terms(nBytes, MIN_FRAMES, 0).information;
+  const most = Math.min(MAX_FRAMES, Math.floor(MAX_CODED / body));
+  return Math.min(Math.max(USUAL_FRAMES, Math.ceil(coded / body)), most);
+}
+
+/**
+ * Turn a message into the bits of the loop that carries it.
+ *
+ * @param {Content} content
+ * @param {number} nBits - message blocks of a frame
+ * @returns {Uint8Array} (frames * nBits) bits, frame by frame
+ */
+export function encodeFine(content, nBits) {
+  const frames = fineFrames(content.data.length, nBits);
+  const terms = new Terms(content.data.length, frames, markOf(content.data));
+  const shape = Shape.of(nBits);
+  const pieces = terms.pieces().map(wordOf);
+  const coded = codedBits(content, terms, nBits);
+  const bits = new Uint8Array(frames * nBits);
+  for (let number = 0; number < frames; number++) {
+    const row = bits.subarray(number * nBits, (number + 1) * nBits);
+    const shown = shape.piecesShown(number).map((piece) => pieces[piece]);
+    const white = shape.whitening(number);
+    [wordOf(number), ...shown].forEach((word, turn) =>
+      word.forEach((bit, at) => (row[shape.head[turn * WORD + at]] = bit)),
+    );
+    shape.rest.forEach((place, at) => (row[place] = coded[number * shape.body + at]));
+    for (let at = 0; at < nBits; at++) row[at] ^= white[at] & 1;
+  }
+  return bits;
 }
 
 /**

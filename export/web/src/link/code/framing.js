@@ -16,6 +16,7 @@ import { codeFraming } from "../../generated/constants.js";
 import { InputError } from "../errors.js";
 import { packBits, unpackBits } from "./bits.js";
 import { crc32 } from "./crc.js";
+import { encodeFine, fineFrames } from "./fine.js";
 import { makeCode } from "./ldpc.js";
 import { remembered } from "./remembered.js";
 import { range, scrambled, shuffled } from "./scrambled.js";
@@ -59,12 +60,13 @@ export function informationBytes(frames, nBits) {
 }
 
 /**
- * Count the frames of the shortest loop that carries a message.
+ * Count the frames of the loop that carries a message, which is the shortest on coarse grids.
  *
  * @param {number} nBytes - length of the message
  * @param {number} nBits - message blocks of a frame
  */
 export function framesNeeded(nBytes, nBits) {
+  if (isFine(nBits)) return fineFrames(nBytes, nBits);
   return Math.ceil((16 * (nBytes + LENGTH_BYTES + CRC_BYTES)) / (nBits - SIGNATURE));
 }
 
@@ -127,13 +129,15 @@ function placeOf(at, nBits) {
 }
 
 /**
- * Turn a message into the bits of the loop of a coarse grid that carries it.
+ * Turn a message into the bits of the loop that carries it.
  *
- * @param {Content} content - at least 1 byte, and short enough for `MAX_FRAMES`
+ * @param {Content} content - at least 1 byte, and at most as many as the table of presets says
  * @param {number} nBits - message blocks of a frame
  * @returns {Uint8Array} (frames * nBits) bits, frame by frame
  */
-export function encode({ data: message, signed }, nBits) {
+export function encode(content, nBits) {
+  if (isFine(nBits)) return encodeFine(content, nBits);
+  const { data: message, signed } = content;
   const frames = framesNeeded(message.length, nBits);
   const data = new Uint8Array(informationBytes(frames, nBits));
   const view = new DataView(data.buffer);

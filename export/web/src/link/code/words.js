@@ -28,6 +28,20 @@ function columnsOfWords() {
 }
 
 /**
+ * Tell a number by the (48) bits of its word.
+ *
+ * @param {number} number - below 4096
+ * @returns {Uint8Array}
+ */
+export function wordOf(number) {
+  return Uint8Array.from(COLUMNS, (column) => {
+    let parity = number & column;
+    for (let shift = 8; shift > 0; shift >>= 1) parity ^= parity >> shift;
+    return parity & 1;
+  });
+}
+
+/**
  * Weigh all words against what was received, relative to chance.
  *
  * @param {Float32Array} scores - log-likelihood ratios of bits, positive for 1

@@ -1,0 +1,445 @@
+"""The page that sends makes the loops of export.send, and says what is wrong with its input."""
+
+import base64
+import json
+import re
+import struct
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import OpenWindow, cases
+from playwright.sync_api import Page
+from port import Port, same
+from web_films import gray, y4m_bytes
+
+from export.receive.decoders import open_decoders
+from export.receive.stream import EventStream
+from export.send.player import write_player
+from export.web.demo import MESSAGE
+from export.web.site import WEB
+from export.web.tables import send_preset
+from lab.films.browser import serve_folder, text_of
+from link.code.authenticate import sign
+from link.code.framing import encode, longest_message
+from link.images import write_image
+from link.layout import make_layout
+from link.loop import Loop
+from link.presets import PRESETS
+from link.strength import block_steps
+from link.types import Image
+
+KEY = bytes(range(32))
+PACKED = ("offsets", "patches", "pictures", "steps")
+"""Keys of a loop whose arrays zlib packs, which is not everywhere the same."""
+
+
+def picture(width: int = 512, height: int = 384, seed: int = 0) -> Image:
+    """Noise over all levels on one side, on the other a smooth ramp from black to white."""
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    ramp = np.linspace(0, 255, height).round().astype(np.uint8)
+    drawn[:, : width // 2] = ramp[:, None, None]
+    return drawn
+
+
+def unpacked(loop: dict[str, Any]) -> dict[str, Any]:
+    """A loop with its arrays as bytes."""
+
+    def opened(held: Any) -> Any:
+        if isinstance(held, list):
+            return [opened(each) for each in held]
+        return held and zlib.decompress(base64.b64decode(held))
+
+    return {key: opened(held) if key in PACKED else held for key, held in loop.items()}
+
+
+def sent_loop(file: Path) -> dict[str, Any]:
+    held = re.search(r'<script type="application/json" id="loop">(.*?)</script>', file.read_text())
+    assert held
+    loop: dict[str, Any] = json.loads(held[1])
+    return unpacked(loop)
+
+
+@cases((512, 384, 48, 64), (130, 97, 9, 16), (600, 800, 24, 32))
+def test_blocks_are_as_strong_as_python_makes_them(
+    width: int, height: int, rows: int, cols: int, port: Port
+) -> None:
+    layout = make_layout(rows, cols, width, height, modulation="antipodal", pilots="auto")
+    drawn = picture(width, height)
+    given = {"width": width, "height": height, "data": drawn.reshape(-1)}
+    found = port("link/strength.js").blockSteps(given, rows, cols)
+    assert len(set(found.tolist())) > 8
+    same(found, block_steps(drawn, layout))
+
+
+@pytest.mark.parametrize("size", [(512, 384), (384, 512), (802, 600)], ids=str)
+@pytest.mark.parametrize("name", PRESETS)
+def test_loops_are_those_of_python(
+    name: str, size: tuple[int, int], port: Port, tmp_path: Path
+) -> None:
+    preset, drawn = PRESETS[name], picture(*size)
+    if size == (802, 600):
+        drawn[:] = drawn[:, :, :1]  # gray
+    message, signed = sign(b"Gr\xc3\xbc\xc3\x9fe", KEY, 7), size == (384, 512)
+    bits = encode(message, preset.layout.n_bits, signed=signed)
+    loop = Loop(preset.layout, preset.kappa, bits, lambda: iter([drawn]), even=preset.even)
+    table = json.loads(json.dumps(send_preset(name, preset)))
+    write_player(tmp_path / "player.html", loop, preset.state_hz, table["loop"]["flicker"])
+    given = {"width": size[0], "height": size[1], "data": drawn.reshape(-1)}
+    content = {"data": message, "signed": signed}
+    found = vars(port("send/loop.js").makeLoop(table, content, given))
+    assert unpacked(found) == sent_loop(tmp_path / "player.html")
+
+
+# The page in Chromium
+
+PATIENCE_S = 60.0
+RNG = np.random.default_rng(5)
+MESSAGES = {
+    "1 byte": b"a",
+    "100 bytes": b"0123456789" * 10,
+    "link": b"https://example.org/menu?table=7#today",
+    "lines": b"one\n\ttwo\n\n three ",
+    "Unicode": "Gr\u00fc\u00dfe, \u4f60\u597d \U0001f642 \u05e9\u05dc\u05d5\u05dd".encode(),
+    "markup": b"</script><script>alert(1)</script>",
+    "5 kB": b"A long one. " * 420,
+    "file": RNG.bytes(2000),
+    "signed": b"The door is open",
+    "signed file": RNG.bytes(300),
+}
+
+
+@pytest.fixture(scope="module")
+def address(site: Path) -> Iterator[str]:
+    """Where the page that sends is served."""
+    with serve_folder(site) as url:
+        yield f"{url}send.html"
+
+
+@pytest.fixture
+def sender(address: str, open_window: OpenWindow) -> Iterator[Page]:
+    """The page, which must ask nothing of anybody else, and have no errors."""
+    page = open_window(390, 844)
+    asked: list[str] = []
+    errors: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(address)
+    yield page
+    ours = (address.removesuffix("send.html"), "blob:", "data:")
+    assert errors == []
+    assert [url for url in asked if not url.startswith(ours)] == []
+
+
+def wait_for(page: Page, condition: Callable[[], object]) -> None:
+    """Wait until a function is true; Playwright's own way is refused by the page's policy."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, text_of(page, "status")
+        page.wait_for_timeout(50)
+
+
+def save(page: Page, file: Path) -> dict[str, Any]:
+    """Press *Save*; gives the loop of the file."""
+    with page.expect_download() as saved:
+        page.locator("#save").click()
+    saved.value.save_as(file)
+    return sent_loop(file)
+
+
+def given_file(name: str, data: bytes, kind: str = "") -> Any:
+    return {"name": name, "mimeType": kind or "application/octet-stream", "buffer": data}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_saved_file_is_what_export_send_writes(name: str, sender: Page, tmp_path: Path) -> None:
+    preset, drawn = PRESETS[name], picture()
+    n_bits = preset.layout.n_bits
+    write_image(tmp_path / "picture.png", drawn)
+    sender.set_input_files("#picture", tmp_path / "picture.png")
+    sender.select_option("#preset", name)
+    sender.locator("summary").click()
+    sender.fill("#counter", "7")
+    for kind, message in MESSAGES.items():
+        signed, is_file = "signed" in kind, "file" in kind
+        sender.fill("#text", "" if is_file else message.decode())
+        sender.set_input_files("#file", given_file("any.bin", message) if is_file else [])
+        sender.set_input_files("#key", given_file("key", KEY) if signed else [])
+        sent = sign(message, KEY, 7) if signed else message
+        if len(sent) > longest_message(n_bits):
+            sender.locator("#save").click()
+            wait_for(sender, lambda: "too long" in text_of(sender, "status"))
+            continue
+        loop = save(sender, tmp_path / "saved.html")
+        rows = encode(sent, n_bits, signed=signed)
+        assert loop["bits"] == ["".join(map(str, row)) for row in rows], kind
+    made = Loop(preset.layout, preset.kappa, rows, lambda: iter([drawn]), even=preset.even)
+    flicker = "" if name == "hidden" else "seen"
+    write_player(tmp_path / "player.html", made, preset.state_hz, flicker)
+    assert loop == sent_loop(tmp_path / "player.html")
+
+
+def huge_png(width: int, height: int) -> bytes:
+    """A PNG of a size that its file does not show."""
+    head = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    rows = zlib.compress(bytes(2**20))
+    parts = [(b"IHDR", head), (b"IDAT", rows), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        for kind, data in parts
+    )
+
+
+SVG = b"""<svg xmlns="http://www.w3.org/2000/svg" width="99" height="99">
+<script>alert(1)</script><image href="https://example.org/a.png" /></svg>"""
+HOSTILE = {
+    "200 megapixels": ("picture", given_file("a.png", huge_png(20_000, 10_000), "image/png")),
+    "drawing": ("picture", given_file("a.svg", SVG, "image/svg+xml")),
+    "drawing in disguise": ("picture", given_file("a.png", SVG, "image/png")),
+    "no picture": ("picture", given_file("a.jpg", b"no picture", "image/jpeg")),
+    "narrow": ("picture", given_file("a.png", huge_png(900, 20), "image/png")),
+    "key of 1 byte": ("key", given_file("key", b"k")),
+    "empty file": ("file", given_file("none", b"")),
+}
+SAID = {
+    "200 megapixels": "This picture has 200 million pixels, and 50 are the most.",
+    "drawing": "Drawings (SVG) are not read. Save it as PNG.",
+    "drawing in disguise": "This file is no picture that this browser can read.",
+    "no picture": "This file is no picture that this browser can read.",
+    "narrow": "This picture is longer than 3 to 1. Crop it.",
+    "key of 1 byte": "This file is no key: a key has 16 to 4096 bytes.",
+    "empty file": "The message is empty. Type a text, or choose a file.",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_is_no_good_is_refused_in_one_sentence(name: str, sender: Page) -> None:
+    place, file = HOSTILE[name]
+    sender.set_input_files(f"#{place}", file)
+    if place != "picture":
+        sender.locator("#save").click()
+    wait_for(sender, lambda: text_of(sender, "status") == SAID[name])
+    assert not sender.evaluate("document.getElementById('save').disabled")
+
+
+@pytest.mark.slow
+def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path) -> None:
+    sender.fill("#text", "")
+    sender.locator("#save").click()
+    wait_for(sender, lambda: "is empty" in text_of(sender, "status"))
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(10**9)
+    for place, said in (("file", "too long"), ("picture", "too large")):
+        sender.set_input_files(f"#{place}", tmp_path / "huge")
+        if place == "file":
+            sender.locator("#save").click()
+        wait_for(sender, lambda said=said: said in text_of(sender, "status"))
+
+
+# How it is shown
+
+SAID_OF_RATES = {
+    ("robust", 60): (4, 15.0, ""),
+    ("robust", 75): (5, 15.0, ""),
+    ("robust", 120): (8, 15.0, ""),
+    ("hidden", 60): (1, 60.0, ""),
+    ("hidden", 75): (1, 75.0, "75.0 states a second, not 60 as asked"),
+    ("hidden", 120): (2, 60.0, ""),
+}
+"""By preset and refreshes a second, for how many of them a state stays, states a second, and what
+the player says of it."""
+REFRESHES = """
+    window.asked = [], window.clock = 1000;
+    window.requestAnimationFrame = (call) => asked.push(call);
+    window.refresh = (gap) => { clock += gap; for (const call of asked.splice(0)) call(clock); };
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["robust", "hidden"])
+def test_a_saved_file_keeps_its_rate_on_usual_displays(
+    name: str, sender: Page, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    sender.select_option("#preset", name)
+    save(sender, tmp_path / "saved.html")
+    for (preset, hz), (hold, rate, said) in SAID_OF_RATES.items():
+        if preset != name:
+            continue
+        page = open_window(640, 480)
+        page.add_init_script(REFRESHES)
+        page.goto((tmp_path / "saved.html").resolve().as_uri())
+        wait_for(page, lambda page=page: page.evaluate("asked.length > 0 && Boolean(room)"))
+        page.evaluate(f"while (!player.ready) refresh(1000 / {hz}); player.play();")
+        assert page.evaluate("[player.hold, player.rate]") == [hold, pytest.approx(rate)]
+        assert said in page.inner_text("p")
+        assert ("as asked" in page.inner_text("p")) == bool(said)
+        before = page.evaluate("player.count")
+        page.evaluate(f"refresh({3 * hold * 1000 / hz})")  # three states pass at once
+        assert page.evaluate("[player.count, stats.dropped]") == [before + 3, 3 * hold - 1]
+
+
+@pytest.mark.slow
+def test_what_flickers_is_shown_once_somebody_agreed(sender: Page) -> None:
+    def player() -> Any:
+        sender.locator("#show").click()
+        wait_for(sender, lambda: len(sender.frames) == 2)
+        wait_for(sender, lambda: sender.frames[1].evaluate("Boolean(window.player?.ready)"))
+        return sender.frames[1]
+
+    sender.select_option("#preset", "hidden")
+    assert player().evaluate("player.playing")
+    sender.keyboard.press("Escape")
+    wait_for(sender, lambda: len(sender.frames) == 1)
+    sender.select_option("#preset", "robust")
+    first = player()
+    assert not first.evaluate("player.playing")
+    assert "flickers visibly" in first.inner_text("p")
+    assert sender.evaluate("document.fullscreenElement.id") == "stage"
+    sender.mouse.click(200, 300)
+    assert first.evaluate("player.playing")
+    sender.keyboard.press("Escape")
+    wait_for(sender, lambda: len(sender.frames) == 1)
+    assert "15.0 states a second" in text_of(sender, "status")
+    assert player().evaluate("player.playing")  # it does not ask again
+    sender.mouse.click(200, 300)
+    wait_for(sender, lambda: len(sender.frames) == 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nobody_is_shut_out(scheme: Any, address: str, open_window: OpenWindow) -> None:
+    """Names, contrast and order, as axe-core checks them in each page and state."""
+    axe = (WEB / "node_modules" / "axe-core" / "axe.min.js").read_text()
+    for name in ("index.html?film=none", "send.html", "send.html?shown", "about.html"):
+        page = open_window(390, 844)
+        page.emulate_media(color_scheme=scheme)
+        page.goto(address.replace("send.html", name))
+        for summary in page.locator("summary").all():
+            summary.click()
+        if "shown" in name:
+            page.locator("#show").click()
+            wait_for(page, lambda page=page: len(page.frames) == 2)
+        page.evaluate(axe)
+        found = page.evaluate("axe.run()")
+        assert [(each["id"], each["nodes"]) for each in found["violations"]] == []
+        assert len(found["passes"]) > 20
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+@pytest.mark.slow
+def test_all_pages_work_without_a_network(site: Path, browser: Any) -> None:
+    context = browser.new_context()
+    with serve_folder(site) as url:
+        page = context.new_page()
+        page.goto(f"{url}send.html")
+        page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.goto(f"{url}about.html")  # from here on nobody serves it
+    page.locator("#read").click()
+    reader = page.frame_locator("iframe")
+    wait_for_text = time.monotonic() + PATIENCE_S
+    while reader.locator("#message").inner_text() != MESSAGE:
+        assert time.monotonic() < wait_for_text, reader.locator("#status").inner_text()
+        page.wait_for_timeout(100)
+    page.goto(f"{url}send.html")
+    with page.expect_download():
+        page.locator("#save").click()
+    context.close()
+
+
+def test_the_page_that_sends_is_small(site: Path) -> None:
+    names = (
+        "send.html",
+        "noon.jpg",
+        "style.css",
+        "send.js",
+        "sending.js",
+        "player.html",
+        "icon.svg",
+    )
+    assert sum((site / name).stat().st_size for name in names) <= 300_000
+
+
+# From the playing page through a camera of a few lines
+
+SHOWN = {
+    "paper": (b"Hi", 1.5, 92),
+    "hidden": ("Gr\u00fc\u00dfe, \u4f60\u597d \U0001f642".encode(), 0.4, 98),
+    "fast": (b"0123456789" * 10, 0.4, 97),
+    "robust": (b"https://example.org/menu?table=7", 1.5, 88),
+}
+"""By preset a message, the standard deviation of the camera's noise, and the quality of JPEG."""
+SEEN_AT = np.array([[93, 61], [886, 84], [858, 667], [120, 650]], np.float32)
+"""Corners of the display in the film, in pixels."""
+
+
+def states_of(page: Page, player: Path) -> list[Image]:
+    """What a window of 640 x 480 shows of a file's first states, (480, 640, 3) uint8."""
+    page.goto(player.resolve().as_uri())
+    wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
+    page.evaluate("player.pause(), player.step(-player.state)")
+    shown = []
+    for _ in range(page.evaluate("Math.min(player.states, 48)")):
+        image = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        shown.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8))
+        page.keyboard.press("ArrowRight")
+    return shown
+
+
+def filmed(states: list[Image], name: str) -> Iterator[Image]:
+    """A film of 960 x 720, two frames of each state: slanted, blurred, noisy and compressed."""
+    _, noise, quality = SHOWN[name]
+    rng = np.random.default_rng(7)
+    corners = np.array([[-0.5, -0.5], [639.5, -0.5], [639.5, 479.5], [-0.5, 479.5]], np.float32)
+    H_captured_from_display = cv2.getPerspectiveTransform(corners, SEEN_AT)
+    room = np.full((720, 960, 3), 60, np.uint8)
+    room[::40] = room[:, ::60] = 80
+    for number in range(2 * len(states)):
+        frame = cv2.warpPerspective(
+            states[number // 2],
+            H_captured_from_display,
+            (960, 720),
+            dst=room.copy(),
+            flags=cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_TRANSPARENT,
+        )
+        frame = cv2.GaussianBlur(frame, (0, 0), 0.6) + rng.normal(0, noise, frame.shape)
+        frame = np.clip(frame.round(), 0, 255).astype(np.uint8)
+        _, data = cv2.imencode(".jpg", frame[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+        yield np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[:, :, ::-1], np.uint8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRESETS)
+def test_what_the_page_shows_is_read_by_both_receivers(
+    name: str, sender: Page, address: str, open_window: OpenWindow, tmp_path: Path
+) -> None:
+    message = SHOWN[name][0]
+    coarse = np.random.default_rng(4).uniform(60, 220, (7, 9, 3)).astype(np.float32)
+    smooth = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_CUBIC)
+    write_image(tmp_path / "picture.png", smooth.clip(0, 255).astype(np.uint8))
+    sender.set_input_files("#picture", tmp_path / "picture.png")
+    sender.fill("#text", message.decode())
+    sender.select_option("#preset", name)
+    save(sender, tmp_path / "player.html")
+    states = states_of(open_window(640, 480), tmp_path / "player.html")
+    frames, fps = list(filmed(states, name)), 2 * PRESETS[name].state_hz
+    receiver = EventStream(open_decoders(None, 2), fps)
+    for number, frame in enumerate(frames):
+        receiver.push(frame, number / fps, str(number))
+    receiver.finish()
+    assert receiver.inbox.last and receiver.inbox.last.data == message, receiver.explanation
+    film = tmp_path / "film.y4m"
+    film.write_bytes(y4m_bytes((gray(frame) for frame in frames), fps))
+    page = open_window(1280, 800)
+    page.goto(f"{address.removesuffix('send.html')}?film=none.y4m")  # or it would take a camera
+    page.set_input_files("#film", film)
+    wait_for(page, lambda: text_of(page, "message"))
+    assert text_of(page, "message") == message.decode()
