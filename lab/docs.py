@@ -48,7 +48,6 @@ STEPS = {
     "table": "",
     "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
-    "fidelity": "lab fidelity --keep",
     "ablation": "lab ablation --keep",
     "ideal": (
         "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
