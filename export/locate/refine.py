@@ -9,14 +9,12 @@ from export.locate.edges import fit_edges
 from export.locate.patches import (
     Pyramid,
     corners_from_patches,
-    image_pyramid,
     patches_in_view,
     search_patches,
     seen_correlation,
 )
 from export.locate.quads import SLACK, is_sound
 from link.geometry import homography_from_corners, rectify
-from link.images import as_gray
 from link.layout import Layout
 from link.ratex import CLEAR_MATCH, match_patches
 from link.types import Corners, Image
