@@ -172,9 +172,6 @@ DISPLAYS = {
 }
 """The three displays, by the second part of a pair's name."""
 
-FALLOFF_BOUNDS = {"imac": (1.5, 3.0), "lg": (2.0, 3.6), "samsung": (2.8, 4.8)}
-"""Lowest and highest green exponent of ``falloff`` by display, within which it is fitted."""
-
 # Printed by reports.lab.spectra (SPECTRA): stand-in cameras and displays as listed there. Two
 # laboratories differ by up to 0.11 in the red row of Canon (400D 0.63, 600D 0.52 with LCD-Apple).
 CROSSTALK: dict[str, Matrix] = {

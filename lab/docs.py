@@ -48,7 +48,6 @@ STEPS = {
     "table": "",
     "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
-    "fidelity": "lab fidelity --keep",
     "ablation": "lab ablation --keep",
     "ideal": (
         "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
@@ -81,6 +80,7 @@ STEPS |= {
         "16_30": "--state-hz 30 --fps 60 --grid 16",
     }.items()
 }
+STEPS |= {"film": "lab film --states 60 --keep"}
 STEPS |= {
     f"today_{name}": f"lab today {flags} --keep"
     for name, flags in {

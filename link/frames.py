@@ -1,6 +1,5 @@
 """What passes from stage to stage: displayed, captured and rectified frame pairs, and soft bits."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -117,23 +116,3 @@ class SoftBits:
     def bits(self) -> NDArray[np.intp]:
         """(n_bits,) hard decisions, 0 or 1."""
         return (self.scores > 0).astype(np.intp)
-
-
-def combined(captures: Sequence[SoftBits]) -> SoftBits:
-    """Add the scores of several captures of one frame pair, as log-likelihood ratios allow.
-
-    Args:
-        captures: at least one, with scores that are log-likelihood ratios and equally many bits.
-
-    Returns:
-        the sums of the scores, without a head.
-
-    Raises:
-        InputError: none is given, or their numbers of bits differ.
-
-    >>> combined([SoftBits(np.array([2.0, -1.0])), SoftBits(np.array([1.5, 4.0]))]).bits.tolist()
-    [1, 1]
-    """
-    if len({soft.scores.size for soft in captures}) != 1:
-        raise InputError("captures of one frame pair must be there and have equally many bits")
-    return SoftBits(np.sum([soft.scores for soft in captures], axis=0))

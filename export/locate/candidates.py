@@ -94,9 +94,9 @@ def candidate_steps(image: Image, limit: int = CANDIDATES) -> Steps[list[Located
     return [Located(on_full_image(quads[i], scale), float(scores[i])) for i in chosen]
 
 
-def gather_quadrilaterals(
-    image: Image,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def gathering_steps(
+    image: NDArray[np.uint8],
+) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
     """Collect all quadrilaterals that lines, outlines and edges make, and what speaks for each.
 
     Args:
@@ -107,13 +107,6 @@ def gather_quadrilaterals(
         `export.locate.edges.side_features` gives them, and (2,) pixels of the image in one of the
         copy.
     """
-    return run_to_end(gathering_steps(image))
-
-
-def gathering_steps(
-    image: NDArray[np.uint8],
-) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
-    """Collect quadrilaterals step by step; the result is that of `gather_quadrilaterals`."""
     small, scale = small_copy(image)
     gray = as_gray(small)
     lines = from_lines(gray, LINE_QUADS)

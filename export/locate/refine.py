@@ -2,27 +2,23 @@
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from export.locate.align import align_corners
 from export.locate.edges import fit_edges
 from export.locate.patches import (
     Pyramid,
     corners_from_patches,
-    image_pyramid,
     patches_in_view,
     search_patches,
     seen_correlation,
 )
 from export.locate.quads import SLACK, is_sound
-from link.geometry import as_corners, homography_from_corners, rectify
-from link.images import as_gray
+from link.geometry import homography_from_corners, rectify
 from link.layout import Layout
 from link.ratex import CLEAR_MATCH, match_patches
 from link.types import Corners, Image
 
-EDGE_REACH = 0.015
-"""Distance that a side may move onto an edge, as a share of the display's side."""
 SEARCHES = (0.09, 0.09, 0.03)
 """Reach of each of the searches for patches before corners are aligned to them, as a share of the
 display's side: what is found first brings the others into reach."""
@@ -37,36 +33,12 @@ display that is partly in view: what lies beyond the patches is known less well.
 USUAL_CORRELATION = 0.8
 """Smallest `link.ratex.patch_correlation` of a display that shows three patches or more. It lies
 between what aligned displays have and what wrong turns reach by chance, most of all with few
-patches: lab.films.locate prints both."""
+patches."""
 
 
 def needed_correlation(layout: Layout) -> float:
     """Say how visible a layout's patches must be, in [0, 1], for corners to be believed."""
     return FEW_PATCHES_CORRELATION.get(len(layout.ratex), USUAL_CORRELATION)
-
-
-def refine_corners(image: Image, corners: ArrayLike, layout: Layout | None = None) -> Corners:
-    """Find sub-pixel corners from corners a few per cent off.
-
-    They lie on the ratex patches where ``layout`` has some and these are seen, else on the
-    display's edges.
-
-    Args:
-        image: an `Image`.
-        corners: (4, 2) px, in the corner order of the result.
-        layout: layout of what is displayed.
-
-    Returns:
-        in pixels; ``corners`` where the image shows neither edges nor patches there.
-    """
-    given = as_corners(corners)
-    gray = as_gray(image)
-    if layout is not None and layout.ratex:
-        found, seen = corners_on_patches(image, image_pyramid(gray), given, layout)
-        if seen >= needed_correlation(layout):
-            return found
-    side = float(np.sqrt(cv2.contourArea(given.astype(np.float32))))
-    return clipped_to_image(corners_on_edges(gray, given, EDGE_REACH * side + 2), gray.shape)
 
 
 def corners_on_patches(

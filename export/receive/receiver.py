@@ -126,11 +126,6 @@ class Receiver:
         return self._repeats.count
 
     @property
-    def decode_attempts(self) -> int:
-        """Number of times that what was collected was decoded, with or without success."""
-        return self._reader.collector.attempts
-
-    @property
     def synchronised(self) -> bool:
         """Whether the display's clock is known."""
         return self._reader.sync.clock is not None

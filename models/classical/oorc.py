@@ -3,14 +3,14 @@
 With g(i) = sum a_k i^k, the decision w (g(i_o) - g(i_e)) + b is linear in
     Phi(i_o, i_e) = [i_o^4 - i_e^4, i_o^3 - i_e^3, i_o^2 - i_e^2, i_o - i_e],
 so an SVM in that space finds g and the threshold together. The differences of Legendre polynomials
-P_k(2 i - 1) span the same space and keep the problem well conditioned; `paper_coefficients`
-turns their weights into the paper's a_k. Since bit 1 makes i_e brighter, weights come out negative.
+P_k(2 i - 1) span the same space and keep the problem well conditioned. Since bit 1 makes i_e
+brighter, weights come out negative.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import Legendre, Polynomial
+from numpy.polynomial import Legendre
 from numpy.typing import NDArray
 
 from link.frames import Rectified, SoftBits
@@ -85,21 +85,6 @@ def inverse_response(weights: NDArray[np.float64]) -> Legendre:
         g over captured intensities in [0, 1].
     """
     return Legendre(np.concatenate([[0.0], -weights]), domain=[0, 1])
-
-
-def paper_coefficients(weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Convert weights of the Legendre features into the paper's coefficients of g.
-
-    Args:
-        weights: (degree,) weights of the Legendre features.
-
-    Returns:
-        (degree + 1,) a_0 ... a_degree of g(i) = sum a_k i^k for i in [0, 1], up to a common scale.
-
-    >>> paper_coefficients(np.array([-1.0]))  # g(i) = 2 i - 1
-    array([-1.,  2.])
-    """
-    return np.asarray(inverse_response(weights).convert(kind=Polynomial, domain=[-1, 1]).coef)
 
 
 @dataclass(frozen=True)

@@ -253,8 +253,6 @@ def test_names_and_texts_that_cannot_be(
     ("codecs --preset x", "unknown preset 'x'"),
     ("codecs --views 90", "--views: need an angle"),
     ("codecs --n-bytes 100000", "--n-bytes: 100000 bytes"),
-    ("locate --size 1000000 1000000", "--size: 1000000x1000000"),
-    ("locate --size 8 8", "--size: need at least 64x64"),
     ("visibility --limit 0", "--limit: need a number above 0"),
     ("flicker --width 1000000", "layout: a 1000000x384 frame"),
     ("flicker --seconds 1000000", "--seconds: need 1 to 3600"),

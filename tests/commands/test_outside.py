@@ -15,7 +15,6 @@ from export.locate.find import locate
 from export.onnx_file import MAX_FIELDS, MAX_NODES
 from export.runtime import MAX_MEMORY_BYTES, MAX_MODEL_BYTES, TIME_LIMIT_S
 from export.watchdog import GRACE_S
-from lab.films.locate import read_corners
 from lab.recorded import read_sent
 from link import cli, images, layout, outside
 from link.errors import InputError, ParameterError
@@ -204,21 +203,6 @@ def test_what_was_sent_is_read_through_the_door(content: str, tmp_path: Path) ->
     file.write_text(content)
     with pytest.raises(InputError, match=r"^--sent: \S*sent.json is missing or damaged \(.*\); "):
         read_sent(tmp_path)
-
-
-def test_true_corners_of_a_stranger_are_four_points_or_refused(tmp_path: Path) -> None:
-    file = tmp_path / "photo.npy"
-    np.save(file, np.eye(4, 2))
-    assert np.array_equal(read_corners(file), np.eye(4, 2))
-    whole = file.read_bytes()
-    for data in (b"", whole[:100], whole[:-1], b"PK\3\4" + whole, whole + bytes(5000)):
-        file.write_bytes(data)
-        with pytest.raises(InputError, match=str(file)):
-            read_corners(file)
-    for values in (np.eye(3), np.full((4, 2), np.nan), np.array([[{}] * 2] * 4, dtype=object)):
-        np.save(file, values, allow_pickle=True)
-        with pytest.raises(InputError, match="no four corners"):
-            read_corners(file)
 
 
 def test_the_page_on_security_states_the_limits_of_the_code() -> None:

@@ -5,17 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import cases
 
-from data_gen.pairs import (
-    CAMERAS,
-    DISPLAYS,
-    FALLOFF_BOUNDS,
-    FITTED,
-    GROUPS,
-    PAIRS,
-    get_pair,
-    pair_names,
-)
+from data_gen.pairs import CAMERAS, DISPLAYS, FITTED, GROUPS, PAIRS, get_pair, pair_names
 from data_gen.today import TODAY
 from link.errors import InputError
 
@@ -53,9 +45,10 @@ def test_fitted_nuisances_lie_within_their_bounds() -> None:
                 assert low <= value <= high, (camera, view, field)
 
 
-@pytest.mark.parametrize("display", DISPLAYS)
-def test_fitted_fall_off_lies_within_its_bounds(display: str) -> None:
-    low, high = FALLOFF_BOUNDS[display]
+@cases(("imac", 1.5, 3.0), ("lg", 2.0, 3.6), ("samsung", 2.8, 4.8))
+def test_fitted_fall_off_of_green_lies_within_its_bounds(
+    display: str, low: float, high: float
+) -> None:
     assert low <= FITTED["falloff"][display][1] <= high
     assert low <= DISPLAYS[display].falloff[1] <= high
 

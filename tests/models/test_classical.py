@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 import pytest
 from conftest import cases
-from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from sklearn.svm import SVC
 from tolerances import FLOAT32, FLOAT64, TWIN_SCORE
@@ -27,7 +26,6 @@ from models.classical.oorc import (
     inverse_response,
     kernel,
     legendre,
-    paper_coefficients,
 )
 from models.classical.two_step import fit_inverse_response
 
@@ -336,21 +334,6 @@ def test_explicit_map_spans_the_papers_differences_of_powers() -> None:
     assert rank == 4
     assert (residual < FLOAT64).all()
     assert abs(np.linalg.det(solution)) > 1  # and so each basis expresses the other
-
-
-def test_paper_coefficients_turn_the_weights_into_sums_of_powers() -> None:
-    i_o, i_e = random_pixels(100, 3).T
-    weights = np.array([-3.0, 0.7, 1.1, -0.4])
-    a = paper_coefficients(weights)
-    assert a.shape == (5,)
-    powers = sum(a[k] * (i_o**k - i_e**k) for k in range(1, 5))
-    np.testing.assert_allclose(explicit_map(i_o, i_e) @ weights, -powers, rtol=0, atol=FLOAT64)
-
-
-def test_coefficients_and_inverse_response_are_one_polynomial() -> None:
-    weights, i = np.array([-3.0, 0.7, 1.1, -0.4]), np.linspace(0, 1, 50)
-    g = inverse_response(weights)
-    np.testing.assert_allclose(Polynomial(paper_coefficients(weights))(i), g(i), atol=FLOAT64)
 
 
 @pytest.mark.parametrize("gamma", [0.5, 1.0, 1.6])

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from export.locate.__main__ import main
 from export.locate.candidates import display_candidates
 from export.locate.find import locate
-from export.locate.refine import refine_corners
+from export.locate.patches import image_pyramid
+from export.locate.refine import corners_on_edges, corners_on_patches
 from export.overlay import outline_display
-from link.images import read_image, write_image
+from link.images import as_gray, read_image, write_image
 from link.layout import Layout
 from link.types import Array, Image
 from models import PRETRAINED
@@ -95,18 +96,23 @@ def test_glare_and_a_hand(layout: Layout) -> None:
 @pytest.mark.slow
 @settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([LAYOUT, PLAIN]))
-def test_refine_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
+def test_refining_undoes_a_few_per_cent(seed: int, layout: Layout) -> None:
     image = scene(content(layout))
     reach = 12.0 if layout.ratex else 5.0
     moved = CORNERS + np.random.default_rng(seed).uniform(-reach, reach, (4, 2)) / np.sqrt(2)
-    assert off(refine_corners(image, moved, layout), CORNERS) < CORNER_PX
+    gray = as_gray(image)
+    if layout.ratex:
+        found, _ = corners_on_patches(image, image_pyramid(gray), moved, layout)
+    else:
+        found = corners_on_edges(gray, moved, 7.0)
+    assert off(found, CORNERS) < CORNER_PX
 
 
-def test_refine_keeps_the_order_of_corners(with_patches: Image) -> None:
+def test_edges_keep_the_order_of_corners(with_patches: Image) -> None:
     turned = np.roll(CORNERS, 1, axis=0)
-    assert off(refine_corners(with_patches, turned), turned) < CORNER_PX  # edges have no order
-    even = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
-    np.testing.assert_allclose(refine_corners(even, CORNERS, LAYOUT), CORNERS, atol=1e-6)
+    assert off(corners_on_edges(as_gray(with_patches), turned, 7.0), turned) < CORNER_PX
+    even = np.full((HEIGHT, WIDTH), 90, np.uint8)
+    np.testing.assert_allclose(corners_on_edges(even, CORNERS, 7.0), CORNERS, atol=1e-6)
 
 
 @pytest.mark.slow

@@ -28,9 +28,13 @@ def rows(text: str) -> list[dict[str, str]]:
     return [dict(zip(heads, row, strict=True)) for row in cells]
 
 
-def test_each_pair_and_view_is_a_cell_and_effects_are_summed_over_them() -> None:
-    plain = [run("phone-tv", 0.0, True, 1.0), run("phone-tv", 45.0, False, 5.0)]
-    better = [run("phone-tv", 0.0, True, 1.0), run("phone-tv", 45.0, True, 2.0)]
+def test_each_pair_is_a_row_and_effects_are_summed_over_pairs() -> None:
+    plain = [
+        run("phone-tv", 0.0, True, 1.0),
+        run("phone-tv", 45.0, True, 3.0),
+        run("phone-oled", 0.0, False, 5.0),
+    ]
+    better = [*plain[:2], run("phone-oled", 0.0, True, 2.0)]
     series = [
         TodaySeries("robust, 30 fps", NOTHING, plain),
         TodaySeries("robust, 30 fps", "distortion", better),
@@ -38,16 +42,18 @@ def test_each_pair_and_view_is_a_cell_and_effects_are_summed_over_them() -> None
     ]
     blocks = today_blocks({"one": Results({}, TodayContent(series))})
     cells = rows(blocks["today"])
-    assert [(row["setting"], row["view"], row["delivered"]) for row in cells] == [
-        (setting, view, came)
+    assert [(row["setting"], row["pair"], row["delivered"]) for row in cells] == [
+        (setting, pair, came)
         for setting in ("robust, 30 fps", "fast, 60 fps")
-        for view, came in (("0°", "1 of 1"), ("45°", "0 of 1"))
+        for pair, came in (("phone-tv", "2 of 2"), ("phone-oled", "0 of 1"))
     ]
-    assert (cells[1]["longest"], cells[1]["bits wrong %"]) == ("–", "5.00")
+    assert (cells[0]["longest"], cells[1]["longest"]) == ("3.00", "–")
+    assert cells[1]["bits wrong %"] == "5.00"
+    assert "Wrong messages: 0" in blocks["today"]
     effects = rows(blocks["today_effects"])
     assert [(row["switched off"], row["delivered"]) for row in effects] == [
-        (NOTHING, "1 of 2"),
-        ("distortion", "2 of 2"),
+        (NOTHING, "2 of 3"),
+        ("distortion", "3 of 3"),
     ]
 
 

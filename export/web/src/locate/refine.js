@@ -1,7 +1,5 @@
 /**
  * Move corners that are a few per cent off onto the ratex patches, or onto the display's edges.
- *
- * The page has no use for Python's `refine_corners`, which is left out.
  */
 
 import { locateRefine } from "../generated/constants.js";
