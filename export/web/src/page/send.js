@@ -180,10 +180,16 @@ onClick("show", async (loop) => {
   // the player takes the loop from here, and says when it is to end
   Object.assign(window, { loop, endShow });
   byId("stage").replaceChildren(frame);
-  byId("stage").hidden = false;
+  showStage(true);
   frame.addEventListener("load", () => frame.contentWindow?.focus());
   await byId("stage").requestFullscreen?.({ navigationUI: "hide" }).catch(() => {});
 });
+
+/** @param {boolean} on - whether the stage covers the page, where nothing else can be reached */
+function showStage(on) {
+  for (const part of /** @type {any} */ (document.body.children)) part.inert = on;
+  Object.assign(byId("stage"), { inert: false, hidden: !on });
+}
 
 /** End what is shown, and say how it went. */
 function endShow() {
@@ -196,7 +202,7 @@ function endShow() {
     say(`Shown with ${rate}; ${stats.dropped} refreshes were skipped.`);
   }
   byId("stage").replaceChildren();
-  byId("stage").hidden = true;
+  showStage(false);
   if (document.fullscreenElement) void document.exitFullscreen();
   byId("show").focus();
 }

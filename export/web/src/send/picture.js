@@ -33,7 +33,7 @@ export async function openPicture(file) {
     if (Math.max(width, height) > MAX_ASPECT * Math.min(width, height)) {
       throw new InputError(`This picture is longer than ${MAX_ASPECT} to 1. Crop it.`);
     }
-    return await createImageBitmap(file, { colorSpaceConversion: "none" }); // as Python reads it
+    return shrunk(await createImageBitmap(file, { colorSpaceConversion: "none" })); // as Python reads
   } catch (error) {
     if (error instanceof InputError) throw error;
     throw new InputError("This file is no picture that this browser can read.");
@@ -43,19 +43,41 @@ export async function openPicture(file) {
 }
 
 /**
- * Take the pixels of a picture, at the size that `usual_size` of link/placement.py chooses.
+ * Shrink a picture once that is larger than the usual display, as no more of it is shown.
+ *
+ * @param {ImageBitmap} given
+ * @returns {Promise<ImageBitmap>}
+ */
+async function shrunk(given) {
+  const [width, height] = sizeOf(given, [0, 0]);
+  if (width >= given.width - 1 && height >= given.height - 1) return given; // but for odd sides
+  const size = { resizeWidth: width, resizeHeight: height };
+  return createImageBitmap(given, { ...size, resizeQuality: "high" }).finally(() => given.close());
+}
+
+/**
+ * Choose the size of a picture as `usual_size` of link/placement.py does.
+ *
+ * @param {ImageBitmap} given
+ * @param {number[]} least - width and height of the preset's layout
+ */
+function sizeOf({ width, height }, least) {
+  const [short, long] = [width, height].sort((a, b) => a - b);
+  const enough = Math.max(Math.max(...least) / long, Math.min(...least) / short);
+  const scale = Math.max(enough, Math.min(1, USUAL_DISPLAY[0] / long, USUAL_DISPLAY[1] / short));
+  return [width, height].map((side) => 2 * roundHalfEven((scale * side) / 2));
+}
+
+/**
+ * Take the pixels of a picture, at the size at which it is shown.
  *
  * @param {ImageBitmap} given
  * @param {number[]} least - width and height of the preset's layout
  * @returns {Picture}
  */
 export function pixelsOf(given, least) {
-  const [short, long] = [given.width, given.height].sort((a, b) => a - b);
-  const enough = Math.max(Math.max(...least) / long, Math.min(...least) / short);
-  const scale = Math.max(enough, Math.min(1, USUAL_DISPLAY[0] / long, USUAL_DISPLAY[1] / short));
-  const size = [given.width, given.height].map((side) => 2 * roundHalfEven((scale * side) / 2));
   const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = size;
+  [canvas.width, canvas.height] = sizeOf(given, least);
   const context = canvas.getContext("2d", { willReadFrequently: true, colorSpace: "srgb" });
   if (!context) throw new Error("the browser gives no canvas");
   context.fillStyle = "#fff"; // shows where the picture is transparent
