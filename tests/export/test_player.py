@@ -293,7 +293,7 @@ def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
 
 @cases(
     ("given[6][40] ^= 1", "it changes gray levels"),
-    ("for (const end = performance.now() + 70; performance.now() < end;);", "it takes 7"),
+    ("for (const end = performance.now() + 70; performance.now() < end;);", "it takes "),
 )
 def test_a_graphics_card_that_changes_levels_or_is_slow_is_not_used(
     fault: str, word: str, open_window: OpenWindow, player: Path, small: Loop
