@@ -8,5 +8,6 @@ button.addEventListener("click", () => {
   Object.assign(frame, { src: "./?film=demo.mkv", title: "The receiver reads the film" });
   button.replaceWith(frame);
   frame.focus();
+  frame.scrollIntoView({ block: "end" });
 });
 void keepForOffline();
