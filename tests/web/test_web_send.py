@@ -244,6 +244,15 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
         wait_for(sender, lambda said=said: said in text_of(sender, "status"))
 
 
+@pytest.mark.slow
+def test_a_large_picture_is_shrunk_to_the_usual_display(sender: Page, tmp_path: Path) -> None:
+    write_image(tmp_path / "large.png", np.zeros((3000, 4000), np.uint8))
+    sender.set_input_files("#picture", tmp_path / "large.png")
+    wait_for(sender, lambda: sender.evaluate("[preview.width, preview.height]") == [1440, 1080])
+    loop = save(sender, tmp_path / "saved.html")
+    assert [loop["width"], loop["height"]] == [1440, 1080]
+
+
 # How it is shown
 
 SAID_OF_RATES = {
@@ -303,11 +312,13 @@ def test_what_flickers_is_shown_once_somebody_agreed(sender: Page) -> None:
     assert not first.evaluate("player.playing")
     assert "flickers visibly" in first.inner_text("p")
     assert sender.evaluate("document.fullscreenElement.id") == "stage"
+    assert sender.evaluate("document.querySelector('main').inert")  # the page behind it
     sender.mouse.click(200, 300)
     assert first.evaluate("player.playing")
     sender.keyboard.press("Escape")
     wait_for(sender, lambda: len(sender.frames) == 1)
     assert "15.0 states a second" in text_of(sender, "status")
+    assert not sender.evaluate("document.querySelector('main').inert")
     assert player().evaluate("player.playing")  # it does not ask again
     sender.mouse.click(200, 300)
     wait_for(sender, lambda: len(sender.frames) == 1)
