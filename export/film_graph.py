@@ -2,17 +2,16 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from export.runtime import OWN_TIME_LIMIT_S, load_session, run_session
 from link.errors import InputError
 from link.layout import Layout
 from link.types import Array, Map
 
-INPUTS = ("frames", "seen", "known", "times", "clock", "pairs")
-"""Inputs of the graph, which are fields of `FilmWindow`."""
 GRID_STEP = 8
 """Numbers of rows and columns of blocks that the graph reads are multiples of this, from twice of
 it on, since moire is looked for in windows of so many blocks (`models.neural.ripple`)."""
@@ -40,6 +39,13 @@ class FilmWindow:
     """Number of the first frame pair of which a frame shows a part."""
     count: int
     """Number of frame pairs of which frames show a part."""
+
+    @property
+    def inputs(self) -> dict[str, NDArray[Any]]:
+        """What the graph and the module take, by the names and in the order of the inputs."""
+        pairs = np.arange(self.first, self.first + self.count)
+        named = {"frames": self.frames, "seen": self.seen, "known": self.known}
+        return {**named, "times": self.times, "clock": self.clock, "pairs": pairs}
 
 
 class FilmScorer(Protocol):
@@ -82,9 +88,7 @@ class FilmGraph:
         Raises:
             InputError: onnxruntime failed, took too long, or returned what is not finite.
         """
-        pairs = np.arange(window.first, window.first + window.count)
-        feed = {name: getattr(window, name, pairs) for name in INPUTS}
-        (scores,) = run_session(self._session, ["scores"], feed, OWN_TIME_LIMIT_S)
+        (scores,) = run_session(self._session, ["scores"], window.inputs, OWN_TIME_LIMIT_S)
         if not np.isfinite(scores).all():
             raise InputError("the film decoder returned no valid scores; export it again")
         return np.asarray(scores, np.float64)

@@ -4,7 +4,7 @@ python -m export.parity RUN --frames 1000
 """
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -14,7 +14,9 @@ import tyro
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from export.film_graph import INPUTS, SHRINK, FilmGraph, FilmWindow
+from export.film_graph import SHRINK, FilmGraph, FilmWindow
+from export.pilots.signal import expected_changes
+from export.receive.timing.clock import DisplayClock
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
 from link.embed import block_changes, embed
@@ -126,8 +128,7 @@ def compare_films(module: FilmDecoder, graph: FilmGraph, windows: int = 9, seed:
 
 def film_tensors(window: FilmWindow) -> list[torch.Tensor]:
     """Turn a window into the arguments of `FilmDecoder.forward`."""
-    pairs = np.arange(window.first, window.first + window.count)
-    return [torch.from_numpy(np.asarray(getattr(window, name, pairs))) for name in INPUTS]
+    return [torch.from_numpy(values) for values in window.inputs.values()]
 
 
 def synthetic_window(
@@ -153,33 +154,28 @@ def synthetic_window(
     coarse = rng.uniform(40, 215, (6, 8)).astype(np.float32)
     picture = cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
     period = 1 / 30
-    start, delay_x, delay_y = rng.uniform(0, period), 0.002, rng.uniform(-0.01, 0.01)
+    start, delay_y = rng.uniform(0, period), rng.uniform(-0.01, 0.01)
+    clock = DisplayClock(period, start, 0.002, delay_y, shutter_s)
     times = np.arange(frames) / 60 + 0.1
-    state = (times - start) / period
-    first, last = int((state[0] - 1) // 2), int((state[-1] + 2) // 2)
+    first, last = (int((clock.number(times[at]) + more) // 2) for at, more in ((0, -1), (-1, 2)))
     bits = rng.integers(0, 2, (last + 1 - first, layout.n_bits))
+    grid = layout.rows, layout.cols
     y, x = np.mgrid[: layout.rows, : layout.cols]
-    delays = delay_x * (x + 0.5) / layout.cols + delay_y * (y + 0.5) / layout.rows
+    places = np.stack([(x + 0.5) / layout.cols, (y + 0.5) / layout.rows], axis=-1).reshape(-1, 2)
     shown = []
     for time in times:
-        signal = np.zeros((layout.rows, layout.cols))
-        for number, row in enumerate(bits):
-            change = block_changes(row, layout)
-            for which, sign in ((0, -0.5), (1, 0.5)):
-                begin = (time + delays - start) / period - 2 * (first + number) - which
-                length = shutter_s / period
-                inside = np.clip(np.minimum(begin + length, 1) - np.maximum(begin, 0), 0, None)
-                signal += sign * inside / length * change
+        signal = np.zeros(grid)
+        for number, row in enumerate(bits, first):
+            before, after = (clock.shares(time, places, 2 * number + which) for which in (0, 1))
+            signal += (after - before).reshape(grid) / 2 * block_changes(row, layout)
         blocks = cv2.resize(signal, (width, height), interpolation=cv2.INTER_NEAREST)
         shown.append(picture + 2 * blocks + noise * rng.standard_normal(picture.shape))
-    known = np.zeros(layout.rows * layout.cols, np.float32)
-    known[layout.pilot_blocks] = 2 * layout.pilot_bits - 1
     window = FilmWindow(
         frames=np.stack(shown)[:, None].astype(np.float32),
         seen=np.ones((frames, layout.rows, layout.cols), np.float32),
-        known=known.reshape(layout.rows, layout.cols),
+        known=expected_changes(layout).astype(np.float32),
         times=times,
-        clock=np.array([period, start, delay_x, delay_y, shutter_s]),
+        clock=np.array(astuple(clock)),
         first=first,
         count=len(bits),
     )

@@ -8,7 +8,6 @@ each window, towards fewer wrong bits.
 
 import json
 from dataclasses import asdict, dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -166,10 +165,9 @@ def recordings(config: TrainFilmConfig) -> dict[str, Recording]:
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(config.seed)
     chosen = {}
-    cells = list(product((*PAIRS, *GROUPS["today"]), TRAINED))
+    pairs = (*PAIRS, *GROUPS["today"])
     for number in range(config.films):
-        # pairs change fastest, and settings with them
-        pair = cells[(number * len(TRAINED)) % len(cells)][0]
+        pair = pairs[number % len(pairs)]
         settings = SETTINGS[TRAINED[number % len(TRAINED)]]
         view = round(float(rng.uniform(0, MOST_VIEW)), 1)
         model = receiver_model(settings.layout, config.out)

@@ -12,12 +12,14 @@ import cv2
 import numpy as np
 
 from export.film_graph import SHRINK, FilmScorer, FilmWindow
+from export.pilots.signal import expected_changes
 from export.receive.states import RectifiedFrame
 from export.receive.timing.clock import DisplayClock
 from link.code.collect_fine import information_of
 from link.images import as_rgb
 from link.layout import Layout
 from link.types import Array, Image, Map
+from models.neural.config import CHANNELS
 
 WINDOW = 32
 """Largest number of frames in a window; on the finest grid half of it, for the time it takes."""
@@ -27,9 +29,8 @@ FINE_BLOCKS = 8000
 """Number of blocks from which a grid counts as fine."""
 STRIDE_S = 0.13
 """Seconds of film from one window to the next."""
-QUIET = np.array([[0.27, 0.5, 0.23]], np.float32)
-"""Weights of R, G and B that make gray with little noise of the camera
-(`models.neural.config.CHANNELS`)."""
+QUIET = np.array(CHANNELS["gray"]["quiet"], np.float32)
+"""(1, 3) weights of R, G and B that make gray with little noise of the camera."""
 SURE = 0.9
 """Information in bits a block from which the film's scores are not compared with those of a pair:
 there is little to gain."""
@@ -61,10 +62,12 @@ class FilmDesk:
         self._scorer = scorer
         self._frames: deque[FilmFrame] = deque(maxlen=kept)
         self._scored_at = -np.inf
-        known = np.zeros(layout.rows * layout.cols, np.float32)
-        known[layout.pilot_blocks] = 2 * layout.pilot_bits - 1
-        self._known = known.reshape(layout.rows, layout.cols)
-        self._window = WINDOW // 2 if known.size > FINE_BLOCKS else WINDOW
+        self._known = expected_changes(layout).astype(np.float32)
+        self._window = WINDOW // 2 if self._known.size > FINE_BLOCKS else WINDOW
+
+    def prepare(self) -> None:
+        """Get ready: frames will soon come."""
+        self._scorer.prepare()
 
     def clear(self) -> None:
         """Forget all frames: what comes shows another place, another picture, or another clock."""

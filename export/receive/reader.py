@@ -199,8 +199,11 @@ class DisplayReader:
         self._waiting: list[ComposedPair] = []
         self._scored: deque[tuple[ComposedPair, SoftBits]] = deque()
         self._by_pairs = self._alone = 0
-        self._film = film if film is not None and reads_films(self.layout) else None
-        self._desk = None if self._film is None else FilmDesk(self.layout, self._film, BUFFER)
+        self._desk = (
+            FilmDesk(self.layout, film, BUFFER)
+            if film is not None and reads_films(self.layout)
+            else None
+        )
         self._corners = CornerShift(self.layout)
         self._toggles = make_toggles(self.layout)
         self.restart()
@@ -208,8 +211,8 @@ class DisplayReader:
     def prepare(self) -> None:
         """Get ready: frames of this layout will soon come."""
         self.decoder.prepare()
-        if self._film is not None:
-            self._film.prepare()
+        if self._desk is not None:
+            self._desk.prepare()
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""

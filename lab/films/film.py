@@ -6,21 +6,19 @@ and both read on to the film's end, so that all films count alike.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from data_gen.film.codec import through_codec
 from data_gen.pairs import PAIRS, pair_names
 from export.film_graph import FilmGraph
-from export.receive.receiver import Receiver
 from export.runtime import OWN_TIME_LIMIT_S, Decoder
 from lab.films.rates import SETTINGS
-from lab.films.trial import Take, check_filmed, film_message, nearest_frame, receiver_model
+from lab.films.trial import FilmReading, Take, check_filmed, film_message, receiver_model
 from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import at_least, choose, each_once
 from models import FILM_GRAPH
@@ -30,7 +28,6 @@ from reports.score.reliability import (
     Bin,
     binned_information,
     calibration_error,
-    confidence_bins,
     merge_bins,
 )
 
@@ -72,8 +69,6 @@ class Reading:
     """Number of the film among those of the setting, pair and view."""
     picture: str
     """Name of the picture that carries the message."""
-    seconds: float | None
-    """Time of the film at the first frame pair that was decoded; None where none was."""
     bits: int
     """Number of bits that were decided."""
     bits_wrong: int
@@ -111,42 +106,21 @@ def read_both(item: Comparison) -> list[dict[str, Any]]:
     one_thread()
     take, filmed = item.take, film_message(item.take)
     decoder = Decoder(take.model, 1, OWN_TIME_LIMIT_S)
-    fps = take.settings.fps
-    receivers = {
-        "pairs": Receiver(decoder, fps),
-        "film": Receiver(decoder, fps, FilmGraph(FILM_GRAPH, 1)),
+    readings = {
+        "pairs": FilmReading(filmed, decoder),
+        "film": FilmReading(filmed, decoder, FilmGraph(FILM_GRAPH, 1)),
     }
-    found: dict[str, dict[str, Any]] = {
-        method: {"seconds": None, "bits": 0, "bits_wrong": 0, "bins": []} for method in receivers
-    }
-    for frame in through_codec(filmed.frames, take.settings.codec, fps):
-        for method, receiver in receivers.items():
-            over = frame.time_s > item.seconds
-            step = receiver.finish() if over else receiver.push(frame.rgb, frame.time_s)
-            for pair in step.pairs:
-                _count(found[method], pair.soft.scores, filmed.bits, frame.time_s)
+    for frame in through_codec(filmed.frames, take.settings.codec, take.settings.fps):
         if frame.time_s > item.seconds:
             break
-    names: dict[str, Any] = {
-        "setting": item.setting,
-        "pair": take.pair,
-        "view_deg": take.view,
-        "run": take.run,
-    }
-    return [
-        asdict(Reading(**names, picture=filmed.picture, method=method, **values))
-        for method, values in found.items()
-    ]
-
-
-def _count(found: dict[str, Any], scores: Any, loop: Any, time: float) -> None:
-    """Add a frame pair's scores to what a method has read so far."""
-    shown, seen = nearest_frame(scores, loop), np.flatnonzero(scores)
-    found["seconds"] = time if found["seconds"] is None else found["seconds"]
-    found["bits"] += len(shown)
-    found["bits_wrong"] += int(((scores > 0) != shown).sum())
-    if seen.size:
-        found["bins"] = merge_bins([found["bins"], confidence_bins(scores[seen], shown[seen])])
+        for reading in readings.values():
+            reading.push(frame)
+    found = []
+    for method, reading in readings.items():
+        reading.finish()
+        read = asdict(reading.delivery()) | {"setting": item.setting, "method": method}
+        found.append({each.name: read[each.name] for each in fields(Reading)})
+    return found
 
 
 def measure_films(flags: FilmFlags, workshop: Workshop) -> FilmContent:

@@ -343,10 +343,14 @@ class FilmReading:
         if step.message is not None:
             self._received = step.message.data
 
+    def finish(self) -> None:
+        """Read what is left when the film has ended."""
+        self._note(self._receiver.finish())
+
     def delivery(self) -> Delivery:
         """Say what became of the message, once the film is over or the message has come."""
         if not self.ended:
-            self._note(self._receiver.finish())
+            self.finish()
         take, bits = self._filmed.take, self._filmed.bits
         return Delivery(
             pair=take.pair,

@@ -66,10 +66,15 @@ def save_checkpoint(folder: Path, module: Saveable, extra: dict[str, Any]) -> No
 def training_settings(config: "DataclassInstance") -> dict[str, Any]:
     """Turn the flags of a training into JSON values for the checkpoint and its export.
 
-    Folders are left out, because they say nothing to a reader on another machine.
+    Folders and files are left out, because they say nothing to a reader on another machine.
     """
-    settings: dict[str, Any] = json.loads(json.dumps(asdict(config), default=str))
-    return {name: value for name, value in settings.items() if name != "out"}
+    kept = {
+        name: value
+        for name, value in asdict(config).items()
+        if name != "out" and not isinstance(value, Path)
+    }
+    settings: dict[str, Any] = json.loads(json.dumps(kept, default=str))
+    return settings
 
 
 def load_checkpoint(folder: Path, layout: Layout | None = None) -> PhiDecoder:

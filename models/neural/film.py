@@ -25,6 +25,7 @@ from numpy.polynomial.legendre import legfit
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, pad
 
+from link.strength import AROUND_BLOCKS, UNCERTAINTY_BLOCKS
 from models.neural.decoder import bin_mean
 from models.neural.refine import (
     GRAY_LEVELS,
@@ -57,9 +58,6 @@ CLIP = 3.0
 DISPLAY_GAMMA, BLACK_LIGHT = 2.2, 0.01
 """Exponent by which captured levels become light, roughly, and the light that is added to a
 block's surroundings where contrasts are taken."""
-AROUND_BLOCKS, NEAR_BLOCKS = 2.0, 1.5
-"""Standard deviations, in blocks, of the surroundings against which contrast is taken, and of the
-distance over which it masks, as in `link.strength`."""
 
 
 @dataclass(frozen=True)
@@ -255,7 +253,7 @@ class FilmDecoder(nn.Module):
                 small coefficient for what comes of it.
         """
         around = blur(light, AROUND_BLOCKS)
-        contrast = blur((light - around).abs() / (around + BLACK_LIGHT), NEAR_BLOCKS)
+        contrast = blur((light - around).abs() / (around + BLACK_LIGHT), UNCERTAINTY_BLOCKS)
         weight, scale = self.masking.exp()
         masked: Tensor = (1 + weight * (scale * contrast + 1e-6) ** 1.3) ** 0.44 - 1
         return masked

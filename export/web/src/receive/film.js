@@ -7,6 +7,7 @@
 
 import { filmGraph, receiveFilm } from "../generated/constants.js";
 import { areaMeans } from "../image/shrink.js";
+import { expectedChanges } from "../pilots/signal.js";
 import { MESH } from "./states.js";
 
 /** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
@@ -43,9 +44,13 @@ export class FilmDesk {
     this.#layout = layout;
     this.#scorer = scorer;
     this.#kept = kept;
-    this.#known = new Float32Array(layout.rows * layout.cols);
-    layout.pilotBlocks.forEach((block, at) => (this.#known[block] = 2 * layout.pilotBits[at] - 1));
+    this.#known = Float32Array.from(expectedChanges(layout));
     this.#window = this.#known.length > FINE_BLOCKS ? WINDOW / 2 : WINDOW;
+  }
+
+  /** Get ready: frames will soon come. */
+  async load() {
+    await this.#scorer.load?.();
   }
 
   /** Forget all frames: what comes shows another place, another picture, or another clock. */

@@ -183,7 +183,6 @@ export class DisplayReader {
   #next = null;
   #slips = 0;
   #toggles;
-  #film;
   /** @type {FilmDesk | null} */
   #desk;
   /** @type {ComposedPair[]} */
@@ -215,8 +214,7 @@ export class DisplayReader {
     this.#occlusion = new Occlusion(this.layout);
     this.#corners = new CornerShift(this.layout);
     this.#toggles = makeToggles(this.layout);
-    this.#film = this.layout.readsFilms ? film : null;
-    this.#desk = this.#film && new FilmDesk(this.layout, this.#film, BUFFER);
+    this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, BUFFER) : null;
     /** Finds and holds the display's clock. */
     this.sync = new Synchroniser(fps, this.#toggles);
     this.collector.startRun();
@@ -242,7 +240,7 @@ export class DisplayReader {
 
   /** Get ready: frames of this layout will soon come. */
   async load() {
-    await Promise.all([this.decoder.load?.(), this.#film?.load?.()]);
+    await Promise.all([this.decoder.load?.(), this.#desk?.load()]);
   }
 
   /**
