@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from export.runtime import OWN_TIME_LIMIT_S, load_session, run_session
 from link.errors import InputError
 from link.layout import Layout
+from link.pilot_code import PLAIN, PilotCode
 from link.types import Array, Map
 
 GRID_STEP = 8
@@ -17,7 +18,7 @@ GRID_STEP = 8
 it on, since moire is looked for in windows of so many blocks (`models.neural.ripple`)."""
 SHRINK = 2
 """Number of pixels, along each axis, that are averaged before the graph sees a frame."""
-FILM_FORMAT = "film 1"
+FILM_FORMAT = "film 2"
 """Version of the graph's inputs and outputs that this code reads."""
 
 
@@ -34,18 +35,21 @@ class FilmWindow:
     times: Array
     """(T,) float64 seconds."""
     clock: Array
-    """(5,) float64 fields of `export.receive.timing.clock.DisplayClock`, seconds."""
+    """(5,) float64 fields of `export.pilots.clock.DisplayClock`, seconds."""
     first: int
     """Number of the first frame pair of which a frame shows a part."""
     count: int
     """Number of frame pairs of which frames show a part."""
+    code: PilotCode = PLAIN
+    """Code of the order of each pair's states."""
 
     @property
     def inputs(self) -> dict[str, NDArray[Any]]:
         """What the graph and the module take, by the names and in the order of the inputs."""
         pairs = np.arange(self.first, self.first + self.count)
         named = {"frames": self.frames, "seen": self.seen, "known": self.known}
-        return {**named, "times": self.times, "clock": self.clock, "pairs": pairs}
+        order = self.code.signs[pairs % self.code.period].astype(np.float32)
+        return {**named, "times": self.times, "clock": self.clock, "pairs": pairs, "order": order}
 
 
 class FilmScorer(Protocol):

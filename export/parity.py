@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from export.film_graph import SHRINK, FilmGraph, FilmWindow
+from export.pilots.clock import DisplayClock
 from export.pilots.signal import expected_changes
-from export.receive.timing.clock import DisplayClock
 from export.runtime import Decoder
 from link.cli import read_flags, run_cli
 from link.embed import block_changes, embed

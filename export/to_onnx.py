@@ -107,6 +107,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
         "times": torch.arange(12, dtype=torch.float64) / 30,
         "clock": torch.tensor([1 / 15, 0.0, 0.01, 0.01, 0.01], dtype=torch.float64),
         "pairs": torch.arange(5),
+        "order": torch.ones(5),
     }
     free: tuple[dict[int, Any], ...] = (
         {0: frames, 2: height, 3: width},
@@ -114,6 +115,7 @@ def film_to_onnx(module: FilmDecoder) -> bytes:
         {0: rows, 1: cols},
         {0: frames},
         {},
+        {0: pairs},
         {0: pairs},
     )
     model = _translate(module, example, free, ["scores"])

@@ -1,6 +1,6 @@
 """The block grid: where bits, pilots and ratex patches lie in the frame, and how bits are shown."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError, at_least, choose
 from link.outside import read_json
+from link.pilot_code import PLAIN, PilotCode
+from link.scramble import scrambled
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""
@@ -49,8 +51,8 @@ class Layout:
 
     Raises:
         InputError: the grid does not fit the frame, a ratex cell lies outside it or is repeated,
-            the modulation or the colour is unknown, or there are ratex patches beside pilots or
-            beside a colour other than "gray".
+            the modulation or the colour is unknown, there are ratex patches beside pilots or
+            beside a colour other than "gray", or there is a code without pilots.
     """
 
     rows: int
@@ -70,6 +72,9 @@ class Layout:
     tell them; such a layout has no ratex patches."""
     colour: str = "gray"
     """Direction in red, green and blue along which a bit changes its block; a key of `COLOURS`."""
+    code: PilotCode = field(default=PLAIN, compare=False)
+    """Code of the order in which a display with pilots shows the two states of its frame pairs.
+    Layouts that differ in it alone count as equal, as a frame pair by itself does not show it."""
 
     def __post_init__(self) -> None:
         choose(MODULATIONS, self.modulation, "modulation")
@@ -106,6 +111,8 @@ class Layout:
                 f"layout: ratex patches are gray, bits are {self.colour}; "
                 "take pilots, or no patches"
             )
+        if self.code != PLAIN and not self.pilots:
+            raise InputError("layout: has a code and no pilots that would show it")
         if self.pilots < 0 or self.pilots == 1:
             raise InputError(f"layout: need 2 pilots, so that both bits occur, got {self.pilots}")
         if len(self.ratex) + self.pilots >= self.rows * self.cols:
@@ -127,7 +134,7 @@ class Layout:
         A grid's blocks always come in the same order, so that a layout of more pilots keeps those
         of a layout of fewer.
         """
-        return np.argsort(_scrambled(self.rows * self.cols))[: self.pilots]
+        return np.argsort(scrambled(0, self.rows * self.cols))[: self.pilots]
 
     @cached_property
     def pilot_bits(self) -> NDArray[np.intp]:
@@ -200,6 +207,8 @@ class Layout:
             described["pilots"] = self.pilots
         if self.colour != "gray":
             described["colour"] = self.colour
+        if self.code != PLAIN:
+            described["code"] = self.code.to_dict()
         return described
 
     @classmethod
@@ -229,19 +238,8 @@ class Layout:
             raise InputError(
                 f"layout: ratex must be a list of whole [row, col], got {data['ratex']!r:.100}"
             )
-        return cls(**{**data, "ratex": cells})
-
-
-def _scrambled(count: int) -> NDArray[np.uint64]:
-    """Give the numbers from 0 to ``count`` - 1 as SplitMix64 scrambles them (Steele et al. 2014).
-
-    It is written out here because sender and receiver must agree whatever version of numpy, or
-    which language, they run on.
-    """
-    z = (np.arange(count, dtype=np.uint64) + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.asarray(z ^ (z >> np.uint64(31)))
+        code = PilotCode.from_dict(data["code"]) if "code" in data else PLAIN
+        return cls(**{**data, "ratex": cells, "code": code})
 
 
 def count_pilots(pilots: str, rows: int, cols: int) -> int:
@@ -284,6 +282,7 @@ def make_layout(
     modulation: str = "on_off",
     pilots: int | str = 0,
     colour: str = "gray",
+    code: PilotCode = PLAIN,
 ) -> Layout:
     """Make the usual layout: pilots, or ratex patches in the corners and the centre.
 
@@ -299,6 +298,7 @@ def make_layout(
         modulation: a key of `MODULATIONS`.
         pilots: number of blocks that carry known bits, or text for `count_pilots`, such as "auto".
         colour: a key of `COLOURS`.
+        code: changes the order of the two states of frame pairs; there is none without pilots.
 
     Raises:
         InputError: ``ratex`` is another number, or the layout is impossible (`Layout`).
@@ -318,7 +318,17 @@ def make_layout(
         raise ParameterError("ratex", f"choose 0, 1, 2, 3 or 5 patches, got {ratex}")
     if len(set(cells[:ratex])) < ratex:
         raise ParameterError("ratex", f"a {cols}x{rows} grid has no room for {ratex} patches")
-    return Layout(rows, cols, width, height, cells[:ratex], modulation, pilots, colour)
+    return Layout(
+        rows,
+        cols,
+        width,
+        height,
+        cells[:ratex],
+        modulation,
+        pilots,
+        colour,
+        code if pilots else PLAIN,
+    )
 
 
 def read_layout(file: Path) -> Layout:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from math import lcm
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ Pictures = Callable[[], Iterator[NDArray[np.uint8]]]
 
 @dataclass
 class Loop:
-    """Frame pairs of a loop; each shows its original, then its embedded frame.
+    """Frame pairs of a loop; each shows its two frames in the order that the layout's code says.
 
     Message frames come in turn, and so do pictures. Every picture is shown once; then pictures
     start again until the message is whole, so that the number of pairs is a multiple of the
@@ -109,15 +110,19 @@ class Loop:
     def states(self) -> Iterator[NDArray[np.uint8]]:
         """Give the frames of one loop as the display shows them one after another.
 
-        Each is (height, width, 3) uint8, encoded RGB, of the display's size. Original and embedded
-        frames alternate.
+        Each is (height, width, 3) uint8, encoded RGB, of the display's size. The layout's code
+        says whether a pair's original or its embedded frame comes first; a loop that is shorter
+        than the code is given several times, so that the code is seen as a whole.
 
         Raises:
             InputError: a picture is no good, the loop is too long, or kappa, the bits or the
                 pyramid level do not fit the layout.
         """
-        for carrier in self.carriers():
-            yield from self.display_frames(carrier.displayed())
+        code, number = self.layout.code, 0
+        while number < code.period:
+            for carrier in self.carriers():
+                yield from self.display_frames(carrier.displayed())[:: code.sign(number)]
+                number += 1
 
     def display_frames(self, pair: Displayed) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
         """Lay both frames of a pair on the display, (height, width, 3) uint8 of its size."""
@@ -175,9 +180,11 @@ class Loop:
 
 
 class LoopStates:
-    """States of a loop by their number, in the order of `Loop.states`.
+    """States by their number, as a display shows them that plays a loop over and over.
 
-    A state is made when it is asked for, because those of a long loop would fill the memory.
+    The loop's frame pairs come again, and so does the layout's code, each after its own number of
+    pairs; all comes again after the states that are counted here. A state is made when it is asked
+    for, because those of a long loop would fill the memory.
 
     >>> gray = np.full((48, 64, 3), 128, np.uint8)
     >>> loop = Loop(Layout(4, 4, 64, 48, ()), 3, np.ones((2, 16), np.uint8), lambda: iter([gray]))
@@ -191,14 +198,15 @@ class LoopStates:
 
     def __init__(self, loop: Loop) -> None:
         carriers = list(loop.carriers())
-        self._count = 2 * len(carriers)
+        self._code, self._pairs = loop.layout.code, len(carriers)
         self._frames = lru_cache(2)(lambda k: loop.display_frames(carriers[k].displayed()))
 
     def __len__(self) -> int:
-        return self._count
+        return 2 * lcm(self._pairs, self._code.period)
 
     def __getitem__(self, number: int) -> NDArray[np.uint8]:
-        return self._frames(number // 2)[number % 2]
+        pair = number // 2
+        return self._frames(pair % self._pairs)[self._code.states_of(pair).index(number)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from link.layout import Layout, make_layout
+from link.pilot_code import PilotCode
 
 USUAL_DISTANCE_M = 0.6
 """Distance of the eye from a display on a desk, in metres."""
@@ -85,7 +86,7 @@ class Preset:
             for name in ("rows", "cols", "width", "height", "modulation", "colour")
         }
         if layout.pilots and not given.get("ratex"):
-            usual["pilots"] = "auto"
+            usual |= {"pilots": "auto", "code": layout.code}
         return make_layout(**{**usual, **given})
 
 
@@ -98,7 +99,7 @@ PRESETS = {
         purpose="To compare with the paper: its blocks and patches, which are seen.",
     ),
     "hidden": Preset(
-        make_layout(48, 64, modulation="antipodal", pilots="auto"),
+        make_layout(48, 64, modulation="antipodal", pilots="auto", code=PilotCode()),
         kappa=1,
         state_hz=60.0,
         line_code="toggle",

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 from export.film_graph import SHRINK, FilmScorer, FilmWindow
+from export.pilots.clock import DisplayClock
 from export.pilots.signal import expected_changes
 from export.receive.states import RectifiedFrame
-from export.receive.timing.clock import DisplayClock
 from link.code.collect_fine import information_of
 from link.images import as_rgb
 from link.layout import Layout
@@ -119,6 +119,7 @@ class FilmDesk:
                 clock=np.array(astuple(clock)),
                 first=first,
                 count=last + 1 - first,
+                code=self.layout.code,
             )
         )
         self._scored_at = now

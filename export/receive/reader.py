@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.film_graph import FilmScorer, reads_films
+from export.pilots.clock import DisplayClock
 from export.receive.decoders import PairDecoder
 from export.receive.diagnosis import CLIPPED, CUT
 from export.receive.film import SURE, FilmDesk, information
@@ -24,8 +25,8 @@ from export.receive.states import (
     block_purity,
     compose_state,
     points_in_view,
+    unseen_state,
 )
-from export.receive.timing.clock import DisplayClock
 from export.receive.timing.synchronise import Synchroniser
 from export.receive.timing.toggles import make_toggles
 from export.receive.tracking.corners import CornerShift
@@ -216,7 +217,7 @@ class DisplayReader:
 
     def restart(self) -> None:
         """Forget the clock and the frames that wait for it; the collector keeps what it has."""
-        self.sync = Synchroniser(self._fps, self._toggles)
+        self.sync = Synchroniser(self._fps, self._toggles, self.layout.code)
         """Finds and holds the display's clock."""
         self._slips = 0
         self._buffer.clear()
@@ -254,6 +255,8 @@ class DisplayReader:
             self._corners = CornerShift(self.layout)
             for at, waiting in enumerate(self._buffer):
                 self._buffer[at] = replace(waiting, moved=None)
+        if tracked.clock is not None:
+            self.sync.begin(tracked.clock, time)
         for earlier, seen in tracked.before:
             self._keep(seen, earlier, shape, fit=False)
         in_view = self._keep(tracked, time, shape, fit=not tracked.before)
@@ -352,12 +355,19 @@ class DisplayReader:
         """Put the two states of a frame pair together, and let go of frames that no other needs."""
         start = perf_counter()
         frames = [waiting.shown for waiting in self._buffer]
-        original, embedded = (compose_state(frames, clock, 2 * number + which) for which in (0, 1))
+        original, embedded = (
+            compose_state(frames, clock, state) for state in self.layout.code.states_of(number)
+        )
         moved: list[NDArray[np.float64] | None] = []
         while self._buffer and clock.number(self._buffer[0].shown.time + clock.latest) < 2 * (
             number + 1
         ):
             moved.append(self._buffer.popleft().moved)
+        if self._desk is not None:  # which reads what a slow camera sees of one state alone
+            original, embedded = (
+                original or unseen_state(embedded),
+                embedded or unseen_state(original),
+            )
         if original is not None and embedded is not None:
             self._waiting.append(ComposedPair(number, original, embedded, moved))
         self.timing.add("compose", start)

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.timing.clock import DisplayClock
+from export.pilots.clock import DisplayClock
 from link.geometry import homography_from_corners, in_image, transform
 from link.layout import Layout
 from link.types import Corners, Image
@@ -115,6 +115,11 @@ def compose_state(
     total /= _like(total, np.maximum(weights, 1e-3, out=weights))
     total += 0.5
     return DisplayState(total.astype(np.uint8), purity, len(used))
+
+
+def unseen_state(other: DisplayState | None) -> DisplayState | None:
+    """Stand in for a state that no frame holds, beside one that some hold: nothing is pure."""
+    return other and DisplayState(other.image, np.zeros((MESH, MESH)), 0)
 
 
 def _rows_reached(chosen: NDArray[np.bool_], height: int) -> slice:

@@ -174,5 +174,6 @@ def rule_page(rule: Compact, state_hz: float, flicker: str) -> dict[str, Any]:
         "state_hz": state_hz,
         "flicker": flicker,
         "known": rule.known,
+        "order": "".join("0" if sign > 0 else "1" for sign in layout.code.signs),
         "offsets": packed(128 + rule.offsets.reshape(-1, TILE * TILE, 3)),
     }

@@ -19,7 +19,7 @@ from data_gen.film.frame import VideoFrame
 from data_gen.film.scenes import SceneSettings
 from data_gen.film.stream import VideoSettings, film
 from data_gen.frame_pair import Source, shuffled_pictures
-from export.receive.timing.clock import DisplayClock, embedded_share
+from export.pilots.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ClockFit, ToggleWindow
 from export.receive.timing.synchronise import needed_evidence
 from export.receive.timing.toggles import PatchToggles, Toggles, make_toggles

@@ -113,7 +113,7 @@ class FilmDecoder(nn.Module):
     >>> clock = torch.tensor([0.02, 0.0, 0.0, 0.0, 0.01], dtype=torch.float64)
     >>> times = torch.arange(8, dtype=torch.float64) / 100
     >>> frames, seen = torch.full((8, 1, 96, 128), 99.0), torch.ones(8, 16, 16)
-    >>> decoder(frames, seen, known, times, clock, torch.arange(2)).shape
+    >>> decoder(frames, seen, known, times, clock, torch.arange(2), torch.ones(2)).shape
     torch.Size([2, 16, 16])
     """
 
@@ -148,6 +148,7 @@ class FilmDecoder(nn.Module):
         times: Tensor,
         clock: Tensor,
         pairs: Tensor,
+        order: Tensor,
     ) -> Tensor:
         """Decode the frame pairs that a window of frames shows.
 
@@ -157,9 +158,10 @@ class FilmDecoder(nn.Module):
             known: (rows, cols) float32, -1 or 1 where a block is a pilot, else 0.
             times: (T,) float64 time of each frame, seconds.
             clock: (5,) float64 period, start, both delays and shutter, seconds, as in
-                `export.receive.timing.clock.DisplayClock`.
+                `export.pilots.clock.DisplayClock`.
             pairs: (P,) int64 successive numbers of the frame pairs, with those at the ends that
                 are seen in part.
+            order: (P,) float32, 1 where a pair's original frame is shown first, else -1.
 
         Returns:
             (P, rows, cols) float32 natural log-likelihood ratios, positive for bit 1.
@@ -169,7 +171,7 @@ class FilmDecoder(nn.Module):
         reference = frames.mean(0, keepdim=True) / GRAY_LEVELS
         picture, changes = self.look(frames, reference, rows, cols)
         seen = seen.flatten(1)
-        mixture = mix(picture, seen, times, clock, pairs)
+        mixture = mix(picture, seen, times, clock, pairs, order)
         state = Estimates(
             x=known.expand(pairs.shape[0], -1),
             amplitude=torch.zeros_like(known),
@@ -407,7 +409,12 @@ class Estimates:
 
 
 def mix(
-    picture: ReferenceBlocks, seen: Tensor, times: Tensor, clock: Tensor, pairs: Tensor
+    picture: ReferenceBlocks,
+    seen: Tensor,
+    times: Tensor,
+    clock: Tensor,
+    pairs: Tensor,
+    order: Tensor,
 ) -> Mixture:
     """Work out which pairs each frame mixes at each block.
 
@@ -417,6 +424,7 @@ def mix(
         times: (T,) seconds.
         clock: (5,) as `FilmDecoder.forward` takes it.
         pairs: (P,) successive numbers of the frame pairs.
+        order: (P,) 1 where a pair's original frame is shown first, else -1.
     """
     period, start, delay_x, delay_y, shutter = clock
     delays = (delay_x * (picture.x + 1) + delay_y * (picture.y + 1)) / 2
@@ -430,7 +438,8 @@ def mix(
     of_pair = (numbers.reshape(1, -1) == pairs.unsqueeze(1)).float()
     among = ((numbers >= pairs[:1]) & (numbers <= pairs[-1:])).float()
     place = (numbers - pairs[:1]).clamp_min(0).minimum(pairs[-1:] - pairs[:1]).long()
-    return Mixture(shares * (seen.unsqueeze(1) * among.unsqueeze(2)), of_pair, place.flatten())
+    way = (among * order[place]).unsqueeze(2)  # (T, SLOTS, 1)
+    return Mixture(shares * (seen.unsqueeze(1) * way), of_pair, place.flatten())
 
 
 def _share(since: Tensor, length: Tensor) -> Tensor:

@@ -7,7 +7,7 @@ import pytest
 from port import same
 from tolerances import CLOCK_EVIDENCE, CLOCK_STATE, FITTED, FLOAT32_SUM, FLOAT64, SAME_STEPS
 
-from export.receive.timing.clock import DisplayClock, embedded_share
+from export.pilots.clock import DisplayClock, embedded_share
 from export.receive.timing.fit import ToggleWindow
 from export.receive.timing.synchronise import AWAY_S, Synchroniser, needed_evidence
 from export.receive.timing.toggles import PatchToggles, make_toggles

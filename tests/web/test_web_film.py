@@ -9,9 +9,9 @@ from tolerances import FILM_SCORE, FLOAT32_SUM
 
 from export.film_graph import FilmGraph
 from export.parity import synthetic_window
+from export.pilots.clock import DisplayClock
 from export.receive.film import FilmDesk, shrunk_gray
 from export.receive.states import MESH, RectifiedFrame
-from export.receive.timing.clock import DisplayClock
 from link.presets import PRESETS
 from models import FILM_GRAPH
 

@@ -10,10 +10,10 @@ from pilot_films import TEXT, beside_print, robust_film, texture
 from port import differences, same
 from streams import Stream, states_of
 
+from export.pilots.clock import DisplayClock
 from export.receive.diagnosis import Observations, explain_silence
 from export.receive.receiver import Receiver
 from export.receive.states import RectifiedFrame, block_purity, compose_state, points_in_view
-from export.receive.timing.clock import DisplayClock
 from export.receive.timing.synchronise import Toggling
 from export.runtime import Decoder
 from link.layout import make_layout

@@ -22,12 +22,9 @@ from export.pilots.motion import (
     unit_homography,
 )
 from export.pilots.signal import (
-    LEAST_DEVIATION,
-    common_phase,
     pilot_signs,
-    standing_out,
 )
-from export.pilots.waves import waves
+from export.pilots.toggling import Toggling
 from link.geometry import Lens, transform
 from link.layout import Layout
 from link.types import Array, Corners, Map
@@ -37,8 +34,6 @@ LEAST_SIDE_PX, MOST_SHRUNK = 4.0, 2
 smaller than the layout."""
 SPAN = 0.15
 """Standard deviation, in blocks, over which the expected and the seen changes are smoothed."""
-LEAST_WAVE = 1e-3
-"""Power of a period's wave below which its frames tell nothing of the toggling."""
 LEAST_NOISE, LEAST_TOGGLING = 0.02, 0.01
 """Smallest variance of the noise, and smallest squared toggling of a block, as shares of the mean
 square of the blocks' changes."""
@@ -86,12 +81,12 @@ class BlockFit:
         maps: geometry of the maps.
         views: (T, h, w) gray levels of T frames, rectified to the maps.
         at: (T,) positions of the frames (`export.pilots.waves.position`).
-        frequency: frequency at which the display toggles, in periods for each nominal frame.
+        toggling: how the display toggles.
     """
 
-    def __init__(self, maps: GridMaps, views: Map, at: Sequence[float], frequency: float) -> None:
+    def __init__(self, maps: GridMaps, views: Map, at: Sequence[float], toggling: Toggling) -> None:
         self.maps = maps
-        seen = period_changes(maps, views, at, frequency)
+        seen = toggling.period_changes(maps, views, at)
         self.changes: Map = np.array([maps.smooth(change, SPAN) for change in seen])
         """(K, h, w) smooth changes in K periods, without slope."""
         self._H_old_from_new, self._k = np.eye(3), 0.0
@@ -231,45 +226,3 @@ class BlockFit:
         if bent is not None:
             known, off = np.append(known, noise / EXPECTED_K**2), np.append(off, self._k)
         return np.asarray(-np.linalg.solve(matrix + np.diag(known), right + known * off))
-
-
-def period_changes(maps: GridMaps, views: Map, at: Sequence[float], frequency: float) -> Map:
-    """Measure by how much each pixel changed in each period of the display's toggling.
-
-    The phase of the toggling, which may slope across the display, is that of the pilots. A period
-    begins where the first state of a frame pair does, so that the bits of different frame pairs are
-    kept apart.
-
-    Args:
-        maps: geometry of the maps.
-        views: (T, h, w) gray levels of T frames, rectified to the maps.
-        at: (T,) positions of the frames (`export.pilots.waves.position`).
-        frequency: frequency at which the display toggles, in periods for each nominal frame.
-
-    Returns:
-        (K, h, w) changes in K periods that frames were taken in, positive where a pixel became
-        brighter from the first state to the second; over each pixel's usual deviation.
-    """
-    layout, places = maps.layout, np.asarray(at, np.float64)
-    pilots = [standing_out(v, layout).flat[layout.pilot_blocks] for v in maps.within(views)]
-    turns = waves(places, np.array([frequency]), np.zeros(1))[0]
-    (across, down), angle = common_phase(turns @ np.array(pilots), layout)
-    x, y = (place / 2 for place in maps.places())
-    turned = np.exp(-1j * (across * x + down * y[:, None] + angle)).astype(np.complex64)
-    periods = frequency * (places - places[0])
-    begun = np.floor(periods + angle / (2 * np.pi) - 0.25 + 1e-6)
-    usual = views.std(axis=0) + np.float32(LEAST_DEVIATION)
-    changes = []
-    for number in np.unique(begun):
-        taken = begun == number
-        wave = np.exp(-2j * np.pi * periods[taken])
-        wave -= wave.mean()
-        power = float((np.abs(wave) ** 2).sum())
-        if power < LEAST_WAVE:
-            continue
-        real, imaginary = (
-            np.tensordot(part.astype(np.float32), views[taken], axes=1)
-            for part in (wave.real / np.sqrt(power), wave.imag / np.sqrt(power))
-        )
-        changes.append((real * turned.real - imaginary * turned.imag) / usual)
-    return np.array(changes, np.float32)

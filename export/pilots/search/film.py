@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.pilots.motion import GridMaps
-from export.pilots.signal import LEAST_DEVIATION
 from export.pilots.stabilise import Tracks
-from export.pilots.waves import waves
 from link.geometry import homography_from_corners, rectify, resized_homography, transform
 from link.layout import Layout
 from link.types import Array, Corners, Gray, Homography
@@ -117,22 +115,3 @@ def rectified_views(
             return None
         views.append(cv2.resize(view, size, interpolation=cv2.INTER_AREA))
     return np.array(views, np.float32)
-
-
-def amplitudes(
-    views: NDArray[np.float32], at: Sequence[float], frequency: float
-) -> NDArray[np.complex64]:
-    """Measure how each place toggles at a frequency, over its deviation.
-
-    Args:
-        views: (frames, h, w) maps of a display.
-        at: positions of the frames.
-        frequency: periods for each nominal frame.
-
-    Returns:
-        (h, w) complex amplitudes.
-    """
-    stack = views - views.mean(axis=0)
-    turns = waves(at, np.array([frequency]), np.zeros(1))[0].round(12).astype(np.complex64)
-    line = np.tensordot(turns, stack, axes=1) / (stack.std(axis=0) + LEAST_DEVIATION)
-    return np.asarray(line, np.complex64)

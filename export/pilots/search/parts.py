@@ -7,13 +7,14 @@ display is fitted at once (`export.pilots.search.all_blocks`).
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from export.pilots.motion import without_slope
+from export.pilots.toggling import CodedToggling, Toggling, code_search, over_deviation
 from link.layout import Layout
 from link.types import Array, Map
 
@@ -151,3 +152,42 @@ def _peak(values: NDArray[np.floating], at: int) -> float:
     before, here, after = (float(values[at + k]) for k in (-1, 0, 1))
     bend = before - 2 * here + after
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+def shifted_toggling(
+    views: Map, blocks: NDArray[np.floating], layout: Layout, at: Sequence[float], fps: float
+) -> Toggling:
+    """Find how a coded display toggles of which it is not known where it lies.
+
+    What a frame shows at each shift of the whole display and of its parts, less the mean of all
+    frames, is compared with the expected changes. Only then are the clocks tried, all at once.
+
+    Args:
+        views: (T, h, w) maps of the display, such as `COARSE_SIZE`.
+        blocks: (rows, cols) expected change of each block, 0 where it is not known.
+        layout: layout of the display.
+        at: (T,) positions of the frames.
+        fps: nominal number of frames of the camera in a second.
+    """
+    height, width = views.shape[1:]
+    block = np.array([width / layout.cols, height / layout.rows])
+    expected = _drawn(blocks, (width, height))
+    reach = [int(np.ceil(max(REACH_BLOCKS * side, REACH_SHARE * width))) for side in block]
+    around = [
+        cv2.copyMakeBorder(
+            without_slope(view, block), reach[1], reach[1], reach[0], reach[0], cv2.BORDER_CONSTANT
+        )
+        for view in over_deviation(views)
+    ]
+    matches = []
+    for rows, cols in PARTS[1:]:
+        ys, xs = (np.linspace(0, s, n + 1).astype(int) for s, n in ((height, rows), (width, cols)))
+        for (top, bottom), (left, right) in product(pairwise(ys), pairwise(xs)):
+            part = expected[top:bottom, left:right]
+            windows = [
+                each[top : bottom + 2 * reach[1], left : right + 2 * reach[0]] for each in around
+            ]
+            found = [cv2.matchTemplate(each, part, cv2.TM_CCORR) for each in windows]
+            matches.append(np.array(found).reshape(len(found), -1) / np.std(found))
+    lock = code_search(layout.code, tuple(at), fps).highest(matches)
+    return CodedToggling(lock, layout.code)

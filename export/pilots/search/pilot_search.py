@@ -17,8 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from export.pilots.clock import DisplayClock
 from export.pilots.search.film import HeldFrame
-from export.pilots.search.proposals import PROMISING, Proposal, Proposer, proposal_evidence
+from export.pilots.search.proposals import PROMISING, Proposal, Proposer, weigh
 from export.pilots.search.settle import HINT, Settled, settle
 from export.pilots.search.watch import Watch
 from link.errors import InputError
@@ -52,6 +53,8 @@ class PilotDisplay:
     """Pixels of the frame with which the search began."""
     k: float
     """Coefficient of the lens (`link.geometry.Lens`)."""
+    clock: DisplayClock | None
+    """When the display shows which state, where its code tells; the camera's time, in seconds."""
     held: tuple[HeldFrame, ...]
     """The frames before the newest one, from the oldest on, of those that are kept."""
 
@@ -142,6 +145,7 @@ class PilotSearch:
             evidence=settled.evidence,
             first_corners=proposal.corners,
             k=settled.k,
+            clock=proposal.toggling.clock_in_seconds(self._fps, watch.first.time),
             held=tuple(held),
         )
 
@@ -194,7 +198,7 @@ class PilotSearch:
 
     def _weigh_and_settle(self, proposal: Proposal, watch: Watch) -> Search:
         """Weigh a proposal by all frames so far, and settle it."""
-        evidence = proposal_evidence(proposal, watch.frames)
+        evidence, _ = weigh(proposal, watch.frames, self._fps)
         yield None
         return (yield from self._settle(proposal, evidence, watch))
 

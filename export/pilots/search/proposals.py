@@ -10,12 +10,14 @@ from numpy.typing import NDArray
 
 from export.locate.candidates import display_candidates
 from export.pilots.motion import moved_corners
-from export.pilots.search.film import HeldFrame, amplitudes, positions
-from export.pilots.search.parts import coarse_shift
+from export.pilots.search.film import HeldFrame, positions
+from export.pilots.search.parts import coarse_shift, shifted_toggling
 from export.pilots.search.watch import Watch
-from export.pilots.signal import expected_changes, pilot_evidence, pilot_values, standing_out
+from export.pilots.signal import expected_changes, pilot_values, standing_out
+from export.pilots.toggling import Toggling, Wave, find_toggling
 from link.layout import Layout
-from link.types import Array, Corners
+from link.pilot_code import PLAIN
+from link.types import Array, Corners, Map
 
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
@@ -36,19 +38,28 @@ class Proposal:
     """Pixels of the reference frame; the displayed picture's top left comes first."""
     layout: Layout
     """What it may show."""
-    frequency: float
-    """Frequency at which it may toggle, in periods for each nominal frame."""
+    toggling: Toggling
+    """How it may toggle."""
 
 
-def proposal_evidence(proposal: Proposal, frames: Sequence[HeldFrame]) -> float:
-    """Weigh a proposal by frames in full: the evidence, before it pays for what was tried."""
+def weigh(proposal: Proposal, frames: Sequence[HeldFrame], fps: float) -> tuple[float, Toggling]:
+    """Weigh a proposal by frames in full.
+
+    Args:
+        proposal: where a display may be, and what it may show.
+        frames: frames of the film.
+        fps: nominal number of frames of the camera in a second.
+
+    Returns:
+        the evidence, before it pays for what was tried, and how its pilots toggle in the frames.
+    """
     values = []
     for frame in frames:
         view = frame.view(proposal.corners, proposal.layout)
         if view is None:
-            return 0.0
+            return 0.0, proposal.toggling
         values.append(pilot_values(view, proposal.layout))
-    return pilot_evidence(values, proposal.layout, positions(frames))[0]
+    return find_toggling(values, proposal.layout, positions(frames), fps)
 
 
 class Proposer:
@@ -64,7 +75,7 @@ class Proposer:
     """
 
     def __init__(self, watch: Watch, layouts: Sequence[Layout], fps: float) -> None:
-        self._watch, self._layouts = watch, layouts
+        self._watch, self._layouts, self._fps = watch, layouts, fps
         self._largest = max(layouts, key=lambda layout: layout.width * layout.height)
         finest = max(layouts, key=lambda layout: layout.rows * layout.cols)
         self._size = 2 * finest.cols, 2 * finest.rows
@@ -110,8 +121,8 @@ class Proposer:
             for turn in (0, 2):
                 turned = [block[::-1, ::-1] if turn else block for block in blocks]
                 picked = [view.reshape(-1)[layout.pilot_blocks] for view in turned]  # -> (blocks,)
-                evidence, frequency = pilot_evidence(picked, layout, at)
-                proposal = Proposal(np.roll(corners, -turn, axis=0), layout, frequency)
+                evidence, toggling = find_toggling(picked, layout, at, self._fps)
+                proposal = Proposal(np.roll(corners, -turn, axis=0), layout, toggling)
                 found.append((evidence, proposal))
         return max(found, key=lambda each: each[0])
 
@@ -148,7 +159,7 @@ class Proposer:
         """Weigh a proposal by small views: the evidence, before it pays."""
         layout = proposal.layout
         values = [pilot_values(view, layout) for view in self._watch.small_views(proposal.corners)]
-        return pilot_evidence(values, layout, positions(self._watch.frames))[0]
+        return find_toggling(values, layout, positions(self._watch.frames), self._fps)[0]
 
     def ranked(self, quads: list[Array], evidence: list[float], usual: int) -> list[int]:
         """Choose the quadrilaterals to which the pilots are fitted, and their order.
@@ -188,16 +199,24 @@ class Proposer:
         Returns:
             what fits best after a shift, or None where nothing does.
         """
-        views = self._watch.small_views(quad).astype(np.float32)
+        views, at = self._watch.small_views(quad).astype(np.float32), positions(self._watch.frames)
         best: tuple[int, Proposal] | None = None
-        for frequency in self._frequencies:
-            line = amplitudes(views, positions(self._watch.frames), frequency)
-            for layout in self._layouts:
-                blocks = expected_changes(layout)
-                for turn in (0, 2):
-                    shown = blocks[::-1, ::-1] if turn else blocks
+        for layout in self._layouts:
+            blocks = expected_changes(layout)
+            for turn in (0, 2):
+                shown = blocks[::-1, ::-1] if turn else blocks
+                for toggling in self._ways(views, shown, layout, at):
+                    line = toggling.amplitudes(views, at)
                     fit = coarse_shift(line, shown, layout, far=True)
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
-                        best = fit[1], Proposal(corners, layout, frequency)
+                        best = fit[1], Proposal(corners, layout, toggling)
         return None if best is None else best[1]
+
+    def _ways(
+        self, views: Map, shown: Array, layout: Layout, at: Sequence[float]
+    ) -> Sequence[Toggling]:
+        """List the ways in which a display may toggle whose corners are not known."""
+        if layout.code == PLAIN:
+            return [Wave(frequency) for frequency in self._frequencies]
+        return [shifted_toggling(views, shown, layout, at, self._fps)]

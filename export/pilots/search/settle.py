@@ -8,9 +8,9 @@ import numpy as np
 from export.pilots.motion import map_size, moved_corners
 from export.pilots.search.all_blocks import BlockFit, block_maps
 from export.pilots.search.climb import climb_to_pilots
-from export.pilots.search.film import HeldFrame, amplitudes, positions, rectified_views
+from export.pilots.search.film import HeldFrame, positions, rectified_views
 from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
-from export.pilots.search.proposals import Proposal, proposal_evidence
+from export.pilots.search.proposals import Proposal, weigh
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes
 from link.types import Array
@@ -86,7 +86,7 @@ def settle(
         if tries > 1 and not sum_needed:  # it need not pay for so many trials, or is hopeless
             continue
         moved = replace(best, corners=(yield from move(best, frames)))
-        now = proposal_evidence(moved, frames) - float(np.log(tried * tries))
+        now = weigh(moved, frames, watch.fps)[0] - float(np.log(tried * tries))
         yield None
         if now > evidence:
             best, evidence, tried = moved, now, tried * tries
@@ -95,7 +95,8 @@ def settle(
     used = len(watch.frames)
     start, fit = best, (yield from _by_blocks(best, watch.frames[:used]))
     fitted = best if fit is None else _moved(best, fit)
-    now = proposal_evidence(fitted, frames) - float(np.log(tried))
+    now, toggling = weigh(fitted, frames, watch.fps)
+    now -= float(np.log(tried))
     yield None
     evidence = max(evidence, now)
     if evidence < NEARLY * needed:
@@ -105,10 +106,11 @@ def settle(
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
         while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
             yield None
-        if proposal_evidence(best, agreeing) < CONFIRMED:
+        if weigh(best, agreeing, watch.fps)[0] < CONFIRMED:
             return None
         if evidence < needed:
-            evidence = proposal_evidence(best, [*frames, *agreeing]) - float(np.log(tried))
+            evidence, toggling = weigh(best, [*frames, *agreeing], watch.fps)
+            evidence -= float(np.log(tried))
             yield None
     if evidence < needed:
         return None
@@ -116,7 +118,7 @@ def settle(
     if best is fitted and fit is not None:
         k = yield from _through_lens(fit, start, frames[0])
         best = _moved(start, fit) if k else fitted
-    return Settled(best, evidence, k)
+    return Settled(replace(best, toggling=toggling), evidence, k)
 
 
 def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
@@ -126,7 +128,7 @@ def _by_parts(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
         views = rectified_views(corners, layout, frames, COARSE_SIZE)
         if views is None:
             break
-        line = amplitudes(views, positions(frames), proposal.frequency)
+        line = proposal.toggling.amplitudes(views, positions(frames))
         fit = coarse_shift(line, expected_changes(layout), layout)
         yield None
         if fit is None:
@@ -146,7 +148,7 @@ def _by_climbing(proposal: Proposal, frames: Sequence[HeldFrame]) -> Move:
         views = rectified_views(corners, layout, frames, map_size(layout))
         if views is None:
             break
-        line = amplitudes(views, positions(frames), proposal.frequency)
+        line = proposal.toggling.amplitudes(views, positions(frames))
         H_old_from_new = climb_to_pilots(line, layout)
         yield None
         corners = moved_corners(corners, H_old_from_new, layout)
@@ -164,7 +166,7 @@ def _by_blocks(
         if view is None:
             return None
         views.append(view)
-    fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.frequency)
+    fit = BlockFit(maps, np.array(views, np.float32), positions(frames), proposal.toggling)
     for _ in range(BLOCK_ROUNDS):
         yield None
         if fit.step():

@@ -55,7 +55,7 @@ class Watch:
         """Number of frames after the reference."""
         self.map = ToggleMap()
         """What toggles in the frames watched."""
-        self._fps = fps
+        self.fps = fps
         self._stabiliser = Stabiliser(gray, far_apart=picture_moves)
         self.on_copy, self.on_image = self._stabiliser.on_copy, self._stabiliser.on_image
 
@@ -64,7 +64,7 @@ class Watch:
         H = self._stabiliser.follow(gray)
         if H is None:
             return None
-        at = position(time - self.first.time, self._fps)
+        at = position(time - self.first.time, self.fps)
         return HeldFrame(gray, H, at, time, self._stabiliser.tracks)
 
     def is_in_view(self, frame: HeldFrame) -> bool:

@@ -13,7 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from export.receive.timing.clock import DisplayClock, embedded_share
+from export.pilots.clock import DisplayClock, embedded_share
+from export.pilots.code import MOST_STATE_HZ, CodeSearch
+from link.pilot_code import PLAIN, PilotCode
 from link.types import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -91,14 +93,17 @@ class ToggleWindow:
         toggles: (n, P) displayed gray levels; NaN where a place is unseen.
         places: (P, 2) x and y on the display, in [0, 1].
         fps: frames of the camera in a second; they bound delays and shutter.
+        code: says in which order the states of each frame pair are shown.
     """
 
-    def __init__(self, times: Array, toggles: Array, places: Array, fps: float) -> None:
+    def __init__(
+        self, times: Array, toggles: Array, places: Array, fps: float, code: PilotCode = PLAIN
+    ) -> None:
         self.middle = float(times.mean())
         """Time, in seconds, from which the times of fitted clocks count."""
         self._times = times - self.middle
         self._span = float(times[-1] - times[0])
-        self._places = places
+        self._places, self._code = places, code
         self._frame = 1 / fps
         values = toggles.T
         seen = _without_outliers(values)
@@ -145,7 +150,7 @@ class ToggleWindow:
     def follow(self, clock: DisplayClock) -> ClockFit:
         """Fit a clock, known from before, anew; its times count from the middle of the window."""
         start = np.array([astuple(clock)])
-        wave = embedded_share(start, self._times, self._places)[0]
+        wave = self._shares(start)[0]
         self._set_noise(self._without)
         self._set_noise(self._noise_of(self._values - self._amplitude(start) * self._centre(wave)))
         return self._settle(self._climb(self._neighbours(start), ROUNDS // 2))
@@ -158,14 +163,14 @@ class ToggleWindow:
 
     def _settle(self, clocks: Array) -> ClockFit:
         """Estimate the noise beside the best clock, fit it once more, and weigh the evidence."""
-        wave = embedded_share(clocks[:1], self._times, self._places)[0]
+        wave = self._shares(clocks[:1])[0]
         left = self._values - self._amplitude(clocks[:1]) * self._centre(wave)
         noise = self._set_noise(self._noise_of(left))
         starts = np.concatenate([self._neighbours(clocks[:1]), clocks[1:3]])
         best = self._climb(starts, ROUNDS // 2)[:1]
         gram, product = self._products(self._moved(best))
         amplitude = max(0.0, float(product[0, 0] / gram[0, 0, 0]))
-        v = self._whiten(embedded_share(best, self._times, self._places)[0])
+        v = self._whiten(self._shares(best)[0])
         v = v - self._project(v)
         rss = ((self._x - amplitude * v) ** 2).sum(axis=1)
         evidence = min(self._evidence_of_places(rss), self._evidence_of_all(v, amplitude))
@@ -256,10 +261,14 @@ class ToggleWindow:
 
     # Fits
 
+    def _shares(self, clocks: Array) -> Array:
+        """Give the shares of embedded frames, (C, P, n), by (C, 5) clocks."""
+        return embedded_share(clocks, self._times, self._places, self._code)
+
     def _products(self, clocks: Array) -> tuple[Array, Array]:
         """Inner products (C, K, K) of whitened waves of (C, K, 5) clocks, and with the toggles."""
         count, each = clocks.shape[:2]
-        waves = embedded_share(clocks.reshape(-1, 5), self._times, self._places)
+        waves = self._shares(clocks.reshape(-1, 5))
         v = self._whiten(waves)  # (C K, P, n)
         inner = np.matmul(v.transpose(1, 0, 2), self._basis)  # (P, C K, q)
         inner = inner.transpose(1, 0, 2).reshape(count, each, -1)
@@ -274,7 +283,7 @@ class ToggleWindow:
     def _units(self, clocks: Array) -> Array:
         """Natural units (C, 5) of a clock's numbers: each changes the wave about wholly."""
         period = clocks[:, :1]
-        frame = np.full_like(period, self._frame)
+        frame = np.minimum(self._frame, 2 * period)
         return np.concatenate([period**2 / self._span, period, frame, frame, frame], axis=1)
 
     def _moved(self, clocks: Array) -> Array:
@@ -294,7 +303,8 @@ class ToggleWindow:
     def _climb(self, clocks: Array, rounds: int) -> Array:
         """Climb from each clock (Levenberg and Marquardt); clocks in order, the best first."""
         limit, delay = self._frame, max(self._frame, PANEL_S)
-        low = np.array([limit / MAX_STATES, -np.inf, -delay, -delay, 0.02 * limit])
+        fastest = limit / MAX_STATES if self._code == PLAIN else 1 / MOST_STATE_HZ
+        low = np.array([fastest, -np.inf, -delay, -delay, 0.02 * limit])
         high = np.array([1 / MIN_STATE_HZ, np.inf, delay, delay, limit])
         best, score = clocks, np.full(len(clocks), -np.inf)
         damping = np.full(len(clocks), 0.1)
@@ -352,6 +362,8 @@ class ToggleWindow:
 
     def _start_clocks(self) -> Array:
         """Find (C, 5) clocks to start from: strongest frequencies, each with its best delays."""
+        if self._code != PLAIN:
+            return self._start_by_code()
         state_hz = self.state_hz
         waves, delays, turns = self._candidates
         adjoint = self._x * self._now
@@ -375,6 +387,15 @@ class ToggleWindow:
             start = middle - 1.5 * period + shutter / 2
             starts.append([period, start, *delays[best[peak]], shutter])
         return np.array(starts)
+
+    def _start_by_code(self) -> Array:
+        """Find (C, 5) clocks to start from, by the code alone."""
+        signs = np.ones(len(self._places))
+        search = CodeSearch(self._code, self._times, 1 / self._frame)
+        locks = search.strongest(
+            (self._values / (self.deviation[:, None] + 1e-6)).T, signs, self._places, STARTS
+        )
+        return np.array([astuple(lock.clock) for lock in locks])
 
 
 def _whiten(series: Array, now: Array, back: Array) -> Array:

@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from export.receive.timing.clock import DisplayClock
+from export.pilots.clock import DisplayClock
+from export.pilots.code import clocks_tried
 from export.receive.timing.fit import ClockFit, ToggleWindow
 from export.receive.timing.toggles import Toggles
+from link.pilot_code import PLAIN, PilotCode
 from link.types import Array
 
 MIN_WINDOW_S, WINDOW_S = 0.5, 4.0
@@ -16,6 +18,8 @@ MAX_SAMPLES = 1024
 """Largest number of frames that a fit looks back: the work of a search grows with its square."""
 MIN_FRAMES = 30
 """Number of frames that the first fit needs: some clock fits nearly every order of fewer."""
+CODED_WINDOW = (12, 0.1)
+"""Number of frames and seconds that the first fit needs where a code tells the clock."""
 AWAY_S = 0.4
 """Seconds without a frame after which what comes may belong to another time: the display was lost,
 and where a film had begun anew meanwhile, older frames no longer fit. They are dropped once there
@@ -50,17 +54,18 @@ CANDIDATES = 0.03
 """Factor of `needed_evidence`, fitted to the largest evidence in windows of simulated noise."""
 
 
-def needed_evidence(span: float, fps: float) -> float:
+def needed_evidence(span: float, fps: float, code: PilotCode = PLAIN) -> float:
     """Say how much evidence a search must find for its clock to be believed.
 
     Many clocks are tried, and the best of many looks better than it is. Their number grows with
     the window's length times the range of rates, and five numbers are fitted to each, so noise
     alone reaches evidence s with a chance of about `CANDIDATES` span fps s² exp(-s / 2), as for the
-    largest value of a chi-squared field (Worsley 1994).
+    largest value of a chi-squared field (Worsley 1994). Of a code, all rates and moments are tried.
 
     Args:
         span: length of the window, seconds.
         fps: frames of the camera in a second.
+        code: of the display.
 
     Returns:
         twice a log-likelihood ratio, at which this chance is `FALSE_ALARM`.
@@ -68,9 +73,10 @@ def needed_evidence(span: float, fps: float) -> float:
     >>> round(needed_evidence(1.0, 30.0), 1), round(needed_evidence(4.0, 30.0), 1)
     (42.4, 45.5)
     """
+    tried = CANDIDATES * max(span * fps, 1.0) if code == PLAIN else clocks_tried(code)
     evidence = 40.0
     for _ in range(20):
-        evidence = 2 * np.log(CANDIDATES * max(span * fps, 1.0) * evidence**2 / FALSE_ALARM)
+        evidence = 2 * np.log(tried * evidence**2 / FALSE_ALARM)
     return float(evidence)
 
 
@@ -94,11 +100,13 @@ class Synchroniser:
     Args:
         fps: frames of the camera in a second; they bound delays and shutter.
         toggles: says at which places of the display toggles are known, and works them out.
+        code: says in which order the display shows the states of each frame pair.
     """
 
-    def __init__(self, fps: float, toggles: Toggles) -> None:
+    def __init__(self, fps: float, toggles: Toggles, code: PilotCode = PLAIN) -> None:
         self.fps = fps
         self.toggles = toggles
+        self._code = code
         self.clock: DisplayClock | None = None
         """The clock, or None while it is unknown."""
         self.r2 = 0.0
@@ -149,24 +157,35 @@ class Synchroniser:
         unsure = unconfirmed > 2 * REFIT_S and self.phase_error(time) > MAX_PHASE_ERROR
         if unsure or unconfirmed > HOLD_S:
             self.clock = None
-        enough = len(self._samples) >= MIN_FRAMES and time - self._samples[0][0] >= MIN_WINDOW_S
+        frames, seconds = (MIN_FRAMES, MIN_WINDOW_S) if self._code == PLAIN else CODED_WINDOW
+        enough = len(self._samples) >= frames and time - self._samples[0][0] >= seconds
         pause = SEEK_S if self.clock is None else REFIT_S
         if fit and enough and time >= self._fitted_at + pause:
             self._fitted_at = time
             self._update(time)
 
+    def begin(self, clock: DisplayClock, time: float) -> None:
+        """Take the clock with which the display was found.
+
+        Args:
+            clock: by the camera's time, seconds.
+            time: time of the newest frame, seconds.
+        """
+        self.clock, self._confirmed_at = clock, time
+        self.slips += 1
+
     def _update(self, time: float) -> None:
         """Fit the clock to the last seconds, and look for another one where that is in doubt."""
         times, values = (np.array(column) for column in zip(*self._samples, strict=True))
         toggles = self.toggles.over_time(values)
-        window = ToggleWindow(times, toggles, self.toggles.places, self.fps)
+        window = ToggleWindow(times, toggles, self.toggles.places, self.fps, self._code)
         if window.places_seen == 0 or window.state_hz.size == 0:
             return
         if window.deviation.max() < MIN_TOGGLE:
             self.clock, self.r2 = None, 0.0
             self._note(Toggling(0.0, 0.0, 0.0, float(window.deviation.max())))
             return
-        needed = needed_evidence(times[-1] - times[0], self.fps)
+        needed = needed_evidence(times[-1] - times[0], self.fps, self._code)
         followed = None
         if self.clock is not None:
             followed = self._follow(window)
@@ -195,7 +214,8 @@ class Synchroniser:
     def _follow(self, window: ToggleWindow) -> ClockFit:
         """Fit the held clock to the window, from where it has run to."""
         assert self.clock is not None
-        number = 2 * round(self.clock.number(window.middle) / 2)
+        again = 2 * self._code.period
+        number = again * round(self.clock.number(window.middle) / again)
         start = self.clock.start + number * self.clock.period - window.middle
         return window.follow(replace(self.clock, start=start))
 
@@ -209,7 +229,8 @@ class Synchroniser:
                 _number_seen(clock, at) - _number_seen(self.clock, at)
                 for at in (self._samples[0][0], time)
             ]
-            shift = 2 * round(ends[1] / 2)
+            again = 2 * self._code.period
+            shift = again * round(ends[1] / again)
             clock = replace(clock, start=clock.start + shift * clock.period)
             self.slips += int(max(abs(end - shift) for end in ends) > SAME)
         self.clock, self.r2 = clock, fit.r2

@@ -15,6 +15,7 @@ from export.locate.candidates import Located
 from export.locate.find import is_at, search_steps
 from export.locate.patches import image_pyramid, patches_in_view, seen_correlation
 from export.locate.refine import corners_on_patches, needed_correlation
+from export.pilots.clock import DisplayClock
 from export.receive.tracking.follow import Follower
 from link.code.steps import Steps
 from link.errors import InputError
@@ -55,6 +56,8 @@ class Tracked:
     before: tuple[tuple[float, "Tracked"], ...] = ()
     """Times, in seconds, of frames before this one in which the display lies, too, and the display
     in them; of one that was just found by its pilots."""
+    clock: DisplayClock | None = None
+    """When the display shows which state, of one that was just found by its pilots' code."""
 
 
 class DisplayTracker:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from export.pilots.motion import moved_corners
 from export.pilots.search.pilot_search import PilotDisplay, PilotSearch
-from export.pilots.signal import pilot_evidence, pilot_values
+from export.pilots.signal import pilot_values
+from export.pilots.toggling import find_toggling
 from export.pilots.waves import position
 from export.receive.tracking.follow import Follower
 from export.receive.tracking.patches import DisplayTracker, Tracked
@@ -22,7 +23,7 @@ WATCHED = 48
 CHECK_EVERY = 24
 """Number of frames from one look at the pilots to the next."""
 LEAST_EVIDENCE = 4.0
-"""Smallest evidence (`export.pilots.signal.pilot_evidence`) at which the pilots are still
+"""Smallest evidence (`export.pilots.toggling.find_toggling`) at which the pilots are still
 seen."""
 PATIENCE = 3
 """Number of looks in a row without evidence after which the display counts as lost. One is enough
@@ -86,7 +87,8 @@ class PilotTracker(DisplayTracker):
         tracked = self._accept(image, found.corners, fresh=True)
         if tracked is None:
             return None
-        return replace(tracked, anew=True, before=self._before(found, image))
+        before = self._before(found, image)
+        return replace(tracked, anew=True, before=before, clock=found.clock)
 
     def _before(self, found: PilotDisplay, image: Image) -> tuple[tuple[float, Tracked], ...]:
         """Show the display in the frames in which it was looked for, with as many channels."""
@@ -128,6 +130,6 @@ class PilotTracker(DisplayTracker):
         self._count += 1
         if self._count % CHECK_EVERY or len(self._values) < WATCHED:
             return True
-        evidence, _ = pilot_evidence(self._values, layout, self._at)
+        evidence, _ = find_toggling(list(self._values), layout, list(self._at), self._fps)
         self._missed = 0 if evidence >= LEAST_EVIDENCE else self._missed + 1
         return self._missed < (PATIENCE if self._count > WATCHED else 1)

@@ -9,12 +9,12 @@ from conftest import run_process
 from pilot_films import FINE, BlockMeans, texture
 from scores import noisy
 
+from export.pilots.clock import DisplayClock
 from export.pilots.motion import MotionEquations
 from export.receive.occlusion import median_image
 from export.receive.reader import WORK_A_FRAME
 from export.receive.receiver import Receiver
 from export.receive.states import MESH, PLACES, PURE, RectifiedFrame, compose_state
-from export.receive.timing.clock import DisplayClock
 from link.code.collect import Collector, Message, make_collector
 from link.code.framing import encode
 from link.code.rateless import ITERATIONS, MAX_COLUMNS, make_rateless

@@ -1,8 +1,9 @@
 """The display's clock as the camera sees it, and which share of an exposure fell into which state.
 
-The display shows states 0, 1, 2 ..., even ones original frames and odd ones embedded frames, each
-for ``period`` seconds. A camera reads its rows one after the other, and a panel writes its rows one
-after the other, so the place (x, y) of the display, each in [0, 1], is exposed during
+The display shows states 0, 1, 2 ..., each for ``period`` seconds: even ones original frames and odd
+ones embedded frames, or as the layout's code orders those of a frame pair (`link.pilot_code`). A
+camera reads its rows one after the other, and a panel writes its rows one after the other. So the
+place (x, y) of the display, each in [0, 1], is exposed during
 [t + delay, t + delay + shutter] of a frame at time t, with delay = x delay_x + y delay_y whatever
 way up the camera is.
 
@@ -14,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from link.pilot_code import PLAIN, PilotCode
 from link.types import Array
 
 
@@ -79,13 +81,14 @@ class DisplayClock:
         return np.asarray(np.clip(inside / length, 0, 1))
 
 
-def embedded_share(clocks: Array, times: Array, places: Array) -> Array:
+def embedded_share(clocks: Array, times: Array, places: Array, code: PilotCode = PLAIN) -> Array:
     """Work out the share that embedded frames have of exposures.
 
     Args:
         clocks: (C, 5) period, start, both delays and shutter, as in `DisplayClock`.
         times: (n,) seconds.
         places: (P, 2) x and y on the display, in [0, 1].
+        code: says in which order the states of each frame pair are shown.
 
     Returns:
         (C, P, n) in [0, 1].
@@ -94,10 +97,15 @@ def embedded_share(clocks: Array, times: Array, places: Array) -> Array:
     delays = clocks[:, 2:4] @ places.T
     begin = (times + (delays[:, :, None] - start)) / period
     length = shutter / period
-    return np.asarray((_on_time(begin + length) - _on_time(begin)) / length)
+    return np.asarray((_on_time(begin + length, code) - _on_time(begin, code)) / length)
 
 
-def _on_time(x: Array) -> Array:
-    """Integrate, from 0 to x, a wave of period 2 that is 0 and then 1."""
+def _on_time(x: Array, code: PilotCode) -> Array:
+    """Integrate, from 0 to x states, a wave that is 1 while an embedded frame is shown, else 0."""
     whole = np.floor(x / 2)
-    return np.asarray(whole + np.maximum(x - 2 * whole - 1, 0))
+    rest = x - 2 * whole
+    on = np.maximum(rest - 1, 0)
+    if code.period > 1:
+        signs = code.signs[whole.astype(np.intp) % code.period]
+        on = np.where(signs > 0, on, np.minimum(rest, 1))
+    return np.asarray(whole + on)

@@ -1,0 +1,206 @@
+"""Find a coded display's clock: which rate, which moment of the code, and how rows follow rows.
+
+The order in which a display shows the two states of its frame pairs follows a pseudo-random code
+(`link.pilot_code`). So what its pilots do in the frames of a camera is known for each rate and each
+moment of the code, whatever the rate of the camera, and all of them are tried.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.pilots.clock import DisplayClock, embedded_share
+from link.pilot_code import PilotCode
+from link.types import Array
+
+STATE_HZ = (24, 25, 30, 36, 37.5, 45, 48, 50, 60, 72, 75, 90, 100, 120, 144)
+"""Numbers of states a second that are tried: refresh rates of displays, and whole parts of them."""
+MOST_STATE_HZ = 150.0
+"""Largest number of states a second, a little more than the largest that is tried."""
+CLOCK_ERROR = 0.01
+"""Share by which the clocks of camera and display may differ from their nominal rates."""
+PHASES = 2
+"""Number of moments that are tried within a state."""
+DELAYS_S = np.arange(-24, 25, 8) / 1000
+SLOPES = np.array([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d])
+"""(slopes, 2) times, in seconds, by which the right side of the display may be exposed after the
+left one, or the bottom after the top."""
+SIDES = 4
+"""Number of parts along each side of the display that are each taken to be exposed at once."""
+OPEN = 0.5
+"""Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
+DRIFT = 3
+"""Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure."""
+
+
+@dataclass(frozen=True)
+class CodeLock:
+    """How a display may run."""
+
+    clock: DisplayClock
+    """When it shows which state, by the unit of time of the frames' times."""
+    evidence: float
+    """Natural logarithm of the probability that chance does as well, with the sign turned; what was
+    tried is paid for."""
+
+
+class CodeSearch:
+    """Compares what changes over the frames of a film with what a coded display shows in them.
+
+    Args:
+        code: of the display.
+        times: (T,) times of the frames, rising.
+        fps: number of frames of the camera in the unit of time.
+        second: a second, in the unit of time.
+
+    >>> from link.layout import make_layout
+    >>> times, places = np.arange(24) / 30, np.full((40, 2), 0.5)
+    >>> signs = np.tile([1.0, -1.0], 20)
+    >>> numbers = np.array([[1 / 60, 0.2, 0.0, 0.0, 0.008]])  # two states in each frame
+    >>> wave = embedded_share(numbers, times, places[:1], PilotCode())
+    >>> noise = np.random.default_rng(0).standard_normal((24, 40))
+    >>> lock = CodeSearch(PilotCode(), times, 30.0).best(
+    ...     noise + wave[0, 0][:, None] * signs, signs, places)
+    >>> lock.evidence > 20, round(1 / lock.clock.period), round(lock.clock.number(0.2)) % 126
+    (True, 60, 0)
+    """
+
+    def __init__(self, code: PilotCode, times: Array, fps: float, second: float = 1.0) -> None:
+        self._code = code
+        self._middle = float(times.mean())
+        since = np.asarray(times, np.float64) - self._middle
+        self._second = second
+        self._hz = np.array(_rates(float(since[-1] - since[0]) / second))
+        self._steps = 2 * PHASES * code.period
+        moments = np.arange(self._steps) / PHASES
+        period = second / self._hz
+        self._shutter = OPEN * np.minimum(period, 1 / fps)
+        clocks = np.zeros((len(self._hz), self._steps, 5))
+        clocks[:, :, 0], clocks[:, :, 4] = period[:, None], self._shutter[:, None]
+        clocks[:, :, 1] = -moments * period[:, None]
+        shares = embedded_share(clocks.reshape(-1, 5), since, np.zeros((1, 2)), code)[:, 0]
+        powers = np.vander(since / max(np.abs(since).max(), 1e-9), min(DRIFT, len(since)))
+        self._drifts = np.linalg.qr(powers)[0]
+        waves = 2 * shares - 1
+        waves -= (waves @ self._drifts) @ self._drifts.T
+        self.waves: NDArray[np.float32] = waves.astype(np.float32)
+        """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less drifts."""
+
+    def best(self, values: NDArray[np.floating], signs: Array, places: Array) -> CodeLock:
+        """Find the clock by which values follow their signs most surely."""
+        return self.strongest(values, signs, places, 1)[0]
+
+    def strongest(
+        self, values: NDArray[np.floating], signs: Array, places: Array, count: int
+    ) -> list[CodeLock]:
+        """Find the clocks by which values follow their signs most surely, the surest first.
+
+        With X_p the sum of a pilot's values times a clock's wave, the signs are regressed on X_p,
+        as `export.pilots.signal.pilot_evidence` does with amplitudes: by chance these explain the
+        share R2 of the signs' power with probability (1 - R2)^((P - 1) / 2), for P pilots.
+
+        Args:
+            values: (T, P) of P pilots.
+            signs: (P,) 1 or -1.
+            places: (P, 2) x and y on the display, in [0, 1].
+            count: number of clocks, none of them within a state of another.
+        """
+        series = np.asarray(values, np.float32)
+        series = series - (self._drifts @ (self._drifts.T @ series)).astype(np.float32)
+        lines = series.T @ self.waves.T  # (P, H)
+        share, slopes = self._best_slopes(lines, signs.astype(np.float32), places)
+        kept: list[tuple[int, int]] = []
+        for flat in np.argsort(-share, axis=None):
+            rate, phase = divmod(int(flat), self._steps)
+            apart = [abs(phase - other) for at, other in kept if at == rate]
+            if all(PHASES <= each <= self._steps - PHASES for each in apart):
+                kept.append((rate, phase))
+            if len(kept) == count:
+                break
+        return [self._lock(at, slopes[at], float(share[at]), len(signs)) for at in kept]
+
+    def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
+        """Find the clock by which one of many series follows the code most clearly.
+
+        Args:
+            matches: arrays (T, S) of S series each, of alike noise within an array.
+
+        Returns:
+            the clock, without delays across the display.
+        """
+        norm = np.sqrt((self.waves**2).sum(axis=1)) + 1e-6
+        best, found = 0.0, 0
+        for series in matches:
+            heights = (self.waves @ np.asarray(series, np.float32)).max(axis=1) / norm
+            if heights.max() > best:
+                best, found = float(heights.max()), int(heights.argmax())
+        return self._lock(divmod(found, self._steps), len(DELAYS_S) // 2, 0.0, 1).clock
+
+    def _best_slopes(
+        self, lines: NDArray[np.float32], signs: NDArray[np.float32], places: Array
+    ) -> tuple[Array, NDArray[np.intp]]:
+        """Choose for each rate and phase how exposure and writing go across the display.
+
+        Returns:
+            (rates, phases) shares of the signs' power, 0 where they speak against the clock, and
+            the numbers of `SLOPES`.
+        """
+        shape = len(self._hz), self._steps
+        best, chosen = np.zeros(shape), np.zeros(shape, np.intp)
+        centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
+        sums = []
+        for axis in (0, 1):
+            part = np.minimum((places[:, axis] * SIDES).astype(np.intp), SIDES - 1)
+            within = (part == np.arange(SIDES)[:, None]).astype(np.float32)
+            along, power = (within * signs) @ lines, within @ lines**2  # (SIDES, H)
+            sums.append(np.stack([along, power], axis=1).reshape(SIDES, 2, *shape))
+        for at, slope in enumerate(SLOPES):
+            axis = int(np.abs(slope).argmax())
+            steps = np.rint(PHASES * slope[axis] * np.outer(centres, self._hz)).astype(np.intp)
+            later = (np.arange(self._steps) + steps[:, :, None]) % self._steps
+            along, power = np.take_along_axis(sums[axis], later[:, None], axis=3).sum(axis=0)
+            share = np.maximum(along, 0) ** 2 / (len(signs) * power + 1e-9)
+            chosen = np.where(share > best, at, chosen)
+            best = np.maximum(best, share)
+        return best, chosen
+
+    def _lock(self, at: tuple[int, int], slope: int, share: float, count: int) -> CodeLock:
+        """Describe the clock of a rate and a phase, given by their numbers."""
+        period = self._second / self._hz[at[0]]
+        across, down = SLOPES[slope] * self._second
+        start = self._middle - at[1] / PHASES * period + (across + down) / 2
+        numbers = (period, start, across, down, self._shutter[at[0]])
+        tried = len(self.waves) * len(SLOPES)
+        evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12)) - np.log(tried)
+        return CodeLock(DisplayClock(*map(float, numbers)), max(0.0, float(evidence)))
+
+
+def clocks_tried(code: PilotCode) -> int:
+    """Count the clocks that are tried in a short window of frames."""
+    return 2 * PHASES * code.period * len(STATE_HZ) * len(SLOPES)
+
+
+def _rates(span: float) -> list[float]:
+    """List the rates that are told apart in some seconds, with clocks that run fast or slow."""
+    rates: list[float] = []
+    for hz in STATE_HZ:
+        off = CLOCK_ERROR * span / 2 * hz  # states, at both ends
+        steps = round(off)
+        rates += [
+            hz * (1 + CLOCK_ERROR * step / max(steps, 1)) for step in range(-steps, steps + 1)
+        ]
+    return rates
+
+
+def in_seconds(clock: DisplayClock, fps: float, origin: float) -> DisplayClock:
+    """Turn a clock that counts nominal frames into one that counts seconds.
+
+    Args:
+        clock: in nominal frames since a moment.
+        fps: nominal number of frames in a second.
+        origin: the moment, seconds.
+    """
+    seconds = {name: value / fps for name, value in asdict(clock).items()}
+    return DisplayClock(**{**seconds, "start": origin + seconds["start"]})

@@ -1,0 +1,214 @@
+"""How a display toggles over the frames of a film: in one wave, or as its code says.
+
+Where pilots always toggle with the same signs, a frequency says how (`export.pilots.signal`). Where
+they follow a code (`link.pilot_code`), it takes a clock (`export.pilots.code`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from functools import lru_cache
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from export.pilots.clock import DisplayClock, embedded_share
+from export.pilots.code import CodeSearch, in_seconds
+from export.pilots.motion import GridMaps
+from export.pilots.signal import (
+    LEAST_DEVIATION,
+    common_phase,
+    pilot_centres,
+    pilot_evidence,
+    pilot_signs,
+    standing_out,
+)
+from export.pilots.waves import waves
+from link.layout import Layout
+from link.pilot_code import PLAIN, PilotCode
+from link.types import Array, Map
+
+LEAST_WAVE = 1e-3
+"""Power of the toggling that the frames of one period hold below which they tell nothing."""
+MOST_FRAMES = 64
+"""Largest number of frames, the newest, in which a code is looked for."""
+
+
+class Toggling(Protocol):
+    """How a display toggles over the frames of a film.
+
+    Positions of frames are nominal frames since a reference (`export.pilots.waves.position`).
+    """
+
+    def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
+        """Measure how each place toggles, over its deviation.
+
+        Args:
+            views: (frames, h, w) maps of a display.
+            at: positions of the frames.
+
+        Returns:
+            (h, w) complex amplitudes, real where the phase is known.
+        """
+        ...
+
+    def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
+        """Measure by how much each pixel changed in each frame pair that the frames show.
+
+        Args:
+            maps: geometry of the maps.
+            views: (T, h, w) gray levels of T frames, rectified to the maps.
+            at: (T,) positions of the frames.
+
+        Returns:
+            (K, h, w) changes in K frame pairs, positive where a pixel's embedded frame is brighter
+            than its original; over each pixel's usual deviation.
+        """
+        ...
+
+    def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
+        """Tell when the display shows which state, where that is known.
+
+        Args:
+            fps: nominal number of frames of the camera in a second.
+            origin: time of the reference, seconds.
+        """
+        ...
+
+
+def find_toggling(
+    values: Sequence[NDArray[np.floating]], layout: Layout, at: Sequence[float], fps: float
+) -> tuple[float, Toggling]:
+    """Tell how surely values over time toggle with the pilots' signs, in any way.
+
+    Args:
+        values: T arrays (P,), one for each of T frames.
+        layout: with P pilots.
+        at: (T,) positions of the frames, rising.
+        fps: nominal number of frames in a second.
+
+    Returns:
+        evidence: natural logarithm of the probability that chance does as well, with the sign
+            turned; all ways that were tried are paid for.
+        toggling: the way in which they toggle most surely.
+    """
+    if layout.code == PLAIN:
+        evidence, frequency = pilot_evidence(values, layout, at)
+        return evidence, Wave(frequency)
+    places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
+    lock = code_search(layout.code, places, fps).best(
+        over_deviation(np.array(picked)), pilot_signs(layout), pilot_centres(layout)
+    )
+    return lock.evidence, CodedToggling(lock.clock, layout.code)
+
+
+@lru_cache(maxsize=2)
+def code_search(code: PilotCode, at: tuple[float, ...], fps: float) -> CodeSearch:
+    """Make a search for a code in frames at these positions, once for all that is tried in them."""
+    return CodeSearch(code, np.array(at), 1.0, fps)
+
+
+def over_deviation(views: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Divide what differs from the mean over time, along axis 0, by its usual deviation."""
+    stack = views - views.mean(axis=0)
+    return np.asarray(stack / (views.std(axis=0) + LEAST_DEVIATION), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Wave:
+    """A display whose pilots always toggle with the same signs."""
+
+    frequency: float
+    """Frequency at which it toggles, in periods for each nominal frame."""
+
+    def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
+        """Measure how each place toggles, over its deviation: (h, w) complex amplitudes."""
+        stack = views - views.mean(axis=0)
+        turns = waves(at, np.array([self.frequency]), np.zeros(1))[0].round(12)
+        line = np.tensordot(turns.astype(np.complex64), stack, axes=1)
+        return np.asarray(line / (stack.std(axis=0) + LEAST_DEVIATION), np.complex64)
+
+    def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
+        """Measure by how much each pixel changed in each period of the toggling: (K, h, w).
+
+        The phase of the toggling, which may slope across the display, is that of the pilots. A
+        period begins where the first state of a frame pair does, so that the bits of different
+        frame pairs are kept apart.
+        """
+        layout, places = maps.layout, np.asarray(at, np.float64)
+        pilots = [standing_out(v, layout).flat[layout.pilot_blocks] for v in maps.within(views)]
+        turns = waves(places, np.array([self.frequency]), np.zeros(1))[0]
+        (across, down), angle = common_phase(turns @ np.array(pilots), layout)
+        x, y = (place / 2 for place in maps.places())
+        turned = np.exp(-1j * (across * x + down * y[:, None] + angle)).astype(np.complex64)
+        periods = self.frequency * (places - places[0])
+        begun = np.floor(periods + angle / (2 * np.pi) - 0.25 + 1e-6)
+        usual = views.std(axis=0) + np.float32(LEAST_DEVIATION)
+        changes = []
+        for number in np.unique(begun):
+            taken = begun == number
+            wave = np.exp(-2j * np.pi * periods[taken])
+            wave -= wave.mean()
+            power = float((np.abs(wave) ** 2).sum())
+            if power < LEAST_WAVE:
+                continue
+            real, imaginary = (
+                np.tensordot(part.astype(np.float32), views[taken], axes=1)
+                for part in (wave.real / np.sqrt(power), wave.imag / np.sqrt(power))
+            )
+            changes.append((real * turned.real - imaginary * turned.imag) / usual)
+        return np.array(changes, np.float32)
+
+    def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
+        """Return None: a wave comes again with each frame pair, which tells no number."""
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class CodedToggling:
+    """A display whose frame pairs follow a code."""
+
+    clock: DisplayClock
+    """When the display shows which state, in nominal frames since the reference."""
+    code: PilotCode
+    """Code of the display."""
+
+    def _waves(self, at: Sequence[float], x: Array, y: Array) -> NDArray[np.float32]:
+        """Work out what a block of bit 1 shows, from -1 to 1: (T, h, 1) or (T, 1, w).
+
+        Args:
+            at: (T,) positions of the frames.
+            x: (w,) places from left to right, in [0, 1].
+            y: (h,) places from top to bottom, in [0, 1].
+        """
+        down = self.clock.delay_x == 0
+        along = y if down else x
+        places = np.full((len(along), 2), 0.5)
+        places[:, int(down)] = along
+        shares = embedded_share(np.array([astuple(self.clock)]), np.asarray(at), places, self.code)
+        shown = (2 * shares[0].T - 1).astype(np.float32)
+        return np.asarray(shown[:, :, None] if down else shown[:, None, :])
+
+    def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
+        """Measure how each place toggles, over its deviation: (h, w), real."""
+        x, y = ((np.arange(side) + 0.5) / side for side in views.shape[:0:-1])
+        shown = self._waves(at, x, y)
+        return np.asarray((over_deviation(views) * shown).sum(axis=0), np.complex64)
+
+    def period_changes(self, maps: GridMaps, views: Map, at: Sequence[float]) -> Map:
+        """Measure by how much each pixel changed in each frame pair: (K, h, w)."""
+        x, y = ((place + 1) / 2 for place in maps.places())
+        shown, stack = self._waves(at, x, y), over_deviation(views)
+        middle = np.asarray(at) + self.clock.centre
+        numbers = np.floor((middle - self.clock.start) / self.clock.period / 2)
+        changes = []
+        for number in np.unique(numbers):
+            taken = numbers == number
+            power = float((shown[taken] ** 2).sum(axis=0).mean())
+            if power >= LEAST_WAVE:
+                changes.append((stack[taken] * shown[taken]).sum(axis=0) / np.sqrt(power))
+        return np.array(changes, np.float32)
+
+    def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
+        """Give the clock by the camera's time, seconds."""
+        return in_seconds(self.clock, fps, origin)
