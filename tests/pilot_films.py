@@ -90,7 +90,7 @@ def filmed(
             row = message[state // 2 % len(message)]
             bits[layout.message_mask.reshape(-1)] = 2.0 * row - 1
         bits[layout.pilot_blocks] = pilot_signs(layout)
-        sign = 0.5 if state % 2 else -0.5
+        sign = 0.5 if layout.code.states_of(state // 2)[1] == state else -0.5
         change = cv2.resize(
             bits.reshape(layout.rows, layout.cols), (layout.width, layout.height), interpolation=0
         )

@@ -23,7 +23,7 @@ CLOCK_ERROR = 0.01
 """Share by which the clocks of camera and display may differ from their nominal rates."""
 PHASES = 2
 """Number of moments that are tried within a state."""
-DELAYS_S = np.arange(-24, 25, 8) / 1000
+DELAYS_S = np.arange(-32, 33, 8) / 1000
 SLOPES = np.array([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d])
 """(slopes, 2) times, in seconds, by which the right side of the display may be exposed after the
 left one, or the bottom after the top."""
@@ -97,9 +97,11 @@ class CodeSearch:
     ) -> list[CodeLock]:
         """Find the clocks by which values follow their signs most surely, the surest first.
 
-        With X_p the sum of a pilot's values times a clock's wave, the signs are regressed on X_p,
-        as `export.pilots.signal.pilot_evidence` does with amplitudes: by chance these explain the
-        share R2 of the signs' power with probability (1 - R2)^((P - 1) / 2), for P pilots.
+        Clocks are compared by how much of all values they explain over time, by least squares. To
+        tell whether that is chance, the signs are regressed on X_p, the sum of a pilot's values
+        times the clock's wave, as `export.pilots.signal.pilot_evidence` does with amplitudes: by
+        chance these explain the share R2 of the signs' power with probability
+        (1 - R2)^((P - 1) / 2), for P pilots.
 
         Args:
             values: (T, P) of P pilots.
@@ -110,16 +112,16 @@ class CodeSearch:
         series = np.asarray(values, np.float32)
         series = series - (self._drifts @ (self._drifts.T @ series)).astype(np.float32)
         lines = series.T @ self.waves.T  # (P, H)
-        share, slopes = self._best_slopes(lines, signs.astype(np.float32), places)
+        gain, slopes = self._best_slopes(lines, signs.astype(np.float32), places)
         kept: list[tuple[int, int]] = []
-        for flat in np.argsort(-share, axis=None):
+        for flat in np.argsort(-gain, axis=None):
             rate, phase = divmod(int(flat), self._steps)
             apart = [abs(phase - other) for at, other in kept if at == rate]
             if all(PHASES <= each <= self._steps - PHASES for each in apart):
                 kept.append((rate, phase))
             if len(kept) == count:
                 break
-        return [self._lock(at, slopes[at], float(share[at]), len(signs)) for at in kept]
+        return [self._lock(at, slopes[at], lines, signs, places) for at in kept]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
         """Find the clock by which one of many series follows the code most clearly.
@@ -136,7 +138,7 @@ class CodeSearch:
             heights = (self.waves @ np.asarray(series, np.float32)).max(axis=1) / norm
             if heights.max() > best:
                 best, found = float(heights.max()), int(heights.argmax())
-        return self._lock(divmod(found, self._steps), len(DELAYS_S) // 2, 0.0, 1).clock
+        return self._clock(divmod(found, self._steps), len(DELAYS_S) // 2)
 
     def _best_slopes(
         self, lines: NDArray[np.float32], signs: NDArray[np.float32], places: Array
@@ -144,37 +146,60 @@ class CodeSearch:
         """Choose for each rate and phase how exposure and writing go across the display.
 
         Returns:
-            (rates, phases) shares of the signs' power, 0 where they speak against the clock, and
+            (rates, phases) power that is explained, 0 where values speak against the clock, and
             the numbers of `SLOPES`.
         """
         shape = len(self._hz), self._steps
         best, chosen = np.zeros(shape), np.zeros(shape, np.intp)
-        centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
-        sums = []
+        energy = (self.waves**2).sum(axis=1).reshape(shape)
+        parts = []
         for axis in (0, 1):
-            part = np.minimum((places[:, axis] * SIDES).astype(np.intp), SIDES - 1)
-            within = (part == np.arange(SIDES)[:, None]).astype(np.float32)
-            along, power = (within * signs) @ lines, within @ lines**2  # (SIDES, H)
-            sums.append(np.stack([along, power], axis=1).reshape(SIDES, 2, *shape))
+            within = (_part(places[:, axis]) == np.arange(SIDES)[:, None]).astype(np.float32)
+            along = ((within * signs) @ lines).reshape(SIDES, *shape)
+            parts.append(np.stack([along, within.sum(axis=1)[:, None, None] * energy], axis=1))
         for at, slope in enumerate(SLOPES):
+            later = self._later(slope)[:, None]  # (SIDES, 1, rates, phases)
             axis = int(np.abs(slope).argmax())
-            steps = np.rint(PHASES * slope[axis] * np.outer(centres, self._hz)).astype(np.intp)
-            later = (np.arange(self._steps) + steps[:, :, None]) % self._steps
-            along, power = np.take_along_axis(sums[axis], later[:, None], axis=3).sum(axis=0)
-            share = np.maximum(along, 0) ** 2 / (len(signs) * power + 1e-9)
-            chosen = np.where(share > best, at, chosen)
-            best = np.maximum(best, share)
+            along, power = np.take_along_axis(parts[axis], later, axis=3).sum(axis=0)
+            gain = np.maximum(along, 0) ** 2 / (power + 1e-9)
+            chosen = np.where(gain > best, at, chosen)
+            best = np.maximum(best, gain)
         return best, chosen
 
-    def _lock(self, at: tuple[int, int], slope: int, share: float, count: int) -> CodeLock:
-        """Describe the clock of a rate and a phase, given by their numbers."""
+    def _later(self, slope: Array) -> NDArray[np.intp]:
+        """Give the phase at which each part of the display is: (SIDES, rates, phases)."""
+        centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
+        steps = np.rint(PHASES * np.outer(centres, self._hz) * slope.sum()).astype(np.intp)
+        return np.asarray((np.arange(self._steps) + steps[:, :, None]) % self._steps)
+
+    def _lock(
+        self,
+        at: tuple[int, int],
+        slope: int,
+        lines: NDArray[np.float32],
+        signs: Array,
+        places: Array,
+    ) -> CodeLock:
+        """Describe the clock of a rate and a phase, given by their numbers, and weigh it."""
+        later = self._later(SLOPES[slope])[:, at[0], at[1]]
+        part = _part(places[:, int(np.abs(SLOPES[slope]).argmax())])
+        X = lines[np.arange(len(signs)), at[0] * self._steps + later[part]].astype(np.float64)
+        share = float((signs @ X) ** 2 / (len(signs) * (X @ X) + 1e-9))
+        evidence = -(len(signs) - 1) / 2 * np.log(max(1 - share, 1e-12))
+        evidence -= np.log(len(self.waves) * len(SLOPES))
+        return CodeLock(self._clock(at, slope), max(0.0, float(evidence)))
+
+    def _clock(self, at: tuple[int, int], slope: int) -> DisplayClock:
+        """Make the clock of a rate and a phase, given by their numbers."""
         period = self._second / self._hz[at[0]]
         across, down = SLOPES[slope] * self._second
         start = self._middle - at[1] / PHASES * period + (across + down) / 2
-        numbers = (period, start, across, down, self._shutter[at[0]])
-        tried = len(self.waves) * len(SLOPES)
-        evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12)) - np.log(tried)
-        return CodeLock(DisplayClock(*map(float, numbers)), max(0.0, float(evidence)))
+        return DisplayClock(*map(float, (period, start, across, down, self._shutter[at[0]])))
+
+
+def _part(places: Array) -> NDArray[np.intp]:
+    """Number the parts along one side in which places in [0, 1] lie."""
+    return np.minimum((places * SIDES).astype(np.intp), SIDES - 1)
 
 
 def clocks_tried(code: PilotCode) -> int:

@@ -13,6 +13,7 @@ from export.pilots.search.parts import COARSE_SIZE, MANY, coarse_shift
 from export.pilots.search.proposals import Proposal, weigh
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes
+from link.pilot_code import PLAIN
 from link.types import Array
 
 SURE, SURE_SHARE = 16.0, 0.5
@@ -118,6 +119,8 @@ def settle(
     if best is fitted and fit is not None:
         k = yield from _through_lens(fit, start, frames[0])
         best = _moved(start, fit) if k else fitted
+    if layout.code != PLAIN:  # all frames that have come meanwhile tell more of the clock
+        _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps)
     return Settled(replace(best, toggling=toggling), evidence, k)
 
 

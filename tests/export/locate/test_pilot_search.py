@@ -16,13 +16,14 @@ from pilot_films import (
 )
 
 from export.pilots.motion import map_size
-from export.pilots.search.all_blocks import BlockFit, block_maps, period_changes
+from export.pilots.search.all_blocks import BlockFit, block_maps
 from export.pilots.search.climb import climb_to_pilots
 from export.pilots.search.parts import COARSE_SIZE, coarse_shift
 from export.pilots.search.pilot_search import PATIENCE_S, PilotSearch
 from export.pilots.search.toggle_map import ToggleMap
 from export.pilots.signal import pilot_evidence, pilot_signs
 from export.pilots.stabilise import Stabiliser, Tracks
+from export.pilots.toggling import Wave
 from export.pilots.waves import position, span_of, waves
 from link.errors import InputError
 from link.geometry import frame_corners, homography_from_corners, transform
@@ -275,7 +276,7 @@ OFF = np.array([[5.0, -3.0], [-4.0, 2.0], [3.0, 4.0], [-2.0, -5.0]])
 
 def fitted_by_blocks(views: Floats, frequency: float) -> Array:
     """Corners, in layout pixels, to which the fit by all blocks moves those of the views."""
-    fit = BlockFit(block_maps(FINE), views, range(len(views)), frequency)
+    fit = BlockFit(block_maps(FINE), views, range(len(views)), Wave(frequency))
     for _ in range(6):
         if fit.step():
             break
@@ -296,7 +297,7 @@ def test_all_blocks_lead_to_parts_of_a_pixel(frames_a_period: int, slope: float)
 def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> None:
     """Corners were found as if the lens bent nothing."""
     views = block_views(FINE, off, 24, 4, k=k)
-    fit = BlockFit(block_maps(FINE), views, range(24), 0.25)
+    fit = BlockFit(block_maps(FINE), views, range(24), Wave(0.25))
     H_captured_from_view = homography_from_corners(BENT_CORNERS, 512, 384) @ np.linalg.inv(
         homography_from_corners(frame_corners(512, 384) + off, 512, 384)
     )
@@ -313,7 +314,10 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(k: float, off: Array) -> N
 @pytest.mark.parametrize("toggling", [3.0, 0.0])
 def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: float) -> None:
     fit = BlockFit(
-        block_maps(FINE), block_views(FINE, 0 * OFF, 24, 4, toggling=toggling), range(24), 0.25
+        block_maps(FINE),
+        block_views(FINE, 0 * OFF, 24, 4, toggling=toggling),
+        range(24),
+        Wave(0.25),
     )
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     fit.step()
@@ -323,7 +327,7 @@ def test_no_lens_is_seen_where_none_bends_and_where_nothing_toggles(toggling: fl
 def test_a_display_in_a_corner_of_the_image_tells_of_no_lens() -> None:
     """A small display is hardly bent, and noise does not make it look so."""
     small = 100 + 0.2 * BENT_CORNERS
-    fit = BlockFit(block_maps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), 0.25)
+    fit = BlockFit(block_maps(FINE), block_views(FINE, 0 * OFF, 24, 4), range(24), Wave(0.25))
     fit.free_lens(small, BENT_SIZE)
     fit.step()
     assert not fit.bends()
@@ -343,7 +347,7 @@ def test_changes_of_frame_pairs_are_kept_apart() -> None:
     blocks = np.array(
         [
             cv2.resize(np.ascontiguousarray(change), (32, 24), interpolation=cv2.INTER_AREA)
-            for change in maps.within(period_changes(maps, views, range(24), 0.25))
+            for change in maps.within(Wave(0.25).period_changes(maps, views, range(24)))
         ]
     ).reshape(-1, 24 * 32)
     signs = np.sign(blocks[:, FINE.pilot_blocks])

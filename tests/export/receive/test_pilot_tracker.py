@@ -194,7 +194,7 @@ def test_the_pilots_are_looked_at_with_patience(monkeypatch: pytest.MonkeyPatch)
     """Some looks without evidence are borne, one with evidence makes good for them."""
     tracker = PilotTracker([OTHER], FPS)
     said = iter([9.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0])
-    monkeypatch.setattr(pilots_module, "pilot_evidence", lambda *_: (next(said), 0.1))
+    monkeypatch.setattr(pilots_module, "find_toggling", lambda *_: (next(said), None))
     view = np.full((OTHER.height, OTHER.width), 90, np.uint8)
     tracked = pilots_module.Tracked(np.zeros((4, 2)), view)
     still = [tracker._still_there(tracked, n / FPS) for n in range(8 * CHECK_EVERY)]
