@@ -49,11 +49,7 @@ STEPS = {
     "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
     "ablation": "lab ablation --keep",
-    "ideal": (
-        "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
-        "--frames 8 --label ideal --keep"
-    ),
-    "paper": ("lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"),
+    "paper": "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep",
     "codecs": "lab codecs --variants lossless h264-8000 h264-4000 --runs 3 --keep",
     "delivery": "lab delivery --runs 6 --keep",
 }
