@@ -10,10 +10,10 @@ from conftest import ROOT, Command
 
 from data_gen.frame_pair import Cell, Source
 from lab import __main__ as lab
-from lab.comparison.ablation.page import ablation_figure, ablation_tables
-from lab.comparison.ablation.results import Ablation
-from lab.comparison.ablation.study import STUDY, compare_rows
-from lab.comparison.ablation.switches import ADDED, REMOVED, ROWS, row_method
+from lab.ablation.page import ablation_figure, ablation_tables
+from lab.ablation.results import Ablation
+from lab.ablation.study import STUDY, compare_rows
+from lab.ablation.switches import ADDED, REMOVED, ROWS, row_method
 from lab.study import Results, read_results, write_results
 from link.layout import Layout
 from models.neural.checkpoint import save_checkpoint

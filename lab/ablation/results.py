@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from lab.comparison.ablation.switches import ADDED, REMOVED, WHOLE_DECODERS
+from lab.ablation.switches import ADDED, REMOVED, WHOLE_DECODERS
 from reports.engine.checked import Count, Number, Share
 from reports.score.paired import Paired
 from reports.score.reliability import Bin

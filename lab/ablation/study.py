@@ -14,9 +14,9 @@ import pandas as pd
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from lab.comparison.ablation.page import ablation_figure, ablation_tables
-from lab.comparison.ablation.results import Ablation, AblationEntry, CellBehind
-from lab.comparison.ablation.switches import ROWS, WHOLE_DECODERS, row_method
+from lab.ablation.page import ablation_figure, ablation_tables
+from lab.ablation.results import Ablation, AblationEntry, CellBehind
+from lab.ablation.switches import ROWS, WHOLE_DECODERS, row_method
 from lab.study import Picture, Results, Study, StudyFlags, Workshop
 from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
@@ -39,7 +39,7 @@ class AblationFlags(StudyFlags):
     conditions: tuple[str, ...] = tuple(SETTINGS)
     """Settings of the channel, named in reports/engine/conditions.py."""
     rows: tuple[str, ...] = ROWS
-    """Rows, named in lab/comparison/ablation/switches.py; the references oorc and full always
+    """Rows, named in lab/ablation/switches.py; the references oorc and full always
     join."""
     learned: bool = True
     """Add the trained decoder."""

@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from lab.comparison.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
-from lab.comparison.ablation.switches import WHOLE_DECODERS
+from lab.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
+from lab.ablation.switches import WHOLE_DECODERS
 from reports.render.charts import in_style
 from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
 from reports.score.paired import MIN_FRAMES, Paired
