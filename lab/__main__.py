@@ -13,7 +13,6 @@ from link.errors import choose
 
 STUDIES = {
     "ablation": ("lab.ablation.study", "which switch of the decoder pays, and where"),
-    "channel": ("lab.simulation.channel", "what each effect of the simulated channel costs"),
     "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
     "film": ("lab.films.film", "what windows of film tell beyond frame pairs"),
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),

@@ -46,7 +46,6 @@ RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
 """Flags of the rates that are measured with three camera-display pairs."""
 STEPS = {
     "table": "",
-    "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
     "ablation": "lab ablation --keep",
     "paper": "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep",

@@ -12,7 +12,7 @@ from export.visibility.flicker import (
     largest_kappa,
     message_visibility,
 )
-from export.visibility.line_code import amplitudes
+from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.errors import ParameterError
@@ -192,7 +192,7 @@ def square_wave_table() -> Table:
                     viewing = replace(
                         Viewing(*grid, kappa=kappa, states_hz=states), picture_level=level
                     )
-                    shown = amplitudes("on_off", [1] * 4 * states, viewing.refreshes)
+                    shown = shown_amplitudes("on_off", [1] * 4 * states, viewing.refreshes)
                     seen.append(contrast_over_threshold(shown, viewing, window_s=2.0).mean)
                 cells.append(f"{seen[1]:.2f} ({max(seen):.2f})")
             rows.append([f"{grid[0]} × {grid[1]}", str(states), *cells])

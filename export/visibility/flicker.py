@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike
 
 from export.visibility.chroma import colour_over_threshold, opponent_change
 from export.visibility.elatcsf import flicker_sensitivity
-from export.visibility.line_code import amplitudes
+from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import Viewing, Where
 from link.embed import MAX_KAPPA
 from link.errors import InputError, ParameterError
@@ -172,7 +172,7 @@ def random_message(
     """
     wanted = round(seconds * viewing.refresh_hz)
     bits = rng.integers(0, 2, wanted // (2 * viewing.refreshes) + 2)
-    return amplitudes(line_code, bits, viewing.refreshes)[:wanted]
+    return shown_amplitudes(line_code, bits, viewing.refreshes)[:wanted]
 
 
 def message_visibility(

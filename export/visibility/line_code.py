@@ -22,7 +22,7 @@ CODE_OF_MODULATION = {"on_off": "on_off", "antipodal": "toggle"}
 sender shows each bit once."""
 
 
-def amplitudes(line_code: str, bits: ArrayLike, refreshes: int = 1) -> Array:
+def shown_amplitudes(line_code: str, bits: ArrayLike, refreshes: int = 1) -> Array:
     """Make what a block shows for a row of bits.
 
     Args:
@@ -36,9 +36,9 @@ def amplitudes(line_code: str, bits: ArrayLike, refreshes: int = 1) -> Array:
     Raises:
         InputError: the line code is unknown, or the bits are of another shape or other values.
 
-    >>> amplitudes("toggle", [1, 0, 0])
+    >>> shown_amplitudes("toggle", [1, 0, 0])
     array([-0.5,  0.5,  0.5, -0.5,  0.5, -0.5])
-    >>> amplitudes("on_off", [1, 0], refreshes=2)
+    >>> shown_amplitudes("on_off", [1, 0], refreshes=2)
     array([0., 0., 1., 1., 0., 0., 0., 0.])
     """
     at_least(1, refreshes=refreshes)

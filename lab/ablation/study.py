@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
 from lab.ablation.page import ablation_figure, ablation_tables
 from lab.ablation.results import Ablation, AblationEntry, CellBehind
 from lab.ablation.switches import ROWS, WHOLE_DECODERS, row_method
-from lab.study import Picture, Results, Study, StudyFlags, Workshop
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
 from models.neural.checkpoint import load_checkpoint
@@ -152,10 +153,10 @@ def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
     return blocks
 
 
-def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Picture]:
+def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Figure]:
     """Draw the paired differences, and the diagram of reliability where it was measured."""
     ablation = (results.get("ablation") or next(iter(results.values()))).content
-    pictures: dict[str, Picture] = {"ablation.png": ablation_figure(ablation)}
+    pictures = {"ablation.png": ablation_figure(ablation)}
     if ablation.curves:
         names = [*dict.fromkeys(entry.condition for entry in ablation.entries), ALL]
         pictures["reliability.png"] = reliability_figure(ablation.curves, names)

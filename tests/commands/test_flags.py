@@ -229,9 +229,9 @@ def test_names_and_texts_that_cannot_be(
 
 @cases(
     ("x", "unknown study 'x'; choose one of: "),
-    ("channel --jobs 0", "--jobs: need at least 1"),
-    ("channel --seed -1", "--seed: need 0 to"),
-    ("channel --nothing", "Unrecognized options: --nothing"),
+    ("visibility --jobs 0", "--jobs: need at least 1"),
+    ("visibility --seed -1", "--seed: need 0 to"),
+    ("visibility --nothing", "Unrecognized options: --nothing"),
     ("delivery --views 1000000", "--views: need an angle"),
     ("delivery --preset x", "unknown preset 'x'"),
     ("delivery --kappa 1000", "--kappa: need 1 to 64"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import cases
 
-from export.visibility.line_code import amplitudes
+from export.visibility.line_code import shown_amplitudes
 from link.errors import InputError, ParameterError
 
 
@@ -13,13 +13,13 @@ from link.errors import InputError, ParameterError
     ("toggle", [-0.5, 0.5, 0.5, -0.5]),
 )
 def test_a_one_and_a_zero(name: str, expected: list[float]) -> None:
-    assert amplitudes(name, [1, 0]).tolist() == expected
-    assert amplitudes(name, [1, 0], 3).tolist() == np.repeat(expected, 3).tolist()
+    assert shown_amplitudes(name, [1, 0]).tolist() == expected
+    assert shown_amplitudes(name, [1, 0], 3).tolist() == np.repeat(expected, 3).tolist()
 
 
 @pytest.mark.parametrize("bits", [[2], [[0, 1]], [0.5]])
 def test_other_bits_are_refused(bits: list[int]) -> None:
     with pytest.raises(InputError, match="0 and 1"):
-        amplitudes("toggle", bits)
+        shown_amplitudes("toggle", bits)
     with pytest.raises(ParameterError, match="refreshes"):
-        amplitudes("toggle", [1], 0)
+        shown_amplitudes("toggle", [1], 0)
