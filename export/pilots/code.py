@@ -31,6 +31,8 @@ NO_SLOPE = len(DELAYS_S) // 2
 """Number of the slope at which the whole display is exposed at once."""
 SIDES = 4
 """Number of parts along each side of the display that are each taken to be exposed at once."""
+RIVAL = 2
+"""Distance of clocks in the newest frame, in states, from which they are rivals."""
 OPEN = 0.5
 """Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
 DRIFT = 3
@@ -46,6 +48,9 @@ class CodeLock:
     evidence: float
     """Natural logarithm of the probability that chance does as well, with the sign turned; what was
     tried is paid for."""
+    rival: float
+    """Largest share of what it explains that a clock explains which shows quite another state in
+    the newest frame."""
 
 
 class CodeSearch:
@@ -85,6 +90,7 @@ class CodeSearch:
         self._hz = np.array(_rates(float(since[-1] - since[0]) / second))
         self._steps = 2 * PHASES * code.period
         period = second / self._hz
+        self._newest = PHASES * since[-1] / period[:, None] + np.arange(self._steps)
         self._shutter = OPEN * np.minimum(period, 1 / fps)
         clocks = np.zeros((len(self._hz), self._steps, 5))
         clocks[:, :, 0], clocks[:, :, 4] = period[:, None], self._shutter[:, None]
@@ -139,7 +145,7 @@ class CodeSearch:
                 kept.append((rate, phase))
             if len(kept) == count:
                 break
-        return [self._lock(at, slopes[at], values) for at in kept]
+        return [self._lock(at, slopes[at], gain, values) for at in kept]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
         """Find the clock that the parts of a display follow most clearly, each by its best series.
@@ -164,7 +170,9 @@ class CodeSearch:
         steps = np.rint(PHASES * np.outer(centres, self._hz) * slope.sum()).astype(np.intp)
         return np.asarray((np.arange(self._steps) + steps[:, :, None]) % self._steps)
 
-    def _lock(self, at: tuple[int, int], slope: int, values: NDArray[np.floating]) -> CodeLock:
+    def _lock(
+        self, at: tuple[int, int], slope: int, gain: Array, values: NDArray[np.floating]
+    ) -> CodeLock:
         """Describe the clock of a rate and a phase, given by their numbers, and weigh it."""
         part = self._part[:, _axis(SLOPES[slope])]
         wave = self.waves[at[0] * self._steps + self._later[slope][part, at[0], at[1]]]  # (P, T)
@@ -173,7 +181,10 @@ class CodeSearch:
         share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
         evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12))
         evidence -= np.log(len(self.waves) * len(SLOPES))
-        return CodeLock(self._clock(at, slope), max(0.0, float(evidence)))
+        apart = (self._newest - self._newest[at] + self._steps / 2) % self._steps - self._steps / 2
+        rivals = gain[np.abs(apart) >= RIVAL * PHASES]
+        rival = float(rivals.max() / (gain[at] + 1e-9))
+        return CodeLock(self._clock(at, slope), max(0.0, float(evidence)), rival)
 
     def _clock(self, at: tuple[int, int], slope: int) -> DisplayClock:
         """Make the clock of a rate and a phase, given by their numbers."""
