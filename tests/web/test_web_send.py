@@ -255,6 +255,28 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
 
 
 @pytest.mark.slow
+def test_the_later_of_text_and_file_is_sent(sender: Page, tmp_path: Path) -> None:
+    sender.fill("#text", "typed")
+    sender.set_input_files("#file", given_file("menu.txt", b"chosen"))
+    assert "The file menu.txt, sent in place of the text, has 6 of" in text_of(sender, "cost")
+    n_bits = PRESETS["robust"].layout.n_bits
+    for message in (b"chosen", b"typed again"):
+        rows = encode(message, n_bits)
+        assert save(sender, tmp_path / "saved.html")["bits"] == ["".join(map(str, r)) for r in rows]
+        sender.fill("#text", "typed again")
+    assert "The message has 11 of" in text_of(sender, "cost")
+
+
+@pytest.mark.slow
+def test_a_player_without_a_loop_leads_to_the_page_that_sends(sender: Page, address: str) -> None:
+    said: list[str] = []
+    sender.on("console", lambda message: said.append(message.text))
+    sender.goto(address.replace("send.html", "player.html"))
+    wait_for(sender, lambda: sender.url == address)
+    assert said == []
+
+
+@pytest.mark.slow
 def test_a_large_picture_is_shrunk_to_the_usual_display(sender: Page, tmp_path: Path) -> None:
     write_image(tmp_path / "large.png", np.zeros((3000, 4000), np.uint8))
     sender.set_input_files("#picture", tmp_path / "large.png")
@@ -405,7 +427,7 @@ SEEN_AT = np.array([[93, 61], [886, 84], [858, 667], [120, 650]], np.float32)
 
 
 def states_of(page: Page, player: Path) -> Iterator[Image]:
-    """What a window of 640 x 480 shows of a file's states, (480, 640, 3) uint8, two loops or more."""
+    """What a window of 640 x 480 shows of two loops or more of a file's states."""
     page.goto(player.resolve().as_uri())
     wait_for(page, lambda: page.evaluate("Boolean(window.player?.ready)"))
     page.evaluate("player.pause(), player.step(-player.state)")
