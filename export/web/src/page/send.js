@@ -99,7 +99,7 @@ function sayCost() {
   const size = length();
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
   const [file] = byId("file").files;
-  const message = file ? `The file ${file.name}, sent in place of the text,` : "The message";
+  const message = file ? `The file “${file.name}”, sent in place of the text,` : "The message";
   const better = better_fps > needs_fps ? `, better ${better_fps}` : "";
   byId("cost").textContent =
     `${purpose} Its flicker is ${seen} times what is just seen from ${distance_m} m. ` +
