@@ -496,7 +496,7 @@ def test_what_the_page_shows_is_read_by_both_receivers(
             if arrived is None:
                 receiver.push(frame, number / fps, str(number))
                 arrived = number if receiver.inbox.last else None
-            elif number == arrived + 24:
+            elif number >= max(arrived + 24, 96):
                 break
     assert receiver.inbox.last, receiver.explanation
     assert receiver.inbox.last.data == MESSAGES[kind]
@@ -509,4 +509,4 @@ def test_what_the_page_shows_is_read_by_both_receivers(
     with page.expect_download() as saved:
         page.locator("#keep").click()
     assert saved.value.path().read_bytes() == MESSAGES[kind]
-    print(f"{name}, {kind}: {arrived} frames of {number}, {arrived / fps:.1f} s")
+    print(f"{name}, {kind}: {arrived / fps:.1f} s; {page.text_content('#details')}")
