@@ -258,7 +258,7 @@ def test_a_message_that_is_empty_or_huge_is_refused(sender: Page, tmp_path: Path
 def test_the_later_of_text_and_file_is_sent(sender: Page, tmp_path: Path) -> None:
     sender.fill("#text", "typed")
     sender.set_input_files("#file", given_file("menu.txt", b"chosen"))
-    assert "The file \u201cmenu.txt\u201d, sent in place of the text, has 6 of" in text_of(sender, "cost")
+    assert "\u201cmenu.txt\u201d, sent in place of the text, has 6" in text_of(sender, "cost")
     n_bits = PRESETS["robust"].layout.n_bits
     for message in (b"chosen", b"typed again"):
         rows = encode(message, n_bits)
@@ -496,7 +496,7 @@ def test_what_the_page_shows_is_read_by_both_receivers(
             if arrived is None:
                 receiver.push(frame, number / fps, str(number))
                 arrived = number if receiver.inbox.last else None
-            elif number >= max(arrived + 24, 96):
+            elif number >= max(1.5 * arrived, 96):  # the page may need a little more
                 break
     assert receiver.inbox.last, receiver.explanation
     assert receiver.inbox.last.data == MESSAGES[kind]
