@@ -475,10 +475,6 @@ def filmed(states: Iterator[Image], name: str) -> Iterator[Image]:
 def test_what_the_page_shows_is_read_by_both_receivers(
     name: str, kind: str, sender: Page, address: str, open_window: OpenWindow, tmp_path: Path
 ) -> None:
-    coarse = np.random.default_rng(4).uniform(60, 220, (7, 9, 3)).astype(np.float32)
-    smooth = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_CUBIC)
-    write_image(tmp_path / "picture.png", smooth.clip(0, 255).astype(np.uint8))
-    sender.set_input_files("#picture", tmp_path / "picture.png")
     give(sender, kind)
     sender.select_option("#preset", name)
     save(sender, tmp_path / "player.html")
