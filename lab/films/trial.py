@@ -336,8 +336,10 @@ class FilmReading:
 
     def _note(self, step: ReceiverStep) -> None:
         """Compare what the receiver read with what was shown."""
-        for pair in step.pairs:
-            scores = pair.soft.scores
+        n_bits = self._filmed.bits.shape[1]
+        for scores in (pair.soft.scores for pair in step.pairs):
+            if len(scores) != n_bits:
+                continue  # a print was read, which has another layout
             shown = nearest_frame(scores, self._filmed.bits)
             self._wrong += int(((scores > 0) != shown).sum())
             self._decided += len(shown)

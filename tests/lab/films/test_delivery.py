@@ -119,9 +119,8 @@ def test_patches_that_stand_still_are_where_they_are_asked_for() -> None:
 @pytest.mark.parametrize("label", STORED)
 def test_the_stored_summary_is_that_of_the_stored_runs(label: str) -> None:
     flags, content = STORED[label].meta["flags"], STORED[label].content
-    settings = FilmSettings(
-        **{key: flags[key] for key in ("preset", "grid", "kappa", "state_hz", "fps", "n_bytes")}
-    )
+    given = ("preset", "grid", "kappa", "state_hz", "fps", "n_bytes", "still")
+    settings = FilmSettings(**{key: flags.get(key) for key in given})
     assert settings.name(flags["seed"]) == label
     found = delivery.summarise_deliveries(content.runs, settings)
     for row, expected in zip(found, content.summary, strict=True):

@@ -98,15 +98,18 @@ function sayCost() {
   const { purpose, needs_fps, better_fps, seen, distance_m, longest_bytes, n_bits, loop } = chosen();
   const size = length();
   const pairs = framesNeeded(Math.min(Math.max(size, 1), longest_bytes), n_bits);
+  const [file] = byId("file").files;
+  const message = file ? `The file “${file.name}”, sent in place of the text,` : "The message";
   const better = better_fps > needs_fps ? `, better ${better_fps}` : "";
   byId("cost").textContent =
     `${purpose} Its flicker is ${seen} times what is just seen from ${distance_m} m. ` +
     `It needs a camera of ${needs_fps} frames a second${better}. ` +
-    `The message has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
+    `${message} has ${numberOf(size)} of at most ${numberOf(longest_bytes)} bytes, and comes ` +
     `round every ${numberOf((2 * pairs) / loop.state_hz)} s.`;
   byId("flicker").hidden = !loop.flicker;
 }
 
+byId("text").addEventListener("input", () => (byId("file").value = "")); // the later choice counts
 for (const id of ["text", "file", "key", "preset"]) byId(id).addEventListener("input", sayCost);
 
 // ---- The loop
