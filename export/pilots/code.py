@@ -90,7 +90,6 @@ class CodeSearch:
         self._hz = np.array(_rates(float(since[-1] - since[0]) / second))
         self._steps = 2 * PHASES * code.period
         period = second / self._hz
-        self._newest_at = float(times[-1])
         self._newest = PHASES * since[-1] / period[:, None] + np.arange(self._steps)
         self._shutter = OPEN * np.minimum(period, 1 / fps)
         clocks = np.zeros((len(self._hz), self._steps, 5))
@@ -116,9 +115,7 @@ class CodeSearch:
             for slope, later in zip(SLOPES, self._later, strict=True)
         ]
 
-    def strongest(
-        self, values: NDArray[np.floating], count: int = 1, near: DisplayClock | None = None
-    ) -> list[CodeLock]:
+    def strongest(self, values: NDArray[np.floating], count: int = 1) -> list[CodeLock]:
         """Find the clocks by which values follow their signs most surely, the surest first.
 
         Clocks are compared by how much of all values they explain over time, by least squares. To
@@ -130,7 +127,6 @@ class CodeSearch:
         Args:
             values: (T, P) values of the places, of alike noise.
             count: number of clocks, none of them within a state of another.
-            near: a clock that other frames have told; only those that are about equal are tried.
         """
         shape = len(self._hz), self._steps
         sums = (self._signs_within @ np.asarray(values, np.float32).T) @ self.waves.T
@@ -141,8 +137,6 @@ class CodeSearch:
             explained = np.maximum(along, 0) ** 2 / (self._powers[at] + 1e-9)
             slopes = np.where(explained > gain, at, slopes)
             gain = np.maximum(gain, explained)
-        tried = np.ones(shape, bool) if near is None else self._near(near)
-        gain = np.where(tried, gain, 0.0)
         kept: list[tuple[int, int]] = []
         for flat in np.argsort(-gain, axis=None):
             rate, phase = divmod(int(flat), self._steps)
@@ -151,8 +145,7 @@ class CodeSearch:
                 kept.append((rate, phase))
             if len(kept) == count:
                 break
-        trials = float(tried.sum()) * len(SLOPES)
-        return [self._lock(at, slopes[at], gain, values, trials) for at in kept]
+        return [self._lock(at, slopes[at], gain, values) for at in kept]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
         """Find the clock that the parts of a display follow most clearly, each by its best series.
@@ -171,17 +164,6 @@ class CodeSearch:
             total += heights**2 / powers
         return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)
 
-    def _apart(self, phase: float) -> Array:
-        """Tell how far all clocks are, in the newest frame, from a phase: (rates, phases)."""
-        half = self._steps / 2
-        return np.asarray(np.abs((self._newest - phase + half) % self._steps - half))
-
-    def _near(self, clock: DisplayClock) -> NDArray[np.bool_]:
-        """Tell which clocks are no rivals of one in the newest frame, and of its rate."""
-        number = clock.number(self._newest_at + (clock.delay_x + clock.delay_y) / 2)
-        alike = np.abs(self._hz * clock.period / self._second - 1) <= 2 * CLOCK_ERROR
-        return np.asarray((self._apart(PHASES * number) < RIVAL * PHASES) & alike[:, None])
-
     def _phases_of_parts(self, slope: Array) -> NDArray[np.intp]:
         """Give the phase at which each part of the display is: (SIDES, rates, phases)."""
         centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
@@ -189,12 +171,7 @@ class CodeSearch:
         return np.asarray((np.arange(self._steps) + steps[:, :, None]) % self._steps)
 
     def _lock(
-        self,
-        at: tuple[int, int],
-        slope: int,
-        gain: Array,
-        values: NDArray[np.floating],
-        trials: float,
+        self, at: tuple[int, int], slope: int, gain: Array, values: NDArray[np.floating]
     ) -> CodeLock:
         """Describe the clock of a rate and a phase, given by their numbers, and weigh it."""
         part = self._part[:, _axis(SLOPES[slope])]
@@ -203,8 +180,9 @@ class CodeSearch:
         count = len(X)
         share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
         evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12))
-        evidence -= np.log(trials)
-        rivals = gain[self._apart(self._newest[at]) >= RIVAL * PHASES]
+        evidence -= np.log(len(self.waves) * len(SLOPES))
+        apart = (self._newest - self._newest[at] + self._steps / 2) % self._steps - self._steps / 2
+        rivals = gain[np.abs(apart) >= RIVAL * PHASES]
         rival = float(rivals.max() / (gain[at] + 1e-9))
         return CodeLock(self._clock(at, slope), max(0.0, float(evidence)), rival)
 

@@ -84,11 +84,7 @@ class Toggling(Protocol):
 
 
 def find_toggling(
-    values: Sequence[NDArray[np.floating]],
-    layout: Layout,
-    at: Sequence[float],
-    fps: float,
-    near: Toggling | None = None,
+    values: Sequence[NDArray[np.floating]], layout: Layout, at: Sequence[float], fps: float
 ) -> tuple[float, Toggling]:
     """Tell how surely values over time toggle with the pilots' signs, in any way.
 
@@ -97,8 +93,6 @@ def find_toggling(
         layout: with P pilots.
         at: (T,) positions of the frames, rising.
         fps: nominal number of frames in a second.
-        near: the way in which they toggle, where other frames have told it by a code; None where
-            all ways are tried.
 
     Returns:
         evidence: natural logarithm of the probability that chance does as well, with the sign
@@ -109,9 +103,7 @@ def find_toggling(
         evidence, frequency = pilot_evidence(values, layout, at)
         return evidence, Wave(frequency)
     places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
-    search = code_search(layout, places, fps)
-    known = near.clock if isinstance(near, CodedToggling) else None
-    (lock,) = search.strongest(over_deviation(np.array(picked)), near=known)
+    (lock,) = code_search(layout, places, fps).strongest(over_deviation(np.array(picked)))
     return lock.evidence, CodedToggling(lock.clock, layout.code, lock.rival < UNCLEAR)
 
 

@@ -30,8 +30,6 @@ from link.types import Corners, Image
 
 GLANCES = 4
 """Number of quadrilaterals that are glanced at in one step."""
-SHIFTED = 4
-"""Number of quadrilaterals, the likeliest, about which displays with a code are looked for."""
 STEPS_HZ = 60.0
 """Number of steps of the search that are done in a second, at least: the frames of a slow camera
 leave time for several."""
@@ -86,7 +84,6 @@ class PilotSearch:
         self._watch: Watch | None = None
         self._proposer: Proposer | None = None
         self._work: Search | None = None
-        self._went_on = False
 
     def push(self, image: Image, time: float) -> PilotDisplay | None:
         """Take the next frame.
@@ -104,8 +101,11 @@ class PilotSearch:
             self._give_up()
             newest = None
         if watch is None or newest is None:
-            self._watch = Watch(image, time, self._fps, picture_moves=self.picture_moves)
-            self._went_on, self._proposer, self._work = False, None, None
+            longer = 2 if self._failed and self._coded else 1
+            self._watch = Watch(
+                image, time, self._fps, picture_moves=self.picture_moves, longer=longer
+            )
+            self._proposer = self._work = None
             self._surest_seen = 0.0
             return None
         if self._proposer is None:  # now the film can be held still
@@ -123,9 +123,6 @@ class PilotSearch:
             try:
                 next(self._work)
             except StopIteration as end:
-                if end.value is None and self._coded and not self._went_on:
-                    self._go_on(watch, self._proposer)
-                    return None
                 return self._ended(end.value, watch)
         patience = PATIENCE_S * 2 ** min(self._failed // 2, MOST_DOUBLED)
         return self._ended(None, watch) if watch.seen > patience * self._fps else None
@@ -133,12 +130,6 @@ class PilotSearch:
     def doubt_picture(self) -> None:
         """Take the picture for one that moves, or no longer for one, from the next search on."""
         self.picture_moves = not self.picture_moves
-
-    def _go_on(self, watch: Watch, proposer: Proposer) -> None:
-        """Search again with twice the frames: with each of them, a code's moments differ more."""
-        self._went_on, self._work = True, None
-        for frame in watch.go_on():
-            self._look_at(frame, watch, proposer)
 
     def _give_up(self) -> None:
         """Choose how the next search begins after one in vain."""
@@ -194,9 +185,9 @@ class PilotSearch:
                 return found
         ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
         doubtful = []
-        for rank, quad in enumerate(quads[number] for number in ranked):
+        for quad in (quads[number] for number in ranked):
             for turn in (0, 1):
-                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < SHIFTED)
+                fit = proposer.first_fit(np.roll(quad, -turn, axis=0))
                 yield None
                 if fit is None:
                     continue

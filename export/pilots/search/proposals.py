@@ -42,16 +42,13 @@ class Proposal:
     """How it may toggle."""
 
 
-def weigh(
-    proposal: Proposal, frames: Sequence[HeldFrame], fps: float, near: Toggling | None = None
-) -> tuple[float, Toggling]:
+def weigh(proposal: Proposal, frames: Sequence[HeldFrame], fps: float) -> tuple[float, Toggling]:
     """Weigh a proposal by frames in full.
 
     Args:
         proposal: where a display may be, and what it may show.
         frames: frames of the film.
         fps: nominal number of frames of the camera in a second.
-        near: the way in which its pilots toggle, where frames before these have told it.
 
     Returns:
         the evidence, before it pays for what was tried, and how its pilots toggle in the frames.
@@ -62,7 +59,7 @@ def weigh(
         if view is None:
             return 0.0, proposal.toggling
         values.append(pilot_values(view, proposal.layout))
-    return find_toggling(values, proposal.layout, positions(frames), fps, near)
+    return find_toggling(values, proposal.layout, positions(frames), fps)
 
 
 class Proposer:
@@ -196,12 +193,8 @@ class Proposer:
         found = display_candidates(even, FAINT_CANDIDATES)
         return [self._watch.on_image(candidate.corners) for candidate in found]
 
-    def first_fit(self, quad: Array, *, coded: bool) -> Proposal | None:
+    def first_fit(self, quad: Array) -> Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
-
-        Args:
-            quad: (4, 2) pixels of the reference frame.
-            coded: whether layouts with a code are fitted, too, which takes longer.
 
         Returns:
             what fits best after a shift, or None where nothing does.
@@ -209,8 +202,6 @@ class Proposer:
         views, at = self._watch.small_views(quad).astype(np.float32), positions(self._watch.frames)
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:
-            if layout.code != PLAIN and not coded:
-                continue
             blocks = expected_changes(layout)
             for turn in (0, 2):
                 shown = blocks[::-1, ::-1] if turn else blocks

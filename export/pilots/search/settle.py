@@ -107,7 +107,7 @@ def settle(
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
         while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
             yield None
-        if weigh(best, agreeing, watch.fps, toggling)[0] < CONFIRMED:
+        if weigh(best, agreeing, watch.fps)[0] < CONFIRMED:
             return None
         if evidence < needed:
             evidence, toggling = weigh(best, [*frames, *agreeing], watch.fps)
