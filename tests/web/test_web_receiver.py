@@ -45,7 +45,7 @@ def test_states_are_put_together_as_by_python(port, name):
         )
         for number in range(12)
     ]
-    ported_clock = port("receive/timing/clock.js").DisplayClock(*astuple(clock))
+    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
     ported = [
         {"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view}
         for frame in frames

@@ -42,6 +42,19 @@ export function pilotSigns(layout) {
 }
 
 /**
+ * Give the centres of the pilots on the display.
+ *
+ * @param {Layout} layout
+ * @returns {Point[]} x and y in [0, 1]
+ */
+export function pilotCentres({ rows, cols, pilotBlocks }) {
+  return Array.from(pilotBlocks, (block) => [
+    ((block % cols) + 0.5) / cols,
+    (Math.floor(block / cols) + 0.5) / rows,
+  ]);
+}
+
+/**
  * List the expected changes of the blocks: the pilots' signs, 0 elsewhere.
  *
  * @param {Layout} layout
@@ -217,7 +230,7 @@ function axisSums(real, imaginary, signs, { of, count, cosines, sines }, times) 
  * frequencies are those of whole periods in the time that the frames cover, up to the fastest that
  * the camera can see, so that more are paid for where frames are missing in between.
  *
- * @param {readonly ArrayLike<number>[]} values - (pilots,) for each of some frames
+ * @param {readonly Float32Array[]} values - (pilots,) for each of some frames
  * @param {Layout} layout - with these pilots
  * @param {readonly number[]} at - positions of the frames (waves.js), rising
  * @returns {{ evidence: number, frequency: number }} `evidence` is the natural logarithm of the
@@ -234,8 +247,7 @@ export function pilotEvidence(values, layout, at) {
   if (frequencies < 1) return { evidence: 0, frequency: 0 };
   const phases = signedPhases(layout);
   const taken = values.slice(values.length - frames);
-  const { mean, scale } = usual(taken);
-  const series = taken.map((now) => mean.map((middle, p) => (now[p] - middle) * scale[p]));
+  const series = overDeviation(taken);
   const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
     Array.from({ length: count }, (_, i) => (from + i) / span);
   const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
@@ -307,12 +319,12 @@ function explainedShare(real, imaginary, phases) {
 }
 
 /**
- * Find the mean of values over time, and by what they are multiplied for their deviation to be 1.
+ * Divide what differs from the mean over time by its usual deviation.
  *
- * @param {readonly ArrayLike<number>[]} values - (n,) for each of some frames
- * @returns {{ mean: Float64Array, scale: Float64Array }} (n,) each
+ * @param {readonly Float32Array[]} values - (n,) for each of some frames
+ * @returns {Float32Array[]} (n,) for each
  */
-export function usual(values) {
+export function overDeviation(values) {
   const mean = new Float64Array(values[0].length);
   const scale = new Float64Array(mean.length);
   for (const now of values) for (let i = 0; i < mean.length; i++) mean[i] += now[i];
@@ -323,5 +335,5 @@ export function usual(values) {
   for (let i = 0; i < mean.length; i++) {
     scale[i] = 1 / (Math.sqrt(scale[i] / values.length) + LEAST_DEVIATION);
   }
-  return { mean, scale };
+  return values.map((now) => now.map((value, i) => (value - mean[i]) * scale[i]));
 }

@@ -12,7 +12,7 @@ import { CLIPPED, CUT } from "./diagnosis.js";
 import { FilmDesk, SURE } from "./film.js";
 import { fillUnseen, unseenBlocks } from "./unseen.js";
 import { Occlusion } from "./occlusion.js";
-import { averageState, blockPurity, composeState, pointsInView } from "./states.js";
+import { averageState, blockPurity, composeState, pointsInView, unseenState } from "./states.js";
 import { Synchroniser } from "./timing/synchronise.js";
 import { makeToggles } from "./timing/toggles.js";
 import { CornerShift } from "./tracking/corners.js";
@@ -21,7 +21,7 @@ import { CornerShift } from "./tracking/corners.js";
 /** @typedef {import("../link/code/message.js").Message} Message */
 /** @typedef {import("./tracking/patches.js").Tracked} Tracked */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
-/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
+/** @typedef {import("../pilots/clock.js").DisplayClock} DisplayClock */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReader;
@@ -216,13 +216,13 @@ export class DisplayReader {
     this.#toggles = makeToggles(this.layout);
     this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, BUFFER) : null;
     /** Finds and holds the display's clock. */
-    this.sync = new Synchroniser(fps, this.#toggles);
+    this.sync = new Synchroniser(fps, this.#toggles, this.layout.code);
     this.collector.startRun();
   }
 
   /** Forget the clock and the frames that wait for it; the collector keeps what it has. */
   restart() {
-    this.sync = new Synchroniser(this.#fps, this.#toggles);
+    this.sync = new Synchroniser(this.#fps, this.#toggles, this.layout.code);
     this.#slips = 0;
     this.#buffer = [];
     this.#desk?.clear();
@@ -254,12 +254,13 @@ export class DisplayReader {
    */
   async take(tracked, time, width, height) {
     const start = performance.now();
-    const { anew, before = [] } = tracked;
+    const { anew, before = [], clock } = tracked;
     if (anew) {
       this.#desk?.clear();
       this.#corners = new CornerShift(this.layout);
       for (const waiting of this.#buffer) waiting.moved = null;
     }
+    if (clock) this.sync.begin(clock, time);
     for (const earlier of before) this.#keep(earlier.seen, earlier.time, width, height, false);
     const inView = this.#keep(tracked, time, width, height, before.length === 0);
     this.#sight.see(tracked.rectified, time, inView);
@@ -373,8 +374,9 @@ export class DisplayReader {
     const start = performance.now();
     const buffer = this.#buffer;
     const frames = buffer.map(({ frame }) => frame);
-    const original = composeState(frames, clock, 2 * number);
-    const embedded = composeState(frames, clock, 2 * number + 1);
+    let [original, embedded] = this.layout.code
+      .statesOf(number)
+      .map((state) => composeState(frames, clock, state));
     let over = 0;
     while (
       over < buffer.length &&
@@ -383,6 +385,11 @@ export class DisplayReader {
       over++;
     }
     const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
+    if (this.#desk !== null) {
+      // it reads what a slow camera sees of one state alone
+      original ??= unseenState(embedded);
+      embedded ??= unseenState(original);
+    }
     if (original && embedded) this.#waiting.push({ number, original, embedded, moved });
     this.#timing.add("compose", start);
   }

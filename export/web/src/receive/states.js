@@ -6,7 +6,7 @@ import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
 
-/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
+/** @typedef {import("../pilots/clock.js").DisplayClock} DisplayClock */
 
 export const { PURE, MESH } = receiveStates;
 
@@ -90,6 +90,16 @@ export function composeState(frames, clock, number) {
     weight: share.map((value, at) => Number(value >= limit[at])),
   }));
   return { image: weightedMean(chosen), purity, frames: used.length };
+}
+
+/**
+ * Stand in for a state that no frame holds, beside one that some hold: nothing is pure.
+ *
+ * @param {DisplayState | null} other
+ * @returns {DisplayState | null}
+ */
+export function unseenState(other) {
+  return other && { image: other.image, purity: new Float64Array(MESH * MESH), frames: 0 };
 }
 
 /**

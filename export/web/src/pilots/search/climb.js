@@ -16,9 +16,9 @@ import {
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "../motion.js";
-import { signedPhases, sumsAlong } from "../signal.js";
+import { pilotCentres, signedPhases, sumsAlong } from "../signal.js";
 
-/** @typedef {import("./parts.js").Amplitudes} Amplitudes */
+/** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 
 export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = pilotsSearchClimb;
 
@@ -43,11 +43,9 @@ export function climbToPilots(change, layout) {
   const imaginary = averaged({ width, height, data: change.imaginary }, [blockX, blockY]);
   const phases = signedPhases(layout);
   const pilots = layout.pilotBlocks.length;
-  const centres = Array.from(layout.pilotBlocks, (block) => {
-    const row = Math.floor(block / layout.cols);
-    const col = block % layout.cols;
-    return /** @type {Point} */ ([(col + 0.5) * blockX - 0.5, (row + 0.5) * blockY - 0.5]);
-  });
+  const centres = pilotCentres(layout).map(
+    ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
+  );
 
   const share = (/** @type {Point[]} */ corners) => {
     const H = homographyFromCorners(corners, width, height);

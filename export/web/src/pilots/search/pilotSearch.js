@@ -20,7 +20,7 @@ import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, evidenceSteps,
+  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
@@ -49,8 +49,9 @@ const BEGIN_WORK = 6;
  * A display that its pilots have given away: the layout that it shows, one of those that were
  * looked for; its corners in the newest frame, from the top left of the displayed picture on; the
  * natural logarithm of the odds against chance, after paying for everything that was tried; its
- * corners in the frame with which the search began; the coefficient of the lens; and the frames
- * before the newest one, from the oldest on, of those that are kept.
+ * corners in the frame with which the search began; the coefficient of the lens; when it shows which
+ * state, where its code tells; and the frames before the newest one, from the oldest on, of those
+ * that are kept.
  *
  * @typedef {{
  *   layout: Layout,
@@ -58,6 +59,7 @@ const BEGIN_WORK = 6;
  *   evidence: number,
  *   firstCorners: Point[],
  *   k: number,
+ *   clock: import("../clock.js").DisplayClock | null,
  *   held: HeldFrame[],
  * }} PilotDisplay
  */
@@ -137,10 +139,11 @@ export class PilotSearch {
       this.#watch = null;
       this.#failed = 0;
       const { proposal, evidence, k } = step.value;
-      const { layout, corners } = proposal;
+      const { layout, corners, toggling } = proposal;
       const newest = watch.newest.corners(corners);
+      const clock = toggling.clockInSeconds(this.fps, watch.start);
       const held = watch.held.slice(0, -1);
-      return { layout, corners: newest, evidence, firstCorners: corners, k, held };
+      return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
     }
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
     return watch.seen > patience * this.fps ? this.#fail() : null;
@@ -173,7 +176,7 @@ export class PilotSearch {
   *#search(watch) {
     const edges = yield* candidateSteps(watch.reference, CANDIDATES);
     const corners = edges.map((edge) => edge.corners);
-    const proposer = new Proposer(watch, corners, this.layouts, this.fps);
+    const proposer = new Proposer(watch, corners, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;
     proposer.add();
@@ -225,7 +228,7 @@ export class PilotSearch {
    * @returns {Steps<Settled | null>}
    */
   *#weighAndSettle(proposal, watch) {
-    const evidence = yield* evidenceSteps(proposal, watch.frames);
+    const { evidence } = yield* weighSteps(proposal, watch.frames, watch.fps);
     return yield* this.#settle(proposal, evidence, watch);
   }
 

@@ -15,8 +15,6 @@ const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HEL
 /** Holds the frames of a film still against the camera's motion since a reference frame. */
 export class Watch {
   #stabiliser;
-  #start;
-  #fps;
   #most;
   /** Frames watched so far; none before the edges of the reference are known. @type {HeldFrame[]} */
   frames = [];
@@ -31,8 +29,8 @@ export class Watch {
    */
   constructor(reference, time, fps, pictureMoves) {
     this.reference = reference;
-    this.#start = time;
-    this.#fps = fps;
+    this.start = time;
+    this.fps = fps;
     this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps));
     this.#stabiliser = new Stabiliser(reference, pictureMoves);
     const { width, height } = this.#stabiliser.reference;
@@ -44,6 +42,12 @@ export class Watch {
     this.confirming = Math.floor((2 * this.window) / 3);
     /** The newest frames of all. */
     this.held = [new HeldFrame(reference, identity(3), 0, time)];
+  }
+
+  /** The frames watched, and of those that came later the newest. */
+  get all() {
+    const last = this.frames[this.frames.length - 1].at;
+    return [...this.frames, ...this.held.filter(({ at }) => at > last)];
   }
 
   /** The newest frame. */
@@ -61,7 +65,7 @@ export class Watch {
   take(gray, time) {
     const H = this.#stabiliser.follow(gray);
     if (H === null) return false;
-    const at = position(time - this.#start, this.#fps);
+    const at = position(time - this.start, this.fps);
     this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
     if (this.held.length > this.#most) this.held.shift();
     this.seen++;

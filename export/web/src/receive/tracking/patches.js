@@ -37,13 +37,15 @@ const THUMBNAIL_STEP = 4;
  * rectified image, of the layout's size. `anew` says that the display was just found at a place of
  * which nothing is known from the frames before: by its pilots, or elsewhere than what was followed.
  * `before` has frames before this one in which the display lies, too: their times, in seconds, and
- * the display in them; of one that was just found by its pilots.
+ * the display in them; of one that was just found by its pilots. `clock` says when it shows which
+ * state, where its pilots' code told it.
  *
  * @typedef {{
  *   corners: Point[],
  *   rectified: BytePlane,
  *   anew?: boolean,
  *   before?: { time: number, seen: Tracked }[],
+ *   clock?: import("../../pilots/clock.js").DisplayClock | null,
  * }} Tracked
  */
 

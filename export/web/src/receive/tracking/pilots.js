@@ -3,8 +3,9 @@
 import { receiveTrackingPilots } from "../../generated/constants.js";
 import { identity, multiply3 } from "../../link/linear.js";
 import { movedCorners } from "../../pilots/motion.js";
-import { pilotEvidence, pilotValues } from "../../pilots/signal.js";
 import { PilotSearch } from "../../pilots/search/pilotSearch.js";
+import { pilotValues } from "../../pilots/signal.js";
+import { findToggling } from "../../pilots/toggling.js";
 import { position } from "../../pilots/waves.js";
 import { Follower } from "./follow.js";
 
@@ -89,7 +90,7 @@ export class PilotTracker {
     this.#start = time;
     this.#count = this.#missed = 0;
     const tracked = this.#accept(image, found.corners, true);
-    return tracked && { ...tracked, anew: true, before: this.#before(found) };
+    return tracked && { ...tracked, anew: true, before: this.#before(found), clock: found.clock };
   }
 
   /**
@@ -150,7 +151,7 @@ export class PilotTracker {
     }
     this.#count++;
     if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
-    const { evidence } = pilotEvidence(this.#values, layout, this.#at);
+    const { evidence } = findToggling(this.#values, layout, this.#at, this.fps);
     this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
     return this.#missed < (this.#count > WATCHED ? PATIENCE : 1);
   }
