@@ -31,6 +31,9 @@ SIDES = 4
 """Number of parts along each side of the display that are each taken to be exposed at once."""
 OPEN = 0.5
 """Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
+SURER = 1 + 1e-5
+"""Factor by which a later slope must explain more than those before: slopes may be the same in the
+steps that are tried, and rounding must not choose."""
 DRIFT = 3
 """Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure."""
 
@@ -162,8 +165,8 @@ class CodeSearch:
             axis = int(np.abs(slope).argmax())
             along, power = np.take_along_axis(parts[axis], later, axis=3).sum(axis=0)
             gain = np.maximum(along, 0) ** 2 / (power + 1e-9)
-            chosen = np.where(gain > best, at, chosen)
-            best = np.maximum(best, gain)
+            better = gain > SURER * best
+            chosen, best = np.where(better, at, chosen), np.where(better, gain, best)
         return best, chosen
 
     def _later(self, slope: Array) -> NDArray[np.intp]:

@@ -13,7 +13,7 @@ import { lengthOf, takeOut } from "./waves.js";
 
 /** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
 
-const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, SIDES, OPEN, DRIFT } = pilotsCode;
+const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, SIDES, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
 /** Number of `SLOPES` that is no slope. */
@@ -161,7 +161,7 @@ export class CodeSearch {
             power += part.pilots * this.#energy[there];
           });
           const explained = Math.max(along, 0) ** 2 / power;
-          if (explained <= gain[at]) continue;
+          if (explained <= SURER * gain[at]) continue;
           gain[at] = explained;
           chosen[at] = slope;
         }

@@ -1,0 +1,138 @@
+"""The page finds a coded display's rate, moment and clock as Python does."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from conftest import cases
+from pilot_films import BlockMeans, filmed
+from port import Port, same
+from test_web_clock import numbers_of
+from tolerances import CLOCKS_APART, FITTED, FLOAT32_SUM, FLOAT64, PILOT_CHANGE, SAME_STEPS
+
+from export.pilots.clock import DisplayClock, embedded_share
+from export.pilots.code import CodeSearch, clocks_tried
+from export.pilots.search.all_blocks import block_maps
+from export.pilots.search.pilot_search import PilotSearch
+from export.pilots.signal import pilot_centres, pilot_signs
+from export.pilots.toggling import CodedToggling, find_toggling
+from export.receive.reader import DisplayReader
+from link.layout import make_layout
+from link.pilot_code import PilotCode
+from link.types import Array
+
+CODE = PilotCode()
+LAYOUT = make_layout(24, 32, modulation="antipodal", pilots="auto", code=CODE)
+"""A grid that small films show well, with the code of the preset hidden."""
+FPS = 30.0
+
+
+def coded_values(times: Array, clock: DisplayClock, strength: float) -> Array:
+    """(T, P) values of pilots that follow the code in noise, and drift."""
+    rng = np.random.default_rng(3)
+    shares = embedded_share(np.array([astuple(clock)]), times, pilot_centres(LAYOUT), CODE)[0].T
+    noise = rng.standard_normal(shares.shape)
+    drift = times[:, None] * rng.standard_normal(LAYOUT.pilots)
+    return strength * (2 * shares - 1) * pilot_signs(LAYOUT) + noise + drift
+
+
+def test_codes_order_states_and_share_exposures(port: Port) -> None:
+    page, module = port("link/pilotCode.js"), port("pilots/clock.js")
+    code = page.PilotCode(CODE.signs.tolist())
+    pairs = [-130, -1, 0, 1, 2, 62, 63, 1000]
+    assert [code.sign(pair) for pair in pairs] == [CODE.sign(pair) for pair in pairs]
+    assert [tuple(code.statesOf(pair)) for pair in pairs] == [CODE.states_of(p) for p in pairs]
+    assert (code.period, code.isPlain, page.PLAIN.isPlain) == (CODE.period, False, True)
+    assert port("pilots/code.js").clocksTried(code) == clocks_tried(CODE)
+    numbers, times = np.array([1 / 60, 0.3, 0.004, 0.012, 0.01]), np.arange(-40, 90) / 29.9
+    places = np.random.default_rng(0).random((9, 2))
+    found = module.embeddedShare(numbers, times, places, code)
+    same(found, embedded_share(numbers[None], times, places, CODE)[0], 10 * SAME_STEPS)
+
+
+@cases(
+    (60.0, 0.016, 24),
+    (59.7, 0.0, 40),
+    (120.0, -0.024, 30),
+    (24.0, 0.008, 26),
+    ids=["half", "slow", "fast", "long"],
+)
+def test_clocks_of_a_code_are_those_of_python(hz: float, delay: float, frames: int, port: Port):
+    """At rates below, at and above that of the camera; a frame is missing."""
+    times = np.delete(np.arange(frames + 1), 7) / FPS
+    clock = DisplayClock(1 / hz, 0.21, 0.0, delay, 0.4 / hz)
+    values = coded_values(times, clock, 1.5)
+    signs, places = pilot_signs(LAYOUT), pilot_centres(LAYOUT)
+    search = CodeSearch(CODE, times, FPS)
+    code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
+    ported = port("pilots/code.js").CodeSearch(code, times.tolist(), FPS)
+    same(np.asarray(ported.waves).reshape(len(times), -1).T, search.waves, FLOAT32_SUM)
+    known = search.strongest(values, signs, places, 4)
+    found = ported.strongest(list(values), signs, places, 4)
+    for lock, ported_lock in zip(known, found, strict=True):
+        same(numbers_of(ported_lock.clock), astuple(lock.clock), FLOAT64)
+        same(ported_lock.evidence, lock.evidence, FLOAT32_SUM)
+    assert known[0].evidence > 20
+    assert abs(1 / known[0].clock.period / hz - 1) < CLOCKS_APART
+    series = np.concatenate([values[:, signs > 0], values[:, signs < 0][:, :4]], axis=1)
+    highest = ported.highest([np.ascontiguousarray(line) for line in series.T])
+    same(numbers_of(highest), astuple(search.highest([series])), FLOAT64)
+
+
+@pytest.mark.parametrize("delays", [(0.0, 0.3), (-0.25, 0.0)], ids=["down", "across"])
+def test_what_a_code_changes_is_measured_as_by_python(
+    delays: tuple[float, float], port: Port
+) -> None:
+    """In maps, and in frame pairs; positions count nominal frames."""
+    clock, at = DisplayClock(0.5, 3.1, *delays, 0.3), np.delete(np.arange(20), 5).tolist()
+    toggling, module = CodedToggling(clock, CODE), port("pilots/toggling.js")
+    code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
+    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
+    ported = module.CodedToggling(ported_clock, code)
+    maps = block_maps(LAYOUT)
+    rng = np.random.default_rng(1)
+    views = rng.normal(90, 9, (len(at), *maps.size[::-1])).astype(np.float32)
+    planes = port("pilots/search/allBlocks.js").blockMaps(LAYOUT)
+    run = port("link/code/steps.js").runToEnd
+    changes = run(ported.changeSteps(planes, list(views), at))
+    same(np.array(changes), toggling.period_changes(maps, views, at), PILOT_CHANGE)
+    series = port("pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
+    line = ported.amplitudes(series, at, maps.size)
+    same(np.asarray(line.real), toggling.amplitudes(views, at).real.reshape(-1), PILOT_CHANGE)
+    seconds = ported.clockInSeconds(FPS, 7.5)
+    same(numbers_of(seconds), astuple(toggling.clock_in_seconds(FPS, 7.5)), SAME_STEPS)
+
+
+def test_pilots_tell_how_they_toggle(port: Port) -> None:
+    """More frames than are looked at."""
+    at = np.arange(70.0)
+    values = coded_values(at / FPS, DisplayClock(1 / 60, 0.1, 0.0, 0.016, 0.008), 1.0)
+    values = values.astype(np.float32)
+    evidence, toggling = find_toggling(list(values), LAYOUT, at.tolist(), FPS)
+    found = port("pilots/toggling.js").findToggling(list(values), LAYOUT, at.tolist(), FPS)
+    same(found.evidence, evidence, 10 * FLOAT32_SUM)
+    same(numbers_of(found.toggling.clock), astuple(toggling.clock), FLOAT64)
+    assert evidence > 20
+
+
+def read(search, reader_of, images):
+    """The frame at which a film's display is found, and the display."""
+    for number, image in enumerate(images):
+        found = search.push(image, number / FPS)
+        if found is not None:
+            return number, found
+    raise AssertionError("not found")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dark", [False, True], ids=["edges", "no edges"])
+def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
+    """By a camera of half the display's rate, which sees what plain pilots would hide."""
+    images, truth = filmed(LAYOUT, 120, seed=4, hold=1, dark=dark)
+    images, truth = images[::2], truth[::2]
+    frame, known = read(PilotSearch([LAYOUT], FPS), None, images)
+    page = port("pilots/search/pilotSearch.js").PilotSearch([LAYOUT], FPS)
+    found_frame, found = read(page, None, images)
+    print(frame, found_frame, known.clock, numbers_of(found.clock), known.evidence, found.evidence)
+    print(np.abs(known.corners - truth[frame]).max(), np.abs(found.corners - truth[found_frame]).max())
+    assert found.clock.number(0.0) % 126 == pytest.approx(known.clock.number(0.0) % 126, abs=0.5)
