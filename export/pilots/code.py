@@ -32,8 +32,8 @@ SIDES = 4
 OPEN = 0.5
 """Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
 SURER = 1 + 1e-5
-"""Factor by which a later slope must explain more than those before: slopes may be the same in the
-steps that are tried, and rounding must not choose."""
+"""Factor by which a clock must explain more than those before it: clocks may show the same in all
+frames, and rounding must not choose."""
 DRIFT = 3
 """Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure."""
 
@@ -117,13 +117,10 @@ class CodeSearch:
         lines = series.T @ self.waves.T  # (P, H)
         gain, slopes = self._best_slopes(lines, signs.astype(np.float32), places)
         kept: list[tuple[int, int]] = []
-        for flat in np.argsort(-gain, axis=None):
-            rate, phase = divmod(int(flat), self._steps)
-            apart = [abs(phase - other) for at, other in kept if at == rate]
-            if all(PHASES <= each <= self._steps - PHASES for each in apart):
-                kept.append((rate, phase))
-            if len(kept) == count:
-                break
+        for _ in range(count):
+            rate, phase = divmod(int((SURER * gain >= gain.max()).argmax()), self._steps)
+            gain[rate, np.arange(phase + 1 - PHASES, phase + PHASES) % self._steps] = -1
+            kept.append((rate, phase))
         return [self._lock(at, slopes[at], lines, signs, places) for at in kept]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:

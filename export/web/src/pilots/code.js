@@ -9,13 +9,15 @@
 import { pilotsCode } from "../generated/constants.js";
 import { roundHalfEven } from "../image/round.js";
 import { DisplayClock, embeddedShare } from "./clock.js";
-import { lengthOf, takeOut } from "./waves.js";
+import { alongWave, lengthOf, takeOut } from "./waves.js";
 
 /** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
 
 const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, SIDES, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
+/** Largest number of series that are compared with all clocks. */
+const COMPARED = 256;
 /** Number of `SLOPES` that is no slope. */
 const NO_SLOPE = SLOPES.findIndex(([across, down]) => across === 0 && down === 0);
 /** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
@@ -65,10 +67,10 @@ export class CodeSearch {
     }
     const count = this.#hz.length * this.#steps;
     /**
-     * What a block of sign 1 shows at the display's centre, less drifts: (T, H) by H clocks, those
-     * of a rate one after the other.
+     * What a block of sign 1 shows at the display's centre, less drifts: in each frame, (H,) by H
+     * clocks, those of a rate one after the other.
      */
-    this.waves = new Float32Array(since.length * count);
+    this.waves = times.map(() => new Float32Array(count));
     this.#energy = new Float64Array(count);
     for (let at = 0; at < count; at++) {
       const { period, shutter } = this.#clock(at, NO_SLOPE);
@@ -76,7 +78,7 @@ export class CodeSearch {
       const numbers = Float64Array.of(period, start, 0, 0, shutter);
       const shares = embeddedShare(numbers, since, new Float64Array(2), code);
       const wave = takeOut(shares.map((share) => 2 * share - 1), this.#drifts);
-      wave.forEach((value, t) => (this.waves[t * count + at] = value));
+      wave.forEach((value, t) => (this.waves[t][at] = value));
       this.#energy[at] = lengthOf(wave) ** 2;
     }
   }
@@ -98,8 +100,8 @@ export class CodeSearch {
   strongest(values, signs, places, count = 1) {
     const { gain, chosen } = this.#bestSlopes(values, signs, places);
     return Array.from({ length: count }, () => {
-      let top = 0;
-      for (let at = 1; at < gain.length; at++) if (gain[at] > gain[top]) top = at;
+      const most = gain.reduce((greatest, each) => Math.max(greatest, each));
+      const top = gain.findIndex((each) => SURER * each >= most);
       for (let near = 1 - PHASES; near < PHASES; near++) gain[this.#later(top, near)] = -1;
       return this.#lock(top, chosen[top], values, signs, places);
     });
@@ -108,8 +110,8 @@ export class CodeSearch {
   /**
    * Find the clock by which one of many series follows the code most clearly.
    *
-   * A series cannot follow any clock more clearly than its own length, less drifts, allows: the
-   * longest come first, and the others need not be compared once one is found.
+   * A series cannot follow any clock more clearly than its own length, less drifts, allows. So the
+   * longest alone are compared, one after the other, as long as they can do better.
    *
    * @param {Float64Array[]} matches - series (T,) of alike noise
    * @returns {DisplayClock} the clock, without delays across the display
@@ -118,13 +120,16 @@ export class CodeSearch {
     const lengths = matches.map((each) => lengthOf(takeOut(each.slice(), this.#drifts)));
     const scale = this.#energy.map((energy) => 1 / (Math.sqrt(energy) + 1e-6));
     let [most, best] = [0, 0];
-    for (const number of [...lengths.keys()].sort((one, two) => lengths[two] - lengths[one])) {
-      if (lengths[number] <= most) break;
-      const heights = this.#along(matches[number]);
-      for (let at = 0; at < heights.length; at++) {
-        if (heights[at] * scale[at] <= most) continue;
-        most = heights[at] * scale[at];
-        best = at;
+    const longest = [...lengths.keys()].sort((one, two) => lengths[two] - lengths[one]);
+    for (let i = 0; i < COMPARED && lengths[longest[i]] > most; i += 2) {
+      const [one, other] = [longest[i], longest[i + 1] ?? longest[i]].map((at) => matches[at]);
+      const along = alongWave(this.waves, { real: one, imaginary: other });
+      for (const heights of [along.real, along.imaginary]) {
+        for (let at = 0; at < heights.length; at++) {
+          if (heights[at] * scale[at] <= most) continue;
+          most = heights[at] * scale[at];
+          best = at;
+        }
       }
     }
     return this.#clock(best, NO_SLOPE);
@@ -140,33 +145,39 @@ export class CodeSearch {
    *   values speak against the clock, and numbers of `SLOPES`
    */
   #bestSlopes(values, signs, places) {
-    const count = this.#energy.length;
-    const gain = new Float64Array(count);
-    const chosen = new Uint8Array(count);
-    const parts = [0, 1].map((axis) =>
-      Array.from({ length: SIDES }, (_, side) => {
-        const within = signs.map((sign, p) => (partOf(places[2 * p + axis]) === side ? sign : 0));
-        const line = values.map((now) => within.reduce((sum, sign, p) => sum + sign * now[p], 0));
-        return { along: this.#along(line), pilots: within.filter(Boolean).length };
-      }),
-    );
-    SLOPES.forEach((_, slope) => {
-      for (let rate = 0; rate < this.#hz.length; rate++) {
-        const later = this.#laterBy(rate, slope);
-        for (let at = rate * this.#steps; at < (rate + 1) * this.#steps; at++) {
-          let [along, power] = [0, 1e-9];
-          parts[AXES[slope]].forEach((part, side) => {
-            const there = this.#later(at, later[side]);
-            along += part.along[there];
-            power += part.pilots * this.#energy[there];
-          });
-          const explained = Math.max(along, 0) ** 2 / power;
-          if (explained <= SURER * gain[at]) continue;
-          gain[at] = explained;
-          chosen[at] = slope;
-        }
-      }
+    const gain = new Float64Array(this.#energy.length);
+    const chosen = new Uint8Array(gain.length);
+    const parts = Array.from({ length: SIDES }, (_, side) => {
+      const within = [0, 1].map((axis) =>
+        signs.map((sign, p) => (partOf(places[2 * p + axis]) === side ? sign : 0)),
+      );
+      const [real, imaginary] = within.map((weights) =>
+        Float64Array.from(values, (now) => weights.reduce((sum, sign, p) => sum + sign * now[p], 0)),
+      );
+      const { real: across, imaginary: down } = alongWave(this.waves, { real, imaginary });
+      return { along: [across, down], pilots: within.map((each) => each.filter(Boolean).length) };
     });
+    for (let first = 0, rate = 0; first < gain.length; first += this.#steps, rate++) {
+      SLOPES.forEach((_, slope) => {
+        const along = new Float64Array(this.#steps);
+        const power = new Float64Array(this.#steps).fill(1e-9);
+        this.#laterBy(rate, slope).forEach((later, side) => {
+          const [sums, pilots] = [parts[side].along[AXES[slope]], parts[side].pilots[AXES[slope]]];
+          let there = this.#later(first, later);
+          for (let phase = 0; phase < this.#steps; phase++) {
+            along[phase] += sums[there];
+            power[phase] += pilots * this.#energy[there];
+            if (++there === first + this.#steps) there = first;
+          }
+        });
+        for (let phase = 0; phase < this.#steps; phase++) {
+          const explained = Math.max(along[phase], 0) ** 2 / power[phase];
+          if (explained <= SURER * gain[first + phase]) continue;
+          gain[first + phase] = explained;
+          chosen[first + phase] = slope;
+        }
+      });
+    }
     return { gain, chosen };
   }
 
@@ -181,36 +192,19 @@ export class CodeSearch {
    * @returns {CodeLock}
    */
   #lock(at, slope, values, signs, places) {
-    const count = this.#energy.length;
     const later = this.#laterBy(Math.floor(at / this.#steps), slope);
     let [along, power] = [0, 0];
     for (let p = 0; p < signs.length; p++) {
       const wave = this.#later(at, later[partOf(places[2 * p + AXES[slope]])]);
       let X = 0;
-      values.forEach((now, t) => (X += now[p] * this.waves[t * count + wave]));
+      values.forEach((now, t) => (X += now[p] * this.waves[t][wave]));
       along += signs[p] * X;
       power += X * X;
     }
     const share = along ** 2 / (signs.length * power + 1e-9);
-    const paid = Math.log(count * SLOPES.length);
+    const paid = Math.log(this.#energy.length * SLOPES.length);
     const chance = ((signs.length - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
     return { clock: this.#clock(at, slope), evidence: Math.max(0, -chance) };
-  }
-
-  /**
-   * Sum a series times each wave.
-   *
-   * @param {ArrayLike<number>} series - (T,)
-   * @returns {Float64Array} (H,)
-   */
-  #along(series) {
-    const count = this.#energy.length;
-    const sums = new Float64Array(count);
-    for (let t = 0, from = 0; t < series.length; t++, from += count) {
-      const value = series[t];
-      for (let at = 0; at < count; at++) sums[at] += value * this.waves[from + at];
-    }
-    return sums;
   }
 
   /**
