@@ -49,8 +49,7 @@ class EvaluateConfig(SourceFlags):
     kappas: tuple[int, ...] = (5, 3)
     """Gray levels added for a bit 1."""
     methods: tuple[str, ...] = tuple(DECODERS)
-    """Decoders to compare, or "package.module:Class" for your own (docs/extend.md); "ideal" and
-    "ideal_change" are floors under them, slow and for the simulation alone (data_gen/ideal.py)."""
+    """Decoders to compare, or "package.module:Class" for your own (docs/extend.md)."""
     frames: int = 15
     """Number of frame pairs in each cell; the paper has 25 (text) to 75 (15 pictures with 5
     messages each)."""

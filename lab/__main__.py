@@ -12,18 +12,14 @@ from link.cli import run_cli
 from link.errors import choose
 
 STUDIES = {
-    "ablation": ("lab.comparison.ablation.study", "which switch of the decoder pays, and where"),
-    "channel": ("lab.simulation.channel", "what each effect of the simulated channel costs"),
-    "clock": ("lab.films.clock", "how often a clock is found, and where there is none"),
-    "codecs": ("lab.films.codecs", "what codecs and phones cost the receiver"),
+    "ablation": ("lab.ablation.study", "which switch of the decoder pays, and where"),
     "delivery": ("lab.films.delivery", "how often and how soon a message arrives from video"),
     "film": ("lab.films.film", "what windows of film tell beyond frame pairs"),
-    "flicker": ("lab.visibility.flicker", "what it looks like: a page that flickers"),
     "page": ("lab.films.page", "the receiver in the browser beside Python's"),
     "pilot_search": ("lab.films.pilot_search", "how often displays are found by their pilots"),
     "rates": ("lab.films.rates", "how fast presets deliver a message"),
     "today": ("lab.films.today", "what cameras and displays of today read, and what disturbs them"),
-    "visibility": ("lab.visibility.presets", "how visible the presets and other settings are"),
+    "visibility": ("lab.visibility", "how visible the presets and other settings are"),
 }
 """Module that holds each study as ``STUDY``, and the question that it answers, by its name."""
 

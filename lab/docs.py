@@ -46,29 +46,13 @@ RATES_THREE = "--pairs canon-lg nikon-samsung sony-imac"
 """Flags of the rates that are measured with three camera-display pairs."""
 STEPS = {
     "table": "",
-    "channel": "lab channel --keep",
     "visibility": "lab visibility --keep",
     "ablation": "lab ablation --keep",
-    "ideal": (
-        "lab ablation --conditions kappa1 60deg 70deg --rows oorc --no-learned --ideal "
-        "--frames 8 --label ideal --keep"
-    ),
-    "paper": ("lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep"),
-    "codecs": "lab codecs --variants lossless h264-8000 h264-4000 --runs 3 --keep",
+    "paper": "lab ablation --conditions paper --rows oorc full --frames 170 --label paper --keep",
     "delivery": "lab delivery --runs 6 --keep",
 }
 """Commands by the name of their step, as they follow ``python -m``, in the order in which they are
 run; empty for `measure_table`."""
-STEPS |= {
-    f"codecs_{block}": f"lab codecs {flags} --runs 1 --block {block} --keep"
-    for block, flags in {
-        "phones": "--kappas 3 --views 45",
-        "phones_robust": "--preset robust --kappas 3 --views 45 --n-bytes 1000",
-        "phones_fast": "--preset fast --state-hz 30 --fps 60 --kappas 3 --views 0 --n-bytes 5000",
-        "phones_hidden": "--preset hidden --state-hz 60 --fps 120 --kappas 1 --views 0"
-        f" --n-bytes 2000 {RATES_THREE}",
-    }.items()
-}
 STEPS |= {
     f"delivery_{name}": f"lab delivery --runs 4 {THREE} {flags} --keep"
     for name, flags in {

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lab.comparison.ablation.results import AblationEntry
-from lab.comparison.ablation.study import STUDY as ABLATION
+from lab.ablation.results import AblationEntry
+from lab.ablation.study import STUDY as ABLATION
 from lab.study import Results, Study, stored_results
 from reports.render.tables import Table, percent, share_interval, summary_table
 from reports.score.accuracy import read_scores
@@ -22,8 +22,6 @@ HARDER = {
 """Conditions beyond the paper, by their names in the ablation, and what the table calls them."""
 DECODER_ROWS = {"oorc": "oorc", "full": "learned, untrained", "learned": "learned"}
 """Rows of the ablation that are decoders to use, and what the table calls them."""
-FLOOR_ROWS = {"ideal_change": "ideal observer of the change alone", "ideal": "ideal observer"}
-"""Observers that no decoder beats, and what the table calls them."""
 
 
 def main_table(docs: Path) -> str:
@@ -38,17 +36,13 @@ def main_table(docs: Path) -> str:
 
 
 def harder_table(docs: Path) -> str:
-    """Show wrong bits beyond the paper's conditions, from the ablation with and without floors."""
-    entries, ideal = (by_place(stored(ABLATION, docs, name)) for name in ("ablation", "ideal"))
+    """Show wrong bits beyond the paper's conditions, from the ablation."""
+    entries = by_place(stored(ABLATION, docs))
     rows = [
         [name, *(percent(entries[row, key].error) for key in HARDER)]
         for row, name in DECODER_ROWS.items()
     ]
     rows.append(["bits", *(f"{entries['oorc', key].bits:,}" for key in HARDER)])
-    known = {row: [ideal.get((row, key)) for key in HARDER] for row in FLOOR_ROWS}
-    for row, name in FLOOR_ROWS.items():
-        rows.append([name, *(percent(e.error) if e else "–" for e in known[row])])
-    rows.append(["their bits", *(f"{e.bits:,}" if e else "–" for e in known["ideal"])])
     return Table(["bits wrong, %", *HARDER.values()], rows).markdown()
 
 

@@ -14,16 +14,14 @@ from inspect import getmodule
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-import numpy as np
 import pandas as pd
 import tyro
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from link.cli import read_flags
 from link.errors import at_least
 from link.files.lock import locked
-from link.images import write_bytes, write_image
+from link.images import write_bytes
 from link.outside import read_json
 from reports.engine.backends import Backend
 from reports.engine.checked import checked, write_json
@@ -36,8 +34,6 @@ from reports.render.charts import save_png
 from reports.render.tables import Table, write_blocks
 
 T = TypeVar("T")
-Picture = Figure | NDArray[np.uint8] | bytes
-"""What people look at: a figure, an image (H, W, 3) uint8 in encoded RGB, or a whole file."""
 DOCS = Path("docs")
 """Folder of the documents, and of the results that they show."""
 RUNS = Path("runs")
@@ -133,7 +129,7 @@ def no_check(flags: StudyFlags) -> None:
     """Accept flags that need no other check than those of every study."""
 
 
-def no_pictures(results: Mapping[str, Results[Any]]) -> Mapping[str, Picture]:
+def no_pictures(results: Mapping[str, Results[Any]]) -> Mapping[str, Figure]:
     """Draw nothing."""
     return {}
 
@@ -172,12 +168,10 @@ class Study(Generic[F, R]):
     """Shows results, by their label, as Markdown: texts by the name of a page's marked block."""
     page: Path | None = None
     """Page of docs/ that has these blocks; None where no page shows them."""
-    pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Picture]] = no_pictures
-    """Draws results, by their label: what people look at, by the name of its file."""
+    pictures: Callable[[Mapping[str, Results[R]]], Mapping[str, Figure]] = no_pictures
+    """Draws results, by their label: figures by the names of their files, which are PNG."""
     check: Callable[[F], None] = no_check
     """Raises an `InputError` that names the first flag with a wrong value, before any work."""
-    simulated: bool = True
-    """Whether all of its captures are simulated."""
     label: Callable[[F], str] | None = None
     """Tells apart results of one study under other flags; without it, a study has one result, whose
     label is the study's name."""
@@ -210,7 +204,7 @@ def run_study(study: Study[F, R], arguments: Sequence[str]) -> None:
     out = flags.out or RUNS / study.name
     with locked(out):
         content = study.measure(flags, Workshop(out, Backend(flags.jobs, flags.scheduler)))
-        meta = provenance(flags.seed, study.simulated) | {"commit": commit()}
+        meta = provenance(flags.seed, simulated=True) | {"commit": commit()}
         meta["flags"] = flag_values(flags)
         write_results(out / f"{study.label_of(flags)}.json", Results(meta, content))
         texts = show_study(study, out, out)
@@ -271,19 +265,9 @@ def show_study(study: Study[F, R], folder: Path, pictures: Path) -> dict[str, st
         Markdown by the name of the page's block.
     """
     results = stored_results(study, folder)
-    for name, picture in study.pictures(results).items():
-        write_picture(pictures / name, picture)
+    for name, figure in study.pictures(results).items():
+        save_png(figure, pictures / name)
     return dict(study.blocks(results))
-
-
-def write_picture(file: Path, picture: Picture) -> None:
-    """Write a figure as PNG, an image in the format of the file's ending, and bytes as they are."""
-    if isinstance(picture, Figure):
-        save_png(picture, file)
-    elif isinstance(picture, bytes):
-        write_bytes(file, picture)
-    else:
-        write_image(file, picture)
 
 
 def keep_blocks(study: Study[F, R]) -> None:

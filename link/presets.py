@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from link.layout import Layout, make_layout
-from link.pilot_code import PilotCode
+from link.pilot_code import PLAIN, PilotCode
 
 USUAL_DISTANCE_M = 0.6
 """Distance of the eye from a display on a desk, in metres."""
@@ -31,6 +31,19 @@ def needed_camera_fps(state_hz: float) -> float:
     (30.0, 60.0)
     """
     return next((fps for fps in CAMERA_FPS if fps >= state_hz), state_hz)
+
+
+def least_camera_fps(layout: Layout, state_hz: float) -> float:
+    """Give the number of frames a second that a camera needs at least for a layout.
+
+    That is one for each state, or, where the order of the states follows a code, for each frame
+    pair.
+
+    Args:
+        layout: what the display shows.
+        state_hz: number of states that it shows in a second.
+    """
+    return state_hz if layout.code == PLAIN else state_hz / 2
 
 
 @dataclass(frozen=True)
@@ -60,7 +73,7 @@ class Preset:
     @property
     def needs_camera_fps(self) -> float:
         """Smallest usual number of frames a second of a camera by which the preset is read."""
-        return needed_camera_fps(self.state_hz)
+        return needed_camera_fps(least_camera_fps(self.layout, self.state_hz))
 
     def changed(self, **given: Any) -> Layout:
         """Make the layout of the preset with some of its numbers or names changed.
@@ -123,6 +136,14 @@ PRESETS = {
     ),
 }
 """Presets by name; docs/hidden.md says why they have these numbers."""
+
+
+def as_shown(layout: Layout) -> Layout:
+    """Give a layout the code with which a preset shows it, where one does.
+
+    Decoders of frame pairs know of no code.
+    """
+    return next((preset.layout for preset in PRESETS.values() if preset.layout == layout), layout)
 
 
 def preset_name(layout: Layout) -> str | None:

@@ -21,8 +21,6 @@ PRETRAINED_PILOTS = PRETRAINED.with_name("pretrained_pilots")
 """Folder of the shipped checkpoint of ``learned`` for layouts with pilots, of any grid."""
 FILM_GRAPH = PRETRAINED.with_name("pretrained_film") / "film.onnx"
 """The shipped film decoder (`models.neural.film`), which serves all layouts that it can read."""
-PRETRAINED_CNN = PRETRAINED.with_name("pretrained_cnn")
-"""Folder of the shipped checkpoint of ``cnn``, trained on all nine camera-display pairs."""
 
 
 def shipped_checkpoint(layout: Layout) -> Path:
@@ -52,8 +50,6 @@ class Card:
     """How it finds g, from captured to displayed intensity: it takes g for a straight line, fits it
     to the ratex tiles, takes the picture's histogram for uniform, or has the coefficients of g as
     the leading weights of its head, as in the paper's Φ; "" where it finds none."""
-    needs_truth: bool = False
-    """Whether it knows the simulation's true channel: a floor for decoders, and no decoder."""
     twin_of: str = ""
     """Method that decides the same by other means; sweeps and curves show that one alone."""
 
@@ -82,9 +78,6 @@ DECODERS = {
         llr=True,
         checkpoint=shipped_checkpoint,
         inverse_response="phi",
-    ),
-    "cnn": Card(
-        "models.neural.cnn:Cnn", "#c28a00", "D", llr=True, checkpoint=lambda _: PRETRAINED_CNN
     ),
 }
 """Cards of all decoders, by the name that ``evaluate.py --methods`` takes."""

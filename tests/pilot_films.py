@@ -47,7 +47,7 @@ def filmed(
     layout: Layout,
     frames: int,
     seed: int,
-    hold: int = 2,
+    hold: float = 2,
     kappa: float = 8.0,
     dark: bool = False,
     night: bool = False,
@@ -82,7 +82,7 @@ def filmed(
     H = homography_from_corners(CORNERS, layout.width, layout.height)
     images, corners = [], np.zeros((0, 4, 2))
     for number in range(frames):
-        state = number // hold
+        state = int(number // hold)
         bits = np.random.default_rng([seed, state // 2]).choice(
             [-1.0, 1.0], layout.rows * layout.cols
         )

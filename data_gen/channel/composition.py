@@ -9,8 +9,8 @@ The stages, in the order in which light meets them:
 5. the sensor saturates, and noise, mosaic and image processing follow (`camera.develop`).
 
 A `Viewpoint` holds what all exposures of one camera share, a `Shot` is one of them. Frame pairs,
-films, the ideal observer and the analysis of errors all expose through `Shot`, so an effect of the
-channel is added here once.
+films and the analysis of errors all expose through `Shot`, so an effect of the channel is added
+here once.
 """
 
 from dataclasses import dataclass, replace

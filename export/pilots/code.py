@@ -27,13 +27,14 @@ DELAYS_S = np.arange(-32, 33, 8) / 1000
 SLOPES = np.array([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d])
 """(slopes, 2) times, in seconds, by which the right side of the display may be exposed after the
 left one, or the bottom after the top."""
+NO_SLOPE = len(DELAYS_S) // 2
+"""Number of the slope at which the whole display is exposed at once."""
 SIDES = 4
 """Number of parts along each side of the display that are each taken to be exposed at once."""
+RIVAL = 2
+"""Distance of clocks in the newest frame, in states, from which they are rivals."""
 OPEN = 0.5
 """Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
-SURER = 1 + 1e-5
-"""Factor by which a clock must explain more than those before it: clocks may show the same in all
-frames, and rounding must not choose."""
 DRIFT = 3
 """Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure."""
 
@@ -47,6 +48,9 @@ class CodeLock:
     evidence: float
     """Natural logarithm of the probability that chance does as well, with the sign turned; what was
     tried is paid for."""
+    rival: float
+    """Largest share of what it explains that a clock explains which shows quite another state in
+    the newest frame."""
 
 
 class CodeSearch:
@@ -54,35 +58,43 @@ class CodeSearch:
 
     Args:
         code: of the display.
+        signs: (P,) 1 or -1, the signs of P places that show the code.
+        places: (P, 2) x and y on the display, in [0, 1].
         times: (T,) times of the frames, rising.
         fps: number of frames of the camera in the unit of time.
         second: a second, in the unit of time.
 
-    >>> from link.layout import make_layout
     >>> times, places = np.arange(24) / 30, np.full((40, 2), 0.5)
     >>> signs = np.tile([1.0, -1.0], 20)
-    >>> numbers = np.array([[1 / 60, 0.2, 0.0, 0.0, 0.008]])  # two states in each frame
-    >>> wave = embedded_share(numbers, times, places[:1], PilotCode())
+    >>> clock = np.array([[1 / 60, 0.2, 0.0, 0.0, 0.008]])  # two states in each frame
+    >>> wave = embedded_share(clock, times, places[:1], PilotCode())[0, 0]
     >>> noise = np.random.default_rng(0).standard_normal((24, 40))
-    >>> lock = CodeSearch(PilotCode(), times, 30.0).best(
-    ...     noise + wave[0, 0][:, None] * signs, signs, places)
+    >>> search = CodeSearch(PilotCode(), signs, places, times, 30.0)
+    >>> (lock,) = search.strongest(noise + wave[:, None] * signs)
     >>> lock.evidence > 20, round(1 / lock.clock.period), round(lock.clock.number(0.2)) % 126
     (True, 60, 0)
     """
 
-    def __init__(self, code: PilotCode, times: Array, fps: float, second: float = 1.0) -> None:
-        self._code = code
+    def __init__(
+        self,
+        code: PilotCode,
+        signs: Array,
+        places: Array,
+        times: Array,
+        fps: float,
+        second: float = 1.0,
+    ) -> None:
+        self._signs, self._second = signs, second
         self._middle = float(times.mean())
         since = np.asarray(times, np.float64) - self._middle
-        self._second = second
         self._hz = np.array(_rates(float(since[-1] - since[0]) / second))
         self._steps = 2 * PHASES * code.period
-        moments = np.arange(self._steps) / PHASES
         period = second / self._hz
+        self._newest = PHASES * since[-1] / period[:, None] + np.arange(self._steps)
         self._shutter = OPEN * np.minimum(period, 1 / fps)
         clocks = np.zeros((len(self._hz), self._steps, 5))
         clocks[:, :, 0], clocks[:, :, 4] = period[:, None], self._shutter[:, None]
-        clocks[:, :, 1] = -moments * period[:, None]
+        clocks[:, :, 1] = -np.arange(self._steps) / PHASES * period[:, None]
         shares = embedded_share(clocks.reshape(-1, 5), since, np.zeros((1, 2)), code)[:, 0]
         powers = np.vander(since / max(np.abs(since).max(), 1e-9), min(DRIFT, len(since)))
         self._drifts = np.linalg.qr(powers)[0]
@@ -90,104 +102,89 @@ class CodeSearch:
         waves -= (waves @ self._drifts) @ self._drifts.T
         self.waves: NDArray[np.float32] = waves.astype(np.float32)
         """(H, T) what a block of sign 1 shows at the display's centre, by H clocks, less drifts."""
+        self._part = np.minimum((places * SIDES).astype(np.intp), SIDES - 1)  # along x, along y
+        within = self._part.T[:, None] == np.arange(SIDES)[:, None]  # (2, SIDES, P)
+        self._signs_within = np.asarray(within * signs, np.float32)
+        energy = (waves**2).sum(axis=1).reshape(-1, self._steps)
+        self._later = [self._phases_of_parts(slope) for slope in SLOPES]
+        self._powers = [
+            (
+                within[_axis(slope)].sum(axis=1)[:, None, None]
+                * np.take_along_axis(energy[None], later, axis=2)
+            ).sum(axis=0)
+            for slope, later in zip(SLOPES, self._later, strict=True)
+        ]
 
-    def best(self, values: NDArray[np.floating], signs: Array, places: Array) -> CodeLock:
-        """Find the clock by which values follow their signs most surely."""
-        return self.strongest(values, signs, places, 1)[0]
-
-    def strongest(
-        self, values: NDArray[np.floating], signs: Array, places: Array, count: int
-    ) -> list[CodeLock]:
+    def strongest(self, values: NDArray[np.floating], count: int = 1) -> list[CodeLock]:
         """Find the clocks by which values follow their signs most surely, the surest first.
 
         Clocks are compared by how much of all values they explain over time, by least squares. To
-        tell whether that is chance, the signs are regressed on X_p, the sum of a pilot's values
+        tell whether that is chance, the signs are regressed on X_p, the sum of a place's values
         times the clock's wave, as `export.pilots.signal.pilot_evidence` does with amplitudes: by
         chance these explain the share R2 of the signs' power with probability
-        (1 - R2)^((P - 1) / 2), for P pilots.
+        (1 - R2)^((P - 1) / 2), for P places.
 
         Args:
-            values: (T, P) of P pilots.
-            signs: (P,) 1 or -1.
-            places: (P, 2) x and y on the display, in [0, 1].
+            values: (T, P) values of the places, of alike noise.
             count: number of clocks, none of them within a state of another.
         """
-        series = np.asarray(values, np.float32)
-        series = series - (self._drifts @ (self._drifts.T @ series)).astype(np.float32)
-        lines = series.T @ self.waves.T  # (P, H)
-        gain, slopes = self._best_slopes(lines, signs.astype(np.float32), places)
+        shape = len(self._hz), self._steps
+        sums = (self._signs_within @ np.asarray(values, np.float32).T) @ self.waves.T
+        sums = sums.reshape(2, SIDES, *shape)  # (2, SIDES, H) -> (2, SIDES, rates, phases)
+        gain, slopes = np.zeros(shape), np.zeros(shape, np.intp)
+        for at, slope in enumerate(SLOPES):
+            along = np.take_along_axis(sums[_axis(slope)], self._later[at], axis=2).sum(axis=0)
+            explained = np.maximum(along, 0) ** 2 / (self._powers[at] + 1e-9)
+            slopes = np.where(explained > gain, at, slopes)
+            gain = np.maximum(gain, explained)
         kept: list[tuple[int, int]] = []
-        for _ in range(count):
-            rate, phase = divmod(int((SURER * gain >= gain.max()).argmax()), self._steps)
-            gain[rate, np.arange(phase + 1 - PHASES, phase + PHASES) % self._steps] = -1
-            kept.append((rate, phase))
-        return [self._lock(at, slopes[at], lines, signs, places) for at in kept]
+        for flat in np.argsort(-gain, axis=None):
+            rate, phase = divmod(int(flat), self._steps)
+            apart = [abs(phase - other) for at, other in kept if at == rate]
+            if all(PHASES <= each <= self._steps - PHASES for each in apart):
+                kept.append((rate, phase))
+            if len(kept) == count:
+                break
+        return [self._lock(at, slopes[at], gain, values) for at in kept]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:
-        """Find the clock by which one of many series follows the code most clearly.
+        """Find the clock that the parts of a display follow most clearly, each by its best series.
 
         Args:
-            matches: arrays (T, S) of S series each, of alike noise within an array.
+            matches: an array (T, S) for each part, of S series of alike noise.
 
         Returns:
             the clock, without delays across the display.
         """
-        norm = np.sqrt((self.waves**2).sum(axis=1)) + 1e-6
-        best, found = 0.0, 0
+        powers = (self.waves**2).sum(axis=1) + 1e-6
+        total = np.zeros(len(self.waves))
         for series in matches:
-            heights = (self.waves @ np.asarray(series, np.float32)).max(axis=1) / norm
-            if heights.max() > best:
-                best, found = float(heights.max()), int(heights.argmax())
-        return self._clock(divmod(found, self._steps), len(DELAYS_S) // 2)
+            seen = np.asarray(series, np.float32)
+            heights = np.maximum((self.waves @ (seen / seen.std())).max(axis=1), 0)
+            total += heights**2 / powers
+        return self._clock(divmod(int(total.argmax()), self._steps), NO_SLOPE)
 
-    def _best_slopes(
-        self, lines: NDArray[np.float32], signs: NDArray[np.float32], places: Array
-    ) -> tuple[Array, NDArray[np.intp]]:
-        """Choose for each rate and phase how exposure and writing go across the display.
-
-        Returns:
-            (rates, phases) power that is explained, 0 where values speak against the clock, and
-            the numbers of `SLOPES`.
-        """
-        shape = len(self._hz), self._steps
-        best, chosen = np.zeros(shape), np.zeros(shape, np.intp)
-        energy = (self.waves**2).sum(axis=1).reshape(shape)
-        parts = []
-        for axis in (0, 1):
-            within = (_part(places[:, axis]) == np.arange(SIDES)[:, None]).astype(np.float32)
-            along = ((within * signs) @ lines).reshape(SIDES, *shape)
-            parts.append(np.stack([along, within.sum(axis=1)[:, None, None] * energy], axis=1))
-        for at, slope in enumerate(SLOPES):
-            later = self._later(slope)[:, None]  # (SIDES, 1, rates, phases)
-            axis = int(np.abs(slope).argmax())
-            along, power = np.take_along_axis(parts[axis], later, axis=3).sum(axis=0)
-            gain = np.maximum(along, 0) ** 2 / (power + 1e-9)
-            better = gain > SURER * best
-            chosen, best = np.where(better, at, chosen), np.where(better, gain, best)
-        return best, chosen
-
-    def _later(self, slope: Array) -> NDArray[np.intp]:
+    def _phases_of_parts(self, slope: Array) -> NDArray[np.intp]:
         """Give the phase at which each part of the display is: (SIDES, rates, phases)."""
         centres = (np.arange(SIDES) + 0.5) / SIDES - 0.5
         steps = np.rint(PHASES * np.outer(centres, self._hz) * slope.sum()).astype(np.intp)
         return np.asarray((np.arange(self._steps) + steps[:, :, None]) % self._steps)
 
     def _lock(
-        self,
-        at: tuple[int, int],
-        slope: int,
-        lines: NDArray[np.float32],
-        signs: Array,
-        places: Array,
+        self, at: tuple[int, int], slope: int, gain: Array, values: NDArray[np.floating]
     ) -> CodeLock:
         """Describe the clock of a rate and a phase, given by their numbers, and weigh it."""
-        later = self._later(SLOPES[slope])[:, at[0], at[1]]
-        part = _part(places[:, int(np.abs(SLOPES[slope]).argmax())])
-        X = lines[np.arange(len(signs)), at[0] * self._steps + later[part]].astype(np.float64)
-        share = float((signs @ X) ** 2 / (len(signs) * (X @ X) + 1e-9))
-        evidence = -(len(signs) - 1) / 2 * np.log(max(1 - share, 1e-12))
+        part = self._part[:, _axis(SLOPES[slope])]
+        wave = self.waves[at[0] * self._steps + self._later[slope][part, at[0], at[1]]]  # (P, T)
+        X = (wave * np.asarray(values).T).sum(axis=1, dtype=np.float64)
+        count = len(X)
+        share = float((self._signs @ X) ** 2 / (count * (X @ X) + 1e-9))
+        evidence = -(count - 1) / 2 * np.log(max(1 - share, 1e-12))
         evidence -= np.log(len(self.waves) * len(SLOPES))
-        return CodeLock(self._clock(at, slope), max(0.0, float(evidence)))
+        apart = (self._newest - self._newest[at] + self._steps / 2) % self._steps - self._steps / 2
+        rivals = gain[np.abs(apart) >= RIVAL * PHASES]
+        rival = float(rivals.max() / (gain[at] + 1e-9))
+        return CodeLock(self._clock(at, slope), max(0.0, float(evidence)), rival)
 
     def _clock(self, at: tuple[int, int], slope: int) -> DisplayClock:
         """Make the clock of a rate and a phase, given by their numbers."""
@@ -197,9 +194,9 @@ class CodeSearch:
         return DisplayClock(*map(float, (period, start, across, down, self._shutter[at[0]])))
 
 
-def _part(places: Array) -> NDArray[np.intp]:
-    """Number the parts along one side in which places in [0, 1] lie."""
-    return np.minimum((places * SIDES).astype(np.intp), SIDES - 1)
+def _axis(slope: Array) -> int:
+    """Tell along which axis a slope goes, 0 for x and 1 for y."""
+    return int(slope[0] == 0)
 
 
 def clocks_tried(code: PilotCode) -> int:

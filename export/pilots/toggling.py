@@ -30,6 +30,8 @@ from link.types import Array, Map
 
 LEAST_WAVE = 1e-3
 """Power of the toggling that the frames of one period hold below which they tell nothing."""
+UNCLEAR = 0.85
+"""Share of what a clock explains from which a rival is about as good."""
 MOST_FRAMES = 64
 """Largest number of frames, the newest, in which a code is looked for."""
 
@@ -66,6 +68,11 @@ class Toggling(Protocol):
         """
         ...
 
+    @property
+    def clear(self) -> bool:
+        """Whether no other way explains about as much."""
+        ...
+
     def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
         """Tell when the display shows which state, where that is known.
 
@@ -96,16 +103,22 @@ def find_toggling(
         evidence, frequency = pilot_evidence(values, layout, at)
         return evidence, Wave(frequency)
     places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
-    lock = code_search(layout.code, places, fps).best(
-        over_deviation(np.array(picked)), pilot_signs(layout), pilot_centres(layout)
-    )
-    return lock.evidence, CodedToggling(lock.clock, layout.code)
+    (lock,) = code_search(layout, places, fps).strongest(over_deviation(np.array(picked)))
+    return lock.evidence, CodedToggling(lock.clock, layout.code, lock.rival < UNCLEAR)
+
+
+def code_search(layout: Layout, at: tuple[float, ...], fps: float) -> CodeSearch:
+    """Make a search for a layout's code in frames at these positions, for all that is tried there.
+
+    Times are nominal frames.
+    """
+    return _code_search(layout, layout.code, at, fps)
 
 
 @lru_cache(maxsize=2)
-def code_search(code: PilotCode, at: tuple[float, ...], fps: float) -> CodeSearch:
-    """Make a search for a code in frames at these positions, once for all that is tried in them."""
-    return CodeSearch(code, np.array(at), 1.0, fps)
+def _code_search(layout: Layout, code: PilotCode, at: tuple[float, ...], fps: float) -> CodeSearch:
+    signs, places = pilot_signs(layout), pilot_centres(layout)
+    return CodeSearch(code, signs, places, np.array(at), 1.0, fps)
 
 
 def over_deviation(views: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -120,6 +133,11 @@ class Wave:
 
     frequency: float
     """Frequency at which it toggles, in periods for each nominal frame."""
+
+    @property
+    def clear(self) -> bool:
+        """Return true: the phase is left open."""
+        return True
 
     def amplitudes(self, views: NDArray[np.float32], at: Sequence[float]) -> NDArray[np.complex64]:
         """Measure how each place toggles, over its deviation: (h, w) complex amplitudes."""
@@ -172,6 +190,8 @@ class CodedToggling:
     """When the display shows which state, in nominal frames since the reference."""
     code: PilotCode
     """Code of the display."""
+    clear: bool = False
+    """Whether no other clock explains about as much."""
 
     def _waves(self, at: Sequence[float], x: Array, y: Array) -> NDArray[np.float32]:
         """Work out what a block of bit 1 shows, from -1 to 1: (T, h, 1) or (T, 1, w).

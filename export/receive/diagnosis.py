@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from export.receive.timing.fit import MAX_STATES
 from export.receive.timing.synchronise import MIN_FRAMES, MIN_TOGGLE, Toggling
-from link.presets import PRESETS, needed_camera_fps
+from link.presets import PRESETS, least_camera_fps, needed_camera_fps
 
 DARK, BRIGHT = 25.0, 0.3
 """Mean gray level of the display below which there is too little light, and share of its pixels at
@@ -18,12 +18,18 @@ TOO_FAST = 0.8
 """States a camera frame from which most exposures mix two states."""
 MIXED = 0.5
 """Share of the blocks' scores that mixing must have cost to be named as the cause."""
+LONG = 1.4
+"""Length of an exposure, in states, from which a shorter one is advised."""
 CUT = 0.97
 """Share of the display within the image below which it counts as partly in view."""
 OFTEN = 0.2
 """Share of the frames with the display from which a fault counts as that of the film."""
 PRESET_HZ = {name: preset.state_hz for name, preset in PRESETS.items()}
 """Number of states a second of each preset."""
+LEAST_FPS = {
+    name: least_camera_fps(preset.layout, preset.state_hz) for name, preset in PRESETS.items()
+}
+"""Smallest number of frames a second, of any camera, by which each preset is read."""
 PRESET_FPS = {
     name: (preset.needs_camera_fps, needed_camera_fps(2 * preset.state_hz))
     for name, preset in PRESETS.items()
@@ -65,6 +71,8 @@ WORDS = {
     "higher rate",
     "many states": "; the display shows {state_hz:.1f} states a second, and the camera takes "
     "{fps:g} frames: film closer or at a higher rate, or send at {half_fps:g} states a second",
+    "long": "; each exposure lasts for {exposed:.1f} of the display's states, which blurs them: "
+    "one of 1/{best:.0f} s or less reads faster",
     "too little": "; film longer or closer, or send with a larger --kappa",
 }
 """Parts of the line by what was seen, with places for numbers as `str.format` takes them. The page
@@ -94,6 +102,8 @@ class Observations:
     """The strongest toggling that was found, or None where no clock was looked for."""
     state_hz: float | None = None
     """Number of states a second by the clock that was found last, or None where none was."""
+    exposed: float = 0.0
+    """Length of an exposure by that clock, in states of the display."""
     decoded: int = 0
     """Number of frame pairs decoded."""
     mixed: float = 0.0
@@ -119,6 +129,7 @@ of 255): come closer, or turn the display brighter'
     values = {
         **vars(seen),
         "half_fps": seen.fps / 2,
+        "best": seen.state_hz or 0.0,
         "fast": fast,
         "fast_hz": PRESET_HZ.get(fast),
         "needed_fps": needed_fps,
@@ -133,8 +144,8 @@ of 255): come closer, or turn the display brighter'
 
 
 def too_fast(seen: Observations) -> str | None:
-    """Name the preset with the most states a second, where the camera is too slow for it."""
-    rates = {PRESET_HZ[name]: name for name in seen.presets}
+    """Name the preset that needs the quickest camera, where this one is too slow for it."""
+    rates = {LEAST_FPS[name]: name for name in seen.presets}
     return rates[max(rates)] if rates and max(rates) > MAX_STATES * seen.fps else None
 
 
@@ -151,6 +162,8 @@ def reasons(seen: Observations) -> list[str]:
     parts = ["view"]
     parts += ["dark"] * dark + ["bright"] * bright + ["cut"] * (seen.cut > OFTEN * seen.found)
     if seen.decoded > 0:
+        if seen.exposed > LONG:
+            return [*parts, "pairs", "long"]
         if slow or seen.state_hz is None or seen.state_hz <= TOO_FAST * seen.fps:
             return [*parts, "pairs", *(slow or ["too little"])]
         return [*parts, "pairs", "too fast" if seen.mixed > MIXED else "many states"]

@@ -138,6 +138,8 @@ class Sight:
     """Sum over frame pairs of the share of the blocks' trust that mixed exposures cost."""
     state_hz: float | None = None
     """Number of states a second by the clock that was known last, or None where none was."""
+    exposed: float = 0.0
+    """Length of an exposure by that clock, in states."""
 
     def miss(self, frame: NDArray[np.uint8]) -> None:
         """Take a frame in which the display was not found."""
@@ -263,6 +265,7 @@ class DisplayReader:
         self._sight.see(tracked.rectified, time, in_view)
         if self.sync.clock is not None:
             self._sight.state_hz = 1 / self.sync.clock.period
+            self._sight.exposed = self.sync.clock.shutter / self.sync.clock.period
         if self.sync.slips != self._slips:
             self._slips = self.sync.slips
             self._start_run()

@@ -152,6 +152,7 @@ class Receiver:
             cut=sight.cut,
             toggling=self._reader.sync.best,
             state_hz=sight.state_hz,
+            exposed=sight.exposed,
             decoded=self.decoded,
             mixed=sight.mixed / max(self.decoded, 1),
             progress=self.progress,

@@ -24,7 +24,7 @@ from link.layout import COLOURS, MAX_PIXELS, MAX_SIDE_PX, MODULATIONS, Layout, r
 from link.loop import Loop
 from link.outside import read_bounded
 from link.placement import FITS
-from link.presets import DEFAULT_PRESET, PRESETS, Preset, needed_camera_fps
+from link.presets import DEFAULT_PRESET, PRESETS, Preset, least_camera_fps, needed_camera_fps
 
 GRID_FLAGS = ("rows", "cols", "width", "height", "ratex", "modulation", "pilots", "colour")
 """Flags that describe a layout; those that are absent have the preset's values."""
@@ -255,7 +255,8 @@ def main() -> None:
     note_coarse(loop.placement.given_size, loop.placement.picture_size)
     hiding = Hiding(loop.shown_layout, state_hz, onlooker, even)
     loop.kappa = choose_kappa(preset.kappa, args.kappa, args.visibility, hiding)
-    camera_fps, better_fps = needed_camera_fps(state_hz), needed_camera_fps(2 * state_hz)
+    camera_fps = needed_camera_fps(least_camera_fps(layout, state_hz))
+    better_fps = needed_camera_fps(2 * state_hz)
     flicker = hiding.flicker(loop.kappa)
     more = {
         "preset": args.preset,

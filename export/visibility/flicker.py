@@ -34,10 +34,10 @@ from numpy.typing import ArrayLike
 
 from export.visibility.chroma import colour_over_threshold, opponent_change
 from export.visibility.elatcsf import flicker_sensitivity
-from export.visibility.line_code import LINE_CODES
+from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import Viewing, Where
 from link.embed import MAX_KAPPA
-from link.errors import InputError, ParameterError, choose
+from link.errors import InputError, ParameterError
 from link.layout import LUMINANCE_FROM_RGB
 from link.types import Array
 
@@ -170,11 +170,9 @@ def random_message(
     Returns:
         (refreshes in ``seconds``,) amplitudes in units of kappa.
     """
-    code = choose(LINE_CODES, line_code, "line code")
     wanted = round(seconds * viewing.refresh_hz)
-    a_bit = 2 * code.toggles * viewing.refreshes
-    bits = rng.integers(0, 2, wanted // a_bit + 2)
-    return code.amplitudes(bits, viewing.refreshes)[:wanted]
+    bits = rng.integers(0, 2, wanted // (2 * viewing.refreshes) + 2)
+    return shown_amplitudes(line_code, bits, viewing.refreshes)[:wanted]
 
 
 def message_visibility(
@@ -208,8 +206,7 @@ def largest_kappa(
     """Find the largest whole kappa whose random messages stay below a contrast over threshold.
 
     All kappas are judged on the same message, by `Visibility.high`: 95 % of its half seconds stay
-    at or below the limit, for this kappa. A smaller one may
-    not, where levels are whole: rounding spoils the soft steps of small kappas most.
+    at or below the limit, for this kappa. A smaller one may not, where levels are whole.
 
     Args:
         viewing: display, picture and viewer; its own kappa is not used.
@@ -226,7 +223,7 @@ def largest_kappa(
         ParameterError: the limit is not above 0.
 
     >>> fine = Viewing(rows=48, cols=64, states_hz=60)
-    >>> largest_kappa(fine, 1.0, np.random.default_rng(0), "hold2", seconds=10)
+    >>> largest_kappa(fine, 1.0, np.random.default_rng(0), seconds=10)
     1
     """
     if not limit > 0:

@@ -76,7 +76,7 @@ def send_preset(name: str, preset: Preset) -> dict[str, Any]:
     return {
         "name": name,
         "purpose": preset.purpose,
-        "needs_fps": needed_camera_fps(state_hz),
+        "needs_fps": preset.needs_camera_fps,
         "better_fps": needed_camera_fps(2 * state_hz),
         "seen": round(hiding.seen(kappa), 1),
         "distance_m": preset.distance_m,

@@ -205,7 +205,7 @@ def delivery_table(results: Mapping[str, Results[DeliveryContent]]) -> Table:
     for stored in results.values():
         row, setup = stored.content.summary[-1], stored.meta["flags"]
         if stored.content.camera or setup["preset"] != "paper":
-            continue  # the study `codecs` compares what phones do
+            continue  # the page shows plain cameras alone
         seconds = "–"
         if row.seconds_median is not None:
             seconds = f"{row.seconds_median:.1f} ({row.seconds_95:.1f})"

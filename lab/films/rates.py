@@ -33,6 +33,8 @@ SETTINGS = {
     "robust": FilmSettings(preset="robust", n_bytes=2_000),
     "slow camera": FilmSettings(preset="hidden", kappa=1, n_bytes=20_000),
     "faint": FilmSettings(preset="hidden", kappa=1, state_hz=30, fps=60, n_bytes=20_000),
+    "hidden, 30 fps": replace(HIDDEN, fps=30),
+    "hidden, 60 fps": replace(HIDDEN, fps=60),
     "hidden": HIDDEN,
     "hidden, 240 fps": replace(HIDDEN, fps=240),
     "slanted": SLANTED,

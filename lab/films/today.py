@@ -26,6 +26,7 @@ SETTINGS = {
     "paper, 30 fps": ("paper", 30.0),
     "robust, 30 fps": ("robust", 30.0),
     "fast, 60 fps": ("fast", 60.0),
+    "hidden, 30 fps": ("hidden", 30.0),
     "hidden, 60 fps": ("hidden", 60.0),
     "hidden, 120 fps": ("hidden", 120.0),
 }

@@ -1,34 +1,17 @@
-"""What can be compared: the decoders' cards, the observers that no decoder beats, and options."""
+"""A decoder that is compared, with its options, and the layouts that it suits."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from data_gen.frame_pair import FramePair
-from data_gen.ideal import observe_ideally
 from link.embed import embed
-from link.errors import InputError, UnsuitedError, choose, each_once
-from link.frames import Rectified, SoftBits
+from link.errors import InputError, UnsuitedError, each_once
+from link.frames import Rectified
 from link.layout import Layout
-from models import DECODERS, BlockDecoder, Card, find_card, make_decoder
-
-OBSERVERS: dict[str, tuple[Card, Callable[[FramePair], SoftBits]]] = {
-    name: (
-        Card("data_gen.ideal:observe_ideally", colour, llr=True, needs_truth=True),
-        see,
-    )
-    for name, colour, see in (
-        ("ideal", "#8a6d5a", observe_ideally),
-        ("ideal_change", "#4f6a5e", partial(observe_ideally, change=True)),
-    )
-}
-"""Floors under the decoders, on simulated captures alone: card, and what decides a frame pair."""
-METHODS: dict[str, Card] = {**DECODERS, **{name: card for name, (card, _) in OBSERVERS.items()}}
-"""Cards of everything that can be compared, by name."""
+from models import BlockDecoder, Card, find_card, make_decoder
 
 
 @dataclass(frozen=True)
@@ -36,7 +19,7 @@ class Method:
     """A method by name, with its options: cheap to send to another process."""
 
     name: str
-    """A key of `METHODS`, or "package.module:Class" for a decoder that lives elsewhere."""
+    """A key of `models.DECODERS`, or "package.module:Class" for one that lives elsewhere."""
     options: tuple[tuple[str, Any], ...] = ()
     """Fields of the decoder's dataclass, as (name, value)."""
     label: str = field(default="")
@@ -50,7 +33,7 @@ class Method:
     @property
     def card(self) -> Card:
         """All that is known of the method."""
-        return find_card(self.name) if ":" in self.name else choose(METHODS, self.name, "method")
+        return find_card(self.name)
 
     def checkpoint(self, layout: Layout) -> Path | None:
         """Folder of its checkpoint: the one among its options, or what ships for the layout."""
@@ -58,15 +41,8 @@ class Method:
         return dict(self.options).get("checkpoint", shipped)
 
     def build(self) -> BlockDecoder:
-        """The decoder; only for methods whose card does not say ``needs_truth``."""
+        """The decoder."""
         return make_decoder(self.name, **dict(self.options))
-
-    def decide(self) -> Callable[[FramePair], SoftBits]:
-        """What scores the message blocks of a simulated frame pair."""
-        if self.card.needs_truth:
-            return OBSERVERS[self.name][1]
-        decoder = self.build()
-        return lambda pair: decoder.decode(pair.rectified)
 
 
 def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Method]:
@@ -80,8 +56,8 @@ def methods_for(names: Sequence[str], checkpoint: Path | None = None) -> list[Me
 def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Method], list[str]]:
     """Find the methods that can decode frame pairs of a layout, by letting them decode one.
 
-    Ratex patches suit every method. Observers, and methods that are shown pictures without ratex
-    patches, suit every layout. So these are not tried.
+    Ratex patches suit every method. Methods that are shown pictures without ratex patches suit
+    every layout. So these are not tried.
 
     Args:
         methods: all that are asked for.
@@ -99,7 +75,7 @@ def suited_methods(methods: Sequence[Method], layout: Layout) -> tuple[list[Meth
     pair = Rectified(shown.original, shown.embedded, layout, shown.kappa)
     for method in methods:
         try:
-            if not (layout.ratex or method.card.needs_truth or method.card.equalised):
+            if not (layout.ratex or method.card.equalised):
                 method.build().decode(pair)
             suited.append(method)
         except UnsuitedError as error:

@@ -220,17 +220,18 @@ def decode_cell(task: _Task) -> list[list[Line]]:
                 f"worker {platform.node()} has other code, packages, checkpoints or pictures at "
                 "these paths than this machine; install the same there and restart its worker"
             )
-    deciders = [method.decide() for method in task.methods]
+    decoders = [method.build() for method in task.methods]
     one_thread()
     lines: list[list[Line]] = [[] for _ in task.methods]
     for index in range(frames):
         for equalised in {method.card.equalised for method in task.methods}:
             pair = FramePair(source, task.cell, index, equalised)
-            for method, decide, mine in zip(task.methods, deciders, lines, strict=True):
+            for method, decoder, mine in zip(task.methods, decoders, lines, strict=True):
                 if method.card.equalised != equalised:
                     continue
                 try:
-                    mine.append(to_line(method.label, index, decide(pair), pair.captured))
+                    soft = decoder.decode(pair.rectified)
+                    mine.append(to_line(method.label, index, soft, pair.captured))
                 except UnsuitedError as error:
                     raise InputError(f"method {method.label}: {error}") from None
     return lines
@@ -271,7 +272,7 @@ def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataF
     lines: list[Line] = []
     notes: dict[str, str] = {}
     left_out: dict[str, int] = {}
-    decoders = {m.label: None if m.card.needs_truth else m.build() for m in methods}
+    decoders = {m.label: m.build() for m in methods}
     for index, entry in enumerate(tqdm(entries, unit="pair", desc="decode")):
         captured = load_capture(captures, entry)
         pair = captured.rectified()
@@ -279,8 +280,6 @@ def decode_captures(captures: Path, methods: Sequence[Method]) -> tuple[pd.DataF
             notes["hidden_ratex"] = "hidden_ratex: these pictures were not equalised for it"
         for name, decoder in decoders.items():
             try:
-                if decoder is None:
-                    raise UnsuitedError("needs the simulation's true channel")
                 lines.append(to_line(name, index, decoder.decode(pair), captured))
             except UnsuitedError as error:
                 left_out[name] = left_out.get(name, 0) + 1

@@ -25,10 +25,10 @@ def measure_cost(source: Source, cell: Cell, rounds: int, methods: Sequence[Meth
         source: pictures, seed and channel.
         cell: the frame pairs that are timed are the first ones of this cell.
         rounds: number of times that every method is timed.
-        methods: observers among them are left out, for they decide no captured frame pair.
+        methods: all that are timed.
     """
     one_thread()
-    decoders = [(method, method.build()) for method in methods if not method.card.needs_truth]
+    decoders = [(method, method.build()) for method in methods]
     captured = {
         equalised: [FramePair(source, cell, i, equalised).captured for i in range(FRAME_PAIRS)]
         for equalised in (False, True)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.engine.methods import METHODS
+from models import DECODERS
 from reports.evaluation.findings import (
     Standing,
     SweptAccuracy,
@@ -58,4 +58,4 @@ def find_glance(
 
 def is_hidden(run: Run, method: str) -> bool:
     """Whether a method of a run was shown equalised pictures without ratex patches."""
-    return not run.from_folder and method in METHODS and METHODS[method].equalised
+    return not run.from_folder and method in DECODERS and DECODERS[method].equalised

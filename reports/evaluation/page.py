@@ -11,7 +11,7 @@ from link.errors import InputError
 from link.files.lock import locked
 from link.images import write_bytes
 from link.outside import inside, is_file, read_bounded
-from reports.engine.methods import METHODS
+from models import DECODERS
 from reports.evaluation import exhibits
 from reports.evaluation.findings import (
     REFERENCES,
@@ -106,7 +106,7 @@ def report_page(run: Run) -> str:
     }
     return render(
         "report.html.j2",
-        {method: colour_of(method) for method in (*METHODS, *run.methods)},
+        {method: colour_of(method) for method in (*DECODERS, *run.methods)},
         run=run,
         sections={name: title for name, title in SECTIONS.items() if filled.get(name, True)},
         ranked=ranked,
@@ -175,7 +175,7 @@ def llr_curves(run: Run) -> Curves | None:
     records = pd.concat([run.records.assign(condition=MAIN), swept], ignore_index=True)
     records = records[records["known"] > 0]
     present = set(records["method"])
-    methods = [m for m in run.methods if m in present and m in METHODS and METHODS[m].llr]
+    methods = [m for m in run.methods if m in present and m in DECODERS and DECODERS[m].llr]
     whole = [
         name
         for name, part in records.groupby("condition", sort=False)

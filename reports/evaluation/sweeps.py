@@ -120,8 +120,8 @@ def sweep_conditions(
 
 
 def swept_methods(methods: Sequence[Method]) -> list[Method]:
-    """The methods that sweeps decode: slow floors and twins of others are left out."""
-    return [m for m in methods if not (m.card.needs_truth or m.card.twin_of)]
+    """The methods that sweeps decode: twins of others are left out."""
+    return [m for m in methods if not m.card.twin_of]
 
 
 def _condition(

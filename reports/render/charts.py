@@ -29,7 +29,7 @@ from matplotlib.transforms import ScaledTranslation, blended_transform_factory
 from numpy.typing import ArrayLike, NDArray
 
 from link.images import write_bytes
-from reports.engine.methods import METHODS
+from models import DECODERS
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -145,16 +145,16 @@ def colour_of(label: str, others: Mapping[str, str] | None = None) -> str:
     Returns:
         "#rrggbb": the colour of the method's card, that of ``others``, or a spare one.
     """
-    if label in METHODS:
-        return METHODS[label].colour
+    if label in DECODERS:
+        return DECODERS[label].colour
     spare = SPARE_COLOURS[sum(label.encode()) % len(SPARE_COLOURS)]
     return (others or {}).get(label, spare)
 
 
 def marker_of(label: str) -> str:
     """Marker of a method, as matplotlib names it, which is the same in every chart."""
-    if label in METHODS:
-        return METHODS[label].marker
+    if label in DECODERS:
+        return DECODERS[label].marker
     return SPARE_MARKERS[sum(label.encode()) % len(SPARE_MARKERS)]
 
 
@@ -283,7 +283,7 @@ def draw_series(
             edge: dict[str, Any] = {"markeredgecolor": PAPER, "markeredgewidth": 0.6}
             (mark,) = panel.plot([point.x], [height], marker_of(line.label), **edge, **look)
             add_note(mark, point.note)
-    order = {name: number for number, name in enumerate(METHODS)}  # others stand before them
+    order = {name: number for number, name in enumerate(DECODERS)}  # others stand before them
     handles = [
         Line2D(
             [],

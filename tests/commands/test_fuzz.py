@@ -132,12 +132,12 @@ def test_the_fuzz_command_finds_nothing() -> None:
 @pytest.mark.slow
 def test_a_killed_command_ends_in_the_same_bytes() -> None:
     names = ("data_gen", "film_folder", "film_mkv", "send_player", "send_mkv", "send_folder")
-    words = ("--kills", 2, "--commands", *names)
+    words = ("--kills", 1, "--commands", *names)
     done = run_process(sys.executable, "-m", "tests.kills", *words, limit_s=600)
     for name, line in zip(names, done.stdout.splitlines(), strict=True):
         found = json.loads(line)
         assert found["command"] == name and not found["failures"]
-        assert found["kills"] >= 2 and found["stops"] >= 1 and found["files_compared"] > 0
+        assert found["kills"] >= 1 and found["stops"] >= 1 and found["files_compared"] > 0
 
 
 def noise(rng: np.random.Generator, image: Image) -> Image:

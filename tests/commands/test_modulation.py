@@ -207,9 +207,9 @@ def test_the_runtime_says_where_no_pilots_are_seen(
 
 
 def test_methods_that_a_layout_does_not_suit_are_told_apart() -> None:
-    methods = [Method(name) for name in ("naive", "two_step", "oorc", "blind", "ideal")]
+    methods = [Method(name) for name in ("naive", "two_step", "oorc", "blind")]
     suited, notes = suited_methods(methods, FINE_LAYOUT)
-    assert [method.name for method in suited] == ["naive", "oorc", "blind", "ideal"]
+    assert [method.name for method in suited] == ["naive", "oorc", "blind"]
     assert notes == ["two_step: left out, it trains on ratex patches and the layout has none"]
     assert suited_methods(methods, make_layout()) == (methods, [])
     with pytest.raises(InputError, match="no method suits this layout; two_step: left out"):
@@ -258,12 +258,12 @@ def test_chroma_is_simulated_and_decoded_by_what_can(tmp_path: Path, command: Co
     command(data_gen_cli.main, *chroma, "--frames", 1, "--out", tmp_path / "out")
     (entry,) = read_manifest(tmp_path / "out")
     assert load_capture(tmp_path / "out", entry).layout == replace(FINE_LAYOUT, colour="chroma")
-    names = ["naive", "oorc", "blind", "hidden_ratex", "phi", "learned", "cnn"]
+    names = ["naive", "oorc", "blind", "hidden_ratex", "phi", "learned"]
     methods = [Method(name) for name in names]
     suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma"))
     assert ([method.name for method in suited], notes) == (names, [])
     suited, notes = suited_methods(methods, replace(FINE_LAYOUT, colour="chroma", pilots=0))
-    assert [method.name for method in suited] == ["blind", "hidden_ratex", "cnn"]
+    assert [method.name for method in suited] == ["blind", "hidden_ratex"]
     for name, note in zip(("naive", "oorc", "phi", "learned"), notes, strict=True):
         assert note.startswith(f"{name}: left out, it trains on ratex patches or pilots")
     command(evaluate.main, *TINY, *chroma, "--methods", "oorc", "--no-html",

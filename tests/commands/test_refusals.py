@@ -18,7 +18,7 @@ from link.frames import Captured
 from link.images import write_image
 from link.images.video import write_video
 from link.layout import make_layout
-from reports.engine.methods import METHODS
+from models import DECODERS
 
 LAYOUT = make_layout(5, 6, 120, 80, 2)
 MOST_BYTES = framing.capacity(framing.MAX_FRAMES, LAYOUT.n_bits)
@@ -83,7 +83,7 @@ REFUSED = [
         "--methods oorc magic",
         "naive, two_step, oorc, hidden_ratex, blind, phi, learned",
     ),
-    ("evaluate", "--methods idol", f"method 'idol'; choose one of: {', '.join(METHODS)}"),
+    ("evaluate", "--methods idol", f"method 'idol'; choose one of: {', '.join(DECODERS)}"),
     ("evaluate", "--kappas 5 0", "--kappas: need 1 to 64"),
     ("evaluate", "--frames 0", "--frames: need at least 1"),
     ("evaluate", "--jobs 0", "--jobs: need at least 1"),

@@ -51,7 +51,7 @@ def check_event(event: Mapping[str, Any]) -> None:
 
 def film(data: bytes = TEXT.encode(), signed: bool = False) -> list[Image]:
     """Gray frames of the preset robust, whose states are shown for two frames each."""
-    return filmed(ROBUST, 70, seed=3, message=encode(data, ROBUST.n_bits, signed=signed))[0]
+    return filmed(ROBUST, 45, seed=3, message=encode(data, ROBUST.n_bits, signed=signed))[0]
 
 
 def test_the_schema_in_the_repository_is_that_of_the_events() -> None:

@@ -13,22 +13,18 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, OpenWindow, cases, slow
+from conftest import OpenWindow, cases, slow
 from numpy.typing import NDArray
 from playwright.sync_api import Page
 
-from export.receive.receiver import Receiver
-from export.runtime import Decoder
 from export.send.compact import Compact
 from export.send.player import write_player
 from link.code import framing
-from link.code.collect import make_collector
 from link.embed import block_changes
 from link.layout import Layout, block_index, make_layout
 from link.loop import Loop
 from link.types import Array, Image
 
-PRETRAINED = ROOT / "models" / "neural" / "pretrained" / "decoder.onnx"
 MESSAGE = b"Hi"
 PATIENCE_S = 60.0
 
@@ -262,11 +258,13 @@ def resized(picture: Image, width: int, height: int) -> Array:
     return np.asarray(np.einsum("ij,jkc,lk->ilc", tall, picture, wide, optimize=True))
 
 
-@pytest.mark.parametrize("window", [(300, 200), slow((97, 73)), slow((121, 82))])
 @pytest.mark.parametrize("upright", [False, True])
-@pytest.mark.parametrize("case", [name if name in SOON else slow(name) for name in EXACT])
+@cases(
+    *((name, (300, 200)) if name in SOON else slow(name, (300, 200)) for name in EXACT),
+    *(slow(name, window) for name in SOON for window in ((97, 73), (121, 82))),
+)
 def test_in_other_windows_the_display_s_own_pixels_change_as_they_should(
-    case: str, upright: bool, window: tuple[int, int], open_window: OpenWindow, tmp_path: Path
+    case: str, window: tuple[int, int], upright: bool, open_window: OpenWindow, tmp_path: Path
 ) -> None:
     """All states of a picture lie around one resized picture, exactly."""
     loop = exact_loop(case, upright=upright)
@@ -579,7 +577,7 @@ COUNT_BYTES = """
 """Script that counts the bytes that go to the graphics card."""
 
 
-@pytest.mark.parametrize("size", [(160, 90), slow((1920, 1080))])
+@pytest.mark.parametrize("size", [(160, 90), slow((640, 360))])
 def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
     size: tuple[int, int], open_window: OpenWindow, tmp_path: Path
 ) -> None:
@@ -605,61 +603,6 @@ def test_a_frame_pair_moves_no_more_than_a_number_for_each_block(
     milliseconds, moved = page.evaluate(script)
     print(f"{milliseconds:.1f} ms a state of {size[0]} x {size[1]} pixels")
     assert moved == [9 * 16, 0] * 6
-
-
-@pytest.fixture(scope="module")
-def slow_player(decoder: Decoder, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pretrained decoder's layout, a smooth picture, 3 states a second."""
-    layout = decoder.layout
-    coarse = np.random.default_rng(4).uniform(0, 255, (7, 9, 3)).astype(np.float32)
-    picture = cv2.resize(coarse, (layout.width, layout.height)).round().astype(np.uint8)
-    file = tmp_path_factory.mktemp("slow") / "player.html"
-    write_player(file, make_loop(layout, 3, picture), 3)
-    return file
-
-
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder(PRETRAINED)
-
-
-@pytest.mark.slow
-def test_screenshots_decode_to_the_message(
-    open_window: OpenWindow, slow_player: Path, decoder: Decoder
-) -> None:
-    page = open_window(decoder.layout.width, decoder.layout.height)
-    start(page, slow_player)
-    collector, message = make_collector(decoder.layout.n_bits), None
-    shots: dict[int, Image] = {}
-    deadline = time.monotonic() + PATIENCE_S
-    while message is None and time.monotonic() < deadline:
-        before = page.evaluate("player.count")
-        shot = screenshot(page)
-        if page.evaluate("player.count") != before or before in shots:
-            continue  # taken while the state changed
-        shots[before] = cut_out(page, shot)
-        if before % 2 == 1 and before - 1 in shots:
-            soft = decoder.decode(shots[before - 1], shots[before])
-            message = collector.add(soft.scores, before // 2)
-    assert message.data == MESSAGE
-
-
-@pytest.mark.slow
-def test_the_receiver_reads_a_film_of_screenshots(
-    open_window: OpenWindow, slow_player: Path, decoder: Decoder
-) -> None:
-    """It finds the display, its clock, the frame pairs and their place in the loop by itself."""
-    page = open_window(700, 520)
-    start(page, slow_player)
-    receiver, message = Receiver(decoder, fps=10), None
-    deadline = time.monotonic() + PATIENCE_S
-    while message is None and page.evaluate("player.count") < 40 and time.monotonic() < deadline:
-        before = page.evaluate("performance.now()")
-        shot = np.pad(screenshot(page), ((60, 60), (60, 60), (0, 0)))
-        middle = (before + page.evaluate("performance.now()")) / 2
-        message = receiver.push(shot, middle / 1000).message
-    message = message or receiver.finish().message
-    assert message.data == MESSAGE
 
 
 def test_flicker_that_is_seen_is_played_when_somebody_agrees(

@@ -10,10 +10,10 @@ from conftest import ROOT, Command
 
 from data_gen.frame_pair import Cell, Source
 from lab import __main__ as lab
-from lab.comparison.ablation.page import ablation_figure, ablation_tables
-from lab.comparison.ablation.results import Ablation
-from lab.comparison.ablation.study import STUDY, compare_rows
-from lab.comparison.ablation.switches import ADDED, FLOORS, REMOVED, ROWS, row_method
+from lab.ablation.page import ablation_figure, ablation_tables
+from lab.ablation.results import Ablation
+from lab.ablation.study import STUDY, compare_rows
+from lab.ablation.switches import ADDED, REMOVED, ROWS, row_method
 from lab.study import Results, read_results, write_results
 from link.layout import Layout
 from models.neural.checkpoint import save_checkpoint
@@ -64,10 +64,6 @@ def test_every_condition_films_its_cells(layout: Layout) -> None:
         filmed.pair("canon-lg")
 
 
-def test_the_floors_are_those_that_know_the_channel() -> None:
-    assert FLOORS == ("ideal", "ideal_change")
-
-
 def lines(method: str, wrong: int, condition: str = "jpeg") -> list[dict[str, Any]]:
     """Six frame pairs of four bits, of which ``wrong`` are decided wrong."""
     scores = [-1.0] * wrong + [1.0] * (4 - wrong)
@@ -85,22 +81,22 @@ def stored_ablation(folder: Path, *predictions: list[dict[str, Any]]) -> Ablatio
     return read_results(STUDY, file).content
 
 
-def test_an_entry_states_error_difference_and_multiple(tmp_path: Path) -> None:
+def test_an_entry_states_error_and_difference(tmp_path: Path) -> None:
     stored = stored_ablation(
-        tmp_path, lines("oorc", 3), lines("full", 2), lines("full-rows", 3), lines("ideal", 1)
+        tmp_path, lines("oorc", 3), lines("full", 2), lines("full-rows", 3), lines("learned", 1)
     )
     _, removed, _ = ablation_tables(stored, 6)
     page = removed.markdown().splitlines()
     assert page[0] == "Removed from the full decoder"
     assert page[2] == "| row, against full | jpeg, 24 bits |"
     assert page[4:] == [
-        "| full | 50.00 ×2.00 |",
-        "| full-rows | 75.00 ×3.00 (-25.00, -25.00 to -25.00) |",
-        "| ideal | 25.00 (+25.00, +25.00 to +25.00) |",
+        "| full | 50.00 |",
+        "| full-rows | 75.00 (-25.00, -25.00 to -25.00) |",
+        "| learned | 25.00 (+25.00, +25.00 to +25.00) |",
     ]
     assert [row[1].tint for row in removed.cells] == ["", "bad", "good"]
     by_row = {entry.row: entry for entry in stored.entries}
-    assert set(by_row["oorc"].against) == {"full", "ideal"}
+    assert set(by_row["oorc"].against) == {"full"}
     assert by_row["full"].ci_low < 0.5 < by_row["full"].ci_high
     written = json.loads((tmp_path / "ablation.json").read_text())["entries"]
     assert [asdict(entry) for entry in stored.entries] == written

@@ -157,7 +157,7 @@ def test_hidden_ratex_reads_antipodal_pairs(threshold: str, pilots: int) -> None
 
 
 @both_modulations
-@cases("naive", "oorc", "hidden_ratex", "blind", "phi", "learned", "cnn")
+@cases("naive", "oorc", "hidden_ratex", "blind", "phi", "learned")
 def test_methods_read_chroma_pairs_whose_luma_hardly_changes(name: str, modulation: str) -> None:
     hidden = DECODERS[name].equalised
     layout = make_layout(modulation=modulation, pilots=16, colour="chroma")

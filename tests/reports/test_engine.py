@@ -223,7 +223,7 @@ def test_the_fingerprint_knows_what_decides() -> None:
     }
     assert len(marks) == 5
     assert fingerprint(source, 1, Method("naive", label="another name")) in marks
-    assert checkpoint_digest(Method("cnn"), make_layout()) not in ("", file_digest([]))
+    assert checkpoint_digest(Method("learned"), make_layout()) not in ("", file_digest([]))
 
 
 def test_a_method_that_is_new_costs_no_other_its_results(tmp_path: Path) -> None:
@@ -307,7 +307,6 @@ def test_a_decoder_runs_on_what_it_imports_and_not_on_the_player() -> None:
     modules = imported_modules(["data_gen.frame_pair", "models.neural.methods"])
     assert {"models.neural.solver", "link.ratex", "data_gen.parameters"} <= set(modules)
     assert not [name for name in modules if name.split(".")[0] in ("export", "reports")]
-    assert "models.neural.cnn" not in modules
     assert set(DATA) <= set(modules)
     assert all((ROOT / name).is_file() for names in DATA.values() for name in names)
 

@@ -99,7 +99,7 @@ def test_the_reason_names_the_largest_obstacle(change: dict[str, float], words: 
 
 def test_the_true_response_rises_and_lies_in_its_band(layout: Layout) -> None:
     pair = FramePair(Source(layout), Cell("canon-lg", 45.0, 5), 0)
-    found = measure_response(pair, [Method("naive"), Method("two_step"), Method("cnn")])
+    found = measure_response(pair, [Method("naive"), Method("two_step"), Method("blind")])
     low, median, high = (np.array(v) for v in (found.low, found.median, found.high))
     assert np.all(np.diff(median) > -1)
     assert np.all((low <= median) & (median <= high))

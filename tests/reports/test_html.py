@@ -392,7 +392,7 @@ def test_pictures_outside_the_run_or_missing_are_refused(
 
 def test_compare_counts_what_both_decoded(store: Store, command: Command) -> None:
     a = store("a", [line("oorc", i, 3) for i in range(8)] + [line("naive", 0, 1)])
-    b = store("b", [line("oorc", i, 1) for i in range(6)] + [line("cnn", 0, 1)])
+    b = store("b", [line("oorc", i, 1) for i in range(6)] + [line("phi", 0, 1)])
     done = command(evaluate.main, "--compare", a, b)
     # 6 shared frame pairs of 10 bits: A has 3 wrong in each, B the first of these
     row = next(text for text in done.stdout.splitlines() if text.startswith("| oorc"))
@@ -400,7 +400,7 @@ def test_compare_counts_what_both_decoded(store: Store, command: Command) -> Non
     assert cells[:7] == ["oorc", "70.00", "90.00", "+20.00", "+20.00 to +20.00", "0.33", "12 / 0"]
     assert cells[7:] == [f"{2 * 0.5**12:.2g}", "6", "60", "B better"]
     assert "Only in A: naive." in done.stdout
-    assert "Only in B: cnn." in done.stdout
+    assert "Only in B: phi." in done.stdout
     assert "A has 8 frame pairs in its main comparison, B 6; the 6 that both have" in done.stdout
     assert "oorc 70.00 90.00 +20.00" in check_page(b / "compare.html").text["part0"]
 
@@ -502,11 +502,11 @@ def test_captures_with_bits_show_their_failures(
 
 
 def test_methods_are_grouped_by_what_they_saw() -> None:
-    lines = [line(m, i, wrong) for m, wrong in (("oorc", 2), ("cnn", 1)) for i in range(3)]
+    lines = [line(m, i, wrong) for m, wrong in (("oorc", 2), ("two_step", 1)) for i in range(3)]
     lines += [line("blind", i, 0, n_bits=12) for i in range(3)]
     records, none = to_records(lines), to_records([])
-    assert same_captures(records) == [["oorc", "cnn"], ["blind"]]
-    assert leaders(records, none) == ["blind", "cnn"]
+    assert same_captures(records) == [["oorc", "two_step"], ["blind"]]
+    assert leaders(records, none) == ["blind", "two_step"]
     swept = to_records([line("oorc", 0, 0), line("blind", 0, 0)])
     assert leaders(records, swept) == ["blind", "oorc"]
     unknown = to_records([line("oorc", 0, 0, bits=[-1] * 10)])

@@ -255,7 +255,7 @@ def test_a_change_of_gray_is_no_change_of_colour() -> None:
 # The largest kappa
 
 
-@pytest.mark.parametrize("code", ["on_off", "toggle", "soft2"])
+@pytest.mark.parametrize("code", ["on_off", "toggle"])
 def test_the_largest_kappa_stays_below_and_the_next_does_not(code: str) -> None:
     limit = 4.0
     kappa = largest_kappa(FINE, limit, rng(), code, 5)

@@ -154,13 +154,14 @@ def _peak(values: NDArray[np.floating], at: int) -> float:
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
 
 
-def shifted_toggling(
+def shifted_togglings(
     views: Map, blocks: NDArray[np.floating], layout: Layout, at: Sequence[float], fps: float
-) -> Toggling:
-    """Find how a coded display toggles of which it is not known where it lies.
+) -> list[Toggling]:
+    """Find how a coded display may toggle of which it is not known where it lies.
 
-    What a frame shows at each shift of the whole display and of its parts, less the mean of all
-    frames, is compared with the expected changes. Only then are the clocks tried, all at once.
+    What a frame shows at each shift of the display, less the mean of all frames, is compared with
+    the expected changes. Only then are the clocks tried, all at once. The display may lie shifted
+    as a whole, or its parts each by itself.
 
     Args:
         views: (T, h, w) maps of the display, such as `COARSE_SIZE`.
@@ -172,22 +173,21 @@ def shifted_toggling(
     height, width = views.shape[1:]
     block = np.array([width / layout.cols, height / layout.rows])
     expected = _drawn(blocks, (width, height))
-    reach = [int(np.ceil(max(REACH_BLOCKS * side, REACH_SHARE * width))) for side in block]
+    right, down = (int(np.ceil(max(REACH_BLOCKS * side, REACH_SHARE * width))) for side in block)
     around = [
         cv2.copyMakeBorder(
-            without_slope(view, block), reach[1], reach[1], reach[0], reach[0], cv2.BORDER_CONSTANT
+            without_slope(view, block), down, down, right, right, cv2.BORDER_CONSTANT
         )
         for view in over_deviation(views)
     ]
-    matches = []
+    search, found = code_search(layout, tuple(at), fps), list[Toggling]()
     for rows, cols in PARTS[1:]:
         ys, xs = (np.linspace(0, s, n + 1).astype(int) for s, n in ((height, rows), (width, cols)))
-        for (top, bottom), (left, right) in product(pairwise(ys), pairwise(xs)):
-            part = expected[top:bottom, left:right]
-            windows = [
-                each[top : bottom + 2 * reach[1], left : right + 2 * reach[0]] for each in around
-            ]
-            found = [cv2.matchTemplate(each, part, cv2.TM_CCORR) for each in windows]
-            matches.append(np.array(found).reshape(len(found), -1) / np.std(found))
-    lock = code_search(layout.code, tuple(at), fps).highest(matches)
-    return CodedToggling(lock, layout.code)
+        matches = []
+        for (top, bottom), (left, end) in product(pairwise(ys), pairwise(xs)):
+            part = expected[top:bottom, left:end]
+            windows = [each[top : bottom + 2 * down, left : end + 2 * right] for each in around]
+            seen = [cv2.matchTemplate(each, part, cv2.TM_CCORR)[::2, ::2] for each in windows]
+            matches.append(np.array(seen).reshape(len(seen), -1))  # (T, y, x) -> (T, shifts)
+        found.append(CodedToggling(search.highest(matches), layout.code))
+    return found

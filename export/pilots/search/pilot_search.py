@@ -25,6 +25,7 @@ from export.pilots.search.watch import Watch
 from link.errors import InputError
 from link.images import as_gray
 from link.layout import Layout
+from link.pilot_code import PLAIN
 from link.types import Corners, Image
 
 GLANCES = 4
@@ -75,6 +76,7 @@ class PilotSearch:
             raise InputError("layouts: need at least one, each with pilots")
         self.layouts, self._fps = tuple(layouts), fps
         self._steps = max(1, round(STEPS_HZ / fps))
+        self._coded = any(layout.code != PLAIN for layout in layouts)
         self.picture_moves = False
         """Whether displays are looked for whose picture moves (`doubt_picture`)."""
         self._failed = 0
@@ -99,7 +101,10 @@ class PilotSearch:
             self._give_up()
             newest = None
         if watch is None or newest is None:
-            self._watch = Watch(image, time, self._fps, picture_moves=self.picture_moves)
+            longer = 2 if self._failed and self._coded else 1
+            self._watch = Watch(
+                image, time, self._fps, picture_moves=self.picture_moves, longer=longer
+            )
             self._proposer = self._work = None
             self._surest_seen = 0.0
             return None

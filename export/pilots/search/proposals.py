@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from export.locate.candidates import display_candidates
 from export.pilots.motion import moved_corners
 from export.pilots.search.film import HeldFrame, positions
-from export.pilots.search.parts import coarse_shift, shifted_toggling
+from export.pilots.search.parts import coarse_shift, shifted_togglings
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import Toggling, Wave, find_toggling
@@ -219,4 +219,4 @@ class Proposer:
         """List the ways in which a display may toggle whose corners are not known."""
         if layout.code == PLAIN:
             return [Wave(frequency) for frequency in self._frequencies]
-        return [shifted_toggling(views, shown, layout, at, self._fps)]
+        return shifted_togglings(views, shown, layout, at, self._fps)

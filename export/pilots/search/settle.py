@@ -119,8 +119,14 @@ def settle(
     if best is fitted and fit is not None:
         k = yield from _through_lens(fit, start, frames[0])
         best = _moved(start, fit) if k else fitted
-    if layout.code != PLAIN:  # all frames that have come meanwhile tell more of the clock
-        _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps)
+    seen = 0
+    while layout.code != PLAIN:  # frames that have come meanwhile tell more of the clock
+        if watch.seen > seen:
+            seen = watch.seen
+            _, toggling = weigh(best, [*watch.frames, *watch.later], watch.fps)
+        if toggling.clear or len(watch.later) == watch.confirming:
+            break
+        yield None
     return Settled(replace(best, toggling=toggling), evidence, k)
 
 

@@ -34,14 +34,23 @@ class Watch:
         time: when it was taken, seconds.
         fps: nominal number of frames of the camera in a second; some may be missing.
         picture_moves: whether the room alone is held still, because a picture may move in it.
+        longer: number of times the usual number of frames that are watched.
     """
 
-    def __init__(self, reference: Image, time: float, fps: float, *, picture_moves: bool) -> None:
+    def __init__(
+        self,
+        reference: Image,
+        time: float,
+        fps: float,
+        *,
+        picture_moves: bool,
+        longer: int = 1,
+    ) -> None:
         self.reference = reference
         gray = as_gray(reference)
         self.first = HeldFrame(gray, np.eye(3), 0.0, time)
         """The reference as a frame."""
-        self.window = int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
+        self.window = longer * int(np.clip(round(WINDOW_S * fps), LEAST_WINDOW, MOST_WINDOW))
         """Number of frames that are watched."""
         self.frames: list[HeldFrame] = []
         """Frames watched so far; none before the second frame of the film."""

@@ -391,10 +391,8 @@ class ToggleWindow:
     def _start_by_code(self) -> Array:
         """Find (C, 5) clocks to start from, by the code alone."""
         signs = np.ones(len(self._places))
-        search = CodeSearch(self._code, self._times, 1 / self._frame)
-        locks = search.strongest(
-            (self._values / (self.deviation[:, None] + 1e-6)).T, signs, self._places, STARTS
-        )
+        search = CodeSearch(self._code, signs, self._places, self._times, 1 / self._frame)
+        locks = search.strongest((self._values / (self.deviation[:, None] + 1e-6)).T, STARTS)
         return np.array([astuple(lock.clock) for lock in locks])
 
 

@@ -49,7 +49,7 @@ SAME = 0.5
 keep their numbers."""
 FALSE_ALARM = 1e-6
 """Chance, by the rule of `needed_evidence`, that a window without a clock shows one. Noise has
-more large values than the rule says, so `lab.films.clock` measures how often it happens."""
+more large values than the rule says; docs/answered.md has how often it happens."""
 CANDIDATES = 0.03
 """Factor of `needed_evidence`, fitted to the largest evidence in windows of simulated noise."""
 

@@ -56,18 +56,25 @@ def test_each_reason_names_what_was_seen(seen: Observations, says: list[str]) ->
         assert words in line
 
 
-SLOW = "30 frames a second, and a display with preset hidden (60 states a second) needs at least 60"
+SLOW = "20 frames a second, and a display with preset fast (30 states a second) needs at least 30"
 
 
 @pytest.mark.parametrize("found", [0, 40])
 def test_a_camera_that_is_too_slow_for_a_preset_is_named(found: int) -> None:
-    seen = Observations(30, 90, found, level=9.0, presets=("hidden",))
-    assert f"{SLOW}, better 120: ask for robust" in explain_silence(seen)
+    seen = Observations(20, 90, found, level=9.0, presets=("fast",))
+    assert f"{SLOW}, better 60: ask for robust" in explain_silence(seen)
     assert "exposure" not in explain_silence(seen)
     among = replace(seen, found=0, presets=tuple(PRESETS))
     assert SLOW in explain_silence(among)
-    for fitting in (replace(seen, fps=60), replace(seen, presets=("robust", "fast"))):
+    for fitting in (replace(seen, fps=30), replace(seen, fps=30, presets=("robust", "hidden"))):
         assert "needs at least" not in explain_silence(fitting)
+
+
+def test_an_exposure_over_more_than_a_state_is_named() -> None:
+    seen = replace(FOUND, fps=30, state_hz=60.0, exposed=1.9, decoded=91, presets=("hidden",))
+    assert "lasts for 1.9 of the display's states" in explain_silence(seen)
+    assert "one of 1/60 s or less reads faster" in explain_silence(seen)
+    assert "reads faster" not in explain_silence(replace(seen, exposed=1.0))
 
 
 def test_a_rate_that_only_just_fits_is_named() -> None:

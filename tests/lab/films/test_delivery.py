@@ -16,18 +16,15 @@ from data_gen.film.phone import PhoneSettings
 from data_gen.film.scenes import SceneSettings
 from data_gen.pictures.library import Picture, load_pictures
 from lab import __main__ as lab
-from lab.films import codecs, delivery
-from lab.films.codecs import VariantsTake
+from lab.films import delivery
 from lab.films.trial import FilmSettings, Take, with_prints
-from lab.study import DOCS, read_results, stored_results
+from lab.study import DOCS, stored_results
 from link.errors import InputError
 from link.layout import make_layout
 from link.types import Image
-from models import PRETRAINED
 from reports.engine.backends import Backend
 from reports.engine.checked import seal
 from reports.engine.stored import each_result, resume
-from reports.score.reliability import confidence_bins
 
 STORED = stored_results(delivery.STUDY, ROOT / DOCS / "delivery")
 RUN = next(iter(STORED.values())).content.runs[0]
@@ -204,89 +201,3 @@ def test_a_message_is_delivered_from_a_simulated_film(command: Command, tmp_path
     (run,) = json.loads(file.read_text())["runs"]
     assert run["delivered"] and not run["wrong"]
     assert run["bits_wrong"] < 0.05 * run["bits"]
-
-
-# Codecs and phones
-
-
-LN4 = np.log(4.0)
-
-
-def film_of(take: VariantsTake, delivered: bool) -> dict[str, Any]:
-    known = asdict(RUN)
-    run = {"view_deg": take.take.view, "pair": take.take.pair, "run": take.take.run}
-    known |= run | {"delivered": delivered, "wrong": False, "bits": 200, "bits_wrong": 30}
-    # all bits were decided with 4 : 1, and 85 % of them right
-    known["bins"] = [
-        asdict(one) for one in confidence_bins(np.full(200, LN4), np.arange(200) >= 30)
-    ]
-    return {name: known | {"kbits": 7900.0 if "h264" in name else None} for name in take.variants}
-
-
-def test_films_through_codecs_are_pooled_and_kept(
-    command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    taken = []
-
-    def read(take: VariantsTake) -> dict[str, Any]:
-        taken.append((take.take.settings.kappa, take.take.view, take.take.run))
-        return film_of(take, delivered=take.take.run == 0)
-
-    monkeypatch.setattr(codecs, "read_variants", read)
-    flags = ("codecs", "--pairs", "canon-lg", "--variants", "lossless", "h264-8000", "--jobs", 1)
-    flags += ("--out", tmp_path)
-    for runs in (1, 2):
-        done = command(lab.main, *flags, "--runs", runs)
-    cells = [(kappa, view) for kappa in (3, 5) for view in (0.0, 45.0)]
-    assert taken == [(*cell, run) for run in (0, 1) for cell in cells]
-    rows = read_results(codecs.STUDY, tmp_path / "codecs.json").content.rows
-    assert [(row.variant, row.kappa, row.view_deg) for row in rows] == [
-        (variant, *cell) for variant in ("lossless", "h264-8000") for cell in cells
-    ]
-    for row in rows:
-        assert (row.runs, row.delivered, row.wrong_messages) == (2, 1, 0)
-        assert row.wrong_bits == pytest.approx(0.15)
-        assert row.calibration_error == pytest.approx(0.05)
-        assert row.ci_low < 0.5 < row.ci_high
-        assert row.wrong_bits_low < 0.15 < row.wrong_bits_high
-        assert row.kbits == (7900 if row.variant == "h264-8000" else None)
-    assert "| H.264, 8 Mbit/s | 3 | 0° | 1 of 2 |" in done.stdout
-    command(lab.main, *flags, "--runs", 1, "--n-bytes", 20)
-    assert len(taken) == 12  # another setting reads nothing of what was stored
-    fast = ("--preset", "fast", "--state-hz", 30, "--fps", 60, "--block", "phones_fast")
-    done = command(lab.main, *flags, *fast, "--runs", 1)
-    assert "60 frames/s, of 30 states/s on 96 × 128 blocks" in done.stdout
-    assert len(taken) == 16
-
-
-def test_the_page_of_films_has_all_blocks() -> None:
-    page = (ROOT / "docs" / "films.md").read_text()
-    for name in codecs.BLOCKS:
-        assert f"<!-- {name} -->" in page and f"<!-- /{name} -->" in page
-
-
-def test_every_variant_can_be_encoded_and_is_another_one() -> None:
-    assert len({repr((v.codec, v.phone)) for v in codecs.VARIANTS.values()}) == len(codecs.VARIANTS)
-    for name, variant in codecs.VARIANTS.items():
-        variant.codec.check()
-        variant.phone.check()
-        assert variant.codec.on or variant.phone.processes or name == "lossless"
-
-
-@pytest.mark.slow
-def test_one_film_is_read_through_codecs_and_phones() -> None:
-    """A codec's lane sees what a film through the codec alone shows."""
-    config = FilmSettings(kappa=5, n_bytes=20)
-    take = Take(config, "canon-lg", 0.0, 0, 0, PRETRAINED / "decoder.onnx")
-    found = codecs.read_variants(VariantsTake(take, ("lossless", "h264-8000", "phone")))
-    for name, run in found.items():
-        kbits = run.pop("kbits")
-        assert (kbits is None) == (name == "lossless")
-        assert kbits is None or kbits == pytest.approx(8000, rel=0.3)
-        assert run["delivered"] and not run["wrong"], name
-        assert run["frames_with_display"] > 0.9 * run["frames"]
-    alone = delivery.deliver(take)
-    coded = delivery.deliver(replace(take, settings=replace(config, codec=CodecSettings("h264"))))
-    for name, other in (("lossless", alone), ("h264-8000", coded)):
-        del found[name]["receiver_fps"], other["receiver_fps"]
-        assert found[name] == other

@@ -12,16 +12,13 @@ from export.visibility.flicker import (
     largest_kappa,
     message_visibility,
 )
-from export.visibility.line_code import LINE_CODES
+from export.visibility.line_code import shown_amplitudes
 from export.visibility.viewing import PICTURE_LEVELS, Viewing, Where
 from lab.study import Study, StudyFlags, Tables, Workshop, blocks_of_tables
 from link.errors import ParameterError
 from link.layout import make_layout
 from link.presets import PRESETS, Preset
 from reports.render.tables import Table
-
-KEPT = ("toggle", "hold2", "soft2")
-"""Line codes of the table of largest kappas."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +104,7 @@ def setting_name(preset: Preset) -> str:
 
 def raw_bits_hz(preset: Preset) -> float:
     """Count the bits that all blocks of a preset carry a second, before coding."""
-    blocks = preset.layout.rows * preset.layout.cols
-    return blocks * preset.state_hz / 2 / LINE_CODES[preset.line_code].toggles
+    return preset.layout.rows * preset.layout.cols * preset.state_hz / 2
 
 
 OTHERS = (
@@ -118,12 +114,8 @@ OTHERS = (
     setting((8, 8), "toggle", 1, 60),
     setting((24, 32), "toggle", 1, 60),
     setting((48, 64), "toggle", 3, 60),
-    setting((48, 64), "hold2", 1, 60),
-    setting((48, 64), "soft2", 3, 60),
-    setting((48, 64), "soft4", 4, 60),
     setting((96, 128), "toggle", 1, 60),
     setting((48, 64), "toggle", 3, 120),
-    setting((48, 64), "soft2", 6, 120),
     setting((8, 8), "on_off", 3, 15, "chroma"),
     setting((48, 64), "toggle", 3, 60, "chroma"),
 )
@@ -171,20 +163,18 @@ RATES = ((15, 60), (30, 60), (60, 60), (60, 120), (120, 120))
 """States and refreshes a second of the table of largest kappas."""
 
 
-def kappa_table(seed: int, seconds: float, line_codes: Sequence[str], limit: float = 1.0) -> Table:
-    """Tabulate the largest whole kappa that stays below a contrast over threshold."""
+def kappa_table(seed: int, seconds: float, limit: float = 1.0) -> Table:
+    """Tabulate the largest whole kappa of a toggle that stays below a contrast over threshold."""
     rows = []
     for grid in GRIDS:
-        for code in line_codes:
-            cells = []
-            for states, refreshes in RATES:
-                viewing = Viewing(*grid, states_hz=states, refresh_hz=refreshes, whole_levels=True)
-                rng = np.random.default_rng(seed)
-                found = largest_kappa(viewing, limit, rng, code, seconds)
-                cells.append(str(found) if found else "–")
-            rows.append([f"{grid[0]} × {grid[1]}", code, *cells])
-    heads = ["grid", "line code", *(f"{s} of {r}" for s, r in RATES)]
-    return Table(heads, rows, left=2)
+        cells = []
+        for states, refreshes in RATES:
+            viewing = Viewing(*grid, states_hz=states, refresh_hz=refreshes, whole_levels=True)
+            rng = np.random.default_rng(seed)
+            found = largest_kappa(viewing, limit, rng, seconds=seconds)
+            cells.append(str(found) if found else "–")
+        rows.append([f"{grid[0]} × {grid[1]}", *cells])
+    return Table(["grid", *(f"{s} of {r}" for s, r in RATES)], rows)
 
 
 def square_wave_table() -> Table:
@@ -202,7 +192,7 @@ def square_wave_table() -> Table:
                     viewing = replace(
                         Viewing(*grid, kappa=kappa, states_hz=states), picture_level=level
                     )
-                    shown = LINE_CODES["on_off"].amplitudes([1] * 4 * states, viewing.refreshes)
+                    shown = shown_amplitudes("on_off", [1] * 4 * states, viewing.refreshes)
                     seen.append(contrast_over_threshold(shown, viewing, window_s=2.0).mean)
                 cells.append(f"{seen[1]:.2f} ({max(seen):.2f})")
             rows.append([f"{grid[0]} × {grid[1]}", str(states), *cells])
@@ -222,7 +212,7 @@ def measure_visibility(flags: VisibilityFlags, workshop: Workshop) -> Tables:
         {
             "visibility_presets": [preset_table(flags.seed, flags.seconds)],
             "visibility_square": [square_wave_table()],
-            "visibility_kappa": [kappa_table(flags.seed, flags.seconds, KEPT, flags.limit)],
+            "visibility_kappa": [kappa_table(flags.seed, flags.seconds, flags.limit)],
         }
     )
 

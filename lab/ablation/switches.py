@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from models.neural.config import FULL, DecoderConfig
-from reports.engine.methods import METHODS, Method, methods_for
+from reports.engine.methods import Method, methods_for
 
 ADDED: dict[str, dict[str, Any]] = {
     "phi+drift": {"drift_degree": 2},
@@ -36,8 +36,6 @@ ROWS = ("oorc", "phi", *ADDED, "full", *REMOVED)
 """Names of all untrained rows, in the order in which tables show them."""
 WHOLE_DECODERS = ("full", "learned")
 """Rows that are decoders to use; their scores are log-likelihood ratios."""
-FLOORS = tuple(name for name, card in METHODS.items() if card.needs_truth)
-"""Observers that know the simulated channel, and that no decoder can beat."""
 
 
 def row_method(row: str, checkpoint: Path | None) -> Method:

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
 from data_gen.frame_pair import Source
 from data_gen.pairs import PAIRS
-from lab.comparison.ablation.page import ablation_figure, ablation_tables
-from lab.comparison.ablation.results import Ablation, AblationEntry, CellBehind
-from lab.comparison.ablation.switches import FLOORS, ROWS, WHOLE_DECODERS, row_method
-from lab.study import Picture, Results, Study, StudyFlags, Workshop
+from lab.ablation.page import ablation_figure, ablation_tables
+from lab.ablation.results import Ablation, AblationEntry, CellBehind
+from lab.ablation.switches import ROWS, WHOLE_DECODERS, row_method
+from lab.study import Results, Study, StudyFlags, Workshop
 from link.errors import InputError, at_least, choose, each_once
 from link.layout import make_layout
 from models.neural.checkpoint import load_checkpoint
@@ -28,7 +29,7 @@ from reports.score.accuracy import pool, score
 from reports.score.paired import COUNTS, cells_behind, compare, tally
 from reports.score.reliability import ALL, reliability_curves
 
-REFERENCES = ("oorc", "full", "ideal")
+REFERENCES = ("oorc", "full")
 """Rows with which every other row is compared, where they are decoded."""
 
 
@@ -39,13 +40,10 @@ class AblationFlags(StudyFlags):
     conditions: tuple[str, ...] = tuple(SETTINGS)
     """Settings of the channel, named in reports/engine/conditions.py."""
     rows: tuple[str, ...] = ROWS
-    """Rows, named in lab/comparison/ablation/switches.py; the references oorc and full always
+    """Rows, named in lab/ablation/switches.py; the references oorc and full always
     join."""
     learned: bool = True
     """Add the trained decoder."""
-    ideal: bool = False
-    """Add the floors, under every decoder and under those that do not know the picture. They take
-    some ten times as long as all else."""
     pairs: tuple[str, ...] = tuple(PAIRS)
     """Camera-display pairs."""
     frames: int = 20
@@ -84,7 +82,6 @@ def measure_ablation(flags: AblationFlags, workshop: Workshop) -> Ablation:
     ]
     rows = [row for row in ROWS if row in ("oorc", "full", *flags.rows)]
     rows += ["learned"] if flags.learned else []
-    rows += FLOORS if flags.ideal else []
     methods = [row_method(row, flags.run) for row in rows]
     records = workshop.predict(conditions, methods)
     entries, behind = compare_rows(records, flags.seed)
@@ -156,10 +153,10 @@ def ablation_blocks(results: Mapping[str, Results[Ablation]]) -> dict[str, str]:
     return blocks
 
 
-def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Picture]:
+def ablation_pictures(results: Mapping[str, Results[Ablation]]) -> dict[str, Figure]:
     """Draw the paired differences, and the diagram of reliability where it was measured."""
     ablation = (results.get("ablation") or next(iter(results.values()))).content
-    pictures: dict[str, Picture] = {"ablation.png": ablation_figure(ablation)}
+    pictures = {"ablation.png": ablation_figure(ablation)}
     if ablation.curves:
         names = [*dict.fromkeys(entry.condition for entry in ablation.entries), ALL]
         pictures["reliability.png"] = reliability_figure(ablation.curves, names)
@@ -183,8 +180,7 @@ def describe_study(meta: Mapping[str, Any]) -> str:
             f"{', '.join(flags['pairs'])}. By `{meta['command']}`.",
             "An entry is the error in per cent, and in brackets the difference in accuracy to the "
             "reference on identical captures: points, positive is better, with the 95 % interval "
-            "of a paired bootstrap over frame pairs"
-            + ("; × is the multiple of the ideal observer's errors." if flags["ideal"] else "."),
+            "of a paired bootstrap over frame pairs.",
             Table(["condition", "views", "κ", "channel"], rows, left=4).markdown(),
         ]
     )

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from lab.comparison.ablation.switches import ADDED, FLOORS, REMOVED, WHOLE_DECODERS
+from lab.ablation.switches import ADDED, REMOVED, WHOLE_DECODERS
 from reports.engine.checked import Count, Number, Share
 from reports.score.paired import Paired
 from reports.score.reliability import Bin
 
 BLOCKS = {
-    "Added to plain OORC": ("oorc", ("oorc", "phi", *ADDED, "full", "learned", *FLOORS)),
-    "Removed from the full decoder": ("full", ("full", *REMOVED, "learned", *FLOORS)),
+    "Added to plain OORC": ("oorc", ("oorc", "phi", *ADDED, "full", "learned")),
+    "Removed from the full decoder": ("full", ("full", *REMOVED, "learned")),
 }
 """The two halves of the ablation by title: the reference row, and the rows compared with it."""
 

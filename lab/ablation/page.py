@@ -6,8 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from lab.comparison.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
-from lab.comparison.ablation.switches import FLOORS, WHOLE_DECODERS
+from lab.ablation.results import BLOCKS, Ablation, AblationEntry, CellBehind
+from lab.ablation.switches import WHOLE_DECODERS
 from reports.render.charts import in_style
 from reports.render.tables import Table, TableCell, Tint, difference_interval, percent
 from reports.score.paired import MIN_FRAMES, Paired
@@ -42,7 +42,7 @@ def ablation_figure(ablation: Ablation) -> Figure:
     conditions = list(dict.fromkeys(entry.condition for entry in entries))
     order = dict.fromkeys(entry.row for entry in entries)
     blocks = {
-        reference: [row for row in order if row in rows and row not in (reference, *FLOORS)]
+        reference: [row for row in order if row in rows and row != reference]
         for reference, rows in BLOCKS.values()
     }
     blocks = {reference: rows for reference, rows in blocks.items() if rows}
@@ -100,10 +100,8 @@ def _switch_table(entries: Sequence[AblationEntry], title: str) -> Table:
 
 
 def _error_cell(entry: AblationEntry, reference: str) -> TableCell:
-    """Error of a row, its multiple of the floor's, and its difference to the reference."""
-    floor = entry.against.get("ideal")
-    multiple = "" if floor is None or floor.ratio is None else f" ×{floor.ratio:.2f}"
-    text = percent(entry.error) + multiple
+    """Error of a row, and its difference to the reference."""
+    text = percent(entry.error)
     if reference not in entry.against:
         return TableCell(text)
     paired = entry.against[reference]

@@ -1,0 +1,1 @@
+"""What each switch of the torch decoder is worth, and where: python -m lab ablation."""

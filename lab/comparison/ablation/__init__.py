@@ -1,1 +1,0 @@
-"""What each switch of the torch decoder is worth, and where: python -m lab.comparison.ablation."""
