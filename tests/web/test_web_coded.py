@@ -63,21 +63,24 @@ def test_clocks_of_a_code_are_those_of_python(hz: float, delay: float, frames: i
     clock = DisplayClock(1 / hz, 0.21, 0.0, delay, 0.4 / hz)
     values = coded_values(times, clock, 1.5)
     signs, places = pilot_signs(LAYOUT), pilot_centres(LAYOUT)
-    search = CodeSearch(CODE, times, FPS)
+    search = CodeSearch(CODE, signs, places, times, FPS)
     code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
-    ported = port("pilots/code.js").CodeSearch(code, times.tolist(), FPS)
+    ported = port("pilots/code.js").CodeSearch(code, signs, places, times.tolist(), FPS)
     same(np.array(ported.waves).T, search.waves, FLOAT32_SUM)
-    known = search.strongest(values, signs, places, 4)
-    found = ported.strongest(list(values), signs, places, 4)
+    known = search.strongest(values, 4)
+    found = ported.strongest(list(values), 4)
     for lock, ported_lock in zip(known, found, strict=True):
         same(numbers_of(ported_lock.clock), astuple(lock.clock), FLOAT64)
-        same(ported_lock.evidence, lock.evidence, FLOAT32_SUM)
+        same([ported_lock.evidence, ported_lock.rival], [lock.evidence, lock.rival], FLOAT32_SUM)
     assert known[0].evidence > 5
     assert abs(1 / known[0].clock.period / hz - 1) < CLOCKS_APART
-    series = np.concatenate([values[:, signs > 0], values[:, signs < 0][:, :4]], axis=1)
-    highest = ported.highest([np.ascontiguousarray(line) for line in series.T])
-    assert highest.period == search.highest([series]).period
-    moments = [each.number(0.3) for each in (highest, search.highest([series]))]
+    matches = [signs * values + shift for shift in (0, 1)]
+    matches = [np.concatenate([each, values[:, :9]], axis=1) for each in matches]
+    highest = search.highest(matches)
+    series = [[np.ascontiguousarray(line) for line in each.T] for each in matches]
+    ported_highest = ported.highest(series)
+    assert ported_highest.period == highest.period
+    moments = [each.number(0.3) for each in (ported_highest, highest)]
     assert moments[0] == pytest.approx(moments[1], abs=0.51)  # two of a state show the same
 
 
@@ -113,6 +116,7 @@ def test_pilots_tell_how_they_toggle(port: Port) -> None:
     evidence, toggling = find_toggling(list(values), LAYOUT, at.tolist(), FPS)
     found = port("pilots/toggling.js").findToggling(list(values), LAYOUT, at.tolist(), FPS)
     same(found.evidence, evidence, 10 * FLOAT32_SUM)
+    assert found.toggling.clear == toggling.clear
     same(numbers_of(found.toggling.clock), astuple(toggling.clock), FLOAT64)
     assert evidence > 20
 

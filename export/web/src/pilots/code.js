@@ -13,27 +13,32 @@ import { alongWave, lengthOf, takeOut } from "./waves.js";
 
 /** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
 
-const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, SIDES, OPEN, SURER, DRIFT } = pilotsCode;
+const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
+const { RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;
 
-/** Largest number of series that are compared with all clocks. */
-const COMPARED = 256;
-/** Number of `SLOPES` that is no slope. */
-const NO_SLOPE = SLOPES.findIndex(([across, down]) => across === 0 && down === 0);
+/** Largest number of a part's series that are compared with all clocks. */
+const COMPARED = 64;
 /** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
-const AXES = SLOPES.map(([, down]) => Number(down !== 0));
+const AXES = SLOPES.map(([across]) => Number(across === 0));
 
 /**
- * How a display may run: its clock, by the unit of time of the frames' times; and the natural
- * logarithm of the probability that chance does as well, with the sign turned, after paying for
- * what was tried.
+ * How a display may run: its clock, by the unit of time of the frames' times; the natural logarithm
+ * of the probability that chance does as well, with the sign turned, after paying for what was
+ * tried; and the largest share of what it explains that a clock explains which shows quite another
+ * state in the newest frame.
  *
- * @typedef {{ clock: DisplayClock, evidence: number }} CodeLock
+ * @typedef {{ clock: DisplayClock, evidence: number, rival: number }} CodeLock
  */
 
 /** Compares what changes over the frames of a film with what a coded display shows in them. */
 export class CodeSearch {
+  #signs;
+  /** Part (P,) along x, and along y, in which each place lies. @type {Int32Array[]} */
+  #part;
   #middle;
+  /** Time of the newest frame after the middle. */
+  #newest;
   #second;
   /** States a second that are tried. @type {number[]} */
   #hz;
@@ -48,15 +53,24 @@ export class CodeSearch {
 
   /**
    * @param {PilotCode} code - of the display
+   * @param {Float64Array} signs - (P,) 1 or -1, the signs of P places that show the code
+   * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
    * @param {readonly number[]} times - of T frames, rising
    * @param {number} fps - number of frames of the camera in the unit of time
    * @param {number} [second] - a second, in the unit of time
    */
-  constructor(code, times, fps, second = 1) {
+  constructor(code, signs, places, times, fps, second = 1) {
+    this.#signs = signs;
+    this.#part = [0, 1].map((axis) =>
+      Int32Array.from(signs, (_, p) =>
+        Math.min(Math.floor(places[2 * p + axis] * SIDES), SIDES - 1),
+      ),
+    );
     this.#middle = times.reduce((sum, time) => sum + time, 0) / times.length;
     const since = Float64Array.from(times, (time) => time - this.#middle);
+    this.#newest = since[since.length - 1];
     this.#second = second;
-    this.#hz = rates((since[since.length - 1] - since[0]) / second);
+    this.#hz = rates((this.#newest - since[0]) / second);
     this.#steps = 2 * PHASES * code.period;
     this.#shutter = this.#hz.map((hz) => OPEN * Math.min(second / hz, 1 / fps));
     const farthest = Math.max(...since.map(Math.abs), 1e-9);
@@ -87,69 +101,69 @@ export class CodeSearch {
    * Find the clocks by which values follow their signs most surely, the surest first.
    *
    * Clocks are compared by how much of all values they explain over time, by least squares. To tell
-   * whether that is chance, the signs are regressed on X_p, the sum of a pilot's values times the
+   * whether that is chance, the signs are regressed on X_p, the sum of a place's values times the
    * clock's wave, as `pilotEvidence` does with amplitudes: by chance these explain the share R2 of
-   * the signs' power with probability (1 - R2)^((P - 1) / 2), for P pilots.
+   * the signs' power with probability (1 - R2)^((P - 1) / 2), for P places.
    *
-   * @param {readonly ArrayLike<number>[]} values - (P,) of P pilots, in each frame
-   * @param {Float64Array} signs - (P,) 1 or -1
-   * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
+   * @param {readonly ArrayLike<number>[]} values - (P,) of the places in each frame, of alike noise
    * @param {number} [count] - number of clocks, none of them within a state of another
    * @returns {CodeLock[]}
    */
-  strongest(values, signs, places, count = 1) {
-    const { gain, chosen } = this.#bestSlopes(values, signs, places);
+  strongest(values, count = 1) {
+    const { gain, chosen } = this.#bestSlopes(values);
+    const left = gain.slice();
     return Array.from({ length: count }, () => {
-      const most = gain.reduce((greatest, each) => Math.max(greatest, each));
-      const top = gain.findIndex((each) => SURER * each >= most);
-      for (let near = 1 - PHASES; near < PHASES; near++) gain[this.#later(top, near)] = -1;
-      return this.#lock(top, chosen[top], values, signs, places);
+      const most = left.reduce((greatest, each) => Math.max(greatest, each));
+      const top = left.findIndex((each) => SURER * each >= most);
+      for (let near = 1 - PHASES; near < PHASES; near++) left[this.#later(top, near)] = -1;
+      return this.#lock(top, chosen[top], gain, values);
     });
   }
 
   /**
-   * Find the clock by which one of many series follows the code most clearly.
+   * Find the clock that the parts of a display follow most clearly, each by its best series.
    *
-   * A series cannot follow any clock more clearly than its own length, less drifts, allows. So the
-   * longest alone are compared, one after the other, as long as they can do better.
+   * A series cannot follow any clock more clearly than its own length, less drifts, allows, so that
+   * the longest alone are compared.
    *
-   * @param {Float64Array[]} matches - series (T,) of alike noise
+   * @param {Float64Array[][]} matches - for each part, series (T,) of alike noise
    * @returns {DisplayClock} the clock, without delays across the display
    */
   highest(matches) {
-    const lengths = matches.map((each) => lengthOf(takeOut(each.slice(), this.#drifts)));
-    const scale = this.#energy.map((energy) => 1 / (Math.sqrt(energy) + 1e-6));
-    let [most, best] = [0, 0];
-    const longest = [...lengths.keys()].sort((one, two) => lengths[two] - lengths[one]);
-    for (let i = 0; i < COMPARED && lengths[longest[i]] > most; i += 2) {
-      const [one, other] = [longest[i], longest[i + 1] ?? longest[i]].map((at) => matches[at]);
-      const along = alongWave(this.waves, { real: one, imaginary: other });
-      for (const heights of [along.real, along.imaginary]) {
-        for (let at = 0; at < heights.length; at++) {
-          if (heights[at] * scale[at] <= most) continue;
-          most = heights[at] * scale[at];
-          best = at;
+    const total = new Float64Array(this.#energy.length);
+    for (const part of matches) {
+      const lengths = part.map((each) => lengthOf(takeOut(each.slice(), this.#drifts)));
+      const longest = [...part.keys()].sort((one, two) => lengths[two] - lengths[one]);
+      const series = longest.slice(0, COMPARED).map((number) => part[number]);
+      const most = new Float64Array(total.length);
+      for (let i = 0; i < series.length; i += 2) {
+        const pair = { real: series[i], imaginary: series[i + 1] ?? series[i] };
+        const { real, imaginary } = alongWave(this.waves, pair);
+        for (let at = 0; at < most.length; at++) {
+          most[at] = Math.max(most[at], real[at], imaginary[at]);
         }
       }
+      const unit = deviationOf(part);
+      for (let at = 0; at < most.length; at++) {
+        total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
+      }
     }
-    return this.#clock(best, NO_SLOPE);
+    return this.#clock(total.indexOf(Math.max(...total)), NO_SLOPE);
   }
 
   /**
    * Choose for each rate and phase how exposure and writing go across the display.
    *
    * @param {readonly ArrayLike<number>[]} values
-   * @param {Float64Array} signs
-   * @param {Float64Array} places
    * @returns {{ gain: Float64Array, chosen: Uint8Array }} (H,) power that is explained, 0 where
    *   values speak against the clock, and numbers of `SLOPES`
    */
-  #bestSlopes(values, signs, places) {
+  #bestSlopes(values) {
     const gain = new Float64Array(this.#energy.length);
     const chosen = new Uint8Array(gain.length);
     const parts = Array.from({ length: SIDES }, (_, side) => {
-      const within = [0, 1].map((axis) =>
-        signs.map((sign, p) => (partOf(places[2 * p + axis]) === side ? sign : 0)),
+      const within = this.#part.map((parts) =>
+        this.#signs.map((sign, p) => (parts[p] === side ? sign : 0)),
       );
       const [real, imaginary] = within.map((weights) =>
         Float64Array.from(values, (now) => weights.reduce((sum, sign, p) => sum + sign * now[p], 0)),
@@ -186,25 +200,41 @@ export class CodeSearch {
    *
    * @param {number} at
    * @param {number} slope
+   * @param {Float64Array} gain - of all clocks
    * @param {readonly ArrayLike<number>[]} values
-   * @param {Float64Array} signs
-   * @param {Float64Array} places
    * @returns {CodeLock}
    */
-  #lock(at, slope, values, signs, places) {
+  #lock(at, slope, gain, values) {
+    const count = this.#signs.length;
     const later = this.#laterBy(Math.floor(at / this.#steps), slope);
     let [along, power] = [0, 0];
-    for (let p = 0; p < signs.length; p++) {
-      const wave = this.#later(at, later[partOf(places[2 * p + AXES[slope]])]);
+    for (let p = 0; p < count; p++) {
+      const wave = this.#later(at, later[this.#part[AXES[slope]][p]]);
       let X = 0;
       values.forEach((now, t) => (X += now[p] * this.waves[t][wave]));
-      along += signs[p] * X;
+      along += this.#signs[p] * X;
       power += X * X;
     }
-    const share = along ** 2 / (signs.length * power + 1e-9);
-    const paid = Math.log(this.#energy.length * SLOPES.length);
-    const chance = ((signs.length - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
-    return { clock: this.#clock(at, slope), evidence: Math.max(0, -chance) };
+    const share = along ** 2 / (count * power + 1e-9);
+    const paid = Math.log(gain.length * SLOPES.length);
+    const chance = ((count - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
+    const rival = gain.reduce((most, each, other) => {
+      const phases = this.#phase(other) - this.#phase(at);
+      const apart = Math.abs(phases - this.#steps * Math.round(phases / this.#steps));
+      return apart >= RIVAL * PHASES ? Math.max(most, each) : most;
+    }, 0);
+    const evidence = Math.max(0, -chance);
+    return { clock: this.#clock(at, slope), evidence, rival: rival / (gain[at] + 1e-9) };
+  }
+
+  /**
+   * Give the phase at which a clock is in the newest frame.
+   *
+   * @param {number} at
+   */
+  #phase(at) {
+    const hz = this.#hz[Math.floor(at / this.#steps)];
+    return (PHASES * this.#newest * hz) / this.#second + (at % this.#steps);
   }
 
   /**
@@ -249,12 +279,20 @@ export class CodeSearch {
 }
 
 /**
- * Number the part along one side in which a place in [0, 1] lies.
+ * Find the standard deviation of all numbers in some arrays of one length.
  *
- * @param {number} place
+ * @param {Float64Array[]} arrays
  */
-function partOf(place) {
-  return Math.min(Math.floor(place * SIDES), SIDES - 1);
+function deviationOf(arrays) {
+  let [sum, squares] = [0, 0];
+  for (const array of arrays) {
+    for (const value of array) {
+      sum += value;
+      squares += value * value;
+    }
+  }
+  const count = arrays.length * arrays[0].length;
+  return Math.sqrt(squares / count - (sum / count) ** 2);
 }
 
 /**

@@ -16,7 +16,7 @@ import { alongWave, lengthOf, waves } from "./waves.js";
 /** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
 /** @typedef {import("./motion.js").GridMaps} GridMaps */
 
-const { LEAST_WAVE, MOST_FRAMES } = pilotsToggling;
+const { LEAST_WAVE, UNCLEAR, MOST_FRAMES } = pilotsToggling;
 
 /**
  * Amplitudes: real and imaginary part of each pixel of a map.
@@ -32,9 +32,11 @@ const { LEAST_WAVE, MOST_FRAMES } = pilotsToggling;
  * in any phase, or real where the phase is known. `changeSteps` measures by how much each pixel of views,
  * rectified to maps, changed in each frame pair that they show: positive where a pixel's embedded
  * frame is brighter, over its usual deviation. `clockInSeconds` tells when the display shows which
- * state, where that is known, by the nominal frames in a second and the time of position 0.
+ * state, where that is known, by the nominal frames in a second and the time of position 0. `clear`
+ * says that no other way explains about as much.
  *
  * @typedef {object} Toggling
+ * @property {boolean} clear
  * @property {(
  *   series: readonly Float32Array[], at: readonly number[], size: [number, number],
  * ) => Amplitudes} amplitudes
@@ -61,28 +63,29 @@ export function findToggling(values, layout, at, fps) {
     const { evidence, frequency } = pilotEvidence(values, layout, at);
     return { evidence, toggling: new Wave(frequency) };
   }
-  const search = codeSearch(code, at.slice(-MOST_FRAMES), fps);
-  const series = overDeviation(values.slice(-MOST_FRAMES));
-  const places = Float64Array.from(pilotCentres(layout).flat());
-  const [{ clock, evidence }] = search.strongest(series, pilotSigns(layout), places);
-  return { evidence, toggling: new CodedToggling(clock, code) };
+  const search = codeSearch(layout, at.slice(-MOST_FRAMES), fps);
+  const [lock] = search.strongest(overDeviation(values.slice(-MOST_FRAMES)));
+  const toggling = new CodedToggling(lock.clock, code, lock.rival < UNCLEAR);
+  return { evidence: lock.evidence, toggling };
 }
 
 /** Searches for codes that were made last. @type {{ key: string, search: CodeSearch }[]} */
 let made = [];
 
 /**
- * Make a search for a code in frames at these positions, once for all that is tried in them.
+ * Make a search for a layout's code in frames at these positions, for all that is tried there.
  *
- * @param {PilotCode} code
+ * @param {Layout} layout
  * @param {readonly number[]} at
  * @param {number} fps - nominal number of frames in a second
- * @returns {CodeSearch}
+ * @returns {CodeSearch} by nominal frames
  */
-export function codeSearch(code, at, fps) {
-  const key = [fps, at, code.signs].join(" ");
+export function codeSearch(layout, at, fps) {
+  const key = [fps, at, layout.code.signs, layout.pilotBlocks, layout.cols].join(" ");
   const known = made.find((each) => each.key === key);
-  const search = known?.search ?? new CodeSearch(code, at, 1, fps);
+  const places = Float64Array.from(pilotCentres(layout).flat());
+  const search =
+    known?.search ?? new CodeSearch(layout.code, pilotSigns(layout), places, at, 1, fps);
   made = [{ key, search }, ...made.filter((each) => each !== known)].slice(0, 2);
   return search;
 }
@@ -96,6 +99,7 @@ export class Wave {
   /** @param {number} frequency - at which it toggles, in periods for each nominal frame */
   constructor(frequency) {
     this.frequency = frequency;
+    this.clear = true;
   }
 
   /** @type {Toggling["amplitudes"]} */
@@ -179,10 +183,12 @@ export class CodedToggling {
   /**
    * @param {DisplayClock} clock - by nominal frames since position 0
    * @param {PilotCode} code - of the display
+   * @param {boolean} [clear] - whether no other clock explains about as much
    */
-  constructor(clock, code) {
+  constructor(clock, code, clear = false) {
     this.clock = clock;
     this.code = code;
+    this.clear = clear;
   }
 
   /** @type {Toggling["amplitudes"]} */

@@ -98,6 +98,8 @@ export class Sight {
     this.mixed = 0;
     /** States a second by the clock that was known last, or null. @type {number | null} */
     this.stateHz = null;
+    /** Length of an exposure by that clock, in states. */
+    this.exposed = 0;
   }
 
   /**
@@ -264,7 +266,10 @@ export class DisplayReader {
     for (const earlier of before) this.#keep(earlier.seen, earlier.time, width, height, false);
     const inView = this.#keep(tracked, time, width, height, before.length === 0);
     this.#sight.see(tracked.rectified, time, inView);
-    if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
+    if (this.sync.clock !== null) {
+      this.#sight.stateHz = 1 / this.sync.clock.period;
+      this.#sight.exposed = this.sync.clock.shutter / this.sync.clock.period;
+    }
     if (this.sync.slips !== this.#slips) {
       this.#slips = this.sync.slips;
       this.#startRun();

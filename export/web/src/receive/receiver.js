@@ -131,6 +131,7 @@ export class Receiver {
       cut: sight.cut,
       toggling: this.#reader.sync.best,
       stateHz: sight.stateHz,
+      exposed: sight.exposed,
       decoded: this.decoded,
       mixed: sight.mixed / Math.max(this.decoded, 1),
       progress: this.progress,

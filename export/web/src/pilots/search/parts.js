@@ -28,8 +28,8 @@ export const {
   PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
 } = pilotsSearchParts;
 
-/** Units of work of matching a frame, of putting all matches together, and of trying clocks. */
-const [MATCH_WORK, JOIN_WORK, CLOCK_WORK] = [2, 10, 40];
+/** Units of work of matching a frame, and of trying all clocks. */
+const [MATCH_WORK, CLOCK_WORK] = [2, 30];
 
 /**
  * Find where the parts of a display lie that toggle as they should.
@@ -245,19 +245,20 @@ function peakOffset(values, at) {
 }
 
 /**
- * Find how a coded display toggles of which it is not known where it lies.
+ * Find how a coded display may toggle of which it is not known where it lies.
  *
- * What a frame shows at each shift of the whole display and of its parts, less the mean of all
- * frames, is compared with the expected changes. Only then are the clocks tried, all at once.
+ * What a frame shows at each shift of the display, less the mean of all frames, is compared with
+ * the expected changes. Only then are the clocks tried, all at once. The display may lie shifted as
+ * a whole, or its parts each by itself.
  *
  * @param {readonly Float32Array[]} series - maps of the display of `COARSE_SIZE`, `overDeviation`
  * @param {ArrayLike<number>} blocks - (rows * cols,) as of `coarseShift`
  * @param {Layout} layout - of the display
  * @param {readonly number[]} at - positions of the frames
  * @param {number} fps - nominal number of frames of the camera in a second
- * @returns {Steps<CodedToggling>}
+ * @returns {Steps<CodedToggling[]>}
  */
-export function* shiftedToggling(series, blocks, layout, at, fps) {
+export function* shiftedTogglings(series, blocks, layout, at, fps) {
   const [width, height] = COARSE_SIZE;
   const reach = reachOf({ width, height }, layout, true);
   /** @type {Matches[][]} */
@@ -267,33 +268,20 @@ export function* shiftedToggling(series, blocks, layout, at, fps) {
     shown.push(matchParts(change, blocks, layout, reach));
     yield MATCH_WORK;
   }
-  const matches = PARTS.slice(1).flatMap((parts) => {
-    const seen = shown.map((smallest) => joined(smallest, parts).map(({ real }) => real));
-    return seen[0].flatMap((first, part) => {
-      const all = seen.map((now) => now[part]);
-      const unit = deviationOf(all);
-      return Array.from(first, (_, shift) => Float64Array.from(all, (now) => now[shift] / unit));
-    });
+  // every second shift along x and y tells
+  const [wide, high] = reach.map((side) => side + 1);
+  const shifts = Array.from({ length: wide * high }, (_, i) => {
+    return 2 * ((i % wide) + Math.floor(i / wide) * (2 * wide - 1));
   });
-  yield JOIN_WORK;
-  const clock = codeSearch(layout.code, at, fps).highest(matches);
-  yield CLOCK_WORK;
-  return new CodedToggling(clock, layout.code);
-}
-
-/**
- * Find the standard deviation of all numbers in some arrays of one length.
- *
- * @param {Float32Array[]} arrays
- */
-function deviationOf(arrays) {
-  let [sum, squares] = [0, 0];
-  for (const array of arrays) {
-    for (const value of array) {
-      sum += value;
-      squares += value * value;
-    }
+  const found = [];
+  for (const parts of PARTS.slice(1)) {
+    const seen = shown.map((smallest) => joined(smallest, parts).map(({ real }) => real));
+    const matches = seen[0].map((_, part) =>
+      shifts.map((shift) => Float64Array.from(seen, (now) => now[part][shift])),
+    );
+    const clock = codeSearch(layout, at, fps).highest(matches);
+    found.push(new CodedToggling(clock, layout.code));
+    yield CLOCK_WORK;
   }
-  const count = arrays.length * arrays[0].length;
-  return Math.sqrt(squares / count - (sum / count) ** 2);
+  return found;
 }

@@ -120,7 +120,8 @@ export class PilotSearch {
       isFollowed = false;
     }
     if (watch === null || !isFollowed) {
-      this.#watch = new Watch(gray, time, this.fps, this.pictureMoves);
+      const longer = this.#failed > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
+      this.#watch = new Watch(gray, time, this.fps, this.pictureMoves, longer);
       this.#work = this.#proposer = null;
       this.#surestSeen = 0;
       return null;

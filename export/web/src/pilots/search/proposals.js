@@ -7,7 +7,7 @@ import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, overDeviation, pilotValues, standingOut } from "../signal.js";
 import { Wave, findToggling } from "../toggling.js";
-import { COARSE_SIZE, coarseShift, shiftedToggling } from "./parts.js";
+import { COARSE_SIZE, coarseShift, shiftedTogglings } from "./parts.js";
 
 /** @typedef {import("../toggling.js").Toggling} Toggling */
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
@@ -352,7 +352,8 @@ export class Proposer {
         const shown = turn ? blocks.slice().reverse() : blocks;
         let ways = plain;
         if (!layout.code.isPlain) {
-          ways = [measured(yield* shiftedToggling(series, shown, layout, at, this.#watch.fps))];
+          const { fps } = this.#watch;
+          ways = (yield* shiftedTogglings(series, shown, layout, at, fps)).map(measured);
         }
         for (const { toggling, line } of ways) {
           const fit = coarseShift(line, shown, layout, true);

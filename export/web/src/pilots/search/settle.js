@@ -98,8 +98,17 @@ export function* settleSteps(proposal, first, watch) {
   const isFitted = best === fitted && fit !== null;
   const k = isFitted ? yield* throughLens(fit, start, frames[0]) : 0;
   if (isFitted && k !== 0) best = moved(start, fit);
-  // all frames that have come meanwhile tell more of a code's clock
-  if (!layout.code.isPlain) weighed = yield* weighSteps(best, watch.all, watch.fps);
+  let seen = 0;
+  while (!layout.code.isPlain) {
+    // frames that have come meanwhile tell more of the clock
+    if (watch.seen > seen) {
+      seen = watch.seen;
+      weighed = yield* weighSteps(best, watch.all, watch.fps);
+    }
+    const later = watch.seen - watch.frames.length;
+    if (weighed.toggling.clear || later >= watch.confirming) break;
+    yield NEXT_FRAME;
+  }
   return { proposal: { ...best, toggling: weighed.toggling }, evidence, k };
 }
 

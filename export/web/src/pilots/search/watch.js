@@ -26,20 +26,22 @@ export class Watch {
    * @param {number} time - when it was taken, seconds
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {boolean} pictureMoves - whether the room alone is held still
+   * @param {number} [longer] - number of times the usual number of frames that are watched
    */
-  constructor(reference, time, fps, pictureMoves) {
+  constructor(reference, time, fps, pictureMoves, longer = 1) {
     this.reference = reference;
     this.start = time;
     this.fps = fps;
-    this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps));
     this.#stabiliser = new Stabiliser(reference, pictureMoves);
     const { width, height } = this.#stabiliser.reference;
     /** What toggles in the frames watched. */
     this.map = new ToggleMap(width, height);
     /** Number of frames that are watched. */
-    this.window = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
+    this.window =
+      longer * Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
     /** Number of later frames that must agree with what is not certain. */
     this.confirming = Math.floor((2 * this.window) / 3);
+    this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps), this.confirming);
     /** The newest frames of all. */
     this.held = [new HeldFrame(reference, identity(3), 0, time)];
   }

@@ -584,9 +584,10 @@ export class ToggleWindow {
     const values = Array.from(this.#times, (_, k) =>
       this.deviation.map((scale, place) => this.#values[place * this.#n + k] / (scale + 1e-6)),
     );
-    const search = new CodeSearch(this.#code, [...this.#times], 1 / this.#frame);
     const signs = new Float64Array(this.#P).fill(1);
-    return search.strongest(values, signs, this.#places, STARTS).map(({ clock }) => clock.numbers);
+    const times = [...this.#times];
+    const search = new CodeSearch(this.#code, signs, this.#places, times, 1 / this.#frame);
+    return search.strongest(values, STARTS).map(({ clock }) => clock.numbers);
   }
 }
 
