@@ -12,7 +12,7 @@ import { CLIPPED, CUT } from "./diagnosis.js";
 import { FilmDesk, SURE } from "./film.js";
 import { fillUnseen, unseenBlocks } from "./unseen.js";
 import { Occlusion } from "./occlusion.js";
-import { averageState, blockPurity, composeState, pointsInView, unseenState } from "./states.js";
+import { blockPurity, composeState, pointsInView, unseenState } from "./states.js";
 import { Synchroniser } from "./timing/synchronise.js";
 import { makeToggles } from "./timing/toggles.js";
 import { CornerShift } from "./tracking/corners.js";
@@ -25,7 +25,7 @@ import { CornerShift } from "./tracking/corners.js";
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReader;
-export const { PURE_FROM, PURE_TO, APART } = receiveReader;
+export const { PURE_FROM, PURE_TO } = receiveReader;
 
 /**
  * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
@@ -325,14 +325,12 @@ export class DisplayReader {
   }
 
   /**
-   * Decode what is left when the frames have ended; images without a clock by their order.
+   * Decode what is left when the frames have ended.
    *
    * @returns {Promise<Reading>}
    */
   async finish() {
-    const reading = await (this.sync.clock !== null
-      ? this.#decodeReady(Infinity)
-      : this.#decodeUnclocked());
+    const reading = await this.#decodeReady(Infinity);
     return reading.message !== null ? reading : { ...reading, message: this.goOn(Infinity) };
   }
 
@@ -505,10 +503,10 @@ export class DisplayReader {
    *
    * @param {ScoredPair} scored - the pair, and its scores, 0 for erased blocks
    * @param {number} time - of the newest frame, seconds
-   * @param {number} [work] - units of work after which decoding of the message stops for now
+   * @param {number} work - units of work after which decoding of the message stops for now
    * @returns {{ pair: DecodedPair, message: Message | null }}
    */
-  #finishPair({ composed, scores }, time, work = Infinity) {
+  #finishPair({ composed, scores }, time, work) {
     const { number, original, embedded, moved } = composed;
     let start = performance.now();
     const trust = this.#trust(composed);
@@ -522,45 +520,6 @@ export class DisplayReader {
     this.#timing.add("collect", start);
     const { progress } = this.collector;
     return { pair: { number, time, scores, original, embedded, progress }, message };
-  }
-
-  /**
-   * Decode frames in order, each of one state, which ends where the toggles change level.
-   *
-   * @returns {Promise<Reading>}
-   */
-  async #decodeUnclocked() {
-    /** @type {DecodedPair[]} */
-    const pairs = [];
-    const seen = this.#buffer.filter(({ measured }) => measured.some(Number.isFinite));
-    if (seen.length < 2) return { pairs, message: null };
-    const toggles = this.#toggles.overTime(seen.map(({ measured }) => measured));
-    const levels = toggles.map((places) => spreadOf([...places.filter(Number.isFinite)]).mean);
-    const middle = (Math.max(...levels) + Math.min(...levels)) / 2;
-    const high = spreadOf(levels.filter((level) => level > middle));
-    const low = spreadOf(levels.filter((level) => level <= middle));
-    const apart = APART * Math.max(high.deviation, low.deviation, 1e-6);
-    if (!(high.mean - low.mean >= apart)) return { pairs, message: null };
-    /** @type {{ up: boolean, time: number, images: BytePlane[] }[]} */
-    const states = [];
-    for (const [at, { frame }] of seen.entries()) {
-      const up = levels[at] > middle;
-      if (states.length === 0 || states[states.length - 1].up !== up) {
-        states.push({ up, time: frame.time, images: [] });
-      }
-      states[states.length - 1].images.push(frame.rectified);
-    }
-    for (let at = 0; at < states.length - 1; at++) {
-      if (states[at].up) continue;
-      const [original, embedded] = [0, 1].map((which) => averageState(states[at + which].images));
-      const number = Math.floor(at / 2);
-      const composed = { number, original, embedded, moved: [] };
-      const scored = { composed, scores: await this.#scorePair(composed) };
-      const { pair, message } = this.#finishPair(scored, states[at].time);
-      pairs.push(pair);
-      if (message !== null) return { pairs, message };
-    }
-    return { pairs, message: null };
   }
 }
 
@@ -579,15 +538,4 @@ function meanOf(arrays) {
     array.forEach((value, i) => (sum[i] += value));
   }
   return sum.map((value) => value / arrays.length);
-}
-
-/**
- * Find the mean and the standard deviation of values; NaN where there are none.
- *
- * @param {number[]} values
- */
-function spreadOf(values) {
-  const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
-  const power = values.reduce((sum, value) => sum + (value - mean) ** 2, 0) / values.length;
-  return { mean, deviation: Math.sqrt(power) };
 }

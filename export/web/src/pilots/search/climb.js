@@ -16,7 +16,7 @@ import {
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "../motion.js";
-import { pilotCentres, signedPhases, sumsAlong } from "../signal.js";
+import { pilotCentres, signedPhases, turnedSums } from "../signal.js";
 
 /** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 
@@ -54,8 +54,8 @@ export function climbToPilots(change, layout) {
     const values = [real, imaginary].map((plane) => between(plane, places, BY.linear, BEYOND.zero));
     let power = 0;
     for (const part of values) for (const value of part) power += value * value;
-    const along = sumsAlong(values[0], values[1], phases);
-    return Math.max(...along.map(([a, b]) => a * a + b * b)) / (power * pilots + 1e-12);
+    const along = phases.map((slope) => turnedSums(values[0], values[1], slope));
+    return Math.max(...along.map(({ a, b }) => a * a + b * b)) / (power * pilots + 1e-12);
   };
 
   let corners = frameCorners(width, height);
