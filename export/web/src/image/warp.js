@@ -64,7 +64,6 @@ export function between(plane, [xs, ys], by, beyond) {
  * @param {number} width
  * @param {number} height
  * @param {Samples | null} room
- * @returns {Plane<Samples>}
  */
 function planeLike({ data }, width, height, room) {
   const Type = /** @type {any} */ (data instanceof Uint8Array ? Uint8Array : Float32Array);

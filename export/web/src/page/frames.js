@@ -103,7 +103,6 @@ export function videoFrames(video, take, signal) {
  * @param {HTMLVideoElement} video
  * @param {HTMLCanvasElement} canvas - is drawn on where the browser does not give its frames
  * @param {number} time - in seconds
- * @returns {Pixels}
  */
 function pixelsOf(video, canvas, time) {
   if (typeof VideoFrame !== "undefined") {

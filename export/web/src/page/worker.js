@@ -185,7 +185,6 @@ function start(fps, key, maxAgeS) {
  * @param {number[][] | null} corners - of the display
  * @param {Message | null} message
  * @param {boolean} last - whether the film has ended
- * @returns {Step}
  */
 function report(corners, message, last) {
   const { receiver, inbox, width, height } = film;

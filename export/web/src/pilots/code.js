@@ -202,7 +202,6 @@ export class CodeSearch {
    * @param {number} slope
    * @param {Float64Array} gain - of all clocks
    * @param {readonly ArrayLike<number>[]} values
-   * @returns {CodeLock}
    */
   #lock(at, slope, gain, values) {
     const count = this.#signs.length;
@@ -308,7 +307,6 @@ export function clocksTried(code) {
  * List the rates that are told apart in some seconds, with clocks that run fast or slow.
  *
  * @param {number} span - seconds
- * @returns {number[]}
  */
 function rates(span) {
   return STATE_HZ.flatMap((hz) => {

@@ -58,7 +58,6 @@ export function explainSlowness(seen) {
  *
  * @param {string[]} parts - keys of `WORDS`
  * @param {Observations} seen
- * @returns {string}
  */
 function told(parts, seen) {
   const { toggling } = seen;
@@ -90,7 +89,6 @@ function told(parts, seen) {
  * Name the preset that needs the quickest camera, where this one is too slow for it.
  *
  * @param {Observations} seen
- * @returns {string | null}
  */
 function tooFast({ presets = [], fps }) {
   const rateOf = (/** @type {string} */ name) => LEAST_FPS.get(name) ?? 0;

@@ -338,7 +338,6 @@ export class DisplayReader {
    * Decode frame pairs whose time on the display is over: all of them once frames have ended.
    *
    * @param {number} now - seconds; infinite where the frames have ended
-   * @returns {Promise<Reading>}
    */
   async #decodeReady(now) {
     const { clock } = this.sync;
@@ -405,7 +404,6 @@ export class DisplayReader {
    *
    * @param {DisplayClock} clock
    * @param {boolean} isOver - whether the frames have ended
-   * @returns {Promise<ScoredPair | null>}
    */
   async #nextScored(clock, isOver) {
     const [waiting, desk] = [this.#waiting, this.#desk];
@@ -504,7 +502,6 @@ export class DisplayReader {
    * @param {ScoredPair} scored - the pair, and its scores, 0 for erased blocks
    * @param {number} time - of the newest frame, seconds
    * @param {number} work - units of work after which decoding of the message stops for now
-   * @returns {{ pair: DecodedPair, message: Message | null }}
    */
   #finishPair({ composed, scores }, time, work) {
     const { number, original, embedded, moved } = composed;

@@ -178,7 +178,6 @@ export class Receiver {
    *
    * @param {BytePlane} frame
    * @param {number} time
-   * @returns {Tracked | null}
    */
   #find(frame, time) {
     const followed = this.#following;
@@ -214,7 +213,6 @@ export class Receiver {
    *
    * @param {DisplayTracker} followed
    * @param {number} time - seconds
-   * @returns {boolean}
    */
   #standsStill(followed, time) {
     if ((this.synchronised && this.progress > 0) || followed.layout.ratex.length === 0) {

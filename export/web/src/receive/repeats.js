@@ -77,7 +77,6 @@ export class Repeats {
  * Take small squares of pixels, spread evenly over an image.
  *
  * @param {BytePlane} image
- * @returns {Cells}
  */
 function sampleCells({ width, height, data }) {
   const stepY = Math.max(1, Math.floor(height / CELLS));

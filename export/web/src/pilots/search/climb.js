@@ -85,7 +85,6 @@ export function climbToPilots(change, layout) {
  *
  * @param {FloatPlane} plane
  * @param {[number, number]} block - its width and height, in pixels
- * @returns {FloatPlane}
  */
 function averaged(plane, block) {
   const [across, down] = block.map((side) => Math.max(1, roundHalfEven(side)));

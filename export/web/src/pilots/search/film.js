@@ -113,7 +113,6 @@ export class HeldFrame {
    * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
    * @param {number} width - of the result
    * @param {number} height - of the result
-   * @returns {BytePlane}
    */
   #rectified(H, width, height) {
     if (room.length !== width * height) room = new Uint8Array(width * height);
@@ -138,7 +137,6 @@ export class HeldFrame {
    * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
    * @param {number} width - of the result
    * @param {number} height - of the result
-   * @returns {FloatPlane}
    */
   #averaged(factor, H, width, height) {
     const copy = this.#copy(factor);
@@ -150,7 +148,6 @@ export class HeldFrame {
    * Average the frame down, without rounding.
    *
    * @param {number} factor - whole
-   * @returns {FloatPlane}
    */
   #copy(factor) {
     const { width, height } = this.gray;
@@ -167,7 +164,6 @@ export class HeldFrame {
  * @param {Point[]} quad - pixels of the image
  * @param {number} width - of the image
  * @param {number} height - of the image
- * @returns {boolean}
  */
 function isNear(quad, width, height) {
   for (const [x, y] of quad) {
@@ -183,7 +179,6 @@ function isNear(quad, width, height) {
  * @param {Point[]} quad - pixels of the image
  * @param {number} width - of the map
  * @param {number} height - of the map
- * @returns {number}
  */
 function pixelsInOne(quad, width, height) {
   const sides = quad.map(([x, y], i) => {

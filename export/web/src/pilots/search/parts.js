@@ -114,7 +114,6 @@ function matchParts({ width, height, ...change }, blocks, { rows, cols }, reach)
  * @param {[number, number]} parts - their number from top to bottom, and from left to right
  * @param {[number, number]} reach - largest shift along x and y, pixels of the map
  * @param {number} unit - power of e by which a match of a median more is rarer
- * @returns {Shifts}
  */
 function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
   const ys = divided(map.height, down);
@@ -186,7 +185,6 @@ function fittedShift({ places, seen, heights }, layout, map) {
  * @param {Point[]} to
  * @param {number} same - distance, in pixels, within which a point agrees
  * @param {boolean} affine
- * @returns {{ HOldFromNew: Float64Array, parts: number } | null}
  */
 function ransac(from, to, same, affine) {
   const [source, target] = [from, to].map((points) => Float64Array.from(points.flat()));
@@ -199,7 +197,6 @@ function ransac(from, to, same, affine) {
  *
  * @param {Matches[]} smallest - of `PARTS[0]`
  * @param {[number, number]} parts - one of `PARTS`
- * @returns {Matches[]}
  */
 function joined(smallest, [down, across]) {
   const [rows, cols] = PARTS[0];
@@ -235,7 +232,6 @@ function divided(length, count) {
  *
  * @param {ArrayLike<number>} values
  * @param {number} at
- * @returns {number}
  */
 function peakOffset(values, at) {
   if (!(at > 0 && at < values.length - 1)) return 0;

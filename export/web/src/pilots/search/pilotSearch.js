@@ -172,7 +172,6 @@ export class PilotSearch {
    * Look for the display in the film that follows the reference.
    *
    * @param {Watch} watch
-   * @returns {Steps<Settled | null>}
    */
   *#search(watch) {
     const edges = yield* candidateSteps(watch.reference, CANDIDATES);
@@ -226,7 +225,6 @@ export class PilotSearch {
    *
    * @param {Proposal} proposal
    * @param {Watch} watch
-   * @returns {Steps<Settled | null>}
    */
   *#weighAndSettle(proposal, watch) {
     const { evidence } = yield* weighSteps(proposal, watch.frames, watch.fps);
@@ -239,7 +237,6 @@ export class PilotSearch {
    * @param {Proposal} proposal
    * @param {number} evidence
    * @param {Watch} watch
-   * @returns {Steps<Settled | null>}
    */
   #settle(proposal, evidence, watch) {
     this.#surestSeen = Math.max(this.#surestSeen, evidence);

@@ -319,8 +319,6 @@ export class Proposer {
    *
    * The mean has less noise than a frame, and its histogram, made even, shows the edges of a dark
    * picture in a dark frame.
-   *
-   * @returns {Steps<Point[][]>}
    */
   *#faintEdges() {
     const even = equalised(this.#watch.map.mean());

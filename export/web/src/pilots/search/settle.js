@@ -213,7 +213,6 @@ function* throughLens(fit, start, { gray }) {
  *
  * @param {Proposal} proposal
  * @param {BlockFit} fit
- * @returns {Proposal}
  */
 function moved(proposal, fit) {
   return { ...proposal, corners: movedCorners(proposal.corners, fit.shift(), proposal.layout) };

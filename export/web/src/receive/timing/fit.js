@@ -304,7 +304,6 @@ export class ToggleWindow {
    * Estimate the noise of each place from what is left of its toggles.
    *
    * @param {Float64Array} left - (P, n); it is used up
-   * @returns {PlaceNoise}
    */
   #noiseOf(left) {
     const n = this.#n;

@@ -155,7 +155,6 @@ export class Tracker {
    *
    * @param {BytePlane} image
    * @param {number} frameMs - time, in milliseconds, after which no further step begins
-   * @returns {Tracked | null}
    */
   #look(image, frameMs) {
     const start = performance.now();
@@ -237,7 +236,6 @@ export class Tracker {
    * Say after how many units of work this frame takes no further step of the search.
    *
    * @param {BytePlane} image
-   * @returns {number}
    */
   #workLimit(image) {
     if (this.#vain === 0) return FIRST_WORK;
@@ -267,7 +265,6 @@ export class Tracker {
    * @param {BytePlane} image
    * @param {Point[]} corners
    * @param {boolean} fresh - whether the frame becomes the reference
-   * @returns {Tracked | null}
    */
   #accept(image, corners, fresh) {
     const rectified = this.#follower.rectified(image, corners);
@@ -284,7 +281,6 @@ export class Tracker {
  * Shrink an image to a few pixels.
  *
  * @param {BytePlane} image
- * @returns {Uint8Array}
  */
 function thumbnailOf({ width, height, data }) {
   const across = Math.ceil(width / THUMBNAIL_STEP);

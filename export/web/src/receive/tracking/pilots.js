@@ -78,7 +78,6 @@ export class PilotTracker {
   /**
    * @param {BytePlane} image
    * @param {number} time
-   * @returns {Tracked | null}
    */
   #look(image, time) {
     const found = this.#search.push(image, time);
@@ -97,7 +96,6 @@ export class PilotTracker {
    * Show the display in the frames in which it was looked for.
    *
    * @param {import("../../pilots/search/pilotSearch.js").PilotDisplay} found
-   * @returns {{ time: number, seen: Tracked }[]}
    */
   #before({ firstCorners, held }) {
     /** @type {{ time: number, seen: Tracked }[]} */
@@ -117,7 +115,6 @@ export class PilotTracker {
    * @param {BytePlane} image
    * @param {Point[]} corners
    * @param {boolean} fresh - whether the frame becomes the reference
-   * @returns {Tracked | null}
    */
   #accept(image, corners, fresh) {
     const follower = this.#follower;
@@ -139,7 +136,6 @@ export class PilotTracker {
    *
    * @param {Tracked} tracked
    * @param {number} time
-   * @returns {boolean}
    */
   #stillThere(tracked, time) {
     const { layout } = this;
