@@ -2,8 +2,6 @@
 
 import { call } from "./opencv.js";
 
-/** @import { Plane } from "./opencv.js" */
-
 /**
  * Sample a plane where a homography leads, bilinearly; beyond the border its last pixel counts.
  *

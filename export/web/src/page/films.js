@@ -13,7 +13,6 @@ import { rateOf } from "./frames.js";
 import { readY4m, Y4M_MAGIC } from "./y4m.js";
 
 /** @import { InputVideoTrack, VideoSample } from "mediabunny" */
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
 
 /** Kinds of compressed films that are read; cameras, phones and browsers write these. */

@@ -6,7 +6,6 @@
 
 import { imagesVideo } from "../generated/constants.js";
 
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
 /** Smallest number of frames a second that is believed. */

@@ -20,7 +20,6 @@ import { RemoteDecoder, remoteFilm, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { FilmScorer } from "../filmGraph.js" */
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
 /** @import { Step } from "./protocol.js" */
 /** @import { Message } from "../link/code/message.js" */

@@ -9,8 +9,6 @@
 
 import { PLAIN } from "../link/pilotCode.js";
 
-/** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
-
 /** When the display shows which state: state n begins at `start` + n `period`. */
 export class DisplayClock {
   /**

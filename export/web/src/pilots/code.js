@@ -11,8 +11,6 @@ import { roundHalfEven } from "../image/round.js";
 import { DisplayClock, embeddedShare } from "./clock.js";
 import { alongWave, lengthOf, takeOut } from "./waves.js";
 
-/** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
-
 const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
 const { RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
 export const { MOST_STATE_HZ } = pilotsCode;

@@ -12,7 +12,7 @@ import { lessMeanAround } from "../image/blur.js";
 import { areaMeans } from "../image/shrink.js";
 import { MOST_SPAN, alongWave, spanOf, waves } from "./waves.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
+/** @typedef {Plane<Uint8Array | Float32Array>} AnyPlane */
 /** @typedef {import("./waves.js").Wave} Wave */
 
 export const { LEAST_DEVIATION, SLOWEST } = pilotsSignal;

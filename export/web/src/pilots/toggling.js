@@ -13,7 +13,6 @@ import {
 } from "./signal.js";
 import { alongWave, lengthOf, waves } from "./waves.js";
 
-/** @typedef {import("../link/pilotCode.js").PilotCode} PilotCode */
 /** @typedef {import("./motion.js").GridMaps} GridMaps */
 
 const { LEAST_WAVE, UNCLEAR, MOST_FRAMES } = pilotsToggling;

@@ -12,7 +12,6 @@ import { MESH } from "./states.js";
 
 /** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
-/** @typedef {import("../pilots/clock.js").DisplayClock} DisplayClock */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveFilm;
 const { SHRINK } = filmGraph;

@@ -21,7 +21,6 @@ import { CornerShift } from "./tracking/corners.js";
 /** @typedef {import("../link/code/message.js").Message} Message */
 /** @typedef {import("./tracking/patches.js").Tracked} Tracked */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
-/** @typedef {import("../pilots/clock.js").DisplayClock} DisplayClock */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReader;

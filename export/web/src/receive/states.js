@@ -6,8 +6,6 @@ import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
 
-/** @typedef {import("../pilots/clock.js").DisplayClock} DisplayClock */
-
 export const { PURE, MESH } = receiveStates;
 
 /** Points (MESH MESH, 2) of the display, x and y in [0, 1], at which exposure is worked out. */

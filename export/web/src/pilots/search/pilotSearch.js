@@ -59,7 +59,7 @@ const BEGIN_WORK = 6;
  *   evidence: number,
  *   firstCorners: Point[],
  *   k: number,
- *   clock: import("../clock.js").DisplayClock | null,
+ *   clock: DisplayClock | null,
  *   held: HeldFrame[],
  * }} PilotDisplay
  */

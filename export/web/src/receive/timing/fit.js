@@ -23,7 +23,6 @@ import {
   withoutOutliers,
 } from "./series.js";
 
-/** @typedef {import("../../link/pilotCode.js").PilotCode} PilotCode */
 /** @typedef {import("./series.js").Factors} Factors */
 
 export const {

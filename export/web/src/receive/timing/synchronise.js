@@ -6,7 +6,6 @@ import { DisplayClock } from "../../pilots/clock.js";
 import { clocksTried } from "../../pilots/code.js";
 import { ClockFit, ToggleWindow } from "./fit.js";
 
-/** @typedef {import("../../link/pilotCode.js").PilotCode} PilotCode */
 /** @typedef {import("./toggles.js").Toggles} Toggles */
 
 export const {

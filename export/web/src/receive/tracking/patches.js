@@ -45,7 +45,7 @@ const THUMBNAIL_STEP = 4;
  *   rectified: BytePlane,
  *   anew?: boolean,
  *   before?: { time: number, seen: Tracked }[],
- *   clock?: import("../../pilots/clock.js").DisplayClock | null,
+ *   clock?: DisplayClock | null,
  * }} Tracked
  */
 
