@@ -8,6 +8,7 @@ A share of the frames may be dropped at random, as slow receivers and busy phone
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from math import lcm
 from typing import Any
 
 import numpy as np
@@ -29,8 +30,14 @@ from reports.engine.backends import one_thread
 from reports.render.tables import Table
 from reports.score.intervals import wilson
 
-CAMERA_FPS = {"hidden": 120.0, "fast": 60.0, "robust": 30.0}
-"""Frames that the camera takes a second of each preset: two of each displayed state."""
+CAMERAS = {
+    "hidden": ("hidden", 120.0),
+    "hidden, 60 fps": ("hidden", 60.0),
+    "hidden, 30 fps": ("hidden", 30.0),
+    "fast": ("fast", 60.0),
+    "robust": ("robust", 30.0),
+}
+"""Preset, and number of camera frames a second, by the name of the setting."""
 MAX_VIEW_DEG = 60.0
 """Largest angle of observation that is drawn, degrees."""
 COVERAGE = 0.15, 0.6
@@ -53,8 +60,9 @@ SEEN = {
 class PilotSearchFlags(StudyFlags):
     """How often displays are found by their pilots, and how often where there are none."""
 
-    presets: tuple[str, ...] = tuple(CAMERA_FPS)
-    """Presets that displays show."""
+    presets: tuple[str, ...] = tuple(CAMERAS)
+    """Presets that displays show, before which cameras; keys of CAMERAS in
+    lab/films/pilot_search.py."""
     seen: tuple[str, ...] = tuple(SEEN)
     """What the films show, keys of SEEN in lab/films/pilot_search.py."""
     films: int = 40
@@ -74,7 +82,7 @@ class SearchTake:
     """One film in which a display is looked for."""
 
     preset: str
-    """Preset of the camera's and the display's rates."""
+    """Name of the display's preset and the camera's rate; a key of `CAMERAS`."""
     seen: str
     """What the film shows; a key of `SEEN`."""
     number: int
@@ -96,7 +104,7 @@ class SearchOutcome:
     """What the search found in one film."""
 
     preset: str
-    """Preset of the camera's and the display's rates."""
+    """Name of the display's preset and the camera's rate; a key of `CAMERAS`."""
     seen: str
     """What the film shows; a key of `SEEN`."""
     number: int
@@ -153,7 +161,13 @@ def displayed_states(
     kappa = 3 if seen == "other" else chosen.kappa
     bits = rng.integers(0, 2, (PATTERNS, layout.n_bits))
     pairs = [embed(picture, pattern, layout, kappa) for pattern in bits]
-    return [state for pair in pairs for state in (pair.original, pair.embedded)], layout
+    states = [
+        state
+        for number in range(lcm(PATTERNS, layout.code.period))
+        for pair in [pairs[number % PATTERNS]]
+        for state in (pair.original, pair.embedded)[:: layout.code.sign(number)]
+    ]
+    return states, layout
 
 
 def search_outcome(take: SearchTake) -> dict[str, Any]:
@@ -164,7 +178,7 @@ def search_outcome(take: SearchTake) -> dict[str, Any]:
 
 def search_film(take: SearchTake) -> SearchOutcome:
     """Film a room and look for a display until one is found."""
-    preset, seen, number = take.preset, take.seen, take.number
+    (preset, fps), seen, number = CAMERAS[take.preset], take.seen, take.number
     rng = np.random.default_rng(
         [take.seed, list(PRESETS).index(preset), list(SEEN).index(seen), number]
     )
@@ -176,7 +190,7 @@ def search_film(take: SearchTake) -> SearchOutcome:
     states, layout = displayed_states(seen, shown, preset, rng)
     settings = VideoSettings(
         scene=SceneSettings(coverage=coverage, backlit=take.backlit, pictures=pictures, free=0.03),
-        fps=CAMERA_FPS[preset],
+        fps=fps,
         state_hz=PRESETS[preset].state_hz,
         seconds=take.seconds,
     )
@@ -193,8 +207,10 @@ def search_film(take: SearchTake) -> SearchOutcome:
             )
             error = float(np.linalg.norm(found.corners - corners, axis=1).mean())
             right = seen == "display" and found.layout == layout
-            return SearchOutcome(preset, seen, number, view, coverage, frame.time_s, error, right)
-    return SearchOutcome(preset, seen, number, view, coverage, None, None, False)
+            return SearchOutcome(
+                take.preset, seen, number, view, coverage, frame.time_s, error, right
+            )
+    return SearchOutcome(take.preset, seen, number, view, coverage, None, None, False)
 
 
 def median_interval(values: Sequence[float]) -> tuple[float, float]:
@@ -226,7 +242,7 @@ def search_table(outcomes: Sequence[SearchOutcome]) -> Table:
             low, high = wilson(right, len(mine))
             times = [o.found_s for o in mine if o.right and o.found_s is not None]
             errors = [o.error_px for o in mine if o.right and o.error_px is not None]
-            row = [preset, "–" if preset == "all" else f"{CAMERA_FPS[preset]:g}", name]
+            row = [preset, "–" if preset == "all" else f"{CAMERAS[preset][1]:g}", name]
             row.append(str(len(mine)))
             row.append(f"{right} ({low:.1%} – {high:.1%})" if seen == "display" else "–")
             row.append(f"{wrong} (at most {wilson(wrong, len(mine))[1]:.1%})")
@@ -247,7 +263,7 @@ def check_search(flags: PilotSearchFlags) -> None:
     at_least(1, films=flags.films)
     pair_names(flags.pairs)
     for preset in flags.presets:
-        choose(CAMERA_FPS, preset, "name in --presets")
+        choose(CAMERAS, preset, "name in --presets")
     for seen in flags.seen:
         choose(SEEN, seen, "name in --seen")
     if not 0.5 <= flags.seconds <= 60:

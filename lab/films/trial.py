@@ -90,6 +90,8 @@ class FilmSettings:
     """Largest share of the picture's width by which a corner lies outside the image."""
     size: tuple[int, int] = SceneSettings.size
     """Width and height of a camera frame, pixels."""
+    shutter: float | None = VideoSettings.shutter
+    """Exposure time of each frame, seconds; None for the camera's own."""
     hand: float = VideoSettings.hand
     """Motion of the hand relative to the usual."""
     drop: float = VideoSettings.drop
@@ -126,7 +128,8 @@ class FilmSettings:
             f"{entry.name}{value:g}"
             for part in (self, self.phone)
             for entry in fields(part)
-            if part is self.phone or entry.name in ("pan_px", "outside", "hand", "drop", "jitter_s")
+            if part is self.phone
+            or entry.name in ("pan_px", "outside", "shutter", "hand", "drop", "jitter_s")
             if (value := getattr(part, entry.name)) != entry.default
         ]
         words += ["x".join(map(str, self.size))] if self.size != SceneSettings.size else []
@@ -141,6 +144,7 @@ class FilmSettings:
             fps=self.fps,
             state_hz=self.state_hz,
             seconds=seconds,
+            shutter=self.shutter,
             hand=self.hand,
             drop=self.drop,
             jitter_s=self.jitter_s,

@@ -285,7 +285,7 @@ def test_a_preset_says_all_and_no_flag_is_needed(
     assert said["layout"] == preset.layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (preset.kappa, preset.state_hz)
     assert read_player(tmp_path / "sent.html")["state_hz"] == preset.state_hz
-    assert said["needs_camera_fps"] == (60 if preset is PRESETS["hidden"] else 30)
+    assert said["needs_camera_fps"] == preset.needs_camera_fps == 30
     assert (said["visibility_block"] <= 1) == (preset is PRESETS["hidden"])
     assert 0 < said["message_bit_per_s"] < said["bound_bit_per_s"]
 
@@ -295,7 +295,8 @@ def test_flags_change_a_preset(inputs: Path, tmp_path: Path, send: Send) -> None
     words += ("--size", "256x192", "--fit", "stretch")
     more = ("--rows", 24, "--cols", 32, "--kappa", 2, "--hold", 2, "--distance", 0.6)
     said = send(tmp_path / "a", *words, *more)
-    layout = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto")
+    code = PRESETS["hidden"].layout.code
+    layout = make_layout(24, 32, 256, 192, modulation="antipodal", pilots="auto", code=code)
     assert said["layout"] == layout.to_dict()
     assert (said["kappa"], said["state_hz"]) == (2, 30)
     seen = Hiding(layout, 30, Onlooker(distance=0.6), even=True).seen(2)

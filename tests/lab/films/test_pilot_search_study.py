@@ -1,5 +1,7 @@
 """The study of how often displays are found by their pilots: what films show, and its table."""
 
+from math import lcm
+
 import numpy as np
 
 from lab.films.pilot_search import (
@@ -41,7 +43,11 @@ def test_a_film_has_scenes_that_move_and_no_message() -> None:
 def test_displays_show_the_preset_or_another_layout_or_stand_still() -> None:
     shown, rng = pictures(1), np.random.default_rng(1)
     states, layout = displayed_states("display", shown, "hidden", rng)
-    assert (len(states), layout) == (2 * PATTERNS, HIDDEN)
+    assert (len(states), layout) == (2 * lcm(PATTERNS, 63), HIDDEN)
+    pair = states[2 * np.flatnonzero(HIDDEN.code.signs < 0)[0] :][:2]
+    change = pair[0].astype(int) - pair[1]  # the embedded frame comes first
+    top, bottom, left, right = HIDDEN.cell_box(*divmod(int(HIDDEN.pilot_blocks[0]), HIDDEN.cols))
+    assert np.sign(change[top:bottom, left:right].mean()) == 2 * HIDDEN.pilot_bits[0] - 1
     states, layout = displayed_states("other", shown, "hidden", rng)
     assert layout == make_layout()
     assert layout not in searched_layouts()
