@@ -157,18 +157,17 @@ function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
 function fittedShift({ places, seen, heights }, layout, map) {
   const scale = resizedHomography(layout.width / map.width, layout.height / map.height);
   const clear = heights.map((_, i) => i).filter((i) => heights[i] > CLEAR);
-  const place = transform(
-    scale,
-    clear.map((i) => places[i]),
-  );
-  const old = transform(
-    scale,
-    clear.map((i) => seen[i]),
+  const [place, old] = [places, seen].map((points) =>
+    transform(scale, clear.map((i) => points[i])),
   );
   const same = SAME_BLOCKS * Math.min(layout.width / layout.cols, layout.height / layout.rows);
   const count = clear.length;
   if (count === 0) return null;
-  if (count >= FEW && heights.length > 1) return ransac(place, old, same, count < MANY);
+  if (count >= FEW && heights.length > 1) {
+    const [from, to] = [place, old].map((points) => Float64Array.from(points.flat()));
+    const fit = fitMotion(from, to, same, count < MANY);
+    return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
+  }
   let best = 0;
   for (let i = 1; i < count; i++) if (heights[clear[i]] > heights[clear[best]]) best = i;
   const shifts = old.map(([x, y], i) => [x - place[i][0], y - place[i][1]]);
@@ -176,20 +175,6 @@ function fittedShift({ places, seen, heights }, layout, map) {
   const agree = shifts.filter(([x, y]) => Math.hypot(x - shiftX, y - shiftY) < same).length;
   if (heights.length > 1 && agree < 2) return null;
   return { HOldFromNew: Float64Array.of(1, 0, shiftX, 0, 1, shiftY, 0, 0, 1), parts: agree };
-}
-
-/**
- * Fit an affine transform or a homography that most points agree with.
- *
- * @param {Point[]} from
- * @param {Point[]} to
- * @param {number} same - distance, in pixels, within which a point agrees
- * @param {boolean} affine
- */
-function ransac(from, to, same, affine) {
-  const [source, target] = [from, to].map((points) => Float64Array.from(points.flat()));
-  const fit = fitMotion(source, target, same, affine);
-  return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
 }
 
 /**
