@@ -35,6 +35,9 @@ RIVAL = 2
 """Distance of clocks in the newest frame, in states, from which they are rivals."""
 OPEN = 0.5
 """Exposure time that is taken for granted, as a share of a state or of a frame, if that is less."""
+SURER = 1 + 1e-5
+"""Factor by which a clock must explain more than those before it: clocks may show the same in all
+frames, and rounding must not choose."""
 DRIFT = 3
 """Number of powers of time, from 0 on, whose multiples are no toggling: motion and exposure."""
 
@@ -71,7 +74,7 @@ class CodeSearch:
     >>> noise = np.random.default_rng(0).standard_normal((24, 40))
     >>> search = CodeSearch(PilotCode(), signs, places, times, 30.0)
     >>> (lock,) = search.strongest(noise + wave[:, None] * signs)
-    >>> lock.evidence > 20, round(1 / lock.clock.period), round(lock.clock.number(0.2)) % 126
+    >>> lock.evidence > 20, round(1 / lock.clock.period), int(lock.clock.number(0.2) // 2) % 63
     (True, 60, 0)
     """
 
@@ -135,16 +138,13 @@ class CodeSearch:
         for at, slope in enumerate(SLOPES):
             along = np.take_along_axis(sums[_axis(slope)], self._later[at], axis=2).sum(axis=0)
             explained = np.maximum(along, 0) ** 2 / (self._powers[at] + 1e-9)
-            slopes = np.where(explained > gain, at, slopes)
-            gain = np.maximum(gain, explained)
-        kept: list[tuple[int, int]] = []
-        for flat in np.argsort(-gain, axis=None):
-            rate, phase = divmod(int(flat), self._steps)
-            apart = [abs(phase - other) for at, other in kept if at == rate]
-            if all(PHASES <= each <= self._steps - PHASES for each in apart):
-                kept.append((rate, phase))
-            if len(kept) == count:
-                break
+            better = explained > SURER * gain
+            slopes, gain = np.where(better, at, slopes), np.where(better, explained, gain)
+        kept, left = list[tuple[int, int]](), gain.copy()
+        for _ in range(count):
+            rate, phase = divmod(int((SURER * left >= left.max()).argmax()), self._steps)
+            left[rate, np.arange(phase + 1 - PHASES, phase + PHASES) % self._steps] = -1
+            kept.append((rate, phase))
         return [self._lock(at, slopes[at], gain, values) for at in kept]
 
     def highest(self, matches: Sequence[NDArray[np.floating]]) -> DisplayClock:

@@ -38,6 +38,7 @@ def layout_table(layout: Layout) -> dict[str, Any]:
     return {
         **layout.to_dict(),
         "reads_films": reads_films(layout),
+        "code_signs": layout.code.signs.tolist(),
         "pilot_blocks": layout.pilot_blocks.tolist(),
         "pilot_bits": layout.pilot_bits.tolist(),
         "tile_levels": tile_levels(layout, 0).tolist(),

@@ -36,7 +36,7 @@ def toggles_of(clock, times, places, rng, noise, correlation=0.0, amplitude=3.0)
 
 
 def test_shares_of_exposures(port):
-    clock, module = DisplayClock(0.1, 0.02, 0.003, 0.02, 0.04), port("receive/timing/clock.js")
+    clock, module = DisplayClock(0.1, 0.02, 0.003, 0.02, 0.04), port("pilots/clock.js")
     numbers, times = np.array(astuple(clock)), np.arange(9) / 7
     ported = module.DisplayClock(*numbers)
     for state in range(3):
@@ -81,7 +81,7 @@ def test_clocks_are_fitted_to_windows(name, port):
     same(ported.placesSeen, window.places_seen)
     same(ported.deviation, window.deviation, FLOAT64)
     start = replace(clock, start=clock.start - window.middle, period=1.0004 * clock.period)
-    begun = port("receive/timing/clock.js").DisplayClock(*astuple(start))
+    begun = port("pilots/clock.js").DisplayClock(*astuple(start))
     for found, fit in (
         (ported.search(), window.search()),
         (ported.follow(begun), window.follow(start)),

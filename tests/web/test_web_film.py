@@ -39,7 +39,7 @@ def test_windows_are_scored_as_by_python(port):
     desk = FilmDesk(LAYOUT, FilmGraph(FILM_GRAPH, 1), 64)
     graph = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
     ported = port("receive/film.js").FilmDesk(LAYOUT, graph, 64)
-    ported_clock = port("receive/timing/clock.js").DisplayClock(*astuple(clock))
+    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
     waiting, compared, next_pair = [], 0, int(np.ceil(clock.number(shown[0].time) / 2))
     for frame in shown:
         desk.add(frame)

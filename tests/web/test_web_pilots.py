@@ -31,6 +31,7 @@ from export.pilots.signal import (
     pilot_values,
 )
 from export.pilots.stabilise import Stabiliser
+from export.pilots.toggling import Wave
 from export.pilots.waves import position, span_of, waves
 from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout, make_layout
@@ -196,12 +197,10 @@ def test_corners_move_by_all_blocks(
     at = [number + 0.25 * (number % 3 == 0) for number in range(len(views))]
     maps = module.blockMaps(layout)
     assert maps.size == list(views.shape[:0:-1])
-    changes = run(module.periodChangeSteps(maps, list(views), at, 1 / period))
-    fit, ported = (
-        BlockFit(block_maps(layout), views, at, 1 / period),
-        module.BlockFit(maps, changes),
-    )
-    same(changes, fit.changes, within.PILOT_CHANGE)
+    toggling = port("pilots/toggling.js").Wave(1 / period)
+    ported = run(module.blockFitSteps(maps, list(views), at, toggling))
+    fit = BlockFit(block_maps(layout), views, at, Wave(1 / period))
+    same(ported.changes, fit.changes, within.PILOT_CHANGE)
     for _ in range(5):
         settled = fit.step()
         assert run(ported.moveSteps()) == settled
@@ -215,8 +214,9 @@ def test_all_blocks_tell_how_a_lens_bends_the_display(port: Port, k: float) -> N
     module, run = port("pilots/search/allBlocks.js"), port("link/code/steps.js").runToEnd
     views, at = block_views(FINE, np.zeros((4, 2)), 16, 4, k=k), list(range(16))
     maps = module.blockMaps(FINE)
-    changes = run(module.periodChangeSteps(maps, list(views), at, 0.25))
-    fit, ported = BlockFit(block_maps(FINE), views, at, 0.25), module.BlockFit(maps, changes)
+    toggling = port("pilots/toggling.js").Wave(0.25)
+    ported = run(module.blockFitSteps(maps, list(views), at, toggling))
+    fit = BlockFit(block_maps(FINE), views, at, Wave(0.25))
     fit.free_lens(BENT_CORNERS, BENT_SIZE)
     ported.freeLens(BENT_CORNERS.tolist(), *BENT_SIZE)
     for _ in range(12):

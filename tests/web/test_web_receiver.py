@@ -45,7 +45,7 @@ def test_states_are_put_together_as_by_python(port, name):
         )
         for number in range(12)
     ]
-    ported_clock = port("receive/timing/clock.js").DisplayClock(*astuple(clock))
+    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
     ported = [
         {"time": frame.time, "rectified": frame.rectified, "inView": frame.in_view}
         for frame in frames
@@ -138,13 +138,6 @@ def printed_film():
     return timed(beside_print(images, corners, shown), corners)
 
 
-def still_film():
-    """One gray frame of each state, too few for a clock."""
-    states = states_of(TEXT, PAPER, np.random.default_rng(5))
-    still = Stream(state_hz=30.0, readout=0.0, shutter=1e-3, phase=0.1)
-    return gray_frames(still, states, len(states) / 30)
-
-
 def empty_film():
     """Gray frames of a room without a display."""
     wall = np.clip(90 + 30 * texture((480, 640), 4), 0, 255)
@@ -191,7 +184,7 @@ def bits_alike(scores, others):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("film", [paper_film, pilots_film, printed_film, still_film, empty_film])
+@pytest.mark.parametrize("film", [paper_film, pilots_film, printed_film, empty_film])
 def test_a_film_is_read_as_by_python(film, port):
     frames = film()
     decoders = [Decoder(model, threads=1, time_limit_s=60) for model in MODELS.values()]

@@ -14,8 +14,8 @@ import { openSession } from "./decoder.js";
  * @property {Float32Array} known
  * @property {Float64Array} times
  * @property {Float64Array} clock
- * @property {number} first
- * @property {number} count
+ * @property {number[]} pairs
+ * @property {Float32Array} order
  * @property {[number, number, number, number, number] | number[]} size
  */
 
@@ -46,12 +46,12 @@ export class FilmGraph {
    * Score the blocks of all frame pairs in a window.
    *
    * @param {FilmWindow} window
-   * @returns {Promise<Float32Array>} (count rows cols,) natural log-likelihood ratios
+   * @returns {Promise<Float32Array>} (pairs rows cols,) natural log-likelihood ratios
    */
-  async score({ frames, seen, known, times, clock, first, count, size }) {
+  async score({ frames, seen, known, times, clock, pairs, order, size }) {
     await this.load();
     const [length, height, width, rows, cols] = size;
-    const pairs = BigInt64Array.from({ length: count }, (_, at) => BigInt(first + at));
+    const numbers = BigInt64Array.from(pairs, BigInt);
     const session = /** @type {ort.InferenceSession} */ (await this.#session);
     const { scores } = await session.run({
       frames: new ort.Tensor("float32", frames, [length, 1, height, width]),
@@ -59,7 +59,8 @@ export class FilmGraph {
       known: new ort.Tensor("float32", known, [rows, cols]),
       times: new ort.Tensor("float64", times, [length]),
       clock: new ort.Tensor("float64", clock, [5]),
-      pairs: new ort.Tensor("int64", pairs, [count]),
+      pairs: new ort.Tensor("int64", numbers, [pairs.length]),
+      order: new ort.Tensor("float32", order, [pairs.length]),
     });
     const found = /** @type {Float32Array} */ (scores.data);
     if (!found.every(Number.isFinite)) throw new Error("the model returned no valid scores");

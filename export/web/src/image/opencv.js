@@ -95,10 +95,7 @@ export function call(name, given, results = []) {
   return answer;
 }
 
-/**
- * @param {number | null | Plane<Numbers>} value
- * @returns {value is number | null}
- */
+/** @param {number | null | Plane<Numbers>} value */
 function isNumber(value) {
   return value === null || typeof value === "number";
 }

@@ -3,8 +3,6 @@
 import { BY, bytePlane, call, floatPlane } from "./opencv.js";
 import { roundHalfEven } from "./round.js";
 
-/** @import { Plane } from "./opencv.js" */
-
 /**
  * Resize a plane by averaging over areas, as `cv2.resize` with INTER_AREA does.
  *

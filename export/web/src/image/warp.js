@@ -2,8 +2,6 @@
 
 import { call } from "./opencv.js";
 
-/** @import { Plane } from "./opencv.js" */
-
 /**
  * Sample a plane where a homography leads, bilinearly; beyond the border its last pixel counts.
  *
@@ -64,7 +62,6 @@ export function between(plane, [xs, ys], by, beyond) {
  * @param {number} width
  * @param {number} height
  * @param {Samples | null} room
- * @returns {Plane<Samples>}
  */
 function planeLike({ data }, width, height, room) {
   const Type = /** @type {any} */ (data instanceof Uint8Array ? Uint8Array : Float32Array);

@@ -1,5 +1,7 @@
 /** Layouts: which blocks of the display carry message bits, and which are known. */
 
+import { PilotCode } from "./pilotCode.js";
+
 /**
  * A grid of blocks over the display, as `export/web/tables.py` describes it.
  *
@@ -22,6 +24,8 @@ export class Layout {
     this.modulation = table.modulation ?? "on_off";
     /** Whether the film decoder reads it. @type {boolean} */
     this.readsFilms = table.reads_films;
+    /** Code of the order in which the two states of frame pairs are shown. */
+    this.code = new PilotCode(table.code_signs);
     /** Numbers of the blocks that are pilots. */
     this.pilotBlocks = Int32Array.from(table.pilot_blocks);
     /** Known bits of the pilots, 0 or 1. */

@@ -72,7 +72,6 @@ export function multiply3(A, B) {
  * @param {Numbers} B - (n, m)
  * @param {number} n
  * @param {number} m
- * @returns {{ right: Float64Array, determinant: number }}
  */
 function eliminated(A, B, n, m) {
   const left = Float64Array.from(A);

@@ -1,4 +1,4 @@
-/** Numbers of a certain rank among others, found without sorting them all. */
+/** Numbers of a certain rank among others. */
 
 /**
  * Find the median.
@@ -18,15 +18,10 @@ export function median(values) {
  * @returns {number}
  */
 export function quantile(values, share) {
-  const among = new Float64Array(values);
-  const at = share * (among.length - 1);
-  const rank = Math.floor(at);
-  const low = ranked(among, rank);
-  if (at === rank) return low;
-  // what lies behind the rank is no smaller now
-  let high = Infinity;
-  for (let i = rank + 1; i < among.length; i++) if (among[i] < high) high = among[i];
-  return low + (high - low) * (at - rank);
+  const sorted = Float64Array.from(values).sort();
+  const at = share * (sorted.length - 1);
+  const low = sorted[Math.floor(at)];
+  return at % 1 ? low + (sorted[Math.ceil(at)] - low) * (at % 1) : low;
 }
 
 /**
@@ -43,34 +38,4 @@ export function quantilesOfEvery({ width, height, data }, step) {
     for (let x = 0; x < width; x += step) levels.push(data[y * width + x]);
   }
   return (share) => quantile(levels, share);
-}
-
-/**
- * Find the value of a rank, and move smaller values before it and larger ones behind (Hoare 1961).
- *
- * @param {Float64Array} values - are moved
- * @param {number} rank - from 0
- * @returns {number}
- */
-function ranked(values, rank) {
-  let left = 0;
-  let right = values.length - 1;
-  while (left < right) {
-    const pivot = values[(left + right) >> 1];
-    let i = left;
-    let j = right;
-    while (i <= j) {
-      while (values[i] < pivot) i++;
-      while (values[j] > pivot) j--;
-      if (i <= j) {
-        const kept = values[i];
-        values[i++] = values[j];
-        values[j--] = kept;
-      }
-    }
-    if (rank <= j) right = j;
-    else if (rank >= i) left = i;
-    else break;
-  }
-  return values[rank];
 }

@@ -20,7 +20,7 @@ export const { TILES, SAMPLES, STEPS, CLEAR_MATCH } = ratex;
 /**
  * Compare the ratex patches of a rectified frame with the patches that were displayed.
  *
- * @param {import("../image/opencv.js").Plane<Uint8Array>} frame - of any size
+ * @param {Plane<Uint8Array>} frame - of any size
  * @param {import("./layout.js").Layout} layout - with at least one patch
  * @returns {PatchMatch}
  */

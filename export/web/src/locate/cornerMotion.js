@@ -35,7 +35,6 @@ function halfSize(corners) {
 /**
  * @param {Float64Array} H
  * @param {ArrayLike<number>} points
- * @returns {Float64Array}
  */
 function mapped(H, points) {
   const there = new Float64Array(points.length);

@@ -188,7 +188,6 @@ class PatchSearch {
    *
    * @param {Quad} corners
    * @param {Located | null} best
-   * @returns {Steps<Located | null>}
    */
   *#better(corners, best) {
     const aligned = yield* cornersOnPatchesSteps(this.#image, this.#pyramid, corners, this.#layout);

@@ -190,7 +190,6 @@ function apart(one, other) {
  *
  * @param {import("./segments.js").Segment[]} segments
  * @param {number} diagonal - of the image, pixels
- * @returns {Lines}
  */
 function mergeSegments(segments, diagonal) {
   const length = segments.map(([x1, y1, x2, y2]) => Math.hypot(x2 - x1, y2 - y1));
@@ -284,7 +283,6 @@ export function* lineSteps(gray, limit, outside = SLACK) {
  * @param {number} height
  * @param {number} limit
  * @param {number} outside
- * @returns {Quad[]}
  */
 function crossingLines(segments, width, height, limit, outside) {
   const diagonal = Math.hypot(width, height);
@@ -370,10 +368,7 @@ function crossingLines(segments, width, height, limit, outside) {
   return distinct(quads, ranks, limit, SAME_PX).map((at) => quads[at]);
 }
 
-/**
- * @param {Quad} quad
- * @returns {Quad}
- */
+/** @param {Quad} quad */
 function clockwise(quad) {
   return signedArea(quad) < 0 ? [...quad].reverse() : quad;
 }
@@ -405,7 +400,6 @@ export function* outlineSteps(gray) {
  * Choose levels, in increasing order: quantiles of every other pixel on each axis, and Otsu's.
  *
  * @param {BytePlane} gray
- * @returns {number[]}
  */
 function thresholds(gray) {
   const levels = THRESHOLD_QUANTILES.map(quantilesOfEvery(gray, 2));
@@ -415,7 +409,6 @@ function thresholds(gray) {
 /**
  * @param {BytePlane} gray
  * @param {number} level
- * @returns {Quad[]}
  */
 function outlinesAbove(gray, level) {
   const area = MIN_AREA * gray.width * gray.height;

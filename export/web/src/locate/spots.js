@@ -66,7 +66,6 @@ export function* spotSteps(gray, layout) {
  * @param {number} bank - its number
  * @param {number} size - side of a patch, pixels
  * @param {Match[][]} found - takes the matches of each patch
- * @returns {Steps<void>}
  */
 function* matchesOfSize(gray, bank, size, found) {
   const factor = SEEN_PX / size;
@@ -93,7 +92,6 @@ function* matchesOfSize(gray, bank, size, found) {
  * Keep the best matches of a patch that are not at one place.
  *
  * @param {Match[]} matches
- * @returns {Match[]}
  */
 function bestApart(matches) {
   /** @type {Match[]} */
@@ -205,7 +203,6 @@ function combine(lists, missing, layout, gray, quads, ranks) {
  *
  * @param {(Match | null)[]} left
  * @param {(Match | null)[]} right
- * @returns {[Match | null, Match | null][]}
  */
 function pairsAlong(left, right) {
   /** @type {[Match | null, Match | null][]} */
@@ -265,7 +262,6 @@ function mayAgree(one, other) {
  *
  * @param {Quad} points
  * @param {Layout} layout
- * @returns {{ sizes: number[], turns: number[] }}
  */
 function expected([p0, p1, p2, p3], layout) {
   const bend = [p0[0] - p1[0] + p2[0] - p3[0], p0[1] - p1[1] + p2[1] - p3[1]];

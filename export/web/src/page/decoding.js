@@ -14,7 +14,6 @@ import { inTurn } from "./inTurn.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { FilmWindow } from "../filmGraph.js" */
-/** @import { Plane } from "../image/opencv.js" */
 
 /** @type {Decoder[]} */
 const decoders = [];

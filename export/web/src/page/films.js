@@ -13,7 +13,6 @@ import { rateOf } from "./frames.js";
 import { readY4m, Y4M_MAGIC } from "./y4m.js";
 
 /** @import { InputVideoTrack, VideoSample } from "mediabunny" */
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
 
 /** Kinds of compressed films that are read; cameras, phones and browsers write these. */
@@ -84,7 +83,6 @@ export function risingTimes(fps) {
  *
  * @param {Blob | URL} film
  * @param {AbortSignal} signal
- * @returns {Promise<boolean>}
  * @throws {Unreadable} there is no such film, or it is empty
  */
 async function isY4m(film, signal) {
@@ -105,7 +103,6 @@ async function isY4m(film, signal) {
  *
  * @param {Blob | URL} film
  * @param {AbortSignal} signal
- * @returns {Promise<ReadableStream<Uint8Array>>}
  * @throws {Unreadable} there is no such film
  */
 async function streamOf(film, signal) {
@@ -189,7 +186,6 @@ async function firstTimes(track) {
  *
  * @param {number} number - of the frame, 1 for the first
  * @param {unknown} error - what the browser or mediabunny says
- * @returns {string}
  */
 function endedAt(number, error) {
   const why = error instanceof Error ? error.message : String(error);

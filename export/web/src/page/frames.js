@@ -6,7 +6,6 @@
 
 import { imagesVideo } from "../generated/constants.js";
 
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { RgbaImage } from "./planes.js" */
 
 /** Smallest number of frames a second that is believed. */
@@ -103,7 +102,6 @@ export function videoFrames(video, take, signal) {
  * @param {HTMLVideoElement} video
  * @param {HTMLCanvasElement} canvas - is drawn on where the browser does not give its frames
  * @param {number} time - in seconds
- * @returns {Pixels}
  */
 function pixelsOf(video, canvas, time) {
   if (typeof VideoFrame !== "undefined") {

@@ -5,8 +5,6 @@
  * luma is taken from the planes as the camera or the film has them, and only its range is changed.
  */
 
-/** @import { Plane } from "../image/opencv.js" */
-
 /** Formats of a `VideoFrame` whose first plane is luma with 8 bits a pixel. */
 const LUMA_FORMATS = ["I420", "I420A", "I422", "I422A", "I444", "I444A", "NV12"];
 

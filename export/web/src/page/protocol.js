@@ -1,6 +1,5 @@
 /** What the worker says to the page of each frame. */
 
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { Sight } from "./advice.js" */
 
 /**

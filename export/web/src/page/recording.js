@@ -5,8 +5,6 @@
  * `export.receive` and this page read it.
  */
 
-/** @import { Plane } from "../image/opencv.js" */
-
 /** Largest memory, in bytes, of the frames of one recording. */
 export const MAX_RECORDED_BYTES = 128 * 2 ** 20;
 

@@ -3,7 +3,6 @@
 import { wrap } from "comlink";
 
 /** @import { Remote } from "comlink" */
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { Layout } from "../link/layout.js" */
 /** @import { Decoding } from "./decoding.js" */
 

@@ -20,7 +20,6 @@ import { RemoteDecoder, remoteFilm, startDecoding } from "./remoteDecoder.js";
 import { addressOf, load } from "./site.js";
 
 /** @import { FilmScorer } from "../filmGraph.js" */
-/** @import { Plane } from "../image/opencv.js" */
 /** @import { Pixels } from "./frames.js" */
 /** @import { Step } from "./protocol.js" */
 /** @import { Message } from "../link/code/message.js" */
@@ -185,7 +184,6 @@ function start(fps, key, maxAgeS) {
  * @param {number[][] | null} corners - of the display
  * @param {Message | null} message
  * @param {boolean} last - whether the film has ended
- * @returns {Step}
  */
 function report(corners, message, last) {
   const { receiver, inbox, width, height } = film;

@@ -8,8 +8,6 @@
 import { images, imagesVideo } from "../generated/constants.js";
 import { stretchRange } from "./planes.js";
 
-/** @import { Plane } from "../image/opencv.js" */
-
 /** Bytes with which every such film begins. */
 export const Y4M_MAGIC = "YUV4MPEG2";
 

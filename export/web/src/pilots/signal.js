@@ -12,24 +12,12 @@ import { lessMeanAround } from "../image/blur.js";
 import { areaMeans } from "../image/shrink.js";
 import { MOST_SPAN, alongWave, spanOf, waves } from "./waves.js";
 
-/** @typedef {import("../image/opencv.js").Plane<Uint8Array | Float32Array>} AnyPlane */
+/** @typedef {Plane<Uint8Array | Float32Array>} AnyPlane */
+/** @typedef {import("./waves.js").Wave} Wave */
 
 export const { LEAST_DEVIATION, SLOWEST } = pilotsSignal;
-
-/**
- * Differences of phase across the display, in radians, that are tried: camera and panel go through
- * their rows one after the other, so that one side toggles later than the other.
- */
-export const PHASE_STEPS = [-3, -2, -1, 0, 1, 2, 3].map((step) => (step * Math.PI) / 2);
-/**
- * Differences of phase from left to right and from top to bottom, in radians.
- *
- * @type {[number, number][]}
- */
-export const PHASE_SLOPES = [
-  ...PHASE_STEPS.map((step) => /** @type {[number, number]} */ ([0, step])),
-  ...PHASE_STEPS.filter(Boolean).map((step) => /** @type {[number, number]} */ ([step, 0])),
-];
+/** Differences of phase from left to right and from top to bottom, in radians, that are tried. */
+const PHASE_SLOPES = /** @type {[number, number][]} */ (pilotsSignal.PHASE_SLOPES);
 
 /**
  * Give the signs with which the pilots toggle.
@@ -39,6 +27,19 @@ export const PHASE_SLOPES = [
  */
 export function pilotSigns(layout) {
   return Float64Array.from(layout.pilotBits, (bit) => 2 * bit - 1);
+}
+
+/**
+ * Give the centres of the pilots on the display.
+ *
+ * @param {Layout} layout
+ * @returns {Point[]} x and y in [0, 1]
+ */
+export function pilotCentres({ rows, cols, pilotBlocks }) {
+  return Array.from(pilotBlocks, (block) => [
+    ((block % cols) + 0.5) / cols,
+    (Math.floor(block / cols) + 0.5) / rows,
+  ]);
 }
 
 /**
@@ -76,132 +77,53 @@ export function standingOut(view, { rows, cols }) {
   return lessMeanAround(areaMeans(view, cols, rows), 3, 3).data;
 }
 
-/**
- * Where the pilots of a layout are along one axis, and by how much a slope of phase turns them:
- * cosines and sines of 1, 2, ... 6 times a quarter turn across the display, for each row or column.
- *
- * @typedef {{ of: Int32Array, count: number, cosines: Float64Array[], sines: Float64Array[] }} Axis
- */
-
-/**
- * What brings all pilots into one phase if their phases have a slope of `PHASE_SLOPES`.
- *
- * @typedef {{ signs: Float64Array, down: Axis, across: Axis }} SignedPhases
- */
-
-/** @type {WeakMap<Layout, SignedPhases>} */
+/** What brings all pilots into one phase, if their phases slope. @type {WeakMap<Layout, Wave[]>} */
 const phasesOfLayouts = new WeakMap();
 
 /**
- * Give the pilots' signs, and by how much slopes of phase turn the rows and columns of a layout.
+ * Give the pilots' signs, turned back by the phase at their places.
  *
  * @param {Layout} layout - with pilots
- * @returns {SignedPhases}
+ * @returns {Wave[]} (pilots,) for each of `PHASE_SLOPES`
  */
 export function signedPhases(layout) {
   const known = phasesOfLayouts.get(layout);
   if (known) return known;
-  const { rows, cols, pilotBlocks } = layout;
-  const phases = {
-    signs: pilotSigns(layout),
-    down: axisOf(Int32Array.from(pilotBlocks, (block) => Math.floor(block / cols)), rows),
-    across: axisOf(Int32Array.from(pilotBlocks, (block) => block % cols), cols),
-  };
+  const signs = pilotSigns(layout);
+  const centres = pilotCentres(layout);
+  const phases = PHASE_SLOPES.map(([across, down]) => {
+    const turned = (/** @type {(phase: number) => number} */ wave) =>
+      signs.map((sign, p) => {
+        return sign * wave(across * (centres[p][0] - 0.5) + down * (centres[p][1] - 0.5));
+      });
+    return { real: turned(Math.cos), imaginary: turned((phase) => -Math.sin(phase)) };
+  });
   phasesOfLayouts.set(layout, phases);
   return phases;
 }
 
 /**
- * @param {Int32Array} of - row or column of each pilot
- * @param {number} count - of rows or columns
- * @returns {Axis}
- */
-function axisOf(of, count) {
-  const tables = (/** @type {(phase: number) => number} */ wave) =>
-    [1, 2, 3, 4, 5, 6].map((times) =>
-      Float64Array.from({ length: count }, (_, i) =>
-        wave((times * Math.PI * ((i + 0.5) / count - 0.5)) / 2),
-      ),
-    );
-  return { of, count, cosines: tables(Math.cos), sines: tables(Math.sin) };
-}
-
-/**
- * Add up amplitudes of all pilots, turned back by each of `PHASE_SLOPES` and with their signs.
+ * Add up amplitudes of all pilots that are turned back and have their signs, and their squares.
  *
  * @param {ArrayLike<number>} real - (pilots,)
  * @param {ArrayLike<number>} imaginary - (pilots,)
- * @param {SignedPhases} phases
- * @returns {[number, number][]} real and imaginary part of the sum for each slope
+ * @param {Wave} phases - of one slope
+ * @returns {{ a: number, b: number, rr: number, ii: number, ri: number }} sums of the real and the
+ *   imaginary parts, of their squares, and of their products
  */
-export function sumsAlong(real, imaginary, phases) {
-  return slopedSums(real, imaginary, phases.signs, phases, 1);
-}
-
-/**
- * Add up numbers of all pilots, turned back by each of `PHASE_SLOPES`.
- *
- * Pilots of one row, or of one column, are turned alike, so that they are added up first; and a
- * slope and its opposite share their products.
- *
- * @param {ArrayLike<number>} real - (pilots,)
- * @param {ArrayLike<number>} imaginary - (pilots,)
- * @param {Float64Array | null} signs - (pilots,) with which the numbers are multiplied, if any
- * @param {SignedPhases} phases
- * @param {1 | 2} times - how often they are turned back: squares twice
- * @returns {[number, number][]} real and imaginary part of the sum for each slope
- */
-function slopedSums(real, imaginary, signs, { down, across }, times) {
-  const [plain, ...downwards] = axisSums(real, imaginary, signs, down, times);
-  const sideways = axisSums(real, imaginary, signs, across, times).slice(1);
-  const [down1, up1, down2, up2, down3, up3] = downwards;
-  const [right1, left1, right2, left2, right3, left3] = sideways;
-  // in the order of PHASE_SLOPES
-  return [
-    ...[up3, up2, up1, plain, down1, down2, down3],
-    ...[left3, left2, left1, right1, right2, right3],
-  ];
-}
-
-/**
- * Add up numbers along one axis, turned back by no slope, and by each and its opposite in turn.
- *
- * @param {ArrayLike<number>} real
- * @param {ArrayLike<number>} imaginary
- * @param {Float64Array | null} signs
- * @param {Axis} axis
- * @param {1 | 2} times
- * @returns {[number, number][]} seven sums
- */
-function axisSums(real, imaginary, signs, { of, count, cosines, sines }, times) {
-  const rowsReal = new Float64Array(count);
-  const rowsImaginary = new Float64Array(count);
-  for (let p = 0; p < of.length; p++) {
-    const sign = signs === null ? 1 : signs[p];
-    rowsReal[of[p]] += sign * real[p];
-    rowsImaginary[of[p]] += sign * imaginary[p];
+export function turnedSums(real, imaginary, phases) {
+  let [a, b, rr, ii, ri] = [0, 0, 0, 0, 0];
+  for (let p = 0; p < real.length; p++) {
+    const [cos, sin] = [phases.real[p], phases.imaginary[p]];
+    const r = real[p] * cos - imaginary[p] * sin;
+    const i = real[p] * sin + imaginary[p] * cos;
+    a += r;
+    b += i;
+    rr += r * r;
+    ii += i * i;
+    ri += r * i;
   }
-  let [allReal, allImaginary] = [0, 0];
-  for (let i = 0; i < count; i++) {
-    allReal += rowsReal[i];
-    allImaginary += rowsImaginary[i];
-  }
-  /** @type {[number, number][]} */
-  const sums = [[allReal, allImaginary]];
-  for (let step = 1; step <= 3; step++) {
-    const cosine = cosines[step * times - 1];
-    const sine = sines[step * times - 1];
-    let [cosReal, cosImaginary, sinReal, sinImaginary] = [0, 0, 0, 0];
-    for (let i = 0; i < count; i++) {
-      cosReal += cosine[i] * rowsReal[i];
-      cosImaginary += cosine[i] * rowsImaginary[i];
-      sinReal += sine[i] * rowsReal[i];
-      sinImaginary += sine[i] * rowsImaginary[i];
-    }
-    sums.push([cosReal + sinImaginary, cosImaginary - sinReal]);
-    sums.push([cosReal - sinImaginary, cosImaginary + sinReal]);
-  }
-  return sums;
+  return { a, b, rr, ii, ri };
 }
 
 /**
@@ -217,7 +139,7 @@ function axisSums(real, imaginary, signs, { of, count, cosines, sines }, times) 
  * frequencies are those of whole periods in the time that the frames cover, up to the fastest that
  * the camera can see, so that more are paid for where frames are missing in between.
  *
- * @param {readonly ArrayLike<number>[]} values - (pilots,) for each of some frames
+ * @param {readonly Float32Array[]} values - (pilots,) for each of some frames
  * @param {Layout} layout - with these pilots
  * @param {readonly number[]} at - positions of the frames (waves.js), rising
  * @returns {{ evidence: number, frequency: number }} `evidence` is the natural logarithm of the
@@ -234,8 +156,7 @@ export function pilotEvidence(values, layout, at) {
   if (frequencies < 1) return { evidence: 0, frequency: 0 };
   const phases = signedPhases(layout);
   const taken = values.slice(values.length - frames);
-  const { mean, scale } = usual(taken);
-  const series = taken.map((now) => mean.map((middle, p) => (now[p] - middle) * scale[p]));
+  const series = overDeviation(taken);
   const periods = (/** @type {number} */ from, /** @type {number} */ count) =>
     Array.from({ length: count }, (_, i) => (from + i) / span);
   const seen = waves(places, periods(SLOWEST, frequencies), periods(0, SLOWEST));
@@ -266,10 +187,10 @@ export function pilotEvidence(values, layout, at) {
  *   the display, radians
  */
 export function commonPhase(real, imaginary, layout) {
-  const along = sumsAlong(real, imaginary, signedPhases(layout));
-  const powers = along.map(([a, b]) => a * a + b * b);
+  const along = signedPhases(layout).map((phases) => turnedSums(real, imaginary, phases));
+  const powers = along.map(({ a, b }) => a * a + b * b);
   const best = powers.indexOf(Math.max(...powers));
-  return { slope: PHASE_SLOPES[best], phase: Math.atan2(along[best][1], along[best][0]) };
+  return { slope: PHASE_SLOPES[best], phase: Math.atan2(along[best].b, along[best].a) };
 }
 
 /**
@@ -277,42 +198,27 @@ export function commonPhase(real, imaginary, layout) {
  *
  * @param {Float64Array} real - (pilots,)
  * @param {Float64Array} imaginary - (pilots,)
- * @param {SignedPhases} phases
+ * @param {Wave[]} phases - for each slope
  * @returns {number} in [0, 1]
  */
 function explainedShare(real, imaginary, phases) {
-  const pilots = real.length;
-  const along = sumsAlong(real, imaginary, phases);
-  const squareReal = new Float64Array(pilots);
-  const squareImaginary = new Float64Array(pilots);
-  let power = 0;
-  for (let p = 0; p < pilots; p++) {
-    squareReal[p] = real[p] * real[p] - imaginary[p] * imaginary[p];
-    squareImaginary[p] = 2 * real[p] * imaginary[p];
-    power += real[p] * real[p] + imaginary[p] * imaginary[p];
-  }
-  power = power * (1 + 1e-9) + 1e-12;
-  // sums of the turned amplitudes' squares
-  const squares = slopedSums(squareReal, squareImaginary, null, phases, 2);
-  let most = -1;
-  along.forEach(([a, b], slope) => {
-    const [across, up] = squares[slope];
-    const rr = (power + across) / 2;
-    const ii = (power - across) / 2;
-    const ri = up / 2;
-    const apart = Math.max(rr * ii - ri * ri, 1e-10 * power * power);
-    most = Math.max(most, (a * a * ii - 2 * a * b * ri + b * b * rr) / apart / pilots);
+  const shares = phases.map((slope) => {
+    const { a, b, rr, ii, ri } = turnedSums(real, imaginary, slope);
+    const power = (rr + ii) * (1 + 1e-9) + 1e-12;
+    const more = (power - rr - ii) / 2;
+    const apart = Math.max((rr + more) * (ii + more) - ri * ri, 1e-10 * power * power);
+    return (a * a * (ii + more) - 2 * a * b * ri + b * b * (rr + more)) / apart / real.length;
   });
-  return most;
+  return Math.max(...shares);
 }
 
 /**
- * Find the mean of values over time, and by what they are multiplied for their deviation to be 1.
+ * Divide what differs from the mean over time by its usual deviation.
  *
- * @param {readonly ArrayLike<number>[]} values - (n,) for each of some frames
- * @returns {{ mean: Float64Array, scale: Float64Array }} (n,) each
+ * @param {readonly Float32Array[]} values - (n,) for each of some frames
+ * @returns {Float32Array[]} (n,) for each
  */
-export function usual(values) {
+export function overDeviation(values) {
   const mean = new Float64Array(values[0].length);
   const scale = new Float64Array(mean.length);
   for (const now of values) for (let i = 0; i < mean.length; i++) mean[i] += now[i];
@@ -323,5 +229,5 @@ export function usual(values) {
   for (let i = 0; i < mean.length; i++) {
     scale[i] = 1 / (Math.sqrt(scale[i] / values.length) + LEAST_DEVIATION);
   }
-  return { mean, scale };
+  return values.map((now) => now.map((value, i) => (value - mean[i]) * scale[i]));
 }

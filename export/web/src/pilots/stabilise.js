@@ -160,7 +160,6 @@ export class Stabiliser {
    * Shrink a frame, unless that was done just now.
    *
    * @param {BytePlane} gray
-   * @returns {BytePlane}
    */
   #copyOf(gray) {
     if (this.#last === null || this.#last[0] !== gray) {
@@ -193,7 +192,6 @@ function tracksOf(before, after, HImageFromCopy) {
  * @param {Point[]} quad - clockwise
  * @param {number} width
  * @param {number} height
- * @returns {BytePlane}
  */
 function aroundQuad(quad, width, height) {
   const lines = linesOf(quad);
@@ -297,7 +295,6 @@ function outside(lines, x, y) {
  * Find the lines that bound a quadrilateral.
  *
  * @param {Point[]} quad - clockwise
- * @returns {Line[]}
  */
 function linesOf(quad) {
   return quad.map((start, i) => {

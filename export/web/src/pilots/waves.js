@@ -67,9 +67,8 @@ export function waves(at, frequencies, slower) {
   const slow = [];
   for (const frequency of slower) {
     for (const part of Object.values(waveAt(at, frequency))) {
-      const before = Math.hypot(...part);
-      takeOut(part, slow);
-      const left = Math.hypot(...part);
+      const before = lengthOf(part);
+      const left = lengthOf(takeOut(part, slow));
       if (left <= NEW_SHARE * before) continue;
       slow.push(part.map((value) => value / left));
     }
@@ -78,7 +77,9 @@ export function waves(at, frequencies, slower) {
     const wave = waveAt(at, frequency);
     takeOut(wave.real, slow);
     takeOut(wave.imaginary, slow);
-    if (power(wave.imaginary) < FAINT_SINE * power(wave.real)) wave.imaginary.fill(0);
+    if (lengthOf(wave.imaginary) ** 2 < FAINT_SINE * lengthOf(wave.real) ** 2) {
+      wave.imaginary.fill(0);
+    }
     return wave;
   });
 }
@@ -97,11 +98,15 @@ function waveAt(at, frequency) {
 }
 
 /**
+ * Find the square root of the sum of squares.
+ *
  * @param {Float64Array} wave
  * @returns {number}
  */
-function power(wave) {
-  return wave.reduce((sum, value) => sum + value * value, 0);
+export function lengthOf(wave) {
+  let sum = 0;
+  for (const value of wave) sum += value * value;
+  return Math.sqrt(sum);
 }
 
 /**
@@ -109,8 +114,9 @@ function power(wave) {
  *
  * @param {Float64Array} wave - is changed
  * @param {Float64Array[]} others - orthogonal to each other, of length 1
+ * @returns {Float64Array} the wave
  */
-function takeOut(wave, others) {
+export function takeOut(wave, others) {
   for (let round = 0; round < 2; round++) {
     for (const other of others) {
       let along = 0;
@@ -118,6 +124,7 @@ function takeOut(wave, others) {
       for (let t = 0; t < wave.length; t++) wave[t] -= along * other[t];
     }
   }
+  return wave;
 }
 
 /**

@@ -5,7 +5,8 @@ import { MAX_STATES } from "./timing/fit.js";
 import { MIN_FRAMES, MIN_TOGGLE } from "./timing/synchronise.js";
 
 export const {
-  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, CUT, OFTEN, PRESET_HZ, PRESET_FPS, WORDS,
+  DARK, BRIGHT, CLIPPED, NOISE_STRENGTH, TOO_FAST, MIXED, LONG, CUT, OFTEN, PRESET_HZ, LEAST_FPS,
+  PRESET_FPS, WORDS,
 } = receiveDiagnosis;
 
 /**
@@ -23,6 +24,7 @@ export const {
  * @property {import("./timing/synchronise.js").Toggling | null} toggling - the strongest toggling
  *   that was found, or null where no clock was looked for
  * @property {number | null} stateHz - states a second by the clock found last, or null
+ * @property {number} exposed - length of an exposure by that clock, in states of the display
  * @property {number} decoded - number of frame pairs decoded
  * @property {number} mixed - share of the blocks' scores that exposures over two states have cost
  * @property {number} progress - information received, as a share of what is needed
@@ -56,24 +58,15 @@ export function explainSlowness(seen) {
  *
  * @param {string[]} parts - keys of `WORDS`
  * @param {Observations} seen
- * @returns {string}
  */
 function told(parts, seen) {
   const { toggling } = seen;
   const fast = tooFast(seen) ?? "";
-  /** @type {Record<string, number | string | null | undefined>} */
+  /** @type {Record<string, any>} */
   const values = {
-    frames: seen.frames,
-    found: seen.found,
-    seconds: seen.seconds,
-    level: seen.level,
-    clipped: seen.clipped,
-    cut: seen.cut,
-    decoded: seen.decoded,
-    progress: seen.progress,
-    refused: seen.refused,
-    fps: seen.fps,
+    ...seen,
     half_fps: seen.fps / 2,
+    best: seen.stateHz,
     fast,
     fast_hz: PRESET_HZ.get(fast),
     needed_fps: PRESET_FPS.get(fast)?.[0],
@@ -93,13 +86,12 @@ function told(parts, seen) {
 }
 
 /**
- * Name the preset with the most states a second, where the camera is too slow for it.
+ * Name the preset that needs the quickest camera, where this one is too slow for it.
  *
  * @param {Observations} seen
- * @returns {string | null}
  */
 function tooFast({ presets = [], fps }) {
-  const rateOf = (/** @type {string} */ name) => PRESET_HZ.get(name) ?? 0;
+  const rateOf = (/** @type {string} */ name) => LEAST_FPS.get(name) ?? 0;
   const [fast] = [...presets].sort((one, other) => rateOf(other) - rateOf(one));
   return fast && rateOf(fast) > MAX_STATES * fps ? fast : null;
 }
@@ -125,6 +117,7 @@ function reasons(seen) {
   if (seen.cut > OFTEN * seen.found) parts.push("cut");
   const { toggling, stateHz } = seen;
   if (seen.decoded > 0) {
+    if (seen.exposed > LONG) return [...parts, "pairs", "long"];
     if (slow.length || stateHz === null || stateHz <= TOO_FAST * seen.fps) {
       return [...parts, "pairs", ...(slow.length ? slow : ["too little"])];
     }

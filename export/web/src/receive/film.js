@@ -12,7 +12,6 @@ import { MESH } from "./states.js";
 
 /** @typedef {import("../filmGraph.js").FilmScorer} FilmScorer */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
-/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
 
 export const { WINDOW, LEAST_FRAMES, FINE_BLOCKS, STRIDE_S, SURE } = receiveFilm;
 const { SHRINK } = filmGraph;
@@ -106,15 +105,16 @@ export class FilmDesk {
     const last = Math.max(...spans.slice(begin, end).map((span) => span[1]));
     const over = end === frames.length ? Infinity : clock.number(now + clock.earliest) / 2;
     const done = numbers.filter((number) => number <= Math.min(last, over - 1));
+    const pairs = Array.from({ length: last + 1 - first }, (_, at) => first + at);
     const { rows, cols, width, height, messageBlocks } = this.#layout;
     const scores = await this.#scorer.score({
       frames: joined(window.map(({ gray }) => gray)),
       seen: joined(window.map(({ seen }) => seen)),
       known: this.#known,
       times: Float64Array.from(window, ({ time }) => time),
-      clock: Float64Array.of(clock.period, clock.start, clock.delayX, clock.delayY, clock.shutter),
-      first,
-      count: last + 1 - first,
+      clock: clock.numbers,
+      pairs,
+      order: Float32Array.from(pairs, (pair) => this.#layout.code.sign(pair)),
       size: [window.length, Math.floor(height / SHRINK), Math.floor(width / SHRINK), rows, cols],
     });
     this.#scoredAt = now;

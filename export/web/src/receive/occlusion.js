@@ -55,7 +55,6 @@ export class Occlusion {
  * Find the median of each pixel over some images, doubled so that it is a whole number.
  *
  * @param {Uint8Array[]} images - at least one, all of one size
- * @returns {Uint16Array}
  */
 function twiceMedians(images) {
   const count = images.length;
@@ -83,7 +82,6 @@ function twiceMedians(images) {
  *
  * @param {Uint8Array | Uint16Array} values
  * @param {number} bound - above all values
- * @returns {number}
  */
 function middleOf(values, bound) {
   const counts = new Uint32Array(bound);

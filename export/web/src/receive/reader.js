@@ -12,7 +12,7 @@ import { CLIPPED, CUT } from "./diagnosis.js";
 import { FilmDesk, SURE } from "./film.js";
 import { fillUnseen, unseenBlocks } from "./unseen.js";
 import { Occlusion } from "./occlusion.js";
-import { averageState, blockPurity, composeState, pointsInView } from "./states.js";
+import { blockPurity, composeState, pointsInView, unseenState } from "./states.js";
 import { Synchroniser } from "./timing/synchronise.js";
 import { makeToggles } from "./timing/toggles.js";
 import { CornerShift } from "./tracking/corners.js";
@@ -21,11 +21,10 @@ import { CornerShift } from "./tracking/corners.js";
 /** @typedef {import("../link/code/message.js").Message} Message */
 /** @typedef {import("./tracking/patches.js").Tracked} Tracked */
 /** @typedef {import("./states.js").DisplayState} DisplayState */
-/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
 /** @typedef {import("./states.js").RectifiedFrame} RectifiedFrame */
 
 export const { BUFFER, PAIRS_A_FRAME, MOST_WAITING, WORK_A_FRAME, PAIR_WORK } = receiveReader;
-export const { PURE_FROM, PURE_TO, APART } = receiveReader;
+export const { PURE_FROM, PURE_TO } = receiveReader;
 
 /**
  * What decodes frame pairs of one layout, such as a `Decoder`. It may be loaded beforehand.
@@ -98,6 +97,8 @@ export class Sight {
     this.mixed = 0;
     /** States a second by the clock that was known last, or null. @type {number | null} */
     this.stateHz = null;
+    /** Length of an exposure by that clock, in states. */
+    this.exposed = 0;
   }
 
   /**
@@ -216,13 +217,13 @@ export class DisplayReader {
     this.#toggles = makeToggles(this.layout);
     this.#desk = film && this.layout.readsFilms ? new FilmDesk(this.layout, film, BUFFER) : null;
     /** Finds and holds the display's clock. */
-    this.sync = new Synchroniser(fps, this.#toggles);
+    this.sync = new Synchroniser(fps, this.#toggles, this.layout.code);
     this.collector.startRun();
   }
 
   /** Forget the clock and the frames that wait for it; the collector keeps what it has. */
   restart() {
-    this.sync = new Synchroniser(this.#fps, this.#toggles);
+    this.sync = new Synchroniser(this.#fps, this.#toggles, this.layout.code);
     this.#slips = 0;
     this.#buffer = [];
     this.#desk?.clear();
@@ -254,16 +255,20 @@ export class DisplayReader {
    */
   async take(tracked, time, width, height) {
     const start = performance.now();
-    const { anew, before = [] } = tracked;
+    const { anew, before = [], clock } = tracked;
     if (anew) {
       this.#desk?.clear();
       this.#corners = new CornerShift(this.layout);
       for (const waiting of this.#buffer) waiting.moved = null;
     }
+    if (clock) this.sync.begin(clock, time);
     for (const earlier of before) this.#keep(earlier.seen, earlier.time, width, height, false);
     const inView = this.#keep(tracked, time, width, height, before.length === 0);
     this.#sight.see(tracked.rectified, time, inView);
-    if (this.sync.clock !== null) this.#sight.stateHz = 1 / this.sync.clock.period;
+    if (this.sync.clock !== null) {
+      this.#sight.stateHz = 1 / this.sync.clock.period;
+      this.#sight.exposed = this.sync.clock.shutter / this.sync.clock.period;
+    }
     if (this.sync.slips !== this.#slips) {
       this.#slips = this.sync.slips;
       this.#startRun();
@@ -319,14 +324,12 @@ export class DisplayReader {
   }
 
   /**
-   * Decode what is left when the frames have ended; images without a clock by their order.
+   * Decode what is left when the frames have ended.
    *
    * @returns {Promise<Reading>}
    */
   async finish() {
-    const reading = await (this.sync.clock !== null
-      ? this.#decodeReady(Infinity)
-      : this.#decodeUnclocked());
+    const reading = await this.#decodeReady(Infinity);
     return reading.message !== null ? reading : { ...reading, message: this.goOn(Infinity) };
   }
 
@@ -334,7 +337,6 @@ export class DisplayReader {
    * Decode frame pairs whose time on the display is over: all of them once frames have ended.
    *
    * @param {number} now - seconds; infinite where the frames have ended
-   * @returns {Promise<Reading>}
    */
   async #decodeReady(now) {
     const { clock } = this.sync;
@@ -373,8 +375,9 @@ export class DisplayReader {
     const start = performance.now();
     const buffer = this.#buffer;
     const frames = buffer.map(({ frame }) => frame);
-    const original = composeState(frames, clock, 2 * number);
-    const embedded = composeState(frames, clock, 2 * number + 1);
+    let [original, embedded] = this.layout.code
+      .statesOf(number)
+      .map((state) => composeState(frames, clock, state));
     let over = 0;
     while (
       over < buffer.length &&
@@ -383,6 +386,11 @@ export class DisplayReader {
       over++;
     }
     const moved = buffer.splice(0, over).map((waiting) => waiting.moved);
+    if (this.#desk !== null) {
+      // it reads what a slow camera sees of one state alone
+      original ??= unseenState(embedded);
+      embedded ??= unseenState(original);
+    }
     if (original && embedded) this.#waiting.push({ number, original, embedded, moved });
     this.#timing.add("compose", start);
   }
@@ -395,7 +403,6 @@ export class DisplayReader {
    *
    * @param {DisplayClock} clock
    * @param {boolean} isOver - whether the frames have ended
-   * @returns {Promise<ScoredPair | null>}
    */
   async #nextScored(clock, isOver) {
     const [waiting, desk] = [this.#waiting, this.#desk];
@@ -493,10 +500,9 @@ export class DisplayReader {
    *
    * @param {ScoredPair} scored - the pair, and its scores, 0 for erased blocks
    * @param {number} time - of the newest frame, seconds
-   * @param {number} [work] - units of work after which decoding of the message stops for now
-   * @returns {{ pair: DecodedPair, message: Message | null }}
+   * @param {number} work - units of work after which decoding of the message stops for now
    */
-  #finishPair({ composed, scores }, time, work = Infinity) {
+  #finishPair({ composed, scores }, time, work) {
     const { number, original, embedded, moved } = composed;
     let start = performance.now();
     const trust = this.#trust(composed);
@@ -510,45 +516,6 @@ export class DisplayReader {
     this.#timing.add("collect", start);
     const { progress } = this.collector;
     return { pair: { number, time, scores, original, embedded, progress }, message };
-  }
-
-  /**
-   * Decode frames in order, each of one state, which ends where the toggles change level.
-   *
-   * @returns {Promise<Reading>}
-   */
-  async #decodeUnclocked() {
-    /** @type {DecodedPair[]} */
-    const pairs = [];
-    const seen = this.#buffer.filter(({ measured }) => measured.some(Number.isFinite));
-    if (seen.length < 2) return { pairs, message: null };
-    const toggles = this.#toggles.overTime(seen.map(({ measured }) => measured));
-    const levels = toggles.map((places) => spreadOf([...places.filter(Number.isFinite)]).mean);
-    const middle = (Math.max(...levels) + Math.min(...levels)) / 2;
-    const high = spreadOf(levels.filter((level) => level > middle));
-    const low = spreadOf(levels.filter((level) => level <= middle));
-    const apart = APART * Math.max(high.deviation, low.deviation, 1e-6);
-    if (!(high.mean - low.mean >= apart)) return { pairs, message: null };
-    /** @type {{ up: boolean, time: number, images: BytePlane[] }[]} */
-    const states = [];
-    for (const [at, { frame }] of seen.entries()) {
-      const up = levels[at] > middle;
-      if (states.length === 0 || states[states.length - 1].up !== up) {
-        states.push({ up, time: frame.time, images: [] });
-      }
-      states[states.length - 1].images.push(frame.rectified);
-    }
-    for (let at = 0; at < states.length - 1; at++) {
-      if (states[at].up) continue;
-      const [original, embedded] = [0, 1].map((which) => averageState(states[at + which].images));
-      const number = Math.floor(at / 2);
-      const composed = { number, original, embedded, moved: [] };
-      const scored = { composed, scores: await this.#scorePair(composed) };
-      const { pair, message } = this.#finishPair(scored, states[at].time);
-      pairs.push(pair);
-      if (message !== null) return { pairs, message };
-    }
-    return { pairs, message: null };
   }
 }
 
@@ -567,15 +534,4 @@ function meanOf(arrays) {
     array.forEach((value, i) => (sum[i] += value));
   }
   return sum.map((value) => value / arrays.length);
-}
-
-/**
- * Find the mean and the standard deviation of values; NaN where there are none.
- *
- * @param {number[]} values
- */
-function spreadOf(values) {
-  const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
-  const power = values.reduce((sum, value) => sum + (value - mean) ** 2, 0) / values.length;
-  return { mean, deviation: Math.sqrt(power) };
 }

@@ -131,6 +131,7 @@ export class Receiver {
       cut: sight.cut,
       toggling: this.#reader.sync.best,
       stateHz: sight.stateHz,
+      exposed: sight.exposed,
       decoded: this.decoded,
       mixed: sight.mixed / Math.max(this.decoded, 1),
       progress: this.progress,
@@ -177,7 +178,6 @@ export class Receiver {
    *
    * @param {BytePlane} frame
    * @param {number} time
-   * @returns {Tracked | null}
    */
   #find(frame, time) {
     const followed = this.#following;
@@ -213,7 +213,6 @@ export class Receiver {
    *
    * @param {DisplayTracker} followed
    * @param {number} time - seconds
-   * @returns {boolean}
    */
   #standsStill(followed, time) {
     if ((this.synchronised && this.progress > 0) || followed.layout.ratex.length === 0) {

@@ -10,15 +10,14 @@
  */
 
 import { receiveRepeats } from "../generated/constants.js";
-import { quantile } from "../link/order.js";
+import { median, quantile } from "../link/order.js";
 
 const { CELL_PX, CELLS, QUANTILES, REPEATED, MIN_NOISE_LEVELS, HISTORY, FIRST } = receiveRepeats;
 
 /**
  * Small squares of pixels, spread evenly over an image, cell by cell.
  *
- * @typedef {{ cells: number, across: number, down: number, area: number, levels: Uint8Array }}
- *   Cells
+ * @typedef {{ cells: number, across: number, area: number, levels: Uint8Array }} Cells
  */
 
 /** Compares each frame with the one before. */
@@ -55,12 +54,7 @@ export class Repeats {
     const spread = spreads(now, before);
     const change = QUANTILES.map((share) => quantile(spread, share));
     if (this.#changes.length >= FIRST) {
-      const usual = QUANTILES.map((_, i) =>
-        quantile(
-          this.#changes.map((values) => values[i]),
-          0.5,
-        ),
-      );
+      const usual = QUANTILES.map((_, i) => median(this.#changes.map((values) => values[i])));
       const same = change.every((value, i) => value <= REPEATED[i] * usual[i]);
       if (usual[0] >= MIN_NOISE_LEVELS && same) {
         this.count++;
@@ -77,7 +71,6 @@ export class Repeats {
  * Take small squares of pixels, spread evenly over an image.
  *
  * @param {BytePlane} image
- * @returns {Cells}
  */
 function sampleCells({ width, height, data }) {
   const stepY = Math.max(1, Math.floor(height / CELLS));
@@ -96,7 +89,7 @@ function sampleCells({ width, height, data }) {
       }
     }
   }
-  return { cells: down * across, across, down, area, levels };
+  return { cells: down * across, across, area, levels };
 }
 
 /**

@@ -6,8 +6,6 @@ import { roundHalfEven } from "../image/round.js";
 import { resizeArea } from "../image/shrink.js";
 import { homographyFromCorners, inImage, transform } from "../link/geometry.js";
 
-/** @typedef {import("./timing/clock.js").DisplayClock} DisplayClock */
-
 export const { PURE, MESH } = receiveStates;
 
 /** Points (MESH MESH, 2) of the display, x and y in [0, 1], at which exposure is worked out. */
@@ -93,6 +91,16 @@ export function composeState(frames, clock, number) {
 }
 
 /**
+ * Stand in for a state that no frame holds, beside one that some hold: nothing is pure.
+ *
+ * @param {DisplayState | null} other
+ * @returns {DisplayState | null}
+ */
+export function unseenState(other) {
+  return other && { image: other.image, purity: new Float64Array(MESH * MESH), frames: 0 };
+}
+
+/**
  * Average images of one size.
  *
  * @param {BytePlane[]} images - one or more
@@ -104,39 +112,12 @@ function mean(images) {
   const level = Uint8Array.from({ length: 255 * images.length + 1 }, (_, sum) =>
     roundHalfEven(Math.fround(sum * share)),
   );
-  return averaged(images, level);
-}
-
-/**
- * Average images of one state, all of them pure.
- *
- * @param {BytePlane[]} images - one or more, of one size
- * @returns {DisplayState} rounded, halves up
- */
-export function averageState(images) {
-  const level = Uint8Array.from({ length: 255 * images.length + 1 }, (_, sum) =>
-    Math.floor(sum / images.length + 0.5),
-  );
-  const purity = new Float64Array(MESH * MESH).fill(1);
-  return { image: averaged(images, level), purity, frames: images.length };
-}
-
-/**
- * Add images up, and look the level of each sum up.
- *
- * @param {BytePlane[]} images
- * @param {Uint8Array} level - of each sum from 0 on
- * @returns {BytePlane}
- */
-function averaged(images, level) {
   const { width, height } = images[0];
   const sums = Uint32Array.from(images[0].data);
   for (const { data } of images.slice(1)) {
     for (let at = 0; at < sums.length; at++) sums[at] += data[at];
   }
-  const data = new Uint8Array(sums.length);
-  for (let at = 0; at < sums.length; at++) data[at] = level[sums[at]];
-  return { width, height, data };
+  return { width, height, data: Uint8Array.from(sums, (sum) => level[sum]) };
 }
 
 /**

@@ -225,7 +225,6 @@ function mixBoxes({ width, data }, one, two, share, target) {
  * @param {Layout} layout
  * @param {number} row
  * @param {number} col
- * @returns {Box}
  */
 function boxOf(layout, row, col) {
   const [top, bottom, left, right] = layout.cellBox(row, col);
@@ -238,7 +237,6 @@ function boxOf(layout, row, col) {
  * @param {Layout} layout
  * @param {number} patch
  * @param {number} tile - number in the patch, row by row
- * @returns {Box}
  */
 function tileBox({ rows, cols, width, height, ratex }, patch, tile) {
   const row = TILES * ratex[patch][0] + Math.floor(tile / TILES);

@@ -51,7 +51,6 @@ export async function warmUp(films, mostMs = Infinity) {
  *
  * @param {BytePlane} state
  * @param {number} frame - number of the frame, of which each has its own noise
- * @returns {BytePlane}
  */
 function noisy({ width, height, data }, frame) {
   const words = Array.from(scrambled(range(997), frame).low);

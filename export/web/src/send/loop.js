@@ -68,7 +68,6 @@ function turnedPicture({ width, height, data }) {
  * @param {Picture} picture
  * @param {SendPreset} preset
  * @param {Uint8Array | null} steps - of strength, by block
- * @returns {Picture}
  */
 function withRoom({ width, height, data }, preset, steps) {
   const { rows, cols } = preset.loop;

@@ -46,7 +46,6 @@ export async function openPicture(file) {
  * Shrink a picture once that is larger than the usual display, as no more of it is shown.
  *
  * @param {ImageBitmap} given
- * @returns {Promise<ImageBitmap>}
  */
 async function shrunk(given) {
   const [width, height] = sizeOf(given, [0, 0]);

@@ -314,7 +314,6 @@ export function codedDecodingSteps(scores, terms) {
  *
  * @param {Float32Array} llr
  * @param {Terms} terms
- * @returns {Steps<Content | null>}
  */
 function* messageSteps(llr, terms) {
   const information = yield* terms.code.decodingSteps(llr, terms.blocks);

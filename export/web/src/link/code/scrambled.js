@@ -87,20 +87,5 @@ function upperHalf(one, other) {
  */
 export function shuffled(count, seed) {
   const { high, low } = scrambled(range(count), seed);
-  const order = range(count);
-  const next = new Uint32Array(count);
-  const ends = new Uint32Array(256);
-  for (const half of [low, high]) {
-    for (let shift = 0; shift < 32; shift += 8) {
-      ends.fill(0);
-      for (let at = 0; at < count; at++) ends[(half[at] >>> shift) & 255]++;
-      for (let digit = 1; digit < 256; digit++) ends[digit] += ends[digit - 1];
-      for (let at = count - 1; at >= 0; at--) {
-        const number = order[at];
-        next[--ends[(half[number] >>> shift) & 255]] = number;
-      }
-      order.set(next);
-    }
-  }
-  return order;
+  return range(count).sort((one, other) => high[one] - high[other] || low[one] - low[other]);
 }

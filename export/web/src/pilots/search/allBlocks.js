@@ -19,11 +19,10 @@ import { identity, inverse, multiply3, solve } from "../../link/linear.js";
 import {
   GridMaps, MotionEquations, NUMBERS, UNIT_CORNERS, pixelsFromUnit, unitHomography,
 } from "../motion.js";
-import { commonPhase, pilotSigns, pilotValues, usual } from "../signal.js";
-import { alongWave, waves } from "../waves.js";
+import { pilotSigns } from "../signal.js";
 
 export const {
-  LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_WAVE, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
+  LEAST_SIDE_PX, MOST_SHRUNK, SPAN, LEAST_NOISE, LEAST_TOGGLING, SURE_RATIO,
   EXPECTED_BLOCKS, EXPECTED_K, LARGEST_K, K_STEP, SETTLED_PX,
 } = pilotsSearchAllBlocks;
 
@@ -47,6 +46,24 @@ export function blockMaps(layout) {
   ]);
 }
 
+/**
+ * Make ready to fit the corners of a display by all of its blocks.
+ *
+ * @param {GridMaps} maps
+ * @param {readonly FloatPlane[]} views - of some frames, rectified to the maps
+ * @param {readonly number[]} at - positions of the frames (waves.js)
+ * @param {import("../toggling.js").Toggling} toggling - how the display toggles
+ * @returns {Steps<BlockFit>}
+ */
+export function* blockFitSteps(maps, views, at, toggling) {
+  const changes = [];
+  for (const change of yield* toggling.changeSteps(maps, views, at)) {
+    changes.push(maps.smooth(change, SPAN));
+    yield maps.work;
+  }
+  return new BlockFit(maps, changes);
+}
+
 /** Moves the grid of a display, step by step, until its blocks change as wholes. */
 export class BlockFit {
   /** The motion that the next step tries, of a display from -1 to 1. */
@@ -62,7 +79,7 @@ export class BlockFit {
 
   /**
    * @param {GridMaps} maps
-   * @param {FloatPlane[]} changes - in each period, as `periodChangeSteps` measures them
+   * @param {FloatPlane[]} changes - in each frame pair, smooth and without slope
    */
   constructor(maps, changes) {
     this.maps = maps;
@@ -296,92 +313,4 @@ export class BlockFit {
     }
     return solve(matrix, right).map((value) => -value);
   }
-}
-
-/**
- * Measure by how much each pixel changed in each period of the display's toggling, smooth and
- * without slope.
- *
- * The phase of the toggling, which may slope across the display, is that of the pilots. A period
- * begins where the first state of a frame pair does, so that the bits of different frame pairs are
- * kept apart.
- *
- * @param {GridMaps} maps
- * @param {readonly FloatPlane[]} views - of some frames, rectified to the maps
- * @param {readonly number[]} at - positions of the frames (waves.js)
- * @param {number} frequency - at which the display toggles, in periods for each nominal frame
- * @returns {Steps<FloatPlane[]>} changes in the periods that frames were taken in, positive where a
- *   pixel became brighter from the first state to the second; over each pixel's usual deviation
- */
-export function* periodChangeSteps(maps, views, at, frequency) {
-  const [width, height] = maps.size;
-  const { real, imaginary, angle } = turns(maps, views, at, frequency);
-  yield views.length * maps.work * 0.2;
-  const { scale } = usual(views.map(({ data }) => data));
-  yield views.length * maps.work * 0.2;
-  const periods = at.map((place) => frequency * (place - at[0]));
-  const begun = periods.map((period) => Math.floor(period + angle / (2 * Math.PI) - 0.25 + 1e-6));
-  /** @type {FloatPlane[]} */
-  const changes = [];
-  for (const number of new Set(begun)) {
-    const taken = begun.flatMap((other, frame) => (other === number ? [frame] : []));
-    const wave = waveOf(taken.map((frame) => periods[frame]));
-    if (wave === null) continue;
-    const sums = alongWave(taken.map((frame) => views[frame].data), wave);
-    const data = Float32Array.from(
-      sums.real,
-      (sum, i) => scale[i] * (sum * real[i] - sums.imaginary[i] * imaginary[i]),
-    );
-    changes.push(maps.smooth({ width, height, data }, SPAN));
-    yield (1 + 0.3 * taken.length) * maps.work;
-  }
-  return changes;
-}
-
-/**
- * Find by how much the phase at each pixel is to be turned back.
- *
- * @param {GridMaps} maps
- * @param {readonly FloatPlane[]} views
- * @param {readonly number[]} at
- * @param {number} frequency
- * @returns {{ real: Float32Array, imaginary: Float32Array, angle: number }} the turns, and the
- *   phase at the centre of the display
- */
-function turns(maps, views, at, frequency) {
-  const { layout, margin } = maps;
-  const [wave] = waves(at, [frequency], [0]);
-  const pilots = alongWave(views.map((view) => pilotValues(maps.within(view), layout)), wave);
-  const { slope, phase: angle } = commonPhase(pilots.real, pilots.imaginary, layout);
-  const [width, height] = maps.size;
-  const real = new Float32Array(width * height);
-  const imaginary = new Float32Array(width * height);
-  for (let y = 0, to = 0; y < height; y++) {
-    const line = angle + slope[1] * ((y - margin[1] + 0.5) / maps.inner[1] - 0.5);
-    for (let x = 0; x < width; x++, to++) {
-      const phase = line + slope[0] * ((x - margin[0] + 0.5) / maps.inner[0] - 0.5);
-      real[to] = Math.cos(phase);
-      imaginary[to] = -Math.sin(phase);
-    }
-  }
-  return { real, imaginary, angle };
-}
-
-/**
- * Make the wave of one period at some times, without its mean, of power 1.
- *
- * @param {number[]} times - in periods
- * @returns {import("../waves.js").Wave | null} null where the times tell nothing of it
- */
-function waveOf(times) {
-  const parts = [Math.cos, (/** @type {number} */ turn) => -Math.sin(turn)];
-  const [real, imaginary] = parts.map((wave) => {
-    const values = Float64Array.from(times, (time) => wave(2 * Math.PI * time));
-    const mean = values.reduce((sum, value) => sum + value, 0) / values.length;
-    return values.map((value) => value - mean);
-  });
-  const length = Math.hypot(...real, ...imaginary);
-  if (length ** 2 < LEAST_WAVE) return null;
-  const shortened = (/** @type {number} */ value) => value / length;
-  return { real: real.map(shortened), imaginary: imaginary.map(shortened) };
 }

@@ -16,9 +16,9 @@ import {
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
 import { withoutSlope } from "../motion.js";
-import { signedPhases, sumsAlong } from "../signal.js";
+import { pilotCentres, signedPhases, turnedSums } from "../signal.js";
 
-/** @typedef {import("./parts.js").Amplitudes} Amplitudes */
+/** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 
 export const { STEPS_BLOCKS, MOVES, GROUPS, LEAST_GAIN } = pilotsSearchClimb;
 
@@ -43,11 +43,9 @@ export function climbToPilots(change, layout) {
   const imaginary = averaged({ width, height, data: change.imaginary }, [blockX, blockY]);
   const phases = signedPhases(layout);
   const pilots = layout.pilotBlocks.length;
-  const centres = Array.from(layout.pilotBlocks, (block) => {
-    const row = Math.floor(block / layout.cols);
-    const col = block % layout.cols;
-    return /** @type {Point} */ ([(col + 0.5) * blockX - 0.5, (row + 0.5) * blockY - 0.5]);
-  });
+  const centres = pilotCentres(layout).map(
+    ([x, y]) => /** @type {Point} */ ([x * width - 0.5, y * height - 0.5]),
+  );
 
   const share = (/** @type {Point[]} */ corners) => {
     const H = homographyFromCorners(corners, width, height);
@@ -56,8 +54,8 @@ export function climbToPilots(change, layout) {
     const values = [real, imaginary].map((plane) => between(plane, places, BY.linear, BEYOND.zero));
     let power = 0;
     for (const part of values) for (const value of part) power += value * value;
-    const along = sumsAlong(values[0], values[1], phases);
-    return Math.max(...along.map(([a, b]) => a * a + b * b)) / (power * pilots + 1e-12);
+    const along = phases.map((slope) => turnedSums(values[0], values[1], slope));
+    return Math.max(...along.map(({ a, b }) => a * a + b * b)) / (power * pilots + 1e-12);
   };
 
   let corners = frameCorners(width, height);
@@ -87,7 +85,6 @@ export function climbToPilots(change, layout) {
  *
  * @param {FloatPlane} plane
  * @param {[number, number]} block - its width and height, in pixels
- * @returns {FloatPlane}
  */
 function averaged(plane, block) {
   const [across, down] = block.map((side) => Math.max(1, roundHalfEven(side)));

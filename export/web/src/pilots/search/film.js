@@ -12,11 +12,8 @@ import {
   transform,
 } from "../../link/geometry.js";
 import { inverse, multiply3 } from "../../link/linear.js";
-import { usual } from "../signal.js";
-import { alongWave, waves } from "../waves.js";
 
 /** @typedef {import("../motion.js").GridMaps} GridMaps */
-/** @typedef {import("./parts.js").Amplitudes} Amplitudes */
 /** @typedef {import("../stabilise.js").Tracks} Tracks */
 
 export const { FAR_OUTSIDE, LEAST_AREA } = pilotsSearchFilm;
@@ -116,7 +113,6 @@ export class HeldFrame {
    * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
    * @param {number} width - of the result
    * @param {number} height - of the result
-   * @returns {BytePlane}
    */
   #rectified(H, width, height) {
     if (room.length !== width * height) room = new Uint8Array(width * height);
@@ -141,7 +137,6 @@ export class HeldFrame {
    * @param {ArrayLike<number>} H - from pixels of the result to pixels of the frame
    * @param {number} width - of the result
    * @param {number} height - of the result
-   * @returns {FloatPlane}
    */
   #averaged(factor, H, width, height) {
     const copy = this.#copy(factor);
@@ -153,7 +148,6 @@ export class HeldFrame {
    * Average the frame down, without rounding.
    *
    * @param {number} factor - whole
-   * @returns {FloatPlane}
    */
   #copy(factor) {
     const { width, height } = this.gray;
@@ -165,37 +159,11 @@ export class HeldFrame {
 }
 
 /**
- * Find how maps toggle over time, each pixel divided by its deviation.
- *
- * @param {readonly FloatPlane[]} views - of some frames, at least one, all of one size
- * @param {readonly number[]} at - positions of the frames (waves.js)
- * @param {readonly number[]} frequencies - in periods for each nominal frame
- * @returns {Amplitudes[]} at each of the frequencies
- */
-export function amplitudes(views, at, frequencies) {
-  const { width, height } = views[0];
-  const values = views.map(({ data }) => data);
-  const { mean, scale } = usual(values);
-  const apart = values.map((data) => data.map((value, i) => value - mean[i]));
-  return waves(at, frequencies, [0]).map((wave) => {
-    // an imaginary part that is 0 but for rounding must be 0
-    const [turns, quarters] = [wave.real, wave.imaginary].map((part) =>
-      part.map((value) => Math.round(value * 1e12) / 1e12),
-    );
-    const sums = alongWave(apart, { real: turns, imaginary: quarters });
-    const real = Float32Array.from(sums.real, (sum, i) => sum * scale[i]);
-    const imaginary = Float32Array.from(sums.imaginary, (sum, i) => sum * scale[i]);
-    return { width, height, real, imaginary };
-  });
-}
-
-/**
  * Tell whether corners make a sound quadrilateral that is near the image.
  *
  * @param {Point[]} quad - pixels of the image
  * @param {number} width - of the image
  * @param {number} height - of the image
- * @returns {boolean}
  */
 function isNear(quad, width, height) {
   for (const [x, y] of quad) {
@@ -211,7 +179,6 @@ function isNear(quad, width, height) {
  * @param {Point[]} quad - pixels of the image
  * @param {number} width - of the map
  * @param {number} height - of the map
- * @returns {number}
  */
 function pixelsInOne(quad, width, height) {
   const sides = quad.map(([x, y], i) => {

@@ -13,13 +13,9 @@ import { fitMotion } from "../../image/points.js";
 import { resizedHomography, transform } from "../../link/geometry.js";
 import { median } from "../../link/order.js";
 import { withoutSlope } from "../motion.js";
+import { CodedToggling, codeSearch } from "../toggling.js";
 
-/**
- * Amplitudes at one frequency: real and imaginary part of each pixel of a map.
- *
- * @typedef {{ width: number, height: number, real: Float32Array, imaginary: Float32Array }}
- *   Amplitudes
- */
+/** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
 
 /**
  * Matches of one part for shifts from -reach to reach along y and, faster, along x: of the real
@@ -31,6 +27,9 @@ import { withoutSlope } from "../motion.js";
 export const {
   PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
 } = pilotsSearchParts;
+
+/** Units of work of matching a frame, and of trying all clocks. */
+const [MATCH_WORK, CLOCK_WORK] = [2, 30];
 
 /**
  * Find where the parts of a display lie that toggle as they should.
@@ -45,27 +44,12 @@ export const {
  *   parts that clearly match and agree with it; null where there are none
  */
 export function coarseShift(change, blocks, layout, far = false) {
-  const { width, height } = change;
-  /** @type {[number, number]} */
-  const block = [width / layout.cols, height / layout.rows];
-  const least = far ? REACH_SHARE * width : 0;
-  const [reachX, reachY] = block.map((side) => Math.ceil(Math.max(REACH_BLOCKS * side, least)));
-  const real = withoutSlope({ width, height, data: change.real }, block).data;
-  const imaginary = withoutSlope({ width, height, data: change.imaginary }, block).data;
+  const reach = reachOf(change, layout, far);
   // of the matches that chance makes, so many medians are one e-th as frequent as the median
-  const unit = imaginary.some((value) => value !== 0) ? Math.log(2) : HALF_REAL;
-  const [down, across] = PARTS[0];
-  const smallest = matchParts(
-    { width, height, real, imaginary },
-    blocks,
-    layout.rows,
-    layout.cols,
-    divided(height, down),
-    divided(width, across),
-    [reachX, reachY],
-  );
+  const unit = change.imaginary.some((value) => value !== 0) ? Math.log(2) : HALF_REAL;
+  const smallest = matchParts(change, blocks, layout, reach);
   for (const parts of PARTS) {
-    const found = shiftsOfParts(joined(smallest, parts), change, parts, [reachX, reachY], unit);
+    const found = shiftsOfParts(joined(smallest, parts), change, parts, reach, unit);
     const fit = fittedShift(found, layout, change);
     if (fit !== null) return fit;
   }
@@ -73,29 +57,43 @@ export function coarseShift(change, blocks, layout, far = false) {
 }
 
 /**
- * Match each part of a map.
+ * Choose the largest shift that is looked for.
+ *
+ * @param {{ width: number, height: number }} map
+ * @param {Layout} layout
+ * @param {boolean} far - whether to look farther than `REACH_BLOCKS`
+ * @returns {[number, number]} along x and along y, pixels of the map
+ */
+function reachOf({ width, height }, { rows, cols }, far) {
+  const least = far ? REACH_SHARE * width : 0;
+  const [x, y] = [width / cols, height / rows].map((side) =>
+    Math.ceil(Math.max(REACH_BLOCKS * side, least)),
+  );
+  return [x, y];
+}
+
+/**
+ * Match each of the smallest parts of a map.
  *
  * @param {Amplitudes} change
  * @param {ArrayLike<number>} blocks - (rows * cols,) what is expected of each block
- * @param {number} rows
- * @param {number} cols
- * @param {number[]} ys - the rows of the map at which parts begin and end
- * @param {number[]} xs - the columns of the map at which parts begin and end
+ * @param {Layout} layout
  * @param {[number, number]} reach - largest shift along x and along y, pixels
  * @returns {Matches[]} of each part, from the top left on, row by row
  */
-function matchParts(change, blocks, rows, cols, ys, xs, reach) {
-  const { width, height } = change;
+function matchParts({ width, height, ...change }, blocks, { rows, cols }, reach) {
   const expected = { width: cols, height: rows, data: Float32Array.from(blocks) };
-  const parts = [Int32Array.from(ys), Int32Array.from(xs)];
+  const [down, across] = PARTS[0];
+  const parts = [divided(height, down), divided(width, across)].map((at) => Int32Array.from(at));
   const each = (2 * reach[0] + 1) * (2 * reach[1] + 1);
   const [real, imaginary] = [change.real, change.imaginary].map((data) => {
-    const matches = new Float32Array((ys.length - 1) * (xs.length - 1) * each);
+    const matches = new Float32Array(down * across * each);
     if (data.every((value) => value === 0)) return matches;
-    call("matchParts", [{ width, height, data }, expected, ...parts, ...reach], [matches]);
+    const plane = withoutSlope({ width, height, data }, [width / cols, height / rows]);
+    call("matchParts", [plane, expected, ...parts, ...reach], [matches]);
     return matches;
   });
-  return Array.from({ length: real.length / each }, (_, part) => {
+  return Array.from({ length: down * across }, (_, part) => {
     const [start, end] = [part * each, (part + 1) * each];
     return { real: real.subarray(start, end), imaginary: imaginary.subarray(start, end) };
   });
@@ -116,7 +114,6 @@ function matchParts(change, blocks, rows, cols, ys, xs, reach) {
  * @param {[number, number]} parts - their number from top to bottom, and from left to right
  * @param {[number, number]} reach - largest shift along x and y, pixels of the map
  * @param {number} unit - power of e by which a match of a median more is rarer
- * @returns {Shifts}
  */
 function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
   const ys = divided(map.height, down);
@@ -160,18 +157,17 @@ function shiftsOfParts(matches, map, [down, across], [reachX, reachY], unit) {
 function fittedShift({ places, seen, heights }, layout, map) {
   const scale = resizedHomography(layout.width / map.width, layout.height / map.height);
   const clear = heights.map((_, i) => i).filter((i) => heights[i] > CLEAR);
-  const place = transform(
-    scale,
-    clear.map((i) => places[i]),
-  );
-  const old = transform(
-    scale,
-    clear.map((i) => seen[i]),
+  const [place, old] = [places, seen].map((points) =>
+    transform(scale, clear.map((i) => points[i])),
   );
   const same = SAME_BLOCKS * Math.min(layout.width / layout.cols, layout.height / layout.rows);
   const count = clear.length;
   if (count === 0) return null;
-  if (count >= FEW && heights.length > 1) return ransac(place, old, same, count < MANY);
+  if (count >= FEW && heights.length > 1) {
+    const [from, to] = [place, old].map((points) => Float64Array.from(points.flat()));
+    const fit = fitMotion(from, to, same, count < MANY);
+    return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
+  }
   let best = 0;
   for (let i = 1; i < count; i++) if (heights[clear[i]] > heights[clear[best]]) best = i;
   const shifts = old.map(([x, y], i) => [x - place[i][0], y - place[i][1]]);
@@ -182,26 +178,10 @@ function fittedShift({ places, seen, heights }, layout, map) {
 }
 
 /**
- * Fit an affine transform or a homography that most points agree with.
- *
- * @param {Point[]} from
- * @param {Point[]} to
- * @param {number} same - distance, in pixels, within which a point agrees
- * @param {boolean} affine
- * @returns {{ HOldFromNew: Float64Array, parts: number } | null}
- */
-function ransac(from, to, same, affine) {
-  const [source, target] = [from, to].map((points) => Float64Array.from(points.flat()));
-  const fit = fitMotion(source, target, same, affine);
-  return fit && fit.count >= FEW ? { HOldFromNew: fit.H, parts: fit.count } : null;
-}
-
-/**
  * Add up the matches of the smallest parts to those of larger ones.
  *
  * @param {Matches[]} smallest - of `PARTS[0]`
  * @param {[number, number]} parts - one of `PARTS`
- * @returns {Matches[]}
  */
 function joined(smallest, [down, across]) {
   const [rows, cols] = PARTS[0];
@@ -237,11 +217,52 @@ function divided(length, count) {
  *
  * @param {ArrayLike<number>} values
  * @param {number} at
- * @returns {number}
  */
 function peakOffset(values, at) {
   if (!(at > 0 && at < values.length - 1)) return 0;
   const [before, here, after] = [values[at - 1], values[at], values[at + 1]];
   const bend = before - 2 * here + after;
   return bend < 0 ? (0.5 * (before - after)) / bend : 0;
+}
+
+/**
+ * Find how a coded display may toggle of which it is not known where it lies.
+ *
+ * What a frame shows at each shift of the display, less the mean of all frames, is compared with
+ * the expected changes. Only then are the clocks tried, all at once. The display may lie shifted as
+ * a whole, or its parts each by itself.
+ *
+ * @param {readonly Float32Array[]} series - maps of the display of `COARSE_SIZE`, `overDeviation`
+ * @param {ArrayLike<number>} blocks - (rows * cols,) as of `coarseShift`
+ * @param {Layout} layout - of the display
+ * @param {readonly number[]} at - positions of the frames
+ * @param {number} fps - nominal number of frames of the camera in a second
+ * @returns {Steps<CodedToggling[]>}
+ */
+export function* shiftedTogglings(series, blocks, layout, at, fps) {
+  const [width, height] = COARSE_SIZE;
+  const reach = reachOf({ width, height }, layout, true);
+  /** @type {Matches[][]} */
+  const shown = [];
+  for (const real of series) {
+    const change = { width, height, real, imaginary: new Float32Array(real.length) };
+    shown.push(matchParts(change, blocks, layout, reach));
+    yield MATCH_WORK;
+  }
+  // every second shift along x and y tells
+  const [wide, high] = reach.map((side) => side + 1);
+  const shifts = Array.from({ length: wide * high }, (_, i) => {
+    return 2 * ((i % wide) + Math.floor(i / wide) * (2 * wide - 1));
+  });
+  const found = [];
+  for (const parts of PARTS.slice(1)) {
+    const seen = shown.map((smallest) => joined(smallest, parts).map(({ real }) => real));
+    const matches = seen[0].map((_, part) =>
+      shifts.map((shift) => Float64Array.from(seen, (now) => now[part][shift])),
+    );
+    const clock = codeSearch(layout, at, fps).highest(matches);
+    found.push(new CodedToggling(clock, layout.code));
+    yield CLOCK_WORK;
+  }
+  return found;
 }

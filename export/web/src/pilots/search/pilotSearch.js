@@ -20,7 +20,7 @@ import { pilotsSearchPilotSearch } from "../../generated/constants.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import {
-  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, evidenceSteps,
+  CANDIDATES, GLANCE_WORK, NEXT_FRAME, PROMISING, Proposer, weighSteps,
 } from "./proposals.js";
 import { HINT, settleSteps } from "./settle.js";
 import { Watch } from "./watch.js";
@@ -49,8 +49,9 @@ const BEGIN_WORK = 6;
  * A display that its pilots have given away: the layout that it shows, one of those that were
  * looked for; its corners in the newest frame, from the top left of the displayed picture on; the
  * natural logarithm of the odds against chance, after paying for everything that was tried; its
- * corners in the frame with which the search began; the coefficient of the lens; and the frames
- * before the newest one, from the oldest on, of those that are kept.
+ * corners in the frame with which the search began; the coefficient of the lens; when it shows which
+ * state, where its code tells; and the frames before the newest one, from the oldest on, of those
+ * that are kept.
  *
  * @typedef {{
  *   layout: Layout,
@@ -58,6 +59,7 @@ const BEGIN_WORK = 6;
  *   evidence: number,
  *   firstCorners: Point[],
  *   k: number,
+ *   clock: DisplayClock | null,
  *   held: HeldFrame[],
  * }} PilotDisplay
  */
@@ -118,7 +120,8 @@ export class PilotSearch {
       isFollowed = false;
     }
     if (watch === null || !isFollowed) {
-      this.#watch = new Watch(gray, time, this.fps, this.pictureMoves);
+      const longer = this.#failed > 0 && this.layouts.some(({ code }) => !code.isPlain) ? 2 : 1;
+      this.#watch = new Watch(gray, time, this.fps, this.pictureMoves, longer);
       this.#work = this.#proposer = null;
       this.#surestSeen = 0;
       return null;
@@ -137,10 +140,11 @@ export class PilotSearch {
       this.#watch = null;
       this.#failed = 0;
       const { proposal, evidence, k } = step.value;
-      const { layout, corners } = proposal;
+      const { layout, corners, toggling } = proposal;
       const newest = watch.newest.corners(corners);
+      const clock = toggling.clockInSeconds(this.fps, watch.start);
       const held = watch.held.slice(0, -1);
-      return { layout, corners: newest, evidence, firstCorners: corners, k, held };
+      return { layout, corners: newest, evidence, firstCorners: corners, k, clock, held };
     }
     const patience = PATIENCE_S * 2 ** Math.min(Math.floor(this.#failed / 2), MOST_DOUBLED);
     return watch.seen > patience * this.fps ? this.#fail() : null;
@@ -168,12 +172,11 @@ export class PilotSearch {
    * Look for the display in the film that follows the reference.
    *
    * @param {Watch} watch
-   * @returns {Steps<Settled | null>}
    */
   *#search(watch) {
     const edges = yield* candidateSteps(watch.reference, CANDIDATES);
     const corners = edges.map((edge) => edge.corners);
-    const proposer = new Proposer(watch, corners, this.layouts, this.fps);
+    const proposer = new Proposer(watch, corners, this.layouts);
     yield BEGIN_WORK;
     this.#proposer = proposer;
     proposer.add();
@@ -222,10 +225,9 @@ export class PilotSearch {
    *
    * @param {Proposal} proposal
    * @param {Watch} watch
-   * @returns {Steps<Settled | null>}
    */
   *#weighAndSettle(proposal, watch) {
-    const evidence = yield* evidenceSteps(proposal, watch.frames);
+    const { evidence } = yield* weighSteps(proposal, watch.frames, watch.fps);
     return yield* this.#settle(proposal, evidence, watch);
   }
 
@@ -235,7 +237,6 @@ export class PilotSearch {
    * @param {Proposal} proposal
    * @param {number} evidence
    * @param {Watch} watch
-   * @returns {Steps<Settled | null>}
    */
   #settle(proposal, evidence, watch) {
     this.#surestSeen = Math.max(this.#surestSeen, evidence);

@@ -5,10 +5,11 @@ import { equalised } from "../../image/levels.js";
 import { candidateSteps } from "../../locate/candidates.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
-import { expectedChanges, pilotEvidence, pilotValues, standingOut } from "../signal.js";
-import { amplitudes } from "./film.js";
-import { COARSE_SIZE, coarseShift } from "./parts.js";
+import { expectedChanges, overDeviation, pilotValues, standingOut } from "../signal.js";
+import { Wave, findToggling } from "../toggling.js";
+import { COARSE_SIZE, coarseShift, shiftedTogglings } from "./parts.js";
 
+/** @typedef {import("../toggling.js").Toggling} Toggling */
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
@@ -29,9 +30,9 @@ const WEIGH_WORK = 6;
 
 /**
  * Where a display may be: corners in the reference frame, the displayed picture's top left first;
- * what it may show; and the frequency at which it may toggle, in periods for each nominal frame.
+ * what it may show; and how it may toggle.
  *
- * @typedef {{ corners: Point[], layout: Layout, frequency: number }} Proposal
+ * @typedef {{ corners: Point[], layout: Layout, toggling: Toggling }} Proposal
  */
 
 /** A quadrilateral, and how pilots toggle where it is a display. */
@@ -39,9 +40,11 @@ export class Watched {
   /**
    * @param {Point[]} corners - in the reference frame
    * @param {readonly Layout[]} layouts - those that it may show
+   * @param {number} fps - nominal number of frames of the camera in a second
    */
-  constructor(corners, layouts) {
+  constructor(corners, layouts, fps) {
     this.corners = corners;
+    this.fps = fps;
     /** Positions of the frames. @type {number[]} */
     this.at = [];
     /** For each layout, upright and upside down, the pilots' values in each frame. */
@@ -83,8 +86,8 @@ export class Watched {
    */
   surest() {
     const found = this.guesses.map(({ layout, turn, values }) => {
-      const { evidence, frequency } = pilotEvidence(values, layout, this.at);
-      const proposal = { corners: rolled(this.corners, turn), layout, frequency };
+      const { evidence, toggling } = findToggling(values, layout, this.at, this.fps);
+      const proposal = { corners: rolled(this.corners, turn), layout, toggling };
       return { evidence, proposal };
     });
     return found.reduce((best, each) => (each.evidence > best.evidence ? each : best));
@@ -112,34 +115,20 @@ export function* viewSteps(corners, layout, frames, [width, height]) {
 }
 
 /**
- * Find the evidence of a proposal, before it pays for what was tried, step by step.
+ * Weigh a proposal by frames in full, step by step.
  *
  * @param {Proposal} proposal
  * @param {readonly HeldFrame[]} frames
- * @returns {Steps<number>} 0 where its corners are not sound
+ * @param {number} fps - nominal number of frames of the camera in a second
+ * @returns {Steps<{ evidence: number, toggling: Toggling }>} the evidence, before it pays for what
+ *   was tried, 0 where corners are not sound; and how the pilots toggle in the frames
  */
-export function* evidenceSteps(proposal, frames) {
-  const values = yield* valueSteps(proposal, frames);
-  if (values === null) return 0;
-  return pilotEvidence(values, proposal.layout, positions(frames)).evidence;
-}
-
-/**
- * Find by how much the pilots of a proposal stand out in each frame, step by step.
- *
- * @param {Proposal} proposal
- * @param {readonly HeldFrame[]} frames
- * @returns {Steps<Float32Array[] | null>} null where its corners are not sound
- */
-export function* valueSteps(proposal, frames) {
-  const values = [];
-  for (const frame of frames) {
-    const now = valuesOf(proposal, frame);
-    if (now === null) return null;
-    values.push(now);
-    yield VIEW_WORK;
-  }
-  return values;
+export function* weighSteps({ corners, layout, toggling }, frames, fps) {
+  const size = /** @type {[number, number]} */ ([layout.width >> 1, layout.height >> 1]);
+  const views = yield* viewSteps(corners, layout, frames, size);
+  if (views === null) return { evidence: 0, toggling };
+  const values = views.map((view) => pilotValues(view, layout));
+  return findToggling(values, layout, positions(frames), fps);
 }
 
 /**
@@ -150,18 +139,6 @@ export function* valueSteps(proposal, frames) {
  */
 export function positions(frames) {
   return frames.map(({ at }) => at);
-}
-
-/**
- * Find by how much the pilots of a proposal stand out in a frame.
- *
- * @param {Proposal} proposal
- * @param {HeldFrame} frame
- * @returns {Float32Array | null} null where its corners are not sound
- */
-export function valuesOf({ corners, layout }, frame) {
-  const view = frame.view(corners, layout, layout.width >> 1, layout.height >> 1);
-  return view && pilotValues(view, layout);
 }
 
 /**
@@ -185,9 +162,8 @@ export class Proposer {
    * @param {Watch} watch - the film
    * @param {Point[][]} edges - quadrilaterals of edges in its reference
    * @param {readonly Layout[]} layouts - those that may be shown
-   * @param {number} fps - nominal number of frames of the camera in a second
    */
-  constructor(watch, edges, layouts, fps) {
+  constructor(watch, edges, layouts) {
     this.#watch = watch;
     this.#layouts = layouts;
     this.#largest = layouts.reduce((most, layout) =>
@@ -196,11 +172,11 @@ export class Proposer {
     this.#finest = layouts.reduce((most, layout) =>
       layout.rows * layout.cols > most.rows * most.cols ? layout : most,
     );
-    const periods = STATES_HZ.map((rate) => (rate / 2 / fps) % 1);
+    const periods = STATES_HZ.map((rate) => (rate / 2 / watch.fps) % 1);
     const folded = periods.map((period) => Math.min(period, 1 - period));
     this.#frequencies = [...new Set(folded)].filter((period) => period > 0).sort((a, b) => a - b);
     [this.#edges, this.#turned] = [0, 1].map((turn) =>
-      edges.map((corners) => new Watched(rolled(corners, turn), layouts)),
+      edges.map((corners) => new Watched(rolled(corners, turn), layouts, watch.fps)),
     );
   }
 
@@ -309,7 +285,7 @@ export class Proposer {
    */
   surestIn(corners, layouts = this.#layouts) {
     const { rows, cols } = this.#finest;
-    const watched = new Watched(corners, layouts);
+    const watched = new Watched(corners, layouts, this.#watch.fps);
     const views = this.#watch.views(corners, cols, rows);
     const at = positions(this.#watch.frames);
     views.forEach((view, i) => watched.take(view, at[i]));
@@ -343,8 +319,6 @@ export class Proposer {
    *
    * The mean has less noise than a frame, and its histogram, made even, shows the edges of a dark
    * picture in a dark frame.
-   *
-   * @returns {Steps<Point[][]>}
    */
   *#faintEdges() {
     const even = equalised(this.#watch.map.mean());
@@ -361,21 +335,31 @@ export class Proposer {
   *firstFit(quad) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
     yield GLANCE_WORK;
-    const lines = amplitudes(views, positions(this.#watch.frames), this.#frequencies);
+    const series = overDeviation(views.map(({ data }) => data));
+    const at = positions(this.#watch.frames);
+    const measured = (/** @type {Toggling} */ toggling) => {
+      return { toggling, line: toggling.amplitudes(series, at, COARSE_SIZE) };
+    };
+    const plain = this.#frequencies.map((frequency) => measured(new Wave(frequency)));
     yield WEIGH_WORK;
     let most = 0;
     let best = null;
-    for (const [i, frequency] of this.#frequencies.entries()) {
-      for (const layout of this.#layouts) {
-        const blocks = expectedChanges(layout);
-        for (const turn of [0, 2]) {
-          const shown = turn ? blocks.slice().reverse() : blocks;
-          const fit = coarseShift(lines[i], shown, layout, true);
+    for (const layout of this.#layouts) {
+      const blocks = expectedChanges(layout);
+      for (const turn of [0, 2]) {
+        const shown = turn ? blocks.slice().reverse() : blocks;
+        let ways = plain;
+        if (!layout.code.isPlain) {
+          const { fps } = this.#watch;
+          ways = (yield* shiftedTogglings(series, shown, layout, at, fps)).map(measured);
+        }
+        for (const { toggling, line } of ways) {
+          const fit = coarseShift(line, shown, layout, true);
           yield FIT_WORK;
           if (fit === null || fit.parts <= most) continue;
           most = fit.parts;
           const corners = rolled(movedCorners(quad, fit.HOldFromNew, layout), turn);
-          best = { corners, layout, frequency };
+          best = { corners, layout, toggling };
         }
       }
     }

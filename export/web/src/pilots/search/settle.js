@@ -2,14 +2,14 @@
 
 import { pilotsSearchSettle } from "../../generated/constants.js";
 import { mapSize, movedCorners } from "../motion.js";
-import { expectedChanges, pilotEvidence } from "../signal.js";
-import { BlockFit, blockMaps, periodChangeSteps } from "./allBlocks.js";
+import { expectedChanges, overDeviation } from "../signal.js";
+import { blockFitSteps, blockMaps } from "./allBlocks.js";
 import { climbToPilots } from "./climb.js";
-import { amplitudes } from "./film.js";
 import { COARSE_SIZE, MANY, coarseShift } from "./parts.js";
-import {
-  NEXT_FRAME, VIEW_WORK, evidenceSteps, positions, valueSteps, valuesOf, viewSteps,
-} from "./proposals.js";
+import { NEXT_FRAME, VIEW_WORK, positions, viewSteps, weighSteps } from "./proposals.js";
+
+/** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
+/** @typedef {import("./allBlocks.js").BlockFit} BlockFit */
 
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./proposals.js").Proposal} Proposal */
@@ -67,7 +67,8 @@ export function* settleSteps(proposal, first, watch) {
     const climbable = evidence >= CLIMBABLE - Math.log(tried) && evidence < certain;
     if (move === byClimbing && !climbable) continue;
     const there = { ...best, corners: yield* move(best, frames) };
-    const now = (yield* evidenceSteps(there, frames)) - Math.log(tried * tries);
+    const weighed = yield* weighSteps(there, frames, watch.fps);
+    const now = weighed.evidence - Math.log(tried * tries);
     if (!(now > evidence)) continue;
     best = there;
     evidence = now;
@@ -75,37 +76,40 @@ export function* settleSteps(proposal, first, watch) {
   }
   if (evidence < HINT - Math.log(tried)) return null;
   const start = best;
-  const fit = yield* byBlocks(start, [...watch.frames]);
+  const used = watch.frames.length;
+  const fit = yield* byBlocks(start, watch.frames.slice(0, used));
   const fitted = fit === null ? start : moved(start, fit);
-  const now = (yield* evidenceSteps(fitted, frames)) - Math.log(tried);
+  let weighed = yield* weighSteps(fitted, frames, watch.fps);
+  const now = weighed.evidence - Math.log(tried);
   evidence = Math.max(evidence, now);
   if (evidence < NEARLY * needed) return null;
   if (now >= NEARLY * needed) best = fitted;
   if (evidence < certain) {
     // corners were fitted to these frames; later ones must agree
-    const later = [];
-    const at = [];
-    while (later.length < watch.confirming) {
-      yield NEXT_FRAME;
-      const frame = watch.newest;
-      const values = valuesOf(best, frame);
-      if (values === null) return null;
-      later.push(values);
-      at.push(frame.at);
-    }
-    if (pilotEvidence(later, layout, at).evidence < CONFIRMED) return null;
+    while (watch.all.length < used + watch.confirming) yield NEXT_FRAME;
+    const agreeing = watch.all.slice(used);
+    if ((yield* weighSteps(best, agreeing, watch.fps)).evidence < CONFIRMED) return null;
     if (evidence < needed) {
-      const before = yield* valueSteps(best, frames);
-      if (before === null) return null;
-      const values = [...before, ...later];
-      evidence = pilotEvidence(values, layout, [...positions(frames), ...at]).evidence;
-      evidence -= Math.log(tried);
+      weighed = yield* weighSteps(best, [...frames, ...agreeing], watch.fps);
+      evidence = weighed.evidence - Math.log(tried);
     }
   }
   if (evidence < needed) return null;
   const isFitted = best === fitted && fit !== null;
   const k = isFitted ? yield* throughLens(fit, start, frames[0]) : 0;
-  return { proposal: isFitted && k !== 0 ? moved(start, fit) : best, evidence, k };
+  if (isFitted && k !== 0) best = moved(start, fit);
+  let seen = 0;
+  while (!layout.code.isPlain) {
+    // frames that have come meanwhile tell more of the clock
+    if (watch.seen > seen) {
+      seen = watch.seen;
+      weighed = yield* weighSteps(best, watch.all, watch.fps);
+    }
+    const later = watch.seen - watch.frames.length;
+    if (weighed.toggling.clear || later >= watch.confirming) break;
+    yield NEXT_FRAME;
+  }
+  return { proposal: { ...best, toggling: weighed.toggling }, evidence, k };
 }
 
 /**
@@ -113,13 +117,11 @@ export function* settleSteps(proposal, first, watch) {
  *
  * @type {Move}
  */
-function* byParts({ corners, layout, frequency }, frames) {
+function* byParts({ corners, layout, toggling }, frames) {
   const blocks = expectedChanges(layout);
   for (let round = 0; round < COARSE_ROUNDS; round++) {
-    const views = yield* viewSteps(corners, layout, frames, COARSE_SIZE);
-    if (views === null) break;
-    const [line] = amplitudes(views, positions(frames), [frequency]);
-    yield MEASURE_WORK;
+    const line = yield* amplitudeSteps({ corners, layout, toggling }, frames, COARSE_SIZE);
+    if (line === null) break;
     const fit = coarseShift(line, blocks, layout);
     yield MOVE_WORK;
     if (fit === null) break;
@@ -136,17 +138,32 @@ function* byParts({ corners, layout, frequency }, frames) {
  *
  * @type {Move}
  */
-function* byClimbing({ corners, layout, frequency }, frames) {
+function* byClimbing({ corners, layout, toggling }, frames) {
   for (let round = 0; round < CLIMB_ROUNDS; round++) {
-    const views = yield* viewSteps(corners, layout, frames, mapSize(layout));
-    if (views === null) break;
-    const [line] = amplitudes(views, positions(frames), [frequency]);
-    yield MEASURE_WORK;
+    const line = yield* amplitudeSteps({ corners, layout, toggling }, frames, mapSize(layout));
+    if (line === null) break;
     const HOldFromNew = climbToPilots(line, layout);
     yield MOVE_WORK;
     corners = movedCorners(corners, HOldFromNew, layout);
   }
   return corners;
+}
+
+/**
+ * Measure how each place of a proposal toggles.
+ *
+ * @param {Proposal} proposal
+ * @param {readonly HeldFrame[]} frames
+ * @param {[number, number]} size - width and height of the map
+ * @returns {Steps<Amplitudes | null>} null where corners are not sound
+ */
+function* amplitudeSteps({ corners, layout, toggling }, frames, size) {
+  const views = yield* viewSteps(corners, layout, frames, size);
+  if (views === null) return null;
+  const series = overDeviation(views.map(({ data }) => data));
+  const line = toggling.amplitudes(series, positions(frames), size);
+  yield MEASURE_WORK;
+  return line;
 }
 
 /**
@@ -156,7 +173,7 @@ function* byClimbing({ corners, layout, frequency }, frames) {
  * @param {readonly HeldFrame[]} frames
  * @returns {Steps<BlockFit | null>} null where the corners are not sound
  */
-function* byBlocks({ corners, layout, frequency }, frames) {
+function* byBlocks({ corners, layout, toggling }, frames) {
   const maps = blockMaps(layout);
   const views = [];
   for (const frame of frames) {
@@ -165,8 +182,7 @@ function* byBlocks({ corners, layout, frequency }, frames) {
     views.push(view);
     yield VIEW_WORK;
   }
-  const changes = yield* periodChangeSteps(maps, views, positions(frames), frequency);
-  const fit = new BlockFit(maps, changes);
+  const fit = yield* blockFitSteps(maps, views, positions(frames), toggling);
   for (let round = 0; round < BLOCK_ROUNDS; round++) {
     if (yield* fit.moveSteps()) break;
   }
@@ -197,7 +213,6 @@ function* throughLens(fit, start, { gray }) {
  *
  * @param {Proposal} proposal
  * @param {BlockFit} fit
- * @returns {Proposal}
  */
 function moved(proposal, fit) {
   return { ...proposal, corners: movedCorners(proposal.corners, fit.shift(), proposal.layout) };

@@ -233,7 +233,6 @@ function spread(rate, [first, last], fastest, most) {
  * Keep details of the sizes between `FINE_PX` and `COARSE_PX`.
  *
  * @param {FloatPlane} plane
- * @returns {Float32Array}
  */
 function band(plane) {
   const { data } = blurred(plane, FINE_PX);
@@ -287,7 +286,6 @@ function sumsWithin(gain, quads) {
  *
  * @param {Point[]} quad - pixels of the map
  * @param {FloatPlane} gain - what each pixel adds, of `fitCopy`
- * @returns {{ corners: Point[], sum: number }}
  */
 function fittedOutline(quad, gain) {
   const fitted = new Float64Array(8);

@@ -15,8 +15,6 @@ const { WINDOW_S, LEAST_WINDOW, MOST_WINDOW, IN_VIEW, CHECKED, HELD_S, LEAST_HEL
 /** Holds the frames of a film still against the camera's motion since a reference frame. */
 export class Watch {
   #stabiliser;
-  #start;
-  #fps;
   #most;
   /** Frames watched so far; none before the edges of the reference are known. @type {HeldFrame[]} */
   frames = [];
@@ -28,22 +26,30 @@ export class Watch {
    * @param {number} time - when it was taken, seconds
    * @param {number} fps - nominal number of frames of the camera in a second
    * @param {boolean} pictureMoves - whether the room alone is held still
+   * @param {number} [longer] - number of times the usual number of frames that are watched
    */
-  constructor(reference, time, fps, pictureMoves) {
+  constructor(reference, time, fps, pictureMoves, longer = 1) {
     this.reference = reference;
-    this.#start = time;
-    this.#fps = fps;
-    this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps));
+    this.start = time;
+    this.fps = fps;
     this.#stabiliser = new Stabiliser(reference, pictureMoves);
     const { width, height } = this.#stabiliser.reference;
     /** What toggles in the frames watched. */
     this.map = new ToggleMap(width, height);
     /** Number of frames that are watched. */
-    this.window = Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
+    this.window =
+      longer * Math.min(MOST_WINDOW, Math.max(LEAST_WINDOW, roundHalfEven(WINDOW_S * fps)));
     /** Number of later frames that must agree with what is not certain. */
     this.confirming = Math.floor((2 * this.window) / 3);
+    this.#most = Math.max(LEAST_HELD, roundHalfEven(HELD_S * fps), this.confirming);
     /** The newest frames of all. */
     this.held = [new HeldFrame(reference, identity(3), 0, time)];
+  }
+
+  /** The frames watched, and of those that came later the newest. */
+  get all() {
+    const last = this.frames[this.frames.length - 1].at;
+    return [...this.frames, ...this.held.filter(({ at }) => at > last)];
   }
 
   /** The newest frame. */
@@ -61,7 +67,7 @@ export class Watch {
   take(gray, time) {
     const H = this.#stabiliser.follow(gray);
     if (H === null) return false;
-    const at = position(time - this.#start, this.#fps);
+    const at = position(time - this.start, this.fps);
     this.held.push(new HeldFrame(gray, H, at, time, this.#stabiliser.tracks));
     if (this.held.length > this.#most) this.held.shift();
     this.seen++;

@@ -9,7 +9,9 @@
 
 import { receiveTimingFit } from "../../generated/constants.js";
 import { inverse, solve } from "../../link/linear.js";
-import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "./clock.js";
+import { PLAIN } from "../../link/pilotCode.js";
+import { CLOCK_NUMBERS, DisplayClock, embeddedShare } from "../../pilots/clock.js";
+import { CodeSearch, MOST_STATE_HZ } from "../../pilots/code.js";
 import {
   dot,
   driftBasis,
@@ -81,6 +83,7 @@ export class ClockFit {
 export class ToggleWindow {
   /** @type {Float64Array} */ #times;
   /** @type {Float64Array} */ #places;
+  /** @type {PilotCode} */ #code;
   #span;
   #frame;
   /** Number of places and of frames. */
@@ -99,6 +102,7 @@ export class ToggleWindow {
   /** @type {Float64Array[]} */ #basis;
   /** Whitened toggles without drift. @type {Float64Array} */ #x;
   /** @type {ReturnType<typeof candidateWaves> | null} */ #candidates = null;
+  /** Clocks to start from, by the code. @type {Float64Array[] | null} */ #coded = null;
   /** Room for the waves of a clock and of those beside it. @type {Float64Array[]} */ #room;
 
   /**
@@ -106,8 +110,9 @@ export class ToggleWindow {
    * @param {Float64Array[]} toggles - n times (P,) displayed gray levels; NaN where unseen
    * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
    * @param {number} fps - frames of the camera in a second; they bound delays and shutter
+   * @param {PilotCode} [code] - says in which order the states of each frame pair are shown
    */
-  constructor(times, toggles, places, fps) {
+  constructor(times, toggles, places, fps, code = PLAIN) {
     const n = (this.#n = times.length);
     const P = (this.#P = places.length / 2);
     let sum = 0;
@@ -117,6 +122,7 @@ export class ToggleWindow {
     this.#times = times.map((time) => time - this.middle);
     this.#span = times[n - 1] - times[0];
     this.#places = places;
+    this.#code = code;
     this.#frame = 1 / fps;
     /**
      * Numbers of states a second (F,) that are looked for. There are none where the window is too
@@ -187,11 +193,10 @@ export class ToggleWindow {
    * @param {DisplayClock} clock - its times count from the middle of the window
    */
   follow(clock) {
-    const { period, start, delayX, delayY, shutter } = clock;
-    const known = Float64Array.of(period, start, delayX, delayY, shutter);
+    const { numbers } = clock;
     this.#setNoise(this.#without);
-    this.#setNoise(this.#noiseBeside(known));
-    return this.#settle(this.#climb(this.#neighbours(known), Math.floor(ROUNDS / 2)));
+    this.#setNoise(this.#noiseBeside(numbers));
+    return this.#settle(this.#climb(this.#neighbours(numbers), Math.floor(ROUNDS / 2)));
   }
 
   /**
@@ -219,7 +224,7 @@ export class ToggleWindow {
     const best = this.#climb(starts, Math.floor(ROUNDS / 2))[0];
     const { gram, product } = this.#products(this.#moved(best));
     const amplitude = Math.max(0, product[0] / gram[0]);
-    const wave = embeddedShare(best, this.#times, this.#places);
+    const wave = this.#shares(best);
     takeOffBasis(whiten(wave, this.#factors, wave), this.#basis, this.#P);
     const left = takeOff(this.#x.slice(), wave, amplitude);
     const rss = this.#ofPlaces((from, to) => squares(left, from, to));
@@ -290,7 +295,7 @@ export class ToggleWindow {
   #noiseBeside(clock) {
     const { gram, product } = this.#products([clock]);
     const amplitude = Math.max(0, product[0] / Math.max(gram[0], 1e-9));
-    const wave = this.#centre(embeddedShare(clock, this.#times, this.#places));
+    const wave = this.#centre(this.#shares(clock));
     return this.#noiseOf(takeOff(this.#values.slice(), wave, amplitude));
   }
 
@@ -298,7 +303,6 @@ export class ToggleWindow {
    * Estimate the noise of each place from what is left of its toggles.
    *
    * @param {Float64Array} left - (P, n); it is used up
-   * @returns {PlaceNoise}
    */
   #noiseOf(left) {
     const n = this.#n;
@@ -369,6 +373,16 @@ export class ToggleWindow {
   // Fits
 
   /**
+   * Give the shares of embedded frames.
+   *
+   * @param {Float64Array} clock
+   * @param {Float64Array} [shares] - (P, n), where they are written
+   */
+  #shares(clock, shares) {
+    return embeddedShare(clock, this.#times, this.#places, this.#code, shares);
+  }
+
+  /**
    * Work out inner products of the whitened waves of K clocks, and with the toggles.
    *
    * @param {Float64Array[]} clocks - at most `MOVED`
@@ -378,7 +392,7 @@ export class ToggleWindow {
     const K = clocks.length;
     const waves = this.#room.slice(0, K);
     clocks.forEach((clock, k) => {
-      embeddedShare(clock, this.#times, this.#places, waves[k]);
+      this.#shares(clock, waves[k]);
       whiten(waves[k], this.#factors, waves[k]);
     });
     const inner = waves.map((wave) =>
@@ -402,7 +416,8 @@ export class ToggleWindow {
    */
   #units(clock) {
     const period = clock[0];
-    return [period ** 2 / this.#span, period, this.#frame, this.#frame, this.#frame];
+    const frame = Math.min(this.#frame, 2 * period);
+    return [period ** 2 / this.#span, period, frame, frame, frame];
   }
 
   /**
@@ -428,7 +443,8 @@ export class ToggleWindow {
   #climb(starts, rounds) {
     const frame = this.#frame;
     const delay = Math.max(frame, PANEL_S);
-    const low = [frame / MAX_STATES, -Infinity, -delay, -delay, 0.02 * frame];
+    const fastest = this.#code.isPlain ? frame / MAX_STATES : 1 / MOST_STATE_HZ;
+    const low = [fastest, -Infinity, -delay, -delay, 0.02 * frame];
     const high = [1 / MIN_STATE_HZ, Infinity, delay, delay, frame];
     const climbed = starts.map((start) => {
       let [clock, best, score, damping] = [start, start, -Infinity, 0.1];
@@ -482,6 +498,7 @@ export class ToggleWindow {
 
   /** Find clocks to start from: the strongest frequencies, each with its best delays. */
   #startClocks() {
+    if (!this.#code.isPlain) return (this.#coded ??= this.#startByCode());
     const P = this.#P;
     const n = this.#n;
     const { stateHz } = this;
@@ -558,6 +575,17 @@ export class ToggleWindow {
       const [delayX, delayY] = [best[peak] % GRID, Math.floor(best[peak] / GRID)];
       return Float64Array.of(period, start, grid[delayX], grid[delayY], shutter);
     });
+  }
+
+  /** Find clocks to start from, by the code alone. */
+  #startByCode() {
+    const values = Array.from(this.#times, (_, k) =>
+      this.deviation.map((scale, place) => this.#values[place * this.#n + k] / (scale + 1e-6)),
+    );
+    const signs = new Float64Array(this.#P).fill(1);
+    const times = [...this.#times];
+    const search = new CodeSearch(this.#code, signs, this.#places, times, 1 / this.#frame);
+    return search.strongest(values, STARTS).map(({ clock }) => clock.numbers);
   }
 }
 

@@ -6,6 +6,7 @@
  */
 
 import { receiveTimingFit } from "../../generated/constants.js";
+import { quantile } from "../../link/order.js";
 
 export const { OUTLIER, SPREAD_QUANTILES } = receiveTimingFit;
 
@@ -119,29 +120,15 @@ export function withoutOutliers(values, places) {
   const count = values.length / places;
   const seen = new Uint8Array(values.length);
   for (let from = 0; from < values.length; from += count) {
-    const known = values.slice(from, from + count).filter(Number.isFinite).sort();
+    const known = values.slice(from, from + count).filter(Number.isFinite);
     if (known.length === 0) continue;
-    const low = quantileOf(known, SPREAD_QUANTILES[0]);
-    const high = quantileOf(known, SPREAD_QUANTILES[1]);
+    const [low, high] = SPREAD_QUANTILES.map((share) => quantile(known, share));
     const reach = (OUTLIER * (high - low)) / 2 + 1e-9;
     for (let at = from; at < from + count; at++) {
       seen[at] = Number(Math.abs(values[at] - (low + high) / 2) <= reach);
     }
   }
   return seen;
-}
-
-/**
- * Find a quantile of sorted values, between two of them where it lies there.
- *
- * @param {Float64Array} sorted
- * @param {number} share - in [0, 1]
- */
-function quantileOf(sorted, share) {
-  const place = share * (sorted.length - 1);
-  const below = Math.floor(place);
-  const above = Math.min(below + 1, sorted.length - 1);
-  return sorted[below] + (place - below) * (sorted[above] - sorted[below]);
 }
 
 /**

@@ -1,31 +1,36 @@
 /** Find the display's clock, follow it, hold it through weak spells, and find it again. */
 
 import { receiveTimingSynchronise } from "../../generated/constants.js";
-import { DisplayClock } from "./clock.js";
+import { PLAIN } from "../../link/pilotCode.js";
+import { DisplayClock } from "../../pilots/clock.js";
+import { clocksTried } from "../../pilots/code.js";
 import { ClockFit, ToggleWindow } from "./fit.js";
 
 /** @typedef {import("./toggles.js").Toggles} Toggles */
 
 export const {
-  MIN_WINDOW_S, WINDOW_S, MAX_SAMPLES, MIN_FRAMES, AWAY_S, REFIT_S, SEEK_S, CONFIRMED, GOOD_R2,
-  SEARCH_S, CLEARLY, SHARE, MIN_TOGGLE, HOLD_S, MAX_PHASE_ERROR, WANDER, SAME, FALSE_ALARM,
-  CANDIDATES,
+  MIN_WINDOW_S, WINDOW_S, MAX_SAMPLES, MIN_FRAMES, CODED_WINDOW, AWAY_S, REFIT_S, SEEK_S, CONFIRMED,
+  GOOD_R2, SEARCH_S, CLEARLY, SHARE, MIN_TOGGLE, HOLD_S, MAX_PHASE_ERROR, WANDER, SAME,
+  FALSE_ALARM, CANDIDATES,
 } = receiveTimingSynchronise;
 
 /**
  * Say how much evidence a search must find for its clock to be believed.
  *
  * Noise alone reaches evidence s with a chance of about `CANDIDATES` span fps s² exp(-s / 2), as
- * for the largest value of a chi-squared field (Worsley 1994).
+ * for the largest value of a chi-squared field (Worsley 1994). Of a code, all rates and moments are
+ * tried.
  *
  * @param {number} span - length of the window, seconds
  * @param {number} fps - frames of the camera in a second
+ * @param {PilotCode} [code] - of the display
  * @returns {number} twice a log-likelihood ratio, at which this chance is `FALSE_ALARM`
  */
-export function neededEvidence(span, fps) {
+export function neededEvidence(span, fps, code = PLAIN) {
+  const tried = code.isPlain ? CANDIDATES * Math.max(span * fps, 1) : clocksTried(code);
   let evidence = 40;
   for (let round = 0; round < 20; round++) {
-    evidence = 2 * Math.log((CANDIDATES * Math.max(span * fps, 1) * evidence ** 2) / FALSE_ALARM);
+    evidence = 2 * Math.log((tried * evidence ** 2) / FALSE_ALARM);
   }
   return evidence;
 }
@@ -55,10 +60,14 @@ export class Synchroniser {
   /**
    * @param {number} fps - frames of the camera in a second; they bound delays and shutter
    * @param {Toggles} toggles - where toggles are known, and how they are worked out
+   * @param {PilotCode} [code] - says in which order the states of each frame pair are shown
    */
-  constructor(fps, toggles) {
+  constructor(fps, toggles, code = PLAIN) {
     this.fps = fps;
     this.toggles = toggles;
+    this.code = code;
+    /** Number of states after which numbers may begin again. */
+    this.again = 2 * code.period;
     /** The clock, or null while it is unknown. @type {DisplayClock | null} */
     this.clock = null;
     /** Share in [0, 1] of the toggles' variance that the clock explains in the last window. */
@@ -121,12 +130,25 @@ export class Synchroniser {
     const unconfirmed = time - this.#confirmedAt;
     const unsure = unconfirmed > 2 * REFIT_S && this.phaseError(time) > MAX_PHASE_ERROR;
     if (unsure || unconfirmed > HOLD_S) this.clock = null;
-    const enough = samples.length >= MIN_FRAMES && time - samples[0].time >= MIN_WINDOW_S;
+    const [frames, seconds] = this.code.isPlain ? [MIN_FRAMES, MIN_WINDOW_S] : CODED_WINDOW;
+    const enough = samples.length >= frames && time - samples[0].time >= seconds;
     const pause = this.clock === null ? SEEK_S : REFIT_S;
     if (fit && enough && time >= this.#fittedAt + pause) {
       this.#fittedAt = time;
       this.#update(time);
     }
+  }
+
+  /**
+   * Take the clock with which the display was found.
+   *
+   * @param {DisplayClock} clock - by the camera's time, seconds
+   * @param {number} time - of the newest frame, seconds
+   */
+  begin(clock, time) {
+    this.clock = clock;
+    this.#confirmedAt = time;
+    this.slips++;
   }
 
   /**
@@ -138,7 +160,7 @@ export class Synchroniser {
     const samples = this.#samples;
     const times = Float64Array.from(samples, (sample) => sample.time);
     const toggles = this.toggles.overTime(samples.map((sample) => sample.values));
-    const window = new ToggleWindow(times, toggles, this.toggles.places, this.fps);
+    const window = new ToggleWindow(times, toggles, this.toggles.places, this.fps, this.code);
     if (window.placesSeen === 0 || window.stateHz.length === 0) return;
     const deviation = Math.max(...window.deviation);
     if (deviation < MIN_TOGGLE) {
@@ -147,7 +169,7 @@ export class Synchroniser {
       this.#note({ strength: 0, amplitude: 0, stateHz: 0, deviation });
       return;
     }
-    const needed = neededEvidence(times[times.length - 1] - times[0], this.fps);
+    const needed = neededEvidence(times[times.length - 1] - times[0], this.fps, this.code);
     let followed = null;
     if (this.clock !== null) {
       followed = this.#follow(this.clock, window);
@@ -189,7 +211,7 @@ export class Synchroniser {
    * @param {ToggleWindow} window
    */
   #follow(clock, window) {
-    const number = 2 * Math.round(clock.number(window.middle) / 2);
+    const number = this.again * Math.round(clock.number(window.middle) / this.again);
     return window.follow(clock.startingAt(clock.start + number * clock.period - window.middle));
   }
 
@@ -208,7 +230,7 @@ export class Synchroniser {
     } else {
       const at = [this.#samples[0].time, time];
       const ends = at.map((end) => numberSeen(clock, end) - numberSeen(held, end));
-      const shift = 2 * Math.round(ends[1] / 2);
+      const shift = this.again * Math.round(ends[1] / this.again);
       clock = clock.startingAt(clock.start + shift * clock.period);
       if (Math.max(...ends.map((end) => Math.abs(end - shift))) > SAME) this.slips++;
     }

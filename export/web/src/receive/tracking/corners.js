@@ -126,7 +126,6 @@ export class CornerShift {
    * Draw the expected change of every block, from -1 to 1, smooth and without slope.
    *
    * @param {ArrayLike<number>} scores - (nBits,) log-likelihood ratios
-   * @returns {FloatPlane}
    */
   #expected(scores) {
     const blocks = expectedChanges(this.layout);

@@ -37,13 +37,15 @@ const THUMBNAIL_STEP = 4;
  * rectified image, of the layout's size. `anew` says that the display was just found at a place of
  * which nothing is known from the frames before: by its pilots, or elsewhere than what was followed.
  * `before` has frames before this one in which the display lies, too: their times, in seconds, and
- * the display in them; of one that was just found by its pilots.
+ * the display in them; of one that was just found by its pilots. `clock` says when it shows which
+ * state, where its pilots' code told it.
  *
  * @typedef {{
  *   corners: Point[],
  *   rectified: BytePlane,
  *   anew?: boolean,
  *   before?: { time: number, seen: Tracked }[],
+ *   clock?: DisplayClock | null,
  * }} Tracked
  */
 
@@ -153,7 +155,6 @@ export class Tracker {
    *
    * @param {BytePlane} image
    * @param {number} frameMs - time, in milliseconds, after which no further step begins
-   * @returns {Tracked | null}
    */
   #look(image, frameMs) {
     const start = performance.now();
@@ -235,7 +236,6 @@ export class Tracker {
    * Say after how many units of work this frame takes no further step of the search.
    *
    * @param {BytePlane} image
-   * @returns {number}
    */
   #workLimit(image) {
     if (this.#vain === 0) return FIRST_WORK;
@@ -265,7 +265,6 @@ export class Tracker {
    * @param {BytePlane} image
    * @param {Point[]} corners
    * @param {boolean} fresh - whether the frame becomes the reference
-   * @returns {Tracked | null}
    */
   #accept(image, corners, fresh) {
     const rectified = this.#follower.rectified(image, corners);
@@ -282,7 +281,6 @@ export class Tracker {
  * Shrink an image to a few pixels.
  *
  * @param {BytePlane} image
- * @returns {Uint8Array}
  */
 function thumbnailOf({ width, height, data }) {
   const across = Math.ceil(width / THUMBNAIL_STEP);

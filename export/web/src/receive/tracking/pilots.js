@@ -3,8 +3,9 @@
 import { receiveTrackingPilots } from "../../generated/constants.js";
 import { identity, multiply3 } from "../../link/linear.js";
 import { movedCorners } from "../../pilots/motion.js";
-import { pilotEvidence, pilotValues } from "../../pilots/signal.js";
 import { PilotSearch } from "../../pilots/search/pilotSearch.js";
+import { pilotValues } from "../../pilots/signal.js";
+import { findToggling } from "../../pilots/toggling.js";
 import { position } from "../../pilots/waves.js";
 import { Follower } from "./follow.js";
 
@@ -77,7 +78,6 @@ export class PilotTracker {
   /**
    * @param {BytePlane} image
    * @param {number} time
-   * @returns {Tracked | null}
    */
   #look(image, time) {
     const found = this.#search.push(image, time);
@@ -89,14 +89,13 @@ export class PilotTracker {
     this.#start = time;
     this.#count = this.#missed = 0;
     const tracked = this.#accept(image, found.corners, true);
-    return tracked && { ...tracked, anew: true, before: this.#before(found) };
+    return tracked && { ...tracked, anew: true, before: this.#before(found), clock: found.clock };
   }
 
   /**
    * Show the display in the frames in which it was looked for.
    *
    * @param {import("../../pilots/search/pilotSearch.js").PilotDisplay} found
-   * @returns {{ time: number, seen: Tracked }[]}
    */
   #before({ firstCorners, held }) {
     /** @type {{ time: number, seen: Tracked }[]} */
@@ -116,7 +115,6 @@ export class PilotTracker {
    * @param {BytePlane} image
    * @param {Point[]} corners
    * @param {boolean} fresh - whether the frame becomes the reference
-   * @returns {Tracked | null}
    */
   #accept(image, corners, fresh) {
     const follower = this.#follower;
@@ -138,7 +136,6 @@ export class PilotTracker {
    *
    * @param {Tracked} tracked
    * @param {number} time
-   * @returns {boolean}
    */
   #stillThere(tracked, time) {
     const { layout } = this;
@@ -150,7 +147,7 @@ export class PilotTracker {
     }
     this.#count++;
     if (this.#count % CHECK_EVERY !== 0 || this.#values.length < WATCHED) return true;
-    const { evidence } = pilotEvidence(this.#values, layout, this.#at);
+    const { evidence } = findToggling(this.#values, layout, this.#at, this.fps);
     this.#missed = evidence >= LEAST_EVIDENCE ? 0 : this.#missed + 1;
     return this.#missed < (this.#count > WATCHED ? PATIENCE : 1);
   }

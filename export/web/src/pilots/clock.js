@@ -1,10 +1,13 @@
 /**
  * The display's clock as the camera sees it, and which share of an exposure fell into which state.
  *
- * The display shows states 0, 1, 2 ..., even ones original frames and odd ones embedded frames,
- * each for `period` seconds. The place (x, y) of the display, each in [0, 1], is exposed during
- * [t + delay, t + delay + shutter] of a frame at time t, with delay = x delayX + y delayY.
+ * The display shows states 0, 1, 2 ..., each for `period` seconds: even ones original frames and odd
+ * ones embedded frames, or as the layout's code orders those of a frame pair. The place (x, y) of
+ * the display, each in [0, 1], is exposed during [t + delay, t + delay + shutter] of a frame at time
+ * t, with delay = x delayX + y delayY.
  */
+
+import { PLAIN } from "../link/pilotCode.js";
 
 /** When the display shows which state: state n begins at `start` + n `period`. */
 export class DisplayClock {
@@ -23,6 +26,12 @@ export class DisplayClock {
     this.delayX = delayX;
     this.delayY = delayY;
     this.shutter = shutter;
+  }
+
+  /** Period, start, both delays and shutter. */
+  get numbers() {
+    const { period, start, delayX, delayY, shutter } = this;
+    return Float64Array.of(period, start, delayX, delayY, shutter);
   }
 
   /**
@@ -88,6 +97,7 @@ export const CLOCK_NUMBERS = 5;
  * @param {Float64Array} clock - period, start, both delays and shutter, as in `DisplayClock`
  * @param {Float64Array} times - (n,) seconds
  * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
+ * @param {PilotCode} [code] - says in which order the states of each frame pair are shown
  * @param {Float64Array} [shares] - (P, n), where the result is written
  * @returns {Float64Array} (P, n) in [0, 1]
  */
@@ -95,26 +105,32 @@ export function embeddedShare(
   clock,
   times,
   places,
+  code = PLAIN,
   shares = new Float64Array((places.length / 2) * times.length),
 ) {
   const [period, start, delayX, delayY, shutter] = clock;
-  const count = times.length;
   const faster = 1 / period;
   const length = shutter / period;
   const scale = period / shutter;
   for (let place = 0, at = 0; 2 * place < places.length; place++) {
     const delay = delayX * places[2 * place] + delayY * places[2 * place + 1] - start;
-    for (let k = 0; k < count; k++, at++) {
+    for (let k = 0; k < times.length; k++, at++) {
       const begin = (times[k] + delay) * faster;
-      const end = begin + length;
-      // the integral of a wave of period 2 that is 0 and then 1
-      const wholeEnd = Math.floor(end * 0.5);
-      const wholeBegin = Math.floor(begin * 0.5);
-      const restEnd = end - 2 * wholeEnd - 1;
-      const restBegin = begin - 2 * wholeBegin - 1;
-      const on = wholeEnd - wholeBegin + (restEnd > 0 ? restEnd : 0);
-      shares[at] = (on - (restBegin > 0 ? restBegin : 0)) * scale;
+      shares[at] = (onTime(begin + length, code) - onTime(begin, code)) * scale;
     }
   }
   return shares;
+}
+
+/**
+ * Integrate, from 0 to x states, a wave that is 1 while an embedded frame is shown, else 0.
+ *
+ * @param {number} x
+ * @param {PilotCode} code
+ */
+function onTime(x, code) {
+  const whole = Math.floor(x * 0.5);
+  const rest = x - 2 * whole;
+  if (code.sign(whole) < 0) return whole + (rest < 1 ? rest : 1);
+  return whole + (rest > 1 ? rest - 1 : 0);
 }

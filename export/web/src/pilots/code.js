@@ -1,0 +1,317 @@
+/**
+ * Find a coded display's clock: which rate, which moment of the code, and how rows follow rows.
+ *
+ * The order in which a display shows the two states of its frame pairs follows a pseudo-random code
+ * (`link/pilotCode.js`). So what its pilots do in the frames of a camera is known for each rate and
+ * each moment of the code, whatever the rate of the camera, and all of them are tried.
+ */
+
+import { pilotsCode } from "../generated/constants.js";
+import { roundHalfEven } from "../image/round.js";
+import { DisplayClock, embeddedShare } from "./clock.js";
+import { alongWave, lengthOf, takeOut } from "./waves.js";
+
+const { STATE_HZ, CLOCK_ERROR, PHASES, SLOPES, NO_SLOPE, SIDES } = pilotsCode;
+const { RIVAL, OPEN, SURER, DRIFT } = pilotsCode;
+export const { MOST_STATE_HZ } = pilotsCode;
+
+/** Largest number of a part's series that are compared with all clocks. */
+const COMPARED = 64;
+/** Axis along which each of `SLOPES` goes: 0 from left to right, 1 from top to bottom. */
+const AXES = SLOPES.map(([across]) => Number(across === 0));
+
+/**
+ * How a display may run: its clock, by the unit of time of the frames' times; the natural logarithm
+ * of the probability that chance does as well, with the sign turned, after paying for what was
+ * tried; and the largest share of what it explains that a clock explains which shows quite another
+ * state in the newest frame.
+ *
+ * @typedef {{ clock: DisplayClock, evidence: number, rival: number }} CodeLock
+ */
+
+/** Compares what changes over the frames of a film with what a coded display shows in them. */
+export class CodeSearch {
+  #signs;
+  /** Part (P,) along x, and along y, in which each place lies. @type {Int32Array[]} */
+  #part;
+  #middle;
+  /** Time of the newest frame after the middle. */
+  #newest;
+  #second;
+  /** States a second that are tried. @type {number[]} */
+  #hz;
+  /** Exposure time that is taken for granted at each of these rates. @type {number[]} */
+  #shutter;
+  /** Number of moments that are tried at each rate. */
+  #steps;
+  /** Powers of time, orthogonal to each other, of length 1. @type {Float64Array[]} */
+  #drifts = [];
+  /** Squared length (H,) of each wave. */
+  #energy;
+
+  /**
+   * @param {PilotCode} code - of the display
+   * @param {Float64Array} signs - (P,) 1 or -1, the signs of P places that show the code
+   * @param {Float64Array} places - (P, 2) x and y on the display, in [0, 1]
+   * @param {readonly number[]} times - of T frames, rising
+   * @param {number} fps - number of frames of the camera in the unit of time
+   * @param {number} [second] - a second, in the unit of time
+   */
+  constructor(code, signs, places, times, fps, second = 1) {
+    this.#signs = signs;
+    this.#part = [0, 1].map((axis) =>
+      Int32Array.from(signs, (_, p) =>
+        Math.min(Math.floor(places[2 * p + axis] * SIDES), SIDES - 1),
+      ),
+    );
+    this.#middle = times.reduce((sum, time) => sum + time, 0) / times.length;
+    const since = Float64Array.from(times, (time) => time - this.#middle);
+    this.#newest = since[since.length - 1];
+    this.#second = second;
+    this.#hz = rates((this.#newest - since[0]) / second);
+    this.#steps = 2 * PHASES * code.period;
+    this.#shutter = this.#hz.map((hz) => OPEN * Math.min(second / hz, 1 / fps));
+    const farthest = Math.max(...since.map(Math.abs), 1e-9);
+    for (let power = 0; power < Math.min(DRIFT, times.length); power++) {
+      const drift = takeOut(since.map((time) => (time / farthest) ** power), this.#drifts);
+      const length = lengthOf(drift);
+      this.#drifts.push(drift.map((value) => value / length));
+    }
+    const count = this.#hz.length * this.#steps;
+    /**
+     * What a block of sign 1 shows at the display's centre, less drifts: in each frame, (H,) by H
+     * clocks, those of a rate one after the other.
+     */
+    this.waves = times.map(() => new Float32Array(count));
+    this.#energy = new Float64Array(count);
+    for (let at = 0; at < count; at++) {
+      const { period, shutter } = this.#clock(at, NO_SLOPE);
+      const start = (-(at % this.#steps) / PHASES) * period;
+      const numbers = Float64Array.of(period, start, 0, 0, shutter);
+      const shares = embeddedShare(numbers, since, new Float64Array(2), code);
+      const wave = takeOut(shares.map((share) => 2 * share - 1), this.#drifts);
+      wave.forEach((value, t) => (this.waves[t][at] = value));
+      this.#energy[at] = lengthOf(wave) ** 2;
+    }
+  }
+
+  /**
+   * Find the clocks by which values follow their signs most surely, the surest first.
+   *
+   * Clocks are compared by how much of all values they explain over time, by least squares. To tell
+   * whether that is chance, the signs are regressed on X_p, the sum of a place's values times the
+   * clock's wave, as `pilotEvidence` does with amplitudes: by chance these explain the share R2 of
+   * the signs' power with probability (1 - R2)^((P - 1) / 2), for P places.
+   *
+   * @param {readonly ArrayLike<number>[]} values - (P,) of the places in each frame, of alike noise
+   * @param {number} [count] - number of clocks, none of them within a state of another
+   * @returns {CodeLock[]}
+   */
+  strongest(values, count = 1) {
+    const { gain, chosen } = this.#bestSlopes(values);
+    const left = gain.slice();
+    return Array.from({ length: count }, () => {
+      const most = left.reduce((greatest, each) => Math.max(greatest, each));
+      const top = left.findIndex((each) => SURER * each >= most);
+      for (let near = 1 - PHASES; near < PHASES; near++) left[this.#later(top, near)] = -1;
+      return this.#lock(top, chosen[top], gain, values);
+    });
+  }
+
+  /**
+   * Find the clock that the parts of a display follow most clearly, each by its best series.
+   *
+   * A series cannot follow any clock more clearly than its own length, less drifts, allows, so that
+   * the longest alone are compared.
+   *
+   * @param {Float64Array[][]} matches - for each part, series (T,) of alike noise
+   * @returns {DisplayClock} the clock, without delays across the display
+   */
+  highest(matches) {
+    const total = new Float64Array(this.#energy.length);
+    for (const part of matches) {
+      const lengths = part.map((each) => lengthOf(takeOut(each.slice(), this.#drifts)));
+      const longest = [...part.keys()].sort((one, two) => lengths[two] - lengths[one]);
+      const series = longest.slice(0, COMPARED).map((number) => part[number]);
+      const most = new Float64Array(total.length);
+      for (let i = 0; i < series.length; i += 2) {
+        const pair = { real: series[i], imaginary: series[i + 1] ?? series[i] };
+        const { real, imaginary } = alongWave(this.waves, pair);
+        for (let at = 0; at < most.length; at++) {
+          most[at] = Math.max(most[at], real[at], imaginary[at]);
+        }
+      }
+      const unit = deviationOf(part);
+      for (let at = 0; at < most.length; at++) {
+        total[at] += (most[at] / unit) ** 2 / (this.#energy[at] + 1e-6);
+      }
+    }
+    return this.#clock(total.indexOf(Math.max(...total)), NO_SLOPE);
+  }
+
+  /**
+   * Choose for each rate and phase how exposure and writing go across the display.
+   *
+   * @param {readonly ArrayLike<number>[]} values
+   * @returns {{ gain: Float64Array, chosen: Uint8Array }} (H,) power that is explained, 0 where
+   *   values speak against the clock, and numbers of `SLOPES`
+   */
+  #bestSlopes(values) {
+    const gain = new Float64Array(this.#energy.length);
+    const chosen = new Uint8Array(gain.length);
+    const parts = Array.from({ length: SIDES }, (_, side) => {
+      const within = this.#part.map((parts) =>
+        this.#signs.map((sign, p) => (parts[p] === side ? sign : 0)),
+      );
+      const [real, imaginary] = within.map((weights) =>
+        Float64Array.from(values, (now) => weights.reduce((sum, sign, p) => sum + sign * now[p], 0)),
+      );
+      const { real: across, imaginary: down } = alongWave(this.waves, { real, imaginary });
+      return { along: [across, down], pilots: within.map((each) => each.filter(Boolean).length) };
+    });
+    for (let first = 0, rate = 0; first < gain.length; first += this.#steps, rate++) {
+      SLOPES.forEach((_, slope) => {
+        const along = new Float64Array(this.#steps);
+        const power = new Float64Array(this.#steps).fill(1e-9);
+        this.#laterBy(rate, slope).forEach((later, side) => {
+          const [sums, pilots] = [parts[side].along[AXES[slope]], parts[side].pilots[AXES[slope]]];
+          let there = this.#later(first, later);
+          for (let phase = 0; phase < this.#steps; phase++) {
+            along[phase] += sums[there];
+            power[phase] += pilots * this.#energy[there];
+            if (++there === first + this.#steps) there = first;
+          }
+        });
+        for (let phase = 0; phase < this.#steps; phase++) {
+          const explained = Math.max(along[phase], 0) ** 2 / power[phase];
+          if (explained <= SURER * gain[first + phase]) continue;
+          gain[first + phase] = explained;
+          chosen[first + phase] = slope;
+        }
+      });
+    }
+    return { gain, chosen };
+  }
+
+  /**
+   * Describe a clock, given by its number, with one of `SLOPES`, and weigh it.
+   *
+   * @param {number} at
+   * @param {number} slope
+   * @param {Float64Array} gain - of all clocks
+   * @param {readonly ArrayLike<number>[]} values
+   */
+  #lock(at, slope, gain, values) {
+    const count = this.#signs.length;
+    const later = this.#laterBy(Math.floor(at / this.#steps), slope);
+    let [along, power] = [0, 0];
+    for (let p = 0; p < count; p++) {
+      const wave = this.#later(at, later[this.#part[AXES[slope]][p]]);
+      let X = 0;
+      values.forEach((now, t) => (X += now[p] * this.waves[t][wave]));
+      along += this.#signs[p] * X;
+      power += X * X;
+    }
+    const share = along ** 2 / (count * power + 1e-9);
+    const paid = Math.log(gain.length * SLOPES.length);
+    const chance = ((count - 1) / 2) * Math.log(Math.max(1 - share, 1e-12)) + paid;
+    const rival = gain.reduce((most, each, other) => {
+      const phases = this.#phase(other) - this.#phase(at);
+      const apart = Math.abs(phases - this.#steps * Math.round(phases / this.#steps));
+      return apart >= RIVAL * PHASES ? Math.max(most, each) : most;
+    }, 0);
+    const evidence = Math.max(0, -chance);
+    return { clock: this.#clock(at, slope), evidence, rival: rival / (gain[at] + 1e-9) };
+  }
+
+  /**
+   * Give the phase at which a clock is in the newest frame.
+   *
+   * @param {number} at
+   */
+  #phase(at) {
+    const hz = this.#hz[Math.floor(at / this.#steps)];
+    return (PHASES * this.#newest * hz) / this.#second + (at % this.#steps);
+  }
+
+  /**
+   * Tell by how many phases each part along the axis of a slope is later than the centre.
+   *
+   * @param {number} rate - its number
+   * @param {number} slope - its number
+   */
+  #laterBy(rate, slope) {
+    const seconds = SLOPES[slope][0] + SLOPES[slope][1];
+    return Array.from({ length: SIDES }, (_, side) =>
+      roundHalfEven(PHASES * ((side + 0.5) / SIDES - 0.5) * this.#hz[rate] * seconds),
+    );
+  }
+
+  /**
+   * Give the number of the clock of the same rate that is some phases later; they come again.
+   *
+   * @param {number} at
+   * @param {number} phases
+   */
+  #later(at, phases) {
+    const phase = at % this.#steps;
+    const there = (phase + phases) % this.#steps;
+    return at - phase + (there < 0 ? there + this.#steps : there);
+  }
+
+  /**
+   * Make the clock of this number with one of `SLOPES`.
+   *
+   * @param {number} at
+   * @param {number} slope
+   */
+  #clock(at, slope) {
+    const rate = Math.floor(at / this.#steps);
+    const period = this.#second / this.#hz[rate];
+    const [across, down] = SLOPES[slope].map((delay) => delay * this.#second);
+    const moment = ((at % this.#steps) / PHASES) * period;
+    const start = this.#middle - moment + (across + down) / 2;
+    return new DisplayClock(period, start, across, down, this.#shutter[rate]);
+  }
+}
+
+/**
+ * Find the standard deviation of all numbers in some arrays of one length.
+ *
+ * @param {Float64Array[]} arrays
+ */
+function deviationOf(arrays) {
+  let [sum, squares] = [0, 0];
+  for (const array of arrays) {
+    for (const value of array) {
+      sum += value;
+      squares += value * value;
+    }
+  }
+  const count = arrays.length * arrays[0].length;
+  return Math.sqrt(squares / count - (sum / count) ** 2);
+}
+
+/**
+ * Count the clocks that are tried in a short window of frames.
+ *
+ * @param {PilotCode} code
+ */
+export function clocksTried(code) {
+  return 2 * PHASES * code.period * STATE_HZ.length * SLOPES.length;
+}
+
+/**
+ * List the rates that are told apart in some seconds, with clocks that run fast or slow.
+ *
+ * @param {number} span - seconds
+ */
+function rates(span) {
+  return STATE_HZ.flatMap((hz) => {
+    const steps = roundHalfEven(((CLOCK_ERROR * span) / 2) * hz);
+    return Array.from(
+      { length: 2 * steps + 1 },
+      (_, at) => hz * (1 + (CLOCK_ERROR * (at - steps)) / Math.max(steps, 1)),
+    );
+  });
+}

@@ -1,0 +1,185 @@
+"""The page finds a coded display's rate, moment and clock as Python does."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from conftest import cases
+from pilot_films import filmed
+from port import Port, same
+from test_web_clock import numbers_of
+from tolerances import (
+    CLOCKS_APART,
+    FLOAT32_SUM,
+    FLOAT64,
+    PILOT_CHANGE,
+    PILOTS_FOUND_PX,
+    SAME_STEPS,
+)
+
+from export.film_graph import FilmGraph
+from export.pilots.clock import DisplayClock, embedded_share
+from export.pilots.code import CodeSearch, clocks_tried
+from export.pilots.search.all_blocks import block_maps
+from export.pilots.search.pilot_search import PilotSearch
+from export.pilots.signal import pilot_centres, pilot_signs
+from export.pilots.toggling import CodedToggling, find_toggling
+from export.receive.receiver import Receiver
+from export.runtime import Decoder
+from link.layout import make_layout
+from link.pilot_code import PilotCode
+from link.types import Array
+from models import FILM_GRAPH, PRETRAINED_PILOTS
+
+CODE = PilotCode()
+LAYOUT = make_layout(24, 32, modulation="antipodal", pilots="auto", code=CODE)
+"""A grid that small films show well, with the code of the preset hidden."""
+GRAPH = PRETRAINED_PILOTS / "24x32.onnx"
+FPS = 30.0
+LATER, NO_EDGES_LATER = 16, 30
+"""Largest number of frames by which the page may find a display later than Python: of a slow camera
+each frame is a frame pair of its own, and the page spreads work over frames."""
+BITS_ALIKE = 0.97
+"""Share of bits in which frame pairs must be like those that Python has decoded."""
+
+
+def coded_values(times: Array, clock: DisplayClock, strength: float) -> Array:
+    """(T, P) values of pilots that follow the code in noise, and drift."""
+    rng = np.random.default_rng(3)
+    shares = embedded_share(np.array([astuple(clock)]), times, pilot_centres(LAYOUT), CODE)[0].T
+    noise = rng.standard_normal(shares.shape)
+    drift = times[:, None] * rng.standard_normal(LAYOUT.pilots)
+    return strength * (2 * shares - 1) * pilot_signs(LAYOUT) + noise + drift
+
+
+def test_codes_order_states_and_share_exposures(port: Port) -> None:
+    page, module = port("link/pilotCode.js"), port("pilots/clock.js")
+    code = page.PilotCode(CODE.signs.tolist())
+    pairs = [-130, -1, 0, 1, 2, 62, 63, 1000]
+    assert [code.sign(pair) for pair in pairs] == [CODE.sign(pair) for pair in pairs]
+    assert [tuple(code.statesOf(pair)) for pair in pairs] == [CODE.states_of(p) for p in pairs]
+    assert (code.period, code.isPlain, page.PLAIN.isPlain) == (CODE.period, False, True)
+    assert port("pilots/code.js").clocksTried(code) == clocks_tried(CODE)
+    numbers, times = np.array([1 / 60, 0.3, 0.004, 0.012, 0.01]), np.arange(-40, 90) / 29.9
+    places = np.random.default_rng(0).random((9, 2))
+    found = module.embeddedShare(numbers, times, places, code)
+    same(found, embedded_share(numbers[None], times, places, CODE)[0], 10 * SAME_STEPS)
+
+
+@cases(
+    (60.0, 0.016, 24),
+    (59.7, 0.0, 40),
+    (120.0, -0.024, 30),
+    (24.0, 0.008, 26),
+    ids=["half", "slow", "fast", "long"],
+)
+def test_clocks_of_a_code_are_those_of_python(hz: float, delay: float, frames: int, port: Port):
+    """At rates below, at and above that of the camera; a frame is missing."""
+    times = np.delete(np.arange(frames + 1), 7) / FPS
+    clock = DisplayClock(1 / hz, 0.21, 0.0, delay, 0.4 / hz)
+    values = coded_values(times, clock, 1.5)
+    signs, places = pilot_signs(LAYOUT), pilot_centres(LAYOUT)
+    search = CodeSearch(CODE, signs, places, times, FPS)
+    code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
+    ported = port("pilots/code.js").CodeSearch(code, signs, places, times.tolist(), FPS)
+    same(np.array(ported.waves).T, search.waves, FLOAT32_SUM)
+    known = search.strongest(values, 4)
+    found = ported.strongest(list(values), 4)
+    for lock, ported_lock in zip(known, found, strict=True):
+        same(numbers_of(ported_lock.clock), astuple(lock.clock), FLOAT64)
+        same([ported_lock.evidence, ported_lock.rival], [lock.evidence, lock.rival], FLOAT32_SUM)
+    assert known[0].evidence > 5
+    assert abs(1 / known[0].clock.period / hz - 1) < CLOCKS_APART
+    matches = [signs * values + shift for shift in (0, 1)]
+    matches = [np.concatenate([each, values[:, :9]], axis=1) for each in matches]
+    highest = search.highest(matches)
+    series = [[np.ascontiguousarray(line) for line in each.T] for each in matches]
+    ported_highest = ported.highest(series)
+    assert ported_highest.period == highest.period
+    moments = [each.number(0.3) for each in (ported_highest, highest)]
+    assert moments[0] == pytest.approx(moments[1], abs=0.51)  # two of a state show the same
+
+
+@pytest.mark.parametrize("delays", [(0.0, 0.3), (-0.25, 0.0)], ids=["down", "across"])
+def test_what_a_code_changes_is_measured_as_by_python(
+    delays: tuple[float, float], port: Port
+) -> None:
+    """In maps, and in frame pairs; positions count nominal frames."""
+    clock, at = DisplayClock(0.5, 3.1, *delays, 0.3), np.delete(np.arange(20), 5).tolist()
+    toggling, module = CodedToggling(clock, CODE), port("pilots/toggling.js")
+    code = port("link/pilotCode.js").PilotCode(CODE.signs.tolist())
+    ported_clock = port("pilots/clock.js").DisplayClock(*astuple(clock))
+    ported = module.CodedToggling(ported_clock, code)
+    maps = block_maps(LAYOUT)
+    rng = np.random.default_rng(1)
+    views = rng.normal(90, 9, (len(at), *maps.size[::-1])).astype(np.float32)
+    planes = port("pilots/search/allBlocks.js").blockMaps(LAYOUT)
+    run = port("link/code/steps.js").runToEnd
+    changes = run(ported.changeSteps(planes, list(views), at))
+    same(np.array(changes), toggling.period_changes(maps, views, at), PILOT_CHANGE)
+    series = port("pilots/signal.js").overDeviation([view.reshape(-1) for view in views])
+    line = ported.amplitudes(series, at, maps.size)
+    same(np.asarray(line.real), toggling.amplitudes(views, at).real.reshape(-1), PILOT_CHANGE)
+    seconds = ported.clockInSeconds(FPS, 7.5)
+    same(numbers_of(seconds), astuple(toggling.clock_in_seconds(FPS, 7.5)), SAME_STEPS)
+
+
+def test_pilots_tell_how_they_toggle(port: Port) -> None:
+    """More frames than are looked at."""
+    at = np.arange(70.0)
+    values = coded_values(at / FPS, DisplayClock(1 / 60, 0.1, 0.0, 0.016, 0.008), 1.0)
+    values = values.astype(np.float32)
+    evidence, toggling = find_toggling(list(values), LAYOUT, at.tolist(), FPS)
+    found = port("pilots/toggling.js").findToggling(list(values), LAYOUT, at.tolist(), FPS)
+    same(found.evidence, evidence, 10 * FLOAT32_SUM)
+    assert found.toggling.clear == toggling.clear
+    same(numbers_of(found.toggling.clock), astuple(toggling.clock), FLOAT64)
+    assert evidence > 20
+
+
+def first_found(search, images):
+    """The number of the frame in which a search finds a display, and the display."""
+    for number, image in enumerate(images):
+        found = search.push(image, number / FPS)
+        if found is not None:
+            return number, found
+    raise AssertionError("the display is not found")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dark", [False, True], ids=["edges", "no edges"])
+def test_a_coded_film_is_found_with_its_clock(dark: bool, port: Port) -> None:
+    """A camera of half the display's rate takes one frame of each frame pair."""
+    images, truth = filmed(LAYOUT, 160, seed=4, hold=1, dark=dark)
+    images, truth = images[::2], truth[::2]
+    known_frame, known = first_found(PilotSearch([LAYOUT], FPS), images)
+    search = port("pilots/search/pilotSearch.js").PilotSearch([LAYOUT], FPS)
+    frame, found = first_found(search, images)
+    assert frame <= known_frame + (NO_EDGES_LATER if dark else LATER)
+    assert np.abs(found.corners - truth[frame]).max() <= PILOTS_FOUND_PX
+    for clock in (known.clock, found.clock):
+        assert 1 / clock.period == pytest.approx(2 * FPS, rel=0.01)
+        off = (clock.number(frame / FPS) - 2 * frame) % (2 * CODE.period)
+        assert min(off, 2 * CODE.period - off) < 1, "another moment of the code"
+
+
+@pytest.mark.slow
+def test_a_coded_film_is_read_with_its_clock(port: Port) -> None:
+    """Scores of the same frame pairs, by their numbers modulo the code's period."""
+    images, _ = filmed(LAYOUT, 160, seed=4, hold=1)
+    decoder, page = Decoder(GRAPH, threads=1, time_limit_s=60), port("decoder.js")
+    decoder.layout = LAYOUT
+    receiver = Receiver([decoder], FPS, FilmGraph(FILM_GRAPH, 1))
+    film = port("filmGraph.js").FilmGraph(FILM_GRAPH.read_bytes())
+    decoders = [page.Decoder(LAYOUT, GRAPH.read_bytes())]
+    ported = port("receive/receiver.js").Receiver(decoders, FPS, np.inf, film)
+    known, found = {}, {}
+    for number, image in enumerate(images[::2]):
+        for reader, pairs in ((receiver, known), (ported, found)):
+            for pair in reader.push(image, number / FPS).pairs:
+                pairs[pair.number % CODE.period] = getattr(pair, "soft", pair).scores
+    both = known.keys() & found.keys()
+    assert len(both) > 30
+    alike = [((known[pair] > 0) == (found[pair] > 0)).mean() for pair in both]
+    assert np.mean(alike) > BITS_ALIKE
+    assert abs(ported.stateHz / (2 * FPS) - 1) < CLOCKS_APART
