@@ -30,6 +30,8 @@ from link.types import Corners, Image
 
 GLANCES = 4
 """Number of quadrilaterals that are glanced at in one step."""
+SHIFTED = 4
+"""Number of quadrilaterals, the likeliest, about which displays with a code are looked for."""
 STEPS_HZ = 60.0
 """Number of steps of the search that are done in a second, at least: the frames of a slow camera
 leave time for several."""
@@ -185,9 +187,9 @@ class PilotSearch:
                 return found
         ranked = proposer.ranked(quads, [evidence for evidence, _ in glances], usual)
         doubtful = []
-        for quad in (quads[number] for number in ranked):
+        for rank, quad in enumerate(quads[number] for number in ranked):
             for turn in (0, 1):
-                fit = proposer.first_fit(np.roll(quad, -turn, axis=0))
+                fit = proposer.first_fit(np.roll(quad, -turn, axis=0), coded=rank < SHIFTED)
                 yield None
                 if fit is None:
                     continue

@@ -193,8 +193,12 @@ class Proposer:
         found = display_candidates(even, FAINT_CANDIDATES)
         return [self._watch.on_image(candidate.corners) for candidate in found]
 
-    def first_fit(self, quad: Array) -> Proposal | None:
+    def first_fit(self, quad: Array, *, coded: bool) -> Proposal | None:
         """Fit every layout, upright and upside down, to a quadrilateral that may be far off.
+
+        Args:
+            quad: (4, 2) pixels of the reference frame.
+            coded: whether layouts with a code are fitted, too, which takes longer.
 
         Returns:
             what fits best after a shift, or None where nothing does.
@@ -202,6 +206,8 @@ class Proposer:
         views, at = self._watch.small_views(quad).astype(np.float32), positions(self._watch.frames)
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:
+            if layout.code != PLAIN and not coded:
+                continue
             blocks = expected_changes(layout)
             for turn in (0, 2):
                 shown = blocks[::-1, ::-1] if turn else blocks

@@ -29,7 +29,7 @@ import { Watch } from "./watch.js";
 /** @typedef {import("./proposals.js").Proposal} Proposal */
 /** @typedef {import("./settle.js").Settled} Settled */
 
-const { PATIENCE_S, MOST_DOUBLED } = pilotsSearchPilotSearch;
+const { PATIENCE_S, MOST_DOUBLED, SHIFTED } = pilotsSearchPilotSearch;
 
 /** Units of work (`steps.js`) from which on a frame has had its share. */
 export const FRAME_WORK = 36;
@@ -199,9 +199,9 @@ export class PilotSearch {
     }
     const evidences = glances.map(({ evidence }) => evidence);
     const doubtful = [];
-    for (const number of proposer.ranked(quads, evidences, usual)) {
+    for (const [rank, number] of proposer.ranked(quads, evidences, usual).entries()) {
       for (const turn of [0, 1]) {
-        const fit = yield* proposer.firstFit(rolled(quads[number], turn));
+        const fit = yield* proposer.firstFit(rolled(quads[number], turn), rank < SHIFTED);
         if (fit === null) continue;
         const { evidence } = proposer.surestIn(fit.corners, [fit.layout]);
         yield GLANCE_WORK;

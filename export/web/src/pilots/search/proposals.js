@@ -330,9 +330,10 @@ export class Proposer {
    * Fit every layout, upright and upside down, to a quadrilateral that may be far off.
    *
    * @param {Point[]} quad
+   * @param {boolean} coded - whether layouts with a code are fitted, too, which takes longer
    * @returns {Steps<Proposal | null>} what fits best after a shift, or null where nothing does
    */
-  *firstFit(quad) {
+  *firstFit(quad, coded) {
     const views = this.#watch.views(quad, ...COARSE_SIZE);
     yield GLANCE_WORK;
     const series = overDeviation(views.map(({ data }) => data));
@@ -345,6 +346,7 @@ export class Proposer {
     let most = 0;
     let best = null;
     for (const layout of this.#layouts) {
+      if (!layout.code.isPlain && !coded) continue;
       const blocks = expectedChanges(layout);
       for (const turn of [0, 2]) {
         const shown = turn ? blocks.slice().reverse() : blocks;
