@@ -215,7 +215,7 @@ document.addEventListener("fullscreenchange", () => {
 });
 
 byId("preset").append(...SENT.map(({ name, purpose }) => new Option(purpose.split(":")[0], name)));
-byId("preset").value = "robust";
+byId("preset").value = "hidden";
 void take(picture);
 sayCost();
 void keepForOffline();
