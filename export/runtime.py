@@ -26,7 +26,6 @@ from link.geometry import as_corners
 from link.images import as_batch, read_image
 from link.layout import MIN_BLOCK_PX, Layout
 from link.outside import is_file, parse_json, read_bounded
-from link.presets import as_shown
 from link.ratex import patch_correlation
 from link.types import Corners, Image
 from models import find_graph
@@ -152,7 +151,7 @@ class Decoder:
                     f"{path}: gives {width} {what} where its metadata says {needed}; export it "
                     "again"
                 )
-        return as_shown(layout), features
+        return layout, features
 
     def prepare(self) -> None:
         """Do nothing: the model was loaded when the decoder was made."""

@@ -138,14 +138,6 @@ PRESETS = {
 """Presets by name; docs/hidden.md says why they have these numbers."""
 
 
-def as_shown(layout: Layout) -> Layout:
-    """Give a layout the code with which a preset shows it, where one does.
-
-    Decoders of frame pairs know of no code.
-    """
-    return next((preset.layout for preset in PRESETS.values() if preset.layout == layout), layout)
-
-
 def preset_name(layout: Layout) -> str | None:
     """Name of the preset that shows a layout, or None where none does."""
     return next((name for name, preset in PRESETS.items() if preset.layout == layout), None)

@@ -36,6 +36,7 @@ def test_there_is_a_graph_for_each_preset() -> None:
 def test_a_shipped_graph_reads_a_preset_as_torch_does(layout: Layout, graph: Path) -> None:
     decoder = Decoder(graph, time_limit_s=60.0)
     assert decoder.layout == layout
+    assert decoder.layout.code == layout.code
     assert layout in [preset.layout for preset in PRESETS.values()]
     pair = FramePair(Source(layout), Cell("canon-lg", 0.0, 3), 0).captured.rectified()
     module = load_checkpoint(shipped_checkpoint(layout), layout).eval()

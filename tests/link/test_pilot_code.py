@@ -8,7 +8,6 @@ from link.errors import InputError
 from link.layout import Layout, make_layout
 from link.loop import Loop, LoopStates
 from link.pilot_code import PLAIN, PilotCode
-from link.presets import PRESETS, as_shown
 
 CODED = make_layout(4, 4, modulation="antipodal", pilots=4, code=PilotCode(period=7))
 
@@ -56,14 +55,6 @@ def test_a_code_needs_pilots() -> None:
     with pytest.raises(InputError, match="pilots"):
         Layout(4, 4, 64, 48, (), code=PilotCode())
     assert make_layout(4, 4, pilots=0, code=PilotCode()).code == PLAIN
-
-
-def test_decoders_of_pairs_serve_what_presets_show() -> None:
-    hidden = PRESETS["hidden"].layout
-    grid = make_layout(hidden.rows, hidden.cols, modulation="antipodal", pilots=hidden.pilots)
-    assert grid.code == PLAIN
-    assert as_shown(grid).code == hidden.code
-    assert as_shown(make_layout()).code == PLAIN
 
 
 def test_states_come_in_the_order_of_the_code() -> None:
