@@ -14,6 +14,7 @@ from data_gen.frame_pair import Cell, Source
 from link.embed import check_kappa
 from link.errors import at_least
 from link.layout import Layout, make_layout
+from link.pilot_code import PLAIN, PilotCode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,10 @@ class LayoutFlags:
     """Direction in which bits change blocks: "gray" changes red, green and blue alike, "chroma"
     turns red against green, which the eye sees less; without ratex patches."""
 
+    code: bool = False
+    """Whether the order of the two states of frame pairs follows the usual code, which cameras of
+    any rate find; beside pilots."""
+
     def layout(self) -> Layout:
         """Return the layout of the displayed pictures.
 
@@ -58,6 +63,7 @@ class LayoutFlags:
             self.modulation,
             self.pilots,
             self.colour,
+            PilotCode() if self.code else PLAIN,
         )
 
 

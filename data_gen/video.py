@@ -33,6 +33,7 @@ from link.files.together import written_together
 from link.images import write_bytes, write_image
 from link.images.video import write_video
 from link.loop import MAX_PAIRS, Loop, LoopStates
+from link.pilot_code import PLAIN
 from link.presets import PRESETS
 
 TRUTH = "truth.jsonl"
@@ -92,6 +93,7 @@ class FilmConfig(CellFlags):
             modulation=layout.modulation,
             pilots="auto" if layout.pilots else "0",
             colour=layout.colour,
+            code=layout.code != PLAIN,
             kappa=preset.kappa,
             even=preset.even,
             stream=replace(FILMED, fps=2 * state_hz, state_hz=state_hz),

@@ -95,6 +95,7 @@ STEPS |= {
         "fast": "--settings fast --views 0 --runs 6",
         "slanted": "--settings slanted --views 45 --runs 6",
         "hidden": "--settings hidden --runs 2",
+        "code": '--settings "hidden, 30 fps" "hidden, 60 fps" hidden --n-bytes 100',
         "hidden_240": f'--settings "hidden, 240 fps" --views 0 {RATES_THREE}',
         "others": "--settings robust paper faint --runs 2",
         "slow": '--settings "slow camera" --views 0 --runs 2',

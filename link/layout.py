@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from link.errors import InputError, ParameterError, at_least, choose
 from link.outside import read_json
-from link.pilot_code import PLAIN, PilotCode
-from link.scramble import scrambled
+from link.pilot_code import PLAIN, PilotCode, splitmix64
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""
@@ -134,7 +133,7 @@ class Layout:
         A grid's blocks always come in the same order, so that a layout of more pilots keeps those
         of a layout of fewer.
         """
-        return np.argsort(scrambled(0, self.rows * self.cols))[: self.pilots]
+        return np.argsort(splitmix64(0, self.rows * self.cols))[: self.pilots]
 
     @cached_property
     def pilot_bits(self) -> NDArray[np.intp]:

@@ -24,6 +24,7 @@ CLOCK_ERROR = 0.01
 PHASES = 2
 """Number of moments that are tried within a state."""
 DELAYS_S = np.arange(-32, 33, 8) / 1000
+"""Delays, in seconds, that are tried along either side of the display."""
 SLOPES = np.array([(0.0, d) for d in DELAYS_S] + [(d, 0.0) for d in DELAYS_S if d])
 """(slopes, 2) times, in seconds, by which the right side of the display may be exposed after the
 left one, or the bottom after the top."""

@@ -36,7 +36,7 @@ MOST_FRAMES = 64
 """Largest number of frames, the newest, in which a code is looked for."""
 
 
-class Toggling(Protocol):
+class TogglePattern(Protocol):
     """How a display toggles over the frames of a film.
 
     Positions of frames are nominal frames since a reference (`export.pilots.waves.position`).
@@ -85,7 +85,7 @@ class Toggling(Protocol):
 
 def find_toggling(
     values: Sequence[NDArray[np.floating]], layout: Layout, at: Sequence[float], fps: float
-) -> tuple[float, Toggling]:
+) -> tuple[float, TogglePattern]:
     """Tell how surely values over time toggle with the pilots' signs, in any way.
 
     Args:

@@ -26,7 +26,8 @@ def test_flags_change_what_a_film_takes_from_a_preset(tmp_path: Path, command: C
     small = ("--rows", 8, "--cols", 16, "--width", 128, "--height", 64, "--kappa", 2)
     done = command(film_cli.main, *FILM, "--preset", "hidden", *small, "--out", tmp_path / "a")
     said = json.loads(done.stdout)
-    layout = make_layout(8, 16, 128, 64, modulation="antipodal", pilots="auto")
+    code = PRESETS["hidden"].layout.code
+    layout = make_layout(8, 16, 128, 64, modulation="antipodal", pilots="auto", code=code)
     assert said["layout"] == layout.to_dict()
     assert (said["preset"], said["kappa"], said["state_hz"]) == ("hidden", 2, 60)
 

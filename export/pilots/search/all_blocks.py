@@ -24,7 +24,7 @@ from export.pilots.motion import (
 from export.pilots.signal import (
     pilot_signs,
 )
-from export.pilots.toggling import Toggling
+from export.pilots.toggling import TogglePattern
 from link.geometry import Lens, transform
 from link.layout import Layout
 from link.types import Array, Corners, Map
@@ -84,7 +84,9 @@ class BlockFit:
         toggling: how the display toggles.
     """
 
-    def __init__(self, maps: GridMaps, views: Map, at: Sequence[float], toggling: Toggling) -> None:
+    def __init__(
+        self, maps: GridMaps, views: Map, at: Sequence[float], toggling: TogglePattern
+    ) -> None:
         self.maps = maps
         seen = toggling.period_changes(maps, views, at)
         self.changes: Map = np.array([maps.smooth(change, SPAN) for change in seen])

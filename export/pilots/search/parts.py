@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.pilots.motion import without_slope
-from export.pilots.toggling import CodedToggling, Toggling, code_search, over_deviation
+from export.pilots.toggling import CodedToggling, TogglePattern, code_search, over_deviation
 from link.layout import Layout
 from link.types import Array, Map
 
@@ -156,7 +156,7 @@ def _peak(values: NDArray[np.floating], at: int) -> float:
 
 def shifted_togglings(
     views: Map, blocks: NDArray[np.floating], layout: Layout, at: Sequence[float], fps: float
-) -> list[Toggling]:
+) -> list[TogglePattern]:
     """Find how a coded display may toggle of which it is not known where it lies.
 
     What a frame shows at each shift of the display, less the mean of all frames, is compared with
@@ -180,7 +180,7 @@ def shifted_togglings(
         )
         for view in over_deviation(views)
     ]
-    search, found = code_search(layout, tuple(at), fps), list[Toggling]()
+    search, found = code_search(layout, tuple(at), fps), list[TogglePattern]()
     for rows, cols in PARTS[1:]:
         ys, xs = (np.linspace(0, s, n + 1).astype(int) for s, n in ((height, rows), (width, cols)))
         matches = []

@@ -14,7 +14,7 @@ from export.pilots.search.film import HeldFrame, positions
 from export.pilots.search.parts import coarse_shift, shifted_togglings
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
-from export.pilots.toggling import Toggling, Wave, find_toggling
+from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.types import Array, Corners, Map
@@ -38,11 +38,13 @@ class Proposal:
     """Pixels of the reference frame; the displayed picture's top left comes first."""
     layout: Layout
     """What it may show."""
-    toggling: Toggling
+    toggling: TogglePattern
     """How it may toggle."""
 
 
-def weigh(proposal: Proposal, frames: Sequence[HeldFrame], fps: float) -> tuple[float, Toggling]:
+def weigh(
+    proposal: Proposal, frames: Sequence[HeldFrame], fps: float
+) -> tuple[float, TogglePattern]:
     """Weigh a proposal by frames in full.
 
     Args:
@@ -221,7 +223,7 @@ class Proposer:
 
     def _ways(
         self, views: Map, shown: Array, layout: Layout, at: Sequence[float]
-    ) -> Sequence[Toggling]:
+    ) -> Sequence[TogglePattern]:
         """List the ways in which a display may toggle whose corners are not known."""
         if layout.code == PLAIN:
             return [Wave(frequency) for frequency in self._frequencies]
