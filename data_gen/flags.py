@@ -45,8 +45,7 @@ class LayoutFlags:
     turns red against green, which the eye sees less; without ratex patches."""
 
     code: bool = False
-    """Whether the order of the two states of frame pairs follows the usual code, which cameras of
-    any rate find; beside pilots."""
+    """Whether frame pairs show their states in the order of the usual code; beside pilots."""
 
     def layout(self) -> Layout:
         """Return the layout of the displayed pictures.

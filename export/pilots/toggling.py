@@ -103,20 +103,15 @@ def find_toggling(
         evidence, frequency = pilot_evidence(values, layout, at)
         return evidence, Wave(frequency)
     places, picked = tuple(at)[-MOST_FRAMES:], values[-MOST_FRAMES:]
-    (lock,) = code_search(layout, places, fps).strongest(over_deviation(np.array(picked)))
+    (lock,) = code_search(layout, layout.code, places, fps).strongest(
+        over_deviation(np.array(picked))
+    )
     return lock.evidence, CodedToggling(lock.clock, layout.code, lock.rival < UNCLEAR)
 
 
-def code_search(layout: Layout, at: tuple[float, ...], fps: float) -> CodeSearch:
-    """Make a search for a layout's code in frames at these positions, for all that is tried there.
-
-    Times are nominal frames.
-    """
-    return _code_search(layout, layout.code, at, fps)
-
-
 @lru_cache(maxsize=2)
-def _code_search(layout: Layout, code: PilotCode, at: tuple[float, ...], fps: float) -> CodeSearch:
+def code_search(layout: Layout, code: PilotCode, at: tuple[float, ...], fps: float) -> CodeSearch:
+    """Make a search for a code in frames at positions; layouts are equal whatever theirs is."""
     signs, places = pilot_signs(layout), pilot_centres(layout)
     return CodeSearch(code, signs, places, np.array(at), 1.0, fps)
 

@@ -180,7 +180,8 @@ def shifted_togglings(
         )
         for view in over_deviation(views)
     ]
-    search, found = code_search(layout, tuple(at), fps), list[TogglePattern]()
+    search = code_search(layout, layout.code, tuple(at), fps)
+    found: list[TogglePattern] = []
     for rows, cols in PARTS[1:]:
         ys, xs = (np.linspace(0, s, n + 1).astype(int) for s, n in ((height, rows), (width, cols)))
         matches = []
