@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from link.code.scrambled import splitmix64
 from link.errors import InputError, ParameterError, at_least, choose
 from link.outside import read_json
-from link.pilot_code import PLAIN, PilotCode, splitmix64
+from link.pilot_code import PLAIN, PilotCode
 
 MIN_BLOCK_PX = 4
 """Smallest width and height of a block, in pixels of the displayed frame."""

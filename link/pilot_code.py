@@ -18,24 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from link.code.scrambled import splitmix64
 from link.errors import InputError
 
 MOST_PERIOD = 1023
 """Largest period of a code, frame pairs."""
 GENERATOR = "splitmix64"
-"""Name of the generator of a code's signs (`splitmix64`)."""
-
-
-def splitmix64(first: int, count: int) -> NDArray[np.uint64]:
-    """Give the numbers from ``first`` on as SplitMix64 scrambles them (Steele et al. 2014).
-
-    It is written out here because sender and receiver must agree whatever version of numpy, or
-    which language, they run on.
-    """
-    z = np.arange(first + 1, first + count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return np.asarray(z ^ (z >> np.uint64(31)))
+"""Name of the generator of a code's signs (`link.code.scrambled`)."""
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def _on_time(x: Array, code: PilotCode) -> Array:
     whole = np.floor(x / 2)
     rest = x - 2 * whole
     on = np.maximum(rest - 1, 0)
-    if code.period > 1:
+    if code != PLAIN:
         signs = code.signs[whole.astype(np.intp) % code.period]
         on = np.where(signs > 0, on, np.minimum(rest, 1))
     return np.asarray(whole + on)

@@ -6,7 +6,7 @@ moment of the code, whatever the rate of the camera, and all of them are tried.
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,15 +215,3 @@ def _rates(span: float) -> list[float]:
             hz * (1 + CLOCK_ERROR * step / max(steps, 1)) for step in range(-steps, steps + 1)
         ]
     return rates
-
-
-def in_seconds(clock: DisplayClock, fps: float, origin: float) -> DisplayClock:
-    """Turn a clock that counts nominal frames into one that counts seconds.
-
-    Args:
-        clock: in nominal frames since a moment.
-        fps: nominal number of frames in a second.
-        origin: the moment, seconds.
-    """
-    seconds = {name: value / fps for name, value in asdict(clock).items()}
-    return DisplayClock(**{**seconds, "start": origin + seconds["start"]})

@@ -5,7 +5,7 @@ they follow a code (`link.pilot_code`), it takes a clock (`export.pilots.code`).
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import asdict, astuple, dataclass
 from functools import lru_cache
 from typing import Protocol
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from export.pilots.clock import DisplayClock, embedded_share
-from export.pilots.code import CodeSearch, in_seconds
+from export.pilots.code import CodeSearch
 from export.pilots.motion import GridMaps
 from export.pilots.signal import (
     LEAST_DEVIATION,
@@ -226,4 +226,5 @@ class CodedToggling:
 
     def clock_in_seconds(self, fps: float, origin: float) -> DisplayClock | None:
         """Give the clock by the camera's time, seconds."""
-        return in_seconds(self.clock, fps, origin)
+        seconds = {name: frames / fps for name, frames in asdict(self.clock).items()}
+        return DisplayClock(**{**seconds, "start": origin + seconds["start"]})

@@ -21,7 +21,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.ldpc import scrambled
 from link.code.message import Content
 from link.code.rateless import (
     MAX_INFORMATION,
@@ -29,6 +28,7 @@ from link.code.rateless import (
     RatelessCode,
     make_rateless,
 )
+from link.code.scrambled import scrambled
 from link.code.steps import Steps, run_to_end
 from link.code.words import NUMBER_BITS, NUMBERS, WORD, all_words, weigh_words
 from link.errors import ParameterError

@@ -27,8 +27,9 @@ from link.code.fine import (
     fine_capacity,
     fine_frames,
 )
-from link.code.ldpc import Code, make_code, scrambled
+from link.code.ldpc import Code, make_code
 from link.code.message import Content
+from link.code.scrambled import scrambled
 from link.errors import InputError, ParameterError
 
 FINE_BITS = 512

@@ -12,29 +12,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from link.code.scrambled import scrambled
+
 DEGREES = ((0.4, 8), (0.6, 3))
 """Shares of the information bits, and in how many checks each stands (DVB-S2 at rate 1/2)."""
 MAX_LLR = 30.0
 """Largest magnitude of a log-likelihood ratio in belief propagation; larger ones are cut."""
 ITERATIONS = 60
 """Number of rounds after which belief propagation gives up."""
-
-
-def scrambled(numbers: NDArray[np.integer], seed: int) -> NDArray[np.uint64]:
-    """Turn whole numbers into pseudo-random words that are equal on every machine (splitmix64).
-
-    Args:
-        numbers: (N,) whole numbers.
-        seed: chooses one of many sequences.
-
-    Returns:
-        (N,) uint64.
-    """
-    x = numbers.astype(np.uint64) + np.uint64((seed * 0x9E3779B97F4A7C15) % 2**64)
-    x += np.uint64(0x9E3779B97F4A7C15)
-    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
-        x = (x ^ (x >> np.uint64(shift))) * np.uint64(factor)
-    return np.asarray(x ^ (x >> np.uint64(31)), np.uint64)
 
 
 @dataclass(frozen=True)

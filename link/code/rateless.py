@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.ldpc import scrambled
+from link.code.scrambled import scrambled
 from link.code.steps import Steps, run_to_end
 from link.types import Floats
 

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from link.code.ldpc import scrambled
+from link.code.scrambled import scrambled
 
 NUMBER_BITS = 12
 """Number of bits of the number that a word tells."""

@@ -22,7 +22,7 @@ from link.code.framing import (
     parity_mask,
     signatures,
 )
-from link.code.ldpc import scrambled
+from link.code.scrambled import scrambled
 from link.types import Array, Image
 
 N_BITS = 59

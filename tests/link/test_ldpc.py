@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from link.code.ldpc import Code, make_code, scrambled
+from link.code.ldpc import Code, make_code
+from link.code.scrambled import scrambled
 
 
 def parity_check_matrix(code: Code) -> NDArray[np.int64]:

@@ -12,9 +12,10 @@ from tolerances import FLOAT32_SUM
 
 from link.code.fine import Shape, Terms, coded_bits, mark_of, number_likelihoods, read_terms
 from link.code.framing import code_of, decode, encode, parity_mask, signatures
-from link.code.ldpc import make_code, scrambled
+from link.code.ldpc import make_code
 from link.code.message import Content, Message
 from link.code.rateless import make_rateless
+from link.code.scrambled import scrambled
 from link.code.words import weigh_words
 from link.types import Floats
 

@@ -17,7 +17,7 @@ from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
 from link.layout import Layout
 from link.pilot_code import PLAIN
-from link.types import Array, Corners, Map
+from link.types import Array, Corners
 
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
@@ -206,25 +206,21 @@ class Proposer:
             what fits best after a shift, or None where nothing does.
         """
         views, at = self._watch.small_views(quad).astype(np.float32), positions(self._watch.frames)
+        ways: Sequence[tuple[TogglePattern, NDArray[np.complex64]]]
+        plain = [(wave, wave.amplitudes(views, at)) for wave in map(Wave, self._frequencies)]
         best: tuple[int, Proposal] | None = None
         for layout in self._layouts:
             if layout.code != PLAIN and not coded:
                 continue
             blocks = expected_changes(layout)
             for turn in (0, 2):
-                shown = blocks[::-1, ::-1] if turn else blocks
-                for toggling in self._ways(views, shown, layout, at):
-                    line = toggling.amplitudes(views, at)
+                shown, ways = blocks[::-1, ::-1] if turn else blocks, plain
+                if layout.code != PLAIN:
+                    shifted = shifted_togglings(views, shown, layout, at, self._fps)
+                    ways = [(way, way.amplitudes(views, at)) for way in shifted]
+                for toggling, line in ways:
                     fit = coarse_shift(line, shown, layout, far=True)
                     if fit is not None and (best is None or fit[1] > best[0]):
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
         return None if best is None else best[1]
-
-    def _ways(
-        self, views: Map, shown: Array, layout: Layout, at: Sequence[float]
-    ) -> Sequence[TogglePattern]:
-        """List the ways in which a display may toggle whose corners are not known."""
-        if layout.code == PLAIN:
-            return [Wave(frequency) for frequency in self._frequencies]
-        return shifted_togglings(views, shown, layout, at, self._fps)

@@ -4,12 +4,15 @@
  * A word is kept as two halves of 32 bits, because BigInt is about fifty times slower.
  */
 
+import { codeScrambled } from "../../generated/constants.js";
+
 /**
  * Words of 64 bits, by their upper and lower halves.
  *
  * @typedef {{ high: Uint32Array, low: Uint32Array }} Words
  */
 
+const [FIRST, SECOND, LAST] = codeScrambled.SHIFTS;
 const GOLDEN = 0x9e3779b97f4a7c15n;
 
 /**
@@ -43,20 +46,20 @@ export function scrambled(numbers, seed) {
     let lo = sum >>> 0;
     let hi = (offsetHigh + (sum > 0xffffffff ? 1 : 0)) | 0;
 
-    lo ^= (lo >>> 30) | (hi << 2);
-    hi ^= hi >>> 30;
+    lo ^= (lo >>> FIRST) | (hi << (32 - FIRST));
+    hi ^= hi >>> FIRST;
     // times 0xbf58476d1ce4e5b9
     hi = (upperHalf(lo, 0x1ce4e5b9) + Math.imul(lo, 0xbf58476d) + Math.imul(hi, 0x1ce4e5b9)) | 0;
     lo = Math.imul(lo, 0x1ce4e5b9);
 
-    lo ^= (lo >>> 27) | (hi << 5);
-    hi ^= hi >>> 27;
+    lo ^= (lo >>> SECOND) | (hi << (32 - SECOND));
+    hi ^= hi >>> SECOND;
     // times 0x94d049bb133111eb
     hi = (upperHalf(lo, 0x133111eb) + Math.imul(lo, 0x94d049bb) + Math.imul(hi, 0x133111eb)) | 0;
     lo = Math.imul(lo, 0x133111eb);
 
-    low[at] = lo ^ ((lo >>> 31) | (hi << 1));
-    high[at] = hi ^ (hi >>> 31);
+    low[at] = lo ^ ((lo >>> LAST) | (hi << (32 - LAST)));
+    high[at] = hi ^ (hi >>> LAST);
   }
   return { high, low };
 }
