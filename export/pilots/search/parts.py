@@ -8,6 +8,7 @@ display is fitted at once (`export.pilots.search.all_blocks`).
 
 from collections.abc import Sequence
 from itertools import pairwise, product
+from math import ceil
 
 import cv2
 import numpy as np
@@ -23,6 +24,8 @@ PARTS = ((4, 6), (2, 3), (1, 1))
 Small parts tell more of the shape; large ones stand out of more noise, and are tried next."""
 COARSE_SIZE = (256, 192)
 """Width and height of the maps in which parts are shifted."""
+ROUGH_PX = 2
+"""Side of a block, in pixels, of the maps in which clocks and shifts are tried together."""
 REACH_BLOCKS, REACH_SHARE = 3.0, 0.1
 """Largest shift of a part that is looked for, in blocks, or as a share of the display's width, if
 that is more."""
@@ -170,16 +173,17 @@ def shifted_togglings(
         at: (T,) positions of the frames.
         fps: nominal number of frames of the camera in a second.
     """
-    height, width = views.shape[1:]
-    block = np.array([width / layout.cols, height / layout.rows])
-    expected = _drawn(blocks, (width, height))
-    right, down = (int(np.ceil(max(REACH_BLOCKS * side, REACH_SHARE * width))) for side in block)
+    width, height = size = ROUGH_PX * layout.cols, ROUGH_PX * layout.rows
+    reach = ceil(max(REACH_BLOCKS * ROUGH_PX, REACH_SHARE * width))
+    expected = _drawn(blocks, size)
+    rough = [cv2.resize(view, size, interpolation=cv2.INTER_AREA) for view in views]
     around = [
         cv2.copyMakeBorder(
-            without_slope(view, block), down, down, right, right, cv2.BORDER_CONSTANT
+            without_slope(view, np.full(2, float(ROUGH_PX))),
+            reach, reach, reach, reach, cv2.BORDER_CONSTANT,
         )
-        for view in over_deviation(views)
-    ]
+        for view in over_deviation(np.array(rough))
+    ]  # fmt: skip
     search = code_search(layout, layout.code, tuple(at), fps)
     found: list[TogglePattern] = []
     for rows, cols in PARTS[1:]:
@@ -187,8 +191,8 @@ def shifted_togglings(
         matches = []
         for (top, bottom), (left, end) in product(pairwise(ys), pairwise(xs)):
             part = expected[top:bottom, left:end]
-            windows = [each[top : bottom + 2 * down, left : end + 2 * right] for each in around]
-            seen = [cv2.matchTemplate(each, part, cv2.TM_CCORR)[::2, ::2] for each in windows]
+            windows = [each[top : bottom + 2 * reach, left : end + 2 * reach] for each in around]
+            seen = [cv2.matchTemplate(each, part, cv2.TM_CCORR) for each in windows]
             matches.append(np.array(seen).reshape(len(seen), -1))  # (T, y, x) -> (T, shifts)
         found.append(CodedToggling(search.highest(matches), layout.code))
     return found

@@ -15,6 +15,7 @@ from export.pilots.search.parts import coarse_shift, shifted_togglings
 from export.pilots.search.watch import Watch
 from export.pilots.signal import expected_changes, pilot_values, standing_out
 from export.pilots.toggling import TogglePattern, Wave, find_toggling
+from link.geometry import frame_corners, homography_from_corners, transform
 from link.layout import Layout
 from link.pilot_code import PLAIN
 from link.types import Array, Corners
@@ -22,6 +23,11 @@ from link.types import Array, Corners
 CANDIDATES, FAINT_CANDIDATES = 6, 50
 """Number of quadrilaterals made of edges that are watched at once, and of those made of faint edges
 among which what toggles chooses."""
+STRONGEST = 2
+"""Number of quadrilaterals, those of the strongest edges, that the pilots are fitted to first."""
+FRAME_SHARE = 0.02
+"""Width of a frame around the display, as a share of the display's sides: edges may be those of the
+frame, so quadrilaterals within them are glanced at, too."""
 STATES_HZ = (15.0, 30.0, 60.0, 120.0)
 """Numbers of states a second at which what toggles is outlined; where edges bound the display, it
 is found at any rate."""
@@ -142,8 +148,13 @@ class Proposer:
             yield None
             if outline is not None:
                 outlines.append(self._watch.on_image(outline))
-        usual = [*faint[:CANDIDATES], *outlines, *self._edges[::2]]
-        return [*usual, *faint[CANDIDATES:]], len(usual)
+        edges = [
+            quad for both in zip_longest(faint[:CANDIDATES], self._edges[::2]) for quad in both
+        ]
+        edges = [quad for quad in edges if quad is not None]
+        usual = [*edges, *outlines]
+        framed = [inset(quad, FRAME_SHARE) for quad in edges]
+        return [*usual, *framed, *faint[CANDIDATES:]], len(usual)
 
     def glance(self, quad: Array) -> tuple[float, Proposal]:
         """Weigh a quadrilateral, any side up, by small views of what toggles in it.
@@ -183,7 +194,7 @@ class Proposer:
         bounding = sorted(numbers, key=lambda i: -worth[i])[:CANDIDATES]
         by_turns = chain(*zip_longest(clearest, [i for i in bounding if worth[i] > 0]))
         first = [i for i in by_turns if i is not None]
-        return list(dict.fromkeys([*first, *range(usual)]))
+        return list(dict.fromkeys([*range(min(STRONGEST, usual)), *first, *range(usual)]))
 
     def _faint_edges(self) -> list[Array]:
         """Propose quadrilaterals in the mean of all frames, its levels spread over the whole range.
@@ -224,3 +235,14 @@ class Proposer:
                         corners = np.roll(moved_corners(quad, fit[0], layout), -turn, axis=0)
                         best = fit[1], Proposal(corners, layout, toggling)
         return None if best is None else best[1]
+
+
+def inset(quad: Array, share: float) -> Array:
+    """Move the corners (4, 2) of a display inwards, along each of its sides by a share of it.
+
+    >>> outline = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 50.0], [0.0, 50.0]])
+    >>> inset(outline, 0.02).round(6).tolist()
+    [[2.0, 1.0], [98.0, 1.0], [98.0, 49.0], [2.0, 49.0]]
+    """
+    H_captured_from_unit = homography_from_corners(quad, 1, 1)
+    return transform(H_captured_from_unit, (1 - 2 * share) * frame_corners(1, 1))

@@ -107,11 +107,14 @@ def settle(
     if evidence < certain:  # corners were fitted to these frames; later ones must agree
         while len(agreeing := [*watch.frames[used:], *watch.later]) < watch.confirming:
             yield None
-        if weigh(best, agreeing, watch.fps)[0] < CONFIRMED:
+        agreed = weigh(best, agreeing, watch.fps)
+        if agreed[0] < CONFIRMED:
             return None
-        if evidence < needed:
-            evidence, toggling = weigh(best, [*frames, *agreeing], watch.fps)
-            evidence -= float(np.log(tried))
+        if evidence < needed:  # all frames say more, unless some were worse than the later ones
+            yield None
+            together = weigh(best, [*frames, *agreeing], watch.fps)
+            evidence, toggling = max(agreed, together, key=lambda weighed: weighed[0])
+            evidence -= float(np.log(2 * tried))
             yield None
     if evidence < needed:
         return None

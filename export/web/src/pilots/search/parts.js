@@ -10,9 +10,11 @@
 import { pilotsSearchParts } from "../../generated/constants.js";
 import { call } from "../../image/opencv.js";
 import { fitMotion } from "../../image/points.js";
+import { areaMeans } from "../../image/shrink.js";
 import { resizedHomography, transform } from "../../link/geometry.js";
 import { median } from "../../link/order.js";
 import { withoutSlope } from "../motion.js";
+import { overDeviation } from "../signal.js";
 import { CodedToggling, codeSearch } from "../toggling.js";
 
 /** @typedef {import("../toggling.js").Amplitudes} Amplitudes */
@@ -25,7 +27,7 @@ import { CodedToggling, codeSearch } from "../toggling.js";
  */
 
 export const {
-  PARTS, COARSE_SIZE, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
+  PARTS, COARSE_SIZE, ROUGH_PX, REACH_BLOCKS, REACH_SHARE, CLEAR, HALF_REAL, FEW, MANY, SAME_BLOCKS,
 } = pilotsSearchParts;
 
 /** Units of work of matching a frame, and of trying all clocks. */
@@ -232,33 +234,29 @@ function peakOffset(values, at) {
  * the expected changes. Only then are the clocks tried, all at once. The display may lie shifted as
  * a whole, or its parts each by itself.
  *
- * @param {readonly Float32Array[]} series - maps of the display of `COARSE_SIZE`, `overDeviation`
+ * @param {readonly FloatPlane[]} views - maps of the display, as of `COARSE_SIZE`
  * @param {ArrayLike<number>} blocks - (rows * cols,) as of `coarseShift`
  * @param {Layout} layout - of the display
  * @param {readonly number[]} at - positions of the frames
  * @param {number} fps - nominal number of frames of the camera in a second
  * @returns {Steps<CodedToggling[]>}
  */
-export function* shiftedTogglings(series, blocks, layout, at, fps) {
-  const [width, height] = COARSE_SIZE;
+export function* shiftedTogglings(views, blocks, layout, at, fps) {
+  const [width, height] = [ROUGH_PX * layout.cols, ROUGH_PX * layout.rows];
   const reach = reachOf({ width, height }, layout, true);
   /** @type {Matches[][]} */
   const shown = [];
-  for (const real of series) {
+  const rough = views.map((view) => areaMeans(view, width, height).data);
+  for (const real of overDeviation(rough)) {
     const change = { width, height, real, imaginary: new Float32Array(real.length) };
     shown.push(matchParts(change, blocks, layout, reach));
     yield MATCH_WORK;
   }
-  // every second shift along x and y tells
-  const [wide, high] = reach.map((side) => side + 1);
-  const shifts = Array.from({ length: wide * high }, (_, i) => {
-    return 2 * ((i % wide) + Math.floor(i / wide) * (2 * wide - 1));
-  });
   const found = [];
   for (const parts of PARTS.slice(1)) {
     const seen = shown.map((smallest) => joined(smallest, parts).map(({ real }) => real));
-    const matches = seen[0].map((_, part) =>
-      shifts.map((shift) => Float64Array.from(seen, (now) => now[part][shift])),
+    const matches = seen[0].map((first, part) =>
+      Array.from(first, (_, shift) => Float64Array.from(seen, (now) => now[part][shift])),
     );
     const clock = codeSearch(layout, at, fps).highest(matches);
     found.push(new CodedToggling(clock, layout.code));

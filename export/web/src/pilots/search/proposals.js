@@ -3,6 +3,7 @@
 import { pilotsSearchProposals } from "../../generated/constants.js";
 import { equalised } from "../../image/levels.js";
 import { candidateSteps } from "../../locate/candidates.js";
+import { frameCorners, homographyFromCorners, transform } from "../../link/geometry.js";
 import { rolled } from "../../locate/quads.js";
 import { movedCorners } from "../motion.js";
 import { expectedChanges, overDeviation, pilotValues, standingOut } from "../signal.js";
@@ -13,7 +14,9 @@ import { COARSE_SIZE, coarseShift, shiftedTogglings } from "./parts.js";
 /** @typedef {import("./film.js").HeldFrame} HeldFrame */
 /** @typedef {import("./watch.js").Watch} Watch */
 
-export const { CANDIDATES, FAINT_CANDIDATES, STATES_HZ, PROMISING } = pilotsSearchProposals;
+export const {
+  CANDIDATES, FAINT_CANDIDATES, STRONGEST, FRAME_SHARE, STATES_HZ, PROMISING,
+} = pilotsSearchProposals;
 
 /** More units of work than a frame has room for: the next step needs the next frame. */
 export const NEXT_FRAME = Infinity;
@@ -253,16 +256,19 @@ export class Proposer {
    */
   *allQuads() {
     const faint = yield* this.#faintEdges();
-    const others = [];
+    const outlines = [];
     for (const frequency of this.#frequencies) {
       for (const _ of this.#watch.map.prepare(frequency)) yield POWER_WORK;
       const outline = this.#watch.map.outline(frequency);
       yield OUTLINE_WORK;
-      if (outline !== null) others.push(this.#watch.onImage(outline));
+      if (outline !== null) outlines.push(this.#watch.onImage(outline));
     }
-    others.push(...this.#edges.map(({ corners }) => corners));
-    const usual = [...faint.slice(0, CANDIDATES), ...others];
-    return { quads: [...usual, ...faint.slice(CANDIDATES)], usual: usual.length };
+    const edges = Array.from({ length: CANDIDATES }, (_, i) => [faint[i], this.#edges[i]?.corners])
+      .flat()
+      .filter((quad) => quad !== undefined);
+    const usual = [...edges, ...outlines];
+    const framed = edges.map((quad) => inset(quad, FRAME_SHARE));
+    return { quads: [...usual, ...framed, ...faint.slice(CANDIDATES)], usual: usual.length };
   }
 
   /**
@@ -311,7 +317,8 @@ export class Proposer {
     const byTurns = most(evidences).flatMap((i, turn) =>
       turn < bounding.length ? [i, bounding[turn]] : [i],
     );
-    return [...new Set([...byTurns, ...Array(usual).keys()])];
+    const strongest = Array(Math.min(STRONGEST, usual)).keys();
+    return [...new Set([...strongest, ...byTurns, ...Array(usual).keys()])];
   }
 
   /**
@@ -353,7 +360,7 @@ export class Proposer {
         let ways = plain;
         if (!layout.code.isPlain) {
           const { fps } = this.#watch;
-          ways = (yield* shiftedTogglings(series, shown, layout, at, fps)).map(measured);
+          ways = (yield* shiftedTogglings(views, shown, layout, at, fps)).map(measured);
         }
         for (const { toggling, line } of ways) {
           const fit = coarseShift(line, shown, layout, true);
@@ -367,4 +374,16 @@ export class Proposer {
     }
     return best;
   }
+}
+
+/**
+ * Move the corners of a display inwards, along each of its sides by a share of it.
+ *
+ * @param {Point[]} quad
+ * @param {number} share
+ */
+export function inset(quad, share) {
+  const left = 1 - 2 * share;
+  const inner = frameCorners(1, 1).map(([x, y]) => /** @type {Point} */ ([left * x, left * y]));
+  return transform(homographyFromCorners(quad, 1, 1), inner);
 }

@@ -88,10 +88,13 @@ export function* settleSteps(proposal, first, watch) {
     // corners were fitted to these frames; later ones must agree
     while (watch.all.length < used + watch.confirming) yield NEXT_FRAME;
     const agreeing = watch.all.slice(used);
-    if ((yield* weighSteps(best, agreeing, watch.fps)).evidence < CONFIRMED) return null;
+    const agreed = yield* weighSteps(best, agreeing, watch.fps);
+    if (agreed.evidence < CONFIRMED) return null;
     if (evidence < needed) {
+      // all frames say more, unless some were worse than the later ones
       weighed = yield* weighSteps(best, [...frames, ...agreeing], watch.fps);
-      evidence = weighed.evidence - Math.log(tried);
+      if (agreed.evidence >= weighed.evidence) weighed = agreed;
+      evidence = weighed.evidence - Math.log(2 * tried);
     }
   }
   if (evidence < needed) return null;
