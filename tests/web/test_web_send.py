@@ -17,7 +17,7 @@ import pytest
 from conftest import OpenWindow, cases
 from playwright.sync_api import Page
 from port import Port, same
-from web_films import gray
+from web_films import gray, write_film
 
 from export.receive.decoders import open_decoders
 from export.receive.stream import EventStream
@@ -26,7 +26,6 @@ from export.web.demo import MESSAGE
 from export.web.site import WEB
 from export.web.tables import send_preset
 from lab.films.browser import serve_folder, text_of
-from lab.films.y4m import Y4mFile
 from link.code.authenticate import Verifier, sign
 from link.code.framing import encode, longest_message
 from link.images import write_image
@@ -490,22 +489,22 @@ def test_what_the_page_shows_is_read_by_both_receivers(
     verifier = Verifier(KEY) if "signed" in kind else None
     receiver = EventStream(decoders, fps, verifier, film=film_decoder)
     arrived = None
-    with (tmp_path / "film.y4m").open("wb") as stream:
-        film = Y4mFile(stream, fps)
-        for number, frame in enumerate(filmed(states, name)):
-            film.write(gray(frame))
-            if arrived is None:
-                receiver.push(frame, number / fps, str(number))
-                arrived = number if receiver.inbox.last else None
-            elif number >= max(1.5 * arrived, 96):  # the page may need a little more
-                break
+    frames = []
+    for number, frame in enumerate(filmed(states, name)):
+        frames.append(gray(frame))
+        if arrived is None:
+            receiver.push(frame, number / fps, str(number))
+            arrived = number if receiver.inbox.last else None
+        elif number >= max(1.5 * arrived, 96):  # the page may need a little more
+            break
+    write_film(tmp_path / "film.mkv", frames, fps)
     assert receiver.inbox.last, receiver.explanation
     assert receiver.inbox.last.data == MESSAGES[kind]
 
     page = open_window(1280, 800)
-    page.goto(f"{address.removesuffix('send.html')}?film=none.y4m")  # or it would take a camera
+    page.goto(f"{address.removesuffix('send.html')}?film=none.mkv")  # or it would take a camera
     page.set_input_files("#key", given_file("key", KEY) if verifier else [])
-    page.set_input_files("#film", tmp_path / "film.y4m")
+    page.set_input_files("#film", tmp_path / "film.mkv")
     wait_for(page, lambda: text_of(page, "message"), PATIENCE_S + number)
     with page.expect_download() as saved:
         page.locator("#keep").click()
