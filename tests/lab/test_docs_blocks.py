@@ -67,7 +67,7 @@ def test_the_first_screen_has_the_two_commands() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)  # a minute on an idle machine
 def test_the_commands_of_the_readme_run(tmp_path: Path) -> None:
-    """With fewer cells and frames, and an export of a decoder of few parts, which is traced sooner."""
+    """With fewer cells and frames, and a decoder of few parts, whose graph is traced sooner."""
     (tmp_path / "plain").mkdir()
     save_checkpoint(tmp_path / "plain", PhiDecoder(make_layout(), DecoderConfig()), {})
     script = "".join(shell_blocks()[1:]).replace(".venv/bin/python", sys.executable)

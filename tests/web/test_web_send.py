@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import OpenWindow, cases
-from playwright.sync_api import Page
+from playwright.sync_api import Browser, Page
 from port import Port, same
 from web_films import write_film
 
@@ -464,6 +464,14 @@ def filmed(states: Iterator[Image], name: str) -> Iterator[Image]:
         yield np.asarray(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE), np.uint8)
 
 
+@pytest.fixture(scope="module")
+def reader(address: str, browser: Browser) -> Page:
+    """The page that reads, which takes no camera because a film is named; there is none."""
+    page = browser.new_page(viewport={"width": 1280, "height": 800})
+    page.goto(f"{address.removesuffix('send.html')}?film=none.mkv")
+    return page
+
+
 @pytest.mark.timeout(3000)
 @pytest.mark.parametrize(
     ("name", "kind"),
@@ -477,7 +485,7 @@ def filmed(states: Iterator[Image], name: str) -> Iterator[Image]:
     ],
 )
 def test_what_the_page_shows_is_read_by_both_receivers(
-    name: str, kind: str, sender: Page, address: str, open_window: OpenWindow, tmp_path: Path
+    name: str, kind: str, sender: Page, reader: Page, open_window: OpenWindow, tmp_path: Path
 ) -> None:
     give(sender, kind)
     sender.select_option("#preset", name)
@@ -501,12 +509,10 @@ def test_what_the_page_shows_is_read_by_both_receivers(
     assert receiver.inbox.last, receiver.explanation
     assert receiver.inbox.last.data == MESSAGES[kind]
 
-    page = open_window(1280, 800)
-    page.goto(f"{address.removesuffix('send.html')}?film=none.mkv")  # or it would take a camera
-    page.set_input_files("#key", given_file("key", KEY) if verifier else [])
-    page.set_input_files("#film", tmp_path / "film.mkv")
-    wait_for(page, lambda: text_of(page, "message"), PATIENCE_S + number)
-    with page.expect_download() as saved:
-        page.locator("#keep").click()
+    reader.set_input_files("#key", given_file("key", KEY) if verifier else [])
+    reader.set_input_files("#film", tmp_path / "film.mkv")
+    wait_for(reader, lambda: text_of(reader, "message"), PATIENCE_S + number)
+    with reader.expect_download() as saved:
+        reader.locator("#keep").click()
     assert saved.value.path().read_bytes() == MESSAGES[kind]
-    print(f"{name}, {kind}: {arrived / fps:.1f} s; {page.text_content('#details')}")
+    print(f"{name}, {kind}: {arrived / fps:.1f} s; {reader.text_content('#details')}")
